@@ -1,0 +1,41 @@
+"""Phase-space dynamics: states, integrators, energies, heads and rollouts. Knows no pixels."""
+
+from dynamics.build import HEADS, HamiltonianTerms, Head, ResidualTerms, Terms, build
+from dynamics.hamiltonian import Hamiltonian, ballistic
+from dynamics.integrators import (
+    INTEGRATORS,
+    Integrator,
+    VectorField,
+    implicit_midpoint,
+    leapfrog,
+    rk4,
+    tao,
+    tao_gate,
+    yoshida4,
+)
+from dynamics.rollout import Rollout, rollout
+from dynamics.state import Parameters, PhaseState
+
+__all__ = [
+    "HEADS",
+    "INTEGRATORS",
+    "Hamiltonian",
+    "HamiltonianTerms",
+    "Head",
+    "Integrator",
+    "Parameters",
+    "PhaseState",
+    "ResidualTerms",
+    "Rollout",
+    "Terms",
+    "VectorField",
+    "ballistic",
+    "build",
+    "implicit_midpoint",
+    "leapfrog",
+    "rk4",
+    "rollout",
+    "tao",
+    "tao_gate",
+    "yoshida4",
+]

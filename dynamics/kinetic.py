@@ -1,0 +1,53 @@
+"""Kinetic energies T(p): how momentum becomes velocity."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from dynamics.mlp import MLP
+from dynamics.state import Parameters, kinetic_energy
+
+
+class FixedKinetic(nn.Module):
+    """T = sum |p|^2 / 2m, the canonical kinetic energy; nothing is learned."""
+
+    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+        return kinetic_energy(p, params.mass)
+
+    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+        return p / params.mass.unsqueeze(-1)
+
+
+class BodyKinetic(nn.Module):
+    """T = sum_i tau(p_i, m_i): one learned function shared by the bodies (inventory M5)."""
+
+    def __init__(self, space: int, width: int, activation: str) -> None:
+        super().__init__()
+        self.tau = MLP((space + 1, width, width, 1), activation)
+
+    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+        return self.tau(_with_mass(p, params)).squeeze(-1).sum(-1)
+
+    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+        return self.tau.gradient(_with_mass(p, params))[..., :-1]
+
+
+class FreeKinetic(nn.Module):
+    """T(p, c): one network of all momenta and parameters (inventory M4)."""
+
+    def __init__(self, bodies: int, space: int, width: int, activation: str) -> None:
+        super().__init__()
+        self.network = MLP((bodies * space + bodies + 1, width, width, 1), activation)
+
+    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+        return self.network(torch.cat([p.flatten(-2), params.flat], -1)).squeeze(-1)
+
+    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+        gradient = self.network.gradient(torch.cat([p.flatten(-2), params.flat], -1))
+        return gradient[..., : p.shape[-1] * p.shape[-2]].reshape(p.shape)
+
+
+def _with_mass(p: Tensor, params: Parameters) -> Tensor:
+    mass = params.mass.unsqueeze(-1).expand(*p.shape[:-1], 1)
+    return torch.cat([p, mass], -1)

@@ -1,0 +1,148 @@
+"""Potential energies V(q, c) and their forces.
+
+A pair potential is V = G sum_{i<j} m_i m_j phi(q_i - q_j). The coupling multiplies the finished
+sum, so the force is exactly odd in G (the study's Eq. 5 and Prop. 2), in every bit.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+from torch import Tensor, nn
+
+from dynamics.mlp import MLP
+from dynamics.state import Parameters
+
+
+@lru_cache(maxsize=64)
+def pair_indices(bodies: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Indices (i, j) of the pairs i < j, each ``(bodies * (bodies - 1) / 2,)``."""
+    i, j = torch.triu_indices(bodies, bodies, offset=1, device=device)
+    return i, j
+
+
+class PairPotential(nn.Module):
+    """Sum over pairs of a function of the displacement; subclasses give the function.
+
+    Newton's third law and the linearity in G hold by construction.
+    """
+
+    def pair_energy(self, displacement: Tensor) -> Tensor:
+        """phi of a displacement, ``(..., d) -> (...)``; must be even."""
+        raise NotImplementedError
+
+    def pair_gradient(self, displacement: Tensor) -> Tensor:
+        """Gradient of phi, ``(..., d) -> (..., d)``; odd, because phi is even."""
+        raise NotImplementedError
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        displacement, mass = _pairs(q, params)
+        return params.coupling * (mass * self.pair_energy(displacement)).sum(-1)
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        displacement, mass = _pairs(q, params)
+        pull = mass.unsqueeze(-1) * self.pair_gradient(displacement)
+        i, j = pair_indices(q.shape[-2], q.device)
+        total = torch.zeros_like(q).index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
+        return params.coupling[..., None, None] * total
+
+
+def _pairs(q: Tensor, params: Parameters) -> tuple[Tensor, Tensor]:
+    """Displacements q_i - q_j ``(..., pairs, d)`` and mass products ``(..., pairs)``."""
+    i, j = pair_indices(q.shape[-2], q.device)
+    mass = params.mass
+    return q.index_select(-2, i) - q.index_select(-2, j), (
+        mass.index_select(-1, i) * mass.index_select(-1, j)
+    )
+
+
+class SoftenedGravity(PairPotential):
+    """phi = -1 / sqrt(r^2 + softening^2): the reference law of the study (inventory S1).
+
+    Args:
+        softening: the length epsilon in world units, > 0.
+    """
+
+    def __init__(self, softening: float = 0.1) -> None:
+        super().__init__()
+        if not softening > 0:
+            raise ValueError(f"SoftenedGravity: softening must be > 0, got {softening}")
+        self.softening = softening
+
+    def pair_energy(self, displacement: Tensor) -> Tensor:
+        return -(displacement.square().sum(-1) + self.softening**2).rsqrt()
+
+    def pair_gradient(self, displacement: Tensor) -> Tensor:
+        r2 = displacement.square().sum(-1, keepdim=True) + self.softening**2
+        return displacement * r2.rsqrt() / r2
+
+
+class DisplacementPotential(PairPotential):
+    """phi(dq) learned from the displacement vector (inventory M6; 4,417 parameters at width 64).
+
+    The network is averaged over dq and -dq: exchanging two equal bodies changes nothing.
+    """
+
+    def __init__(self, space: int, width: int, activation: str) -> None:
+        super().__init__()
+        self.phi = MLP((space, width, width, 1), activation)
+
+    def pair_energy(self, displacement: Tensor) -> Tensor:
+        return 0.5 * (self.phi(displacement) + self.phi(-displacement)).squeeze(-1)
+
+    def pair_gradient(self, displacement: Tensor) -> Tensor:
+        both = self.phi.gradient(torch.stack([displacement, -displacement]))
+        return 0.5 * (both[0] - both[1])
+
+
+class RadialPotential(PairPotential):
+    """phi(r, log r) learned from the distance alone: rotation is built in.
+
+    Both features are smooth at r = 0 through r^2 + core^2, so the force is finite and zero there.
+    The logarithm spreads the short distances, where the force varies most.
+    """
+
+    CORE = 0.05  # world units; a resolution of the features, not a softening of the law
+
+    def __init__(self, width: int, activation: str) -> None:
+        super().__init__()
+        self.phi = MLP((2, width, width, 1), activation)
+
+    def _features(self, displacement: Tensor) -> tuple[Tensor, Tensor]:
+        r2 = displacement.square().sum(-1, keepdim=True) + self.CORE**2
+        r = r2.sqrt()
+        return torch.cat([r, r.log()], -1), r
+
+    def pair_energy(self, displacement: Tensor) -> Tensor:
+        return self.phi(self._features(displacement)[0]).squeeze(-1)
+
+    def pair_gradient(self, displacement: Tensor) -> Tensor:
+        features, r = self._features(displacement)
+        by_r, by_log = self.phi.gradient(features).split(1, -1)
+        return (by_r + by_log / r) * displacement / r
+
+
+class FreePotential(nn.Module):
+    """V(q, c): one network of all positions, G and masses, nothing imposed (inventory M4)."""
+
+    def __init__(self, bodies: int, space: int, width: int, activation: str) -> None:
+        super().__init__()
+        self.network = MLP((bodies * space + bodies + 1, width, width, 1), activation)
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        return self.network(torch.cat([q.flatten(-2), params.flat], -1)).squeeze(-1)
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        gradient = self.network.gradient(torch.cat([q.flatten(-2), params.flat], -1))
+        return -gradient[..., : q.shape[-1] * q.shape[-2]].reshape(q.shape)
+
+
+class NoPotential(nn.Module):
+    """V = 0: the zero-force (ballistic) predictor against which skill is measured."""
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        return q.new_zeros(q.shape[:-2])
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        return torch.zeros_like(q)

@@ -1,0 +1,97 @@
+"""The two types that every dynamics function takes and returns.
+
+Axis names used across the project: ``b`` batch (episodes), ``t`` time, ``n`` bodies, ``d`` space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PhaseState:
+    """A point (or a batch, or a trajectory) of phase space.
+
+    Args:
+        q: positions, ``(..., n, d)``, in world units.
+        p: conjugate momenta, ``(..., n, d)``, in mass units times world units per second.
+    """
+
+    q: Float[Tensor, "*batch n d"]
+    p: Float[Tensor, "*batch n d"]
+
+    def __post_init__(self) -> None:
+        if self.q.shape != self.p.shape:
+            raise ValueError(
+                f"PhaseState: q and p must have one shape, got {tuple(self.q.shape)} "
+                f"and {tuple(self.p.shape)}"
+            )
+
+    @property
+    def flat(self) -> Float[Tensor, "*batch x"]:
+        """The concatenated state vector (q, p), shape ``(..., 2 * n * d)``."""
+        return torch.cat([self.q.flatten(-2), self.p.flatten(-2)], dim=-1)
+
+    @classmethod
+    def from_flat(cls, x: Tensor, bodies: int, space: int = 2) -> PhaseState:
+        """Inverse of :attr:`flat`."""
+        q, p = x.split(bodies * space, dim=-1)
+        return cls(q.unflatten(-1, (bodies, space)), p.unflatten(-1, (bodies, space)))
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> PhaseState:
+        """Apply one tensor function to q and to p."""
+        return PhaseState(function(self.q), function(self.p))
+
+    def __getitem__(self, index: object) -> PhaseState:
+        return self.map(lambda x: x[index])
+
+    @property
+    def reversed(self) -> PhaseState:
+        """The time-reversed state: the same place, the opposite momentum."""
+        return PhaseState(self.q, -self.p)
+
+    @staticmethod
+    def stack(states: list[PhaseState], dim: int) -> PhaseState:
+        """Stack states along a new axis ``dim`` (counted from the front of the batch axes)."""
+        return PhaseState(
+            torch.stack([s.q for s in states], dim), torch.stack([s.p for s in states], dim)
+        )
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What the law is told about an episode, and what a counterfactual changes.
+
+    Args:
+        coupling: the strength G of the pair law, ``(...)``; its sign is what inversion flips.
+        mass: body masses, ``(..., n)``.
+    """
+
+    coupling: Float[Tensor, "*batch"]
+    mass: Float[Tensor, "*batch n"]
+
+    @property
+    def flat(self) -> Float[Tensor, "*batch c"]:
+        """(G, m_1, ..., m_n) as one vector, the form that networks are given."""
+        return torch.cat([self.coupling.unsqueeze(-1), self.mass], dim=-1)
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Parameters:
+        return Parameters(function(self.coupling), function(self.mass))
+
+    def __getitem__(self, index: object) -> Parameters:
+        return self.map(lambda x: x[index])
+
+    def with_coupling(self, value: float | Tensor) -> Parameters:
+        """The same bodies under another coupling (the counterfactual of the study)."""
+        value = torch.as_tensor(value, dtype=self.coupling.dtype, device=self.coupling.device)
+        return Parameters(value.expand_as(self.coupling), self.mass)
+
+
+def kinetic_energy(p: Tensor, mass: Tensor) -> Tensor:
+    """Sum over bodies of |p|^2 / 2m, shape ``(...)``."""
+    return (p.square().sum(-1) / (2 * mass)).sum(-1)
