@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal, TypeVar
 
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.integrators import INTEGRATORS
-from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic
+from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic, Kinetic
 from dynamics.mlp import TANH
-from dynamics.potentials import DisplacementPotential, FreePotential, RadialPotential
+from dynamics.potentials import (
+    DisplacementPotential,
+    FreePotential,
+    Potential,
+    RadialPotential,
+)
 from dynamics.unstructured import ResidualMap
+
+T = TypeVar("T")
 
 Head = Hamiltonian | ResidualMap
 
@@ -53,24 +61,35 @@ def build(terms: Terms, bodies: int, dt: float, space: int = 2) -> Head:
         dt: seconds; what one application of a transition map stands for. A Hamiltonian has a
             vector field and may be stepped by any dt.
         space: dimensions of space.
+
+    Raises:
+        ValueError: no bodies, or a name in the terms that is not known.
     """
     if bodies < 1:
         raise ValueError(f"build: a model needs at least one body, got bodies = {bodies}")
     if isinstance(terms, ResidualTerms):
         return ResidualMap(bodies, space, terms.width, dt)
-    kinetics = {
+    kinetics: dict[str, Callable[[], Kinetic]] = {
         "fixed": lambda: FixedKinetic(),
         "body": lambda: BodyKinetic(space, terms.width, terms.activation),
         "free": lambda: FreeKinetic(bodies, space, terms.width, terms.activation),
     }
-    potentials = {
+    potentials: dict[str, Callable[[], Potential]] = {
         "displacement": lambda: DisplacementPotential(space, terms.width, terms.activation),
         "radial": lambda: RadialPotential(terms.width, terms.activation),
         "free": lambda: FreePotential(bodies, space, terms.width, terms.activation),
     }
     return Hamiltonian(
-        kinetics[terms.kinetic](), potentials[terms.potential](), INTEGRATORS[terms.integrator]
+        _pick("kinetic energy", kinetics, terms.kinetic)(),
+        _pick("potential energy", potentials, terms.potential)(),
+        _pick("integrator", INTEGRATORS, terms.integrator),
     )
+
+
+def _pick(what: str, known: Mapping[str, T], name: str) -> T:
+    if name not in known:
+        raise ValueError(f"dynamics: unknown {what} '{name}'; known: {', '.join(known)}")
+    return known[name]
 
 
 def to_config(terms: Terms) -> dict[str, Any]:
@@ -81,12 +100,13 @@ def to_config(terms: Terms) -> dict[str, Any]:
 
 def from_config(config: dict[str, Any]) -> Terms:
     """Inverse of :func:`to_config`; an unknown kind or key is an error."""
-    fields = dict(config)
-    kinds = {"residual": ResidualTerms, "hamiltonian": HamiltonianTerms}
-    kind = fields.pop("kind", None)
-    if kind not in kinds:
-        raise ValueError(f"dynamics: unknown kind '{kind}' of terms; known: {', '.join(kinds)}")
-    return kinds[kind](**fields)
+    values = dict(config)
+    kinds: dict[str, type[Terms]] = {"residual": ResidualTerms, "hamiltonian": HamiltonianTerms}
+    kind = _pick("kind of terms", kinds, values.pop("kind", ""))
+    known = {field.name: field for field in fields(kind)}
+    for key in values:
+        _pick(f"key of {kind.__name__}", known, key)
+    return kind(**values)
 
 
 def parameter_count(head: Head) -> int:

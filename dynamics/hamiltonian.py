@@ -5,8 +5,8 @@ from __future__ import annotations
 from torch import Tensor, nn
 
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
-from dynamics.kinetic import FixedKinetic
-from dynamics.potentials import NoPotential
+from dynamics.kinetic import FixedKinetic, Kinetic
+from dynamics.potentials import NoPotential, Potential
 from dynamics.state import Parameters, PhaseState
 
 
@@ -20,7 +20,7 @@ class Hamiltonian(nn.Module):
     """
 
     def __init__(
-        self, kinetic: nn.Module, potential: nn.Module, integrator: Integrator = leapfrog
+        self, kinetic: Kinetic, potential: Potential, integrator: Integrator = leapfrog
     ) -> None:
         super().__init__()
         self.kinetic = kinetic

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
 import torch
 from torch import Tensor, nn
 
 from dynamics.mlp import MLP
 from dynamics.state import Parameters, kinetic_energy
+
+
+@runtime_checkable
+class Kinetic(Protocol):
+    """What a kinetic energy offers: T, and velocity = dT/dp written out."""
+
+    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+        """T, ``(..., n, d) -> (...)``."""
+
+    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+        """dT/dp, shape of ``p``."""
 
 
 class FixedKinetic(nn.Module):

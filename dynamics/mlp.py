@@ -6,6 +6,9 @@ gives the force without an autograd graph in rollouts, and one single backward i
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import cast
+
 import torch
 from torch import Tensor, nn
 
@@ -32,23 +35,30 @@ class MLP(nn.Module):
             nn.Linear(a, b) for a, b in zip(sizes[:-1], sizes[1:], strict=True)
         )
 
+    def _split(self) -> tuple[Sequence[nn.Linear], nn.Linear]:
+        """The hidden layers and the last one."""
+        *hidden, last = cast(Sequence[nn.Linear], self.layers)
+        return hidden, last
+
     def forward(self, x: Tensor) -> Tensor:
         """``(..., sizes[0]) -> (..., sizes[-1])``."""
-        value = _ACTIVATIONS[self.activation][0]
-        for layer in self.layers[:-1]:
+        value, _ = _ACTIVATIONS[self.activation]
+        hidden, last = self._split()
+        for layer in hidden:
             x = value(layer(x))
-        return self.layers[-1](x)
+        return last(x)
 
     def gradient(self, x: Tensor) -> Tensor:
         """Gradient of the (single) output with respect to the input, shape of ``x``."""
         value, slope = _ACTIVATIONS[self.activation]
+        hidden, last = self._split()
         slopes = []
-        for layer in self.layers[:-1]:
+        for layer in hidden:
             pre = layer(x)
             x = value(pre)
             slopes.append(slope(pre, x))
-        gradient = self.layers[-1].weight[0]
-        for layer, s in zip(reversed(self.layers[:-1]), reversed(slopes), strict=True):
+        gradient = last.weight[0]
+        for layer, s in zip(reversed(hidden), reversed(slopes), strict=True):
             gradient = (gradient * s) @ layer.weight
         return gradient
 
@@ -59,7 +69,7 @@ def _silu_slope(pre: Tensor, _: Tensor) -> Tensor:
 
 
 # name -> (function, its slope given the input and the output)
-_ACTIVATIONS = {
+_ACTIVATIONS: dict[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor, Tensor], Tensor]]] = {
     TANH: (torch.tanh, lambda pre, out: 1 - out.square()),
     SOFTPLUS: (nn.functional.softplus, lambda pre, out: torch.sigmoid(pre)),
     SILU: (nn.functional.silu, _silu_slope),

@@ -7,6 +7,7 @@ sum, so the force is exactly odd in G (the study's Eq. 5 and Prop. 2), in every 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Protocol, runtime_checkable
 
 import torch
 from torch import Tensor, nn
@@ -15,10 +16,23 @@ from dynamics.mlp import MLP
 from dynamics.state import Parameters
 
 
+@runtime_checkable
+class Potential(Protocol):
+    """What a potential energy offers: V, and force = -dV/dq written out."""
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        """V, ``(..., n, d) -> (...)``."""
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        """-dV/dq, shape of ``q``."""
+
+
 @lru_cache(maxsize=64)
 def pair_indices(bodies: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Indices (i, j) of the pairs i < j, each ``(bodies * (bodies - 1) / 2,)``."""
-    i, j = torch.triu_indices(bodies, bodies, offset=1, device=device)
+    # The cache outlives the caller: a tensor born in inference mode could not be trained through.
+    with torch.inference_mode(False):
+        i, j = torch.triu_indices(bodies, bodies, offset=1, device=device)
     return i, j
 
 
@@ -29,7 +43,7 @@ class PairPotential(nn.Module):
     """
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
-        """phi of a displacement, ``(..., d) -> (...)``; must be even."""
+        """Pair function phi of a displacement, ``(..., d) -> (...)``; must be even."""
         raise NotImplementedError
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
@@ -119,7 +133,7 @@ class RadialPotential(PairPotential):
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
         features, r = self._features(displacement)
-        by_r, by_log = self.phi.gradient(features).split(1, -1)
+        by_r, by_log = self.phi.gradient(features).chunk(2, -1)
         return (by_r + by_log / r) * displacement / r
 
 

@@ -60,6 +60,8 @@ def rollout(
     Raises:
         ValueError: ``steps`` is not a multiple of ``every``, or the start is not finite.
     """
+    if steps < 0 or every < 1:
+        raise ValueError(f"rollout: needs steps >= 0 and every >= 1, got {steps} and {every}")
     if steps % every:
         raise ValueError(f"rollout: steps = {steps} is not a multiple of every = {every}")
     if not bool(torch.isfinite(start.flat).all()):
@@ -71,7 +73,7 @@ def rollout(
             state, memory = head.advance(state, params, dt, memory)
             if step % every == 0:
                 stored.append(state)
-    states = PhaseState.stack(stored, -3)
+        states = PhaseState.stack(stored, -3)
     return Rollout(states, params, dt * every, first_bad_step(states))
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -40,14 +41,14 @@ class PhaseState:
     @classmethod
     def from_flat(cls, x: Tensor, bodies: int, space: int = 2) -> PhaseState:
         """Inverse of :attr:`flat`."""
-        q, p = x.split(bodies * space, dim=-1)
-        return cls(q.unflatten(-1, (bodies, space)), p.unflatten(-1, (bodies, space)))
+        both = x.reshape(*x.shape[:-1], 2, bodies, space)
+        return cls(both[..., 0, :, :], both[..., 1, :, :])
 
     def map(self, function: Callable[[Tensor], Tensor]) -> PhaseState:
         """Apply one tensor function to q and to p."""
         return PhaseState(function(self.q), function(self.p))
 
-    def __getitem__(self, index: object) -> PhaseState:
+    def __getitem__(self, index: Any) -> PhaseState:
         return self.map(lambda x: x[index])
 
     @property
@@ -83,7 +84,7 @@ class Parameters:
     def map(self, function: Callable[[Tensor], Tensor]) -> Parameters:
         return Parameters(function(self.coupling), function(self.mass))
 
-    def __getitem__(self, index: object) -> Parameters:
+    def __getitem__(self, index: Any) -> Parameters:
         return self.map(lambda x: x[index])
 
     def with_coupling(self, value: float | Tensor) -> Parameters:

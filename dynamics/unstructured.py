@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from dynamics.integrators import Memory
-from dynamics.mlp import SILU, MLP
+from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
 
 
@@ -20,6 +20,8 @@ class ResidualMap(nn.Module):
         width: of the three hidden layers (139,020 parameters at 256, three bodies in a plane).
         dt: seconds that one application stands for.
     """
+
+    scale: Tensor
 
     def __init__(self, bodies: int, space: int, width: int, dt: float) -> None:
         super().__init__()
