@@ -95,7 +95,9 @@ class SoftenedGravity(PairPotential):
 class DisplacementPotential(PairPotential):
     """phi(dq) learned from the displacement vector (inventory M6; 4,417 parameters at width 64).
 
-    The network is averaged over dq and -dq: exchanging two equal bodies changes nothing.
+    The network sees the displacement squashed into the unit disk, u = dq / (REACH + r): the
+    short distances, where a force varies most, get most of the disk, and the force vanishes at
+    infinity by construction. It is averaged over u and -u: exchanging two bodies changes nothing.
     """
 
     def __init__(self, space: int, width: int, activation: str) -> None:
@@ -103,38 +105,51 @@ class DisplacementPotential(PairPotential):
         self.phi = MLP((space, width, width, 1), activation)
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
-        return 0.5 * (self.phi(displacement) + self.phi(-displacement)).squeeze(-1)
+        u = displacement / (REACH + _soft_length(displacement))
+        return 0.5 * (self.phi(u) + self.phi(-u)).squeeze(-1)
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
-        both = self.phi.gradient(torch.stack([displacement, -displacement]))
-        return 0.5 * (both[0] - both[1])
+        r = _soft_length(displacement)
+        u = displacement / (REACH + r)
+        both = self.phi.gradient(torch.stack([u, -u]))
+        slope = 0.5 * (both[0] - both[1])
+        along = (u * slope).sum(-1, keepdim=True)
+        return slope / (REACH + r) - displacement * along / (r * (REACH + r))
 
 
 class RadialPotential(PairPotential):
-    """phi(r, log r) learned from the distance alone: rotation is built in.
+    """phi(r) learned from the distance alone: rotation is built in.
 
-    Both features are smooth at r = 0 through r^2 + core^2, so the force is finite and zero there.
-    The logarithm spreads the short distances, where the force varies most.
+    The distance is squashed twice, at a short and at a long reach, for the same reason as in
+    :class:`DisplacementPotential`.
     """
 
-    CORE = 0.05  # world units; a resolution of the features, not a softening of the law
+    NEAR, FAR = 0.2, 2.0  # world units
 
     def __init__(self, width: int, activation: str) -> None:
         super().__init__()
         self.phi = MLP((2, width, width, 1), activation)
 
-    def _features(self, displacement: Tensor) -> tuple[Tensor, Tensor]:
-        r2 = displacement.square().sum(-1, keepdim=True) + self.CORE**2
-        r = r2.sqrt()
-        return torch.cat([r, r.log()], -1), r
+    def _features(self, r: Tensor) -> Tensor:
+        return torch.cat([r / (self.NEAR + r), r / (self.FAR + r)], -1)
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
-        return self.phi(self._features(displacement)[0]).squeeze(-1)
+        return self.phi(self._features(_soft_length(displacement))).squeeze(-1)
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
-        features, r = self._features(displacement)
-        by_r, by_log = self.phi.gradient(features).chunk(2, -1)
-        return (by_r + by_log / r) * displacement / r
+        r = _soft_length(displacement)
+        near, far = self.phi.gradient(self._features(r)).split(1, -1)
+        slope = near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
+        return slope * displacement / r
+
+
+REACH = 0.5  # world units: the distance that lands half-way out in the squashed disk
+CORE = 0.05  # world units: rounds the tip of the distance at r = 0; not a softening of the law
+
+
+def _soft_length(displacement: Tensor) -> Tensor:
+    """sqrt(r^2 + CORE^2), smooth where two bodies coincide, ``(..., d) -> (..., 1)``."""
+    return (displacement.square().sum(-1, keepdim=True) + CORE**2).sqrt()
 
 
 class FreePotential(nn.Module):
