@@ -121,35 +121,28 @@ def _implicit_midpoint(
     Raises:
         RuntimeError: the iteration does not contract (dt is too large for the field).
     """
-    q, p = state.q, state.p
-    v, f = _slopes(field, q, p)
-    dq, dp = dt * v, dt * f
-    tolerance = 8 * torch.finfo(q.dtype).eps
-    previous = math.inf
+    x = torch.stack([state.q, state.p])
+    if x.numel() == 0:
+        return state, memory
+    tolerance, tiny = 8 * torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
+    dx, previous = dt * torch.stack(_slopes(field, state.q, state.p)), math.inf
     for _ in range(MIDPOINT_ITERATIONS):
-        v, f = _slopes(field, q + 0.5 * dq, p + 0.5 * dp)
-        new_q, new_p = dt * v, dt * f
-        # torch.maximum, not max(): a NaN must win.
-        change = float(torch.maximum(_change(new_q, dq, q), _change(new_p, dp, p)))
-        dq, dp = new_q, new_p
+        q, p = x + 0.5 * dx
+        new = dt * torch.stack(_slopes(field, q, p))
+        # Relative to each episode's own size, for q and for p; amax hands a NaN on.
+        size = (x.abs() + new.abs()).amax((-2, -1), keepdim=True).clamp_min(tiny)
+        change = float(((new - dx).abs() / size).amax().detach())
+        dx = new
         # At the rounding floor the change stops shrinking; that is convergence too.
         if change <= tolerance or (change >= previous and change <= 64 * tolerance):
-            return PhaseState(q + dq, p + dp), memory
+            q, p = x + dx
+            return PhaseState(q, p), memory
         previous = change
     raise RuntimeError(
         f"implicit_midpoint: the fixed-point iteration did not converge in "
         f"{MIDPOINT_ITERATIONS} rounds (last relative change {change:.1e}); use a smaller dt "
         f"than {dt:g} s"
     )
-
-
-def _change(new: Tensor, old: Tensor, scale: Tensor) -> Tensor:
-    """Largest change of an increment over the batch, relative to its own episode's size."""
-    if new.numel() == 0:
-        return new.new_zeros(())
-    tiny = torch.finfo(new.dtype).tiny
-    size = (scale.abs() + new.abs()).amax((-2, -1), keepdim=True).clamp_min(tiny)
-    return ((new - old).abs() / size).amax()
 
 
 TAO_OMEGA = 20.0
