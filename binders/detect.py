@@ -1,0 +1,218 @@
+"""The fixed detector of the anonymous world: finds N equal bodies in each frame, without labels.
+
+Each frame is explained on its own, by analysis through synthesis: a matched filter proposes one
+body after another in what the bodies found so far leave unexplained, and a fit of all centres to
+the pixels follows each proposal. Frames share nothing, so the order of the bodies in a frame says
+nothing about who they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from binders.fit import Coverage, Light, Normal, fit
+from binders.tracks import Detections
+
+WORK = 2**20  # pixels times bodies that are fitted together: their working set stays in cache
+ROUNDS = 2  # times that each body of an unexplained frame is lifted and placed anew
+EVIDENCE = 25  # a body must lower the squared error by this many noise variances (5 sigma)
+LIT = 0.01  # part of a body's peak light below which it counts as dark
+PER_REACH = 3  # samples within a body's reach: with two, one frame in a thousand goes wrong
+AFAR = 1e3  # reaches from the origin: where a body that was not found waits, out of every frame
+
+
+def detect(
+    frames: Float[Tensor, "b t 1 H W"],
+    times: Float[Tensor, " t"],
+    bodies: int,
+    coverage: Coverage,
+    xs: Float[Tensor, " W"],
+    ys: Float[Tensor, " H"],
+    noise: float = 1 / 255,
+) -> Detections:
+    """Find the centres of ``bodies`` equal, isotropic bodies in each frame.
+
+    Args:
+        frames: light in [0, 1]; where bodies overlap it is 1 - prod(1 - coverage).
+        times: seconds of each frame.
+        bodies: how many to look for.
+        coverage: light of one body at a squared distance (world units squared) from its centre,
+            element by element and differentiable.
+        xs: world x of each column's centre, evenly spaced.
+        ys: world y of each row's centre, spaced as ``xs``.
+        noise: rms pixel error below which a frame counts as explained; one grey level by default.
+
+    Returns:
+        Positions in world units, and confidences: the part of the rms error that noise explains,
+        times 1 / (1 + (e / E)^2), where e is the body's standard error (it grows when bodies
+        coincide) and E a tenth of a body's reach. A body that was not found, because it is out of
+        the frame or because there are fewer than asked, has position 0 and confidence 0.
+
+    Raises:
+        ValueError: a shape does not fit, a pixel is not finite, or ``bodies`` or ``noise`` is
+            out of range.
+    """
+    _check(frames, times, bodies, xs, ys, noise)
+    search = _Search.on_grid(coverage, xs.to(frames), ys.to(frames), noise)
+    samples = frames[:, :, 0, :: search.stride, :: search.stride].flatten(0, 1)
+    chunk = max(1, WORK // max(1, bodies * samples.shape[1:].numel()))
+    with torch.no_grad():
+        found = [search.explain(part, bodies) for part in samples.split(chunk)]
+    positions, confidence = (
+        torch.cat(parts).unflatten(0, frames.shape[:2]) for parts in zip(*found, strict=True)
+    )
+    return Detections(positions, confidence, times)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What is fixed while frames are searched.
+
+    Args:
+        light: the model of a frame, on every ``stride``-th pixel.
+        template: one body on that grid, odd sides, ``(m, m)``.
+        places: candidate centres, also beyond the edge if enough of the body would be seen.
+        index: where each place is in the flattened full correlation with the template.
+        stride: pixels between samples.
+        noise: rms pixel error that counts as explained.
+    """
+
+    light: Light
+    template: Float[Tensor, "m m"]
+    places: Float[Tensor, "candidates 2"]
+    index: Int[Tensor, " candidates"]
+    stride: int
+    noise: float
+
+    @classmethod
+    def on_grid(cls, coverage: Coverage, xs: Tensor, ys: Tensor, noise: float) -> _Search:
+        """Sample as sparsely as the size of a body allows."""
+        pixel = _spacing(xs, ys)
+        reach = _reach(coverage, xs, ys)
+        stride = max(1, int(reach / PER_REACH / pixel))
+        light = Light(coverage, xs[::stride], ys[::stride], reach)
+        step, half = pixel * stride, math.ceil(reach / pixel / stride)
+        offset = step * torch.arange(-half, half + 1).to(xs)
+        template = coverage(offset.square() + offset.square().unsqueeze(-1))
+        seen = _correlate(torch.ones(1, 1, len(light.ys), len(light.xs)).to(xs), template[None])
+        index = torch.nonzero(seen.flatten() > seen.max() / 4).squeeze(-1)
+        down, across = _extended(light.ys, step, half), _extended(light.xs, step, half)
+        places = torch.cartesian_prod(down, across).flip(-1)[index]
+        return cls(light, template, places, index, stride, noise)
+
+    def explain(
+        self, target: Float[Tensor, "k h w"], bodies: int
+    ) -> tuple[Float[Tensor, "k n 2"], Float[Tensor, "k n"]]:
+        """Positions and confidences of the bodies in each frame."""
+        q = torch.full((len(target), bodies, 2), AFAR * self.light.reach).to(target)
+        if bodies == 0:
+            return q, q[..., 0]
+        at = self.light.normal(q, target)
+        for body in range(bodies):
+            self.place(target, q, at, body, torch.arange(len(target), device=q.device))
+        for body in [*range(bodies)] * ROUNDS:
+            rows = torch.nonzero(self.misfit(target, at) > self.noise).squeeze(-1)
+            self.place(target, q, at, body, rows)
+        return self.verdict(target, q, at)
+
+    def place(self, target: Tensor, q: Tensor, at: Normal, body: int, rows: Tensor) -> None:
+        """Put ``body`` where it helps most and fit all anew, in place, where that lowers the error.
+
+        It must earn its place: what it lowers is squared error worth ``EVIDENCE``.
+        """
+        trial = q[rows]
+        others = torch.cat([trial[:, :body], trial[:, body + 1 :]], dim=1)
+        trial[:, body] = self.propose(target[rows], others)
+        trial, there = fit(self.light, target[rows], trial)
+        better = there.error < at.error[rows] - EVIDENCE * self.noise**2
+        q[rows[better]] = trial[better]
+        at.take(rows[better], there, better)
+
+    def propose(
+        self, target: Float[Tensor, "k h w"], q: Float[Tensor, "k n 2"]
+    ) -> Float[Tensor, "k 2"]:
+        """The place where one more body lowers the squared error most.
+
+        A body of coverage a adds a * dark to the frame, so it lowers the squared error by
+        2 <residual * dark, a> - <dark^2, a^2>: two correlations with the template.
+        """
+        dark = self.light.dark(q)
+        residual = target - 1 + dark
+        images = torch.stack([residual * dark, dark.square()], dim=1)
+        kernels = torch.stack([2 * self.template, -self.template.square()])
+        gain = _correlate(images, kernels).flatten(1)[:, self.index]
+        return self.places[gain.argmax(-1)]
+
+    def misfit(self, target: Float[Tensor, "k h w"], at: Normal) -> Float[Tensor, " k"]:
+        """Rms pixel error."""
+        return (at.error / target.shape[1:].numel()).sqrt()
+
+    def verdict(
+        self, target: Tensor, q: Tensor, at: Normal
+    ) -> tuple[Float[Tensor, "k n 2"], Float[Tensor, "k n"]]:
+        """Confidences, with what was not found at position 0 and confidence 0."""
+        rms = self.misfit(target, at).clamp_min(self.noise).unsqueeze(-1)
+        # as if each centre were known to within a reach: the inverse exists without any light
+        ridge = (self.noise / self.light.reach) ** 2
+        eye = torch.eye(at.matrix.shape[-1]).to(at.matrix)
+        variance = torch.linalg.inv(at.matrix + ridge * eye).diagonal(dim1=1, dim2=2)
+        error = rms * variance.unflatten(-1, (-1, 2)).sum(-1).sqrt()
+        confidence = self.noise / rms / (1 + (10 * error / self.light.reach).square())
+        found = self.light.each(q).flatten(2).amax(-1) > LIT * self.template.max()
+        return torch.where(found.unsqueeze(-1), q, 0), torch.where(found, confidence, 0)
+
+
+def _correlate(images: Tensor, kernels: Tensor) -> Tensor:
+    """Full correlation of ``(k, c, h, w)`` with ``(c, m, m)``, summed over channels."""
+    margin = kernels.shape[-1] - 1
+    return torch.nn.functional.conv2d(images, kernels.unsqueeze(0), padding=margin).squeeze(1)
+
+
+def _extended(axis: Tensor, step: float, half: int) -> Tensor:
+    """The samples of an axis and ``half`` more beyond either end."""
+    sign = -1 if axis[0] > axis[-1] else 1
+    return axis[0] + sign * step * torch.arange(-half, len(axis) + half).to(axis)
+
+
+def _spacing(xs: Tensor, ys: Tensor) -> float:
+    """World units between pixels. A frame of one pixel has none, and any number will do."""
+    longer = xs if len(xs) >= len(ys) else ys
+    return float((longer[-1] - longer[0]).abs()) / (len(longer) - 1) if len(longer) > 1 else 1.0
+
+
+def _reach(coverage: Coverage, xs: Tensor, ys: Tensor) -> float:
+    """The distance, at most the frame's diagonal, beyond which a body counts as dark."""
+    pixel = _spacing(xs, ys)
+    diagonal = pixel * math.hypot(len(xs), len(ys))
+    distance = torch.linspace(0, diagonal, 1 + 8 * math.ceil(diagonal / pixel)).to(xs)
+    light = coverage(distance.square())
+    return max(float(distance[light > LIT * light.max()].max()), pixel)
+
+
+def _check(
+    frames: Tensor, times: Tensor, bodies: int, xs: Tensor, ys: Tensor, noise: float
+) -> None:
+    want, got = (frames.shape[1], *frames.shape[-2:]), (len(times), len(ys), len(xs))
+    if got != want or 0 in want:
+        raise ValueError(
+            f"detect: times, ys and xs must count the frames, rows and columns {want}, "
+            f"at least one of each, got {got}"
+        )
+    gaps = torch.cat([xs.diff(), ys.diff()]).abs()
+    if len(gaps) and float(gaps.max() - gaps.min()) > 1e-3 * float(gaps.max()):
+        raise ValueError(
+            f"detect: xs and ys must be evenly spaced by one distance, "
+            f"got gaps from {float(gaps.min())} to {float(gaps.max())}"
+        )
+    if bodies < 0 or not noise > 0:
+        raise ValueError(
+            f"detect: bodies must be at least 0 and noise positive, got {bodies} and {noise}"
+        )
+    if not bool(torch.isfinite(frames).all()):
+        clip, frame = torch.nonzero(~torch.isfinite(frames))[0, :2].tolist()
+        raise ValueError(f"detect: clip {clip}, frame {frame} has a pixel that is not finite")
