@@ -1,0 +1,90 @@
+"""The oracle rung: a head is trained one step ahead on true states and starts from one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Generator
+
+from dynamics import HEADS, Head, build
+from vidphys.experiments.scoring import (
+    Question,
+    score_drift,
+    score_inversion,
+    score_long_drift,
+)
+from vidphys.presets import OracleSizes
+from vidphys.records import Recorder
+from vidphys.scenes import Scene, lyapunov_time
+from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
+from vidphys.seeding import derive
+from vidphys.train import FitSettings, Progress, choose_learning_rate, fit
+
+HORIZON = 20  # steps of a training trajectory (the study, C4)
+PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
+
+
+def true_segments(scene: Scene, trajectories: int, seed: int) -> tuple[Segments, Segments]:
+    """One-step examples from short reference trajectories: (train, held out).
+
+    Only the forward law is sampled, G > 0 (C3).
+    """
+    rng = Generator().manual_seed(derive(seed, "train"))
+    start, params = scene.sample(trajectories, rng)
+    if not bool((params.coupling > 0).all()):
+        raise ValueError("true_segments: training data must have G > 0")
+    trajectory = scene.simulate(start, params, HORIZON)
+    # Whole trajectories are held out, so that no held-out step has a neighbour in training.
+    return from_trajectory(trajectory, k=1).split(HORIZON * max(1, trajectories // 16))
+
+
+def train_on_states(
+    name: str,
+    scene: Scene,
+    sizes: OracleSizes,
+    seed: int,
+    recorder: Recorder,
+    save_to: Path | None = None,
+    progress: Progress | None = None,
+) -> Head:
+    """Build a head of the study by name and train it on one-step increments."""
+    train, held_out = true_segments(scene, sizes.trajectories, seed)
+    torch.manual_seed(derive(seed, "init", name))
+    head = build(HEADS[name], scene.bodies, scene.dt)
+    standardise(head, train)
+    scale = scale_of(train)
+    settings = FitSettings(sizes.steps, sizes.batch, sizes.learning_rates[0])
+    probe = FitSettings(max(1, int(PROBE * sizes.steps)), sizes.batch, 0.0)
+    choice = choose_learning_rate(
+        head,
+        lambda candidate: segment_loss(candidate, scale),
+        train,
+        held_out,
+        sizes.learning_rates,
+        probe,
+        derive(seed, "probe", name),
+    )
+    settings = FitSettings(sizes.steps, sizes.batch, choice.chosen)
+    loss = segment_loss(head, scale)
+    result = fit(head, loss, train, settings, derive(seed, "order", name), save_to, progress)
+    recorder.add_value("learning_rate", choice.chosen)
+    recorder.add_value("training_loss", result.final_loss)
+    with torch.no_grad():
+        recorder.add_value("held_out_one_step_error", float(loss(held_out)))
+    return head
+
+
+def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:
+    """Fresh episodes that no training saw; the head starts from the truth."""
+    start, params = scene.sample(episodes, Generator().manual_seed(derive(seed, "test")))
+    return Question(scene, start, start, params)
+
+
+def score_oracle(recorder: Recorder, head: Head, question: Question) -> None:
+    """Both questions, the 10,000-step rollout, and the scene's Lyapunov time."""
+    score_inversion(recorder, head, question)
+    score_drift(recorder, head, question)
+    score_long_drift(recorder, head, question)
+    time = lyapunov_time(question.scene, question.start, question.params)
+    recorder.add_value("lyapunov_time", float(time.median()))

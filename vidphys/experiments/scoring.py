@@ -1,0 +1,161 @@
+"""The study's two questions, asked of any head from any start: is it stable, does it invert?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dynamics import Head, Parameters, PhaseState, Rollout, ballistic, rollout
+from dynamics.unstructured import ResidualMap
+from vidphys import metrics
+from vidphys.records import Recorder
+from vidphys.scenes import Scene
+
+COUPLINGS = (-0.5, -1.0, -1.5)
+INVERSION_STEPS = 150
+DRIFT_STEPS = (100, 500, 1000, 2000)
+LONG_STEPS = 10_000
+STORE_EVERY = 5  # reference steps between compared states; a pixel head's own step
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a head.
+
+    Args:
+        scene: gives the truth.
+        start: where the head starts, possibly perceived, ``(b, n, d)``.
+        truth: the true state at the same moment; both references start here.
+        params: the law that held until then (G > 0).
+    """
+
+    scene: Scene
+    start: PhaseState
+    truth: PhaseState
+    params: Parameters
+
+    def ask(self, head: Head, steps: int, coupling: float | None = None) -> Rollout:
+        """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
+        dtype = next((p.dtype for p in head.parameters()), torch.float64)
+        params = self.params if coupling is None else self.params.with_coupling(coupling)
+        dt = head.dt if isinstance(head, ResidualMap) else self.scene.dt
+        every = round(STORE_EVERY * self.scene.dt / dt)
+        count = steps // STORE_EVERY * every
+        return rollout(head, self.start.map(_to(dtype)), params.map(_to(dtype)), count, dt, every)
+
+    def reference(self, coupling: float) -> Rollout:
+        """The truth under a coupling, from the true start."""
+        params = self.params.with_coupling(coupling)
+        return self.scene.simulate(self.truth, params, INVERSION_STEPS, STORE_EVERY)
+
+    def straight_lines(self) -> Rollout:
+        """The zero-force predictor from the *true* start, the stricter yardstick."""
+        dt = STORE_EVERY * self.scene.dt
+        params = self.params.map(_to(torch.float64))
+        truth = self.truth.map(_to(torch.float64))
+        return rollout(ballistic(), truth, params, INVERSION_STEPS // STORE_EVERY, dt)
+
+
+def _to(dtype: torch.dtype):  # noqa: ANN202 (a tensor function)
+    return lambda x: x.to(dtype)
+
+
+def score_inversion(recorder: Recorder, head: Head, question: Question) -> None:
+    """K3, K4, K25, K26 at each flipped coupling, with the truth-against-truth distance."""
+    straight = question.straight_lines()
+    for coupling in COUPLINGS:
+        predicted = question.ask(head, INVERSION_STEPS, coupling).states
+        flipped = question.reference(coupling).states
+        trained = question.reference(-coupling).states
+        error = metrics.nmse(predicted, flipped)
+        floor = metrics.nmse(straight.states, flipped)
+        match = metrics.regime_match(predicted, flipped, trained)
+        for name, summary in {
+            "inversion_nmse": error,
+            "regime_match": match,
+            "regime_match_gated": metrics.gated_regime_match(match, error, floor),
+            "ballistic_nmse": floor,
+            "ballistic_skill": metrics.ratio(error, floor),
+            "truth_distance": metrics.nmse(trained, flipped),
+            "force_cosine": _force_cosine(head, question, coupling),
+        }.items():
+            recorder.add(name, summary, coupling, INVERSION_STEPS)
+        recorder.add_episodes(
+            "inversion_nmse", metrics.episode_nmse(predicted, flipped), coupling, INVERSION_STEPS
+        )
+    recorder.add("in_distribution_nmse", _in_distribution(head, question), None, INVERSION_STEPS)
+
+
+def _force_cosine(head: Head, question: Question, coupling: float) -> metrics.Summary:
+    """Model force against true force at the true states (K26)."""
+    dtype = next((p.dtype for p in head.parameters()), torch.float64)
+    params = question.params.with_coupling(coupling)
+    with torch.no_grad():
+        model = head.force(question.truth.map(_to(dtype)), params.map(_to(dtype)))
+    true = question.scene.law.force(question.truth.map(_to(torch.float64)), params)
+    return metrics.cosine(model, true)
+
+
+def _in_distribution(head: Head, question: Question) -> metrics.Summary:
+    truth = question.scene.simulate(
+        question.truth, question.params, INVERSION_STEPS, STORE_EVERY
+    )
+    return metrics.nmse(question.ask(head, INVERSION_STEPS).states, truth.states)
+
+
+def score_drift(
+    recorder: Recorder, head: Head, question: Question, horizons: tuple[int, ...] = DRIFT_STEPS
+) -> Rollout:
+    """K1 and K2 under the law that held; returns the rollout that was scored."""
+    rolled = question.ask(head, horizons[-1])
+    drift = _drift(question, rolled)
+    for horizon in horizons:
+        at = drift[:, horizon // STORE_EVERY]
+        recorder.add("energy_drift_median", metrics.median(at), None, horizon)
+        recorder.add("energy_drift_worst", metrics.worst(at), None, horizon)
+        recorder.add("energy_drift_over_one", metrics.fraction_over_one(at), None, horizon)
+        recorder.add_episodes("energy_drift", at, None, horizon)
+    growth = metrics.latent_growth(rolled.states, horizons[-1] // STORE_EVERY)
+    recorder.add("latent_growth", growth, None, horizons[-1])
+    return rolled
+
+
+def score_long_drift(recorder: Recorder, head: Head, question: Question) -> None:
+    """Whether the drift still grows at 10,000 steps: its slope over the second half.
+
+    ``energy_drift_slope`` is the mean over episodes of the least-squares slope of D(t) between
+    5,000 and 10,000 steps, per 1,000 steps, with its normal 95 % bounds over episodes.
+    """
+    rolled = question.ask(head, LONG_STEPS)
+    drift = _drift(question, rolled)
+    at = drift[:, -1]
+    recorder.add("energy_drift_median", metrics.median(at), None, LONG_STEPS)
+    recorder.add("energy_drift_worst", metrics.worst(at), None, LONG_STEPS)
+    recorder.add_episodes("energy_drift", at, None, LONG_STEPS)
+    late = drift[:, drift.shape[1] // 2 :]
+    late = late[torch.isfinite(late).all(1)]
+    lost = len(drift) - len(late)
+    if len(late) < 2:
+        recorder.add("energy_drift_slope", metrics.median(late.new_full((1,), torch.nan)))
+        return
+    time = torch.linspace(0, LONG_STEPS / 2000, late.shape[1], dtype=late.dtype)
+    time = time - time.mean()
+    slopes = (late @ time) / time.square().sum()
+    error = 1.96 * float(slopes.std()) / len(slopes) ** 0.5
+    for name, value in {
+        "energy_drift_slope": 0.0,
+        "energy_drift_slope_low": -error,
+        "energy_drift_slope_high": error,
+    }.items():
+        number = float(slopes.mean()) + value
+        recorder.add(
+            name, metrics.Summary(number, metrics.OK, len(drift), lost), None, LONG_STEPS
+        )
+
+
+def _drift(question: Question, rolled: Rollout) -> Tensor:
+    energy = question.scene.energy(rolled.states, question.params)
+    scale = question.scene.energy_scale(rolled.at(0), question.params)
+    return metrics.energy_drift(energy, scale)

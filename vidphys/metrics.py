@@ -1,0 +1,150 @@
+"""K1-K7 of the study, and the two columns that a model with no force cannot pass.
+
+Every summary carries how many episodes it is over and how many were not finite: a non-finite
+episode is counted and never given a number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dynamics import PhaseState
+
+OK, FAILED, INVALID = "ok", "failed", "invalid"
+ENERGY_NEAR_ZERO = 1e-3
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One number over a batch of episodes; ``value`` is None unless ``status`` is ok."""
+
+    value: float | None
+    status: str
+    episodes: int
+    nonfinite: int
+
+
+def energy_drift(energy: Tensor, scale: Tensor) -> Tensor:
+    """K1: |E(t) - E(0)| / |E(0)|, ``(b, t)``.
+
+    Args:
+        energy: true energy of the predicted states, ``(b, t)``.
+        scale: K + |V| of the start, ``(b,)``. Where |E(0)| < 1e-3 of it, the drift is taken
+            relative to it instead, so that an energy near zero gives no infinity.
+    """
+    start = energy[:, :1].abs()
+    scale = scale.unsqueeze(-1)
+    return (energy - energy[:, :1]).abs() / torch.where(
+        start < ENERGY_NEAR_ZERO * scale, scale, start
+    )
+
+
+def median(values: Tensor) -> Summary:
+    """Median over the finite episodes of ``(b,)``."""
+    return _over_finite(values, lambda x: x.median())
+
+
+def worst(values: Tensor) -> Summary:
+    """Largest value over the finite episodes of ``(b,)``."""
+    return _over_finite(values, lambda x: x.max())
+
+
+def fraction_over_one(values: Tensor) -> Summary:
+    """Share of the finite episodes of ``(b,)`` whose value exceeds 1."""
+    return _over_finite(values, lambda x: (x > 1).double().mean())
+
+
+def _over_finite(values: Tensor, reduce) -> Summary:  # noqa: ANN001 (a tensor function)
+    finite = torch.isfinite(values)
+    lost = int((~finite).sum())
+    if lost == len(values):
+        return Summary(None, FAILED, len(values), lost)
+    return Summary(float(reduce(values[finite])), OK, len(values), lost)
+
+
+def nmse(prediction: PhaseState, reference: PhaseState) -> Summary:
+    """K4: batch-pooled squared error over the reference's variance (C15, C16).
+
+    States are ``(b, t, n, d)``. The variance is of all channels of (q, p) pooled, with one
+    scalar mean removed. One non-finite episode makes the pooled number a failure.
+    """
+    x, y = prediction.flat.double(), reference.flat.double()
+    lost = int((~torch.isfinite(x).flatten(1).all(1)).sum())
+    if lost:
+        return Summary(None, FAILED, len(x), lost)
+    return Summary(float((x - y).square().mean() / _variance(y)), OK, len(x), 0)
+
+
+def episode_nmse(prediction: PhaseState, reference: PhaseState) -> Tensor:
+    """The per-episode form of :func:`nmse` under the same pooled variance, ``(b,)``."""
+    x, y = prediction.flat.double(), reference.flat.double()
+    return (x - y).square().flatten(1).mean(1) / _variance(y)
+
+
+def _variance(y: Tensor) -> Tensor:
+    variance = y.var(correction=0)
+    if not variance > 0:
+        raise ValueError("nmse: the reference does not vary; its normalised error is undefined")
+    return variance
+
+
+def regime_match(prediction: PhaseState, flipped: PhaseState, trained: PhaseState) -> Summary:
+    """K3: 1 if the rollout is strictly nearer to the flipped law's truth than to the trained
+    law's, 0 otherwise; ties do not match; a non-finite rollout is a failure.
+    """
+    near, far = nmse(prediction, flipped), nmse(prediction, trained)
+    if near.value is None or far.value is None:
+        return near
+    # Both distances in the same units: undo the two normalisations.
+    d_flipped = near.value * float(_variance(flipped.flat.double()))
+    d_trained = far.value * float(_variance(trained.flat.double()))
+    return Summary(float(d_flipped < d_trained), OK, near.episodes, 0)
+
+
+def gated_regime_match(match: Summary, error: Summary, ballistic: Summary) -> Summary:
+    """K3 counted only for a rollout that beats the zero-force predictor; else ``invalid``."""
+    if match.value is None or error.value is None or ballistic.value is None:
+        return match
+    if error.value >= ballistic.value:
+        return Summary(None, INVALID, match.episodes, match.nonfinite)
+    return match
+
+
+def ratio(error: Summary, ballistic: Summary) -> Summary:
+    """K25, ballistic skill: the error over the zero-force predictor's; < 0.5 to count."""
+    if error.value is None or ballistic.value is None:
+        return error
+    return Summary(error.value / ballistic.value, OK, error.episodes, 0)
+
+
+def cosine(model: Tensor, truth: Tensor) -> Summary:
+    """K26: cosine between two force batches ``(b, n, d)``, each taken as one long vector."""
+    x, y = model.double().flatten(1), truth.double().flatten(1)
+    lost = int((~torch.isfinite(x).all(1)).sum())
+    if lost:
+        return Summary(None, FAILED, len(x), lost)
+    norm = (x.norm() * y.norm()).clamp_min(torch.finfo(torch.float64).tiny)
+    return Summary(float((x * y).sum() / norm), OK, len(x), 0)
+
+
+def affine_residual(latent: Tensor, state: Tensor) -> Summary:
+    """K5: what an affine map of the latent leaves unexplained, fitted on one half of the
+    episodes and scored on the other; both ``(b, features)``.
+    """
+    half = len(latent) // 2
+    design = torch.cat([latent, torch.ones(len(latent), 1)], -1).double()
+    lost = int((~torch.isfinite(design).all(1)).sum())
+    if lost:
+        return Summary(None, FAILED, len(latent), lost)
+    weights = torch.linalg.lstsq(design[:half], state[:half].double(), driver="gelsd").solution
+    error = (design[half:] @ weights - state[half:].double()).square().mean()
+    return Summary(float(error / state[half:].double().var(correction=0)), OK, len(latent), 0)
+
+
+def latent_growth(states: PhaseState, steps: int) -> Summary:
+    """K7: median over episodes of |z_T| / |z_0| after ``steps`` stored steps."""
+    norm = states.flat.double().norm(dim=-1)
+    return median(norm[:, steps] / norm[:, 0])

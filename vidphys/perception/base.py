@@ -1,0 +1,73 @@
+"""What every way of seeing has in common: it is fitted to clips, and it gives tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from binders import Tracks
+from dynamics import Head
+from vidphys.clips import Clips
+from vidphys.presets import PixelSizes
+from vidphys.train import Progress
+
+HEAD_DT = 0.01  # seconds; model step of every head that is trained on perceived tracks
+
+
+class Perception(Protocol):
+    """Frames to tracks. A fitted perception is frozen: the same clip gives the same tracks."""
+
+    def tracks(self, clips: Clips) -> Tracks:
+        """Positions in world units of every body in every frame."""
+        ...
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """What a perception is fitted to.
+
+    Args:
+        clips: training clips; their ``states`` may be read by a supervised grounding only.
+        sizes: of the preset.
+        seed: of initial weights and batch order.
+        head: name of the dynamics head, for perceptions that are trained through one.
+        folder: for checkpoints, or ``None``.
+        progress: called as ``(step, steps, loss)``.
+    """
+
+    clips: Clips
+    sizes: PixelSizes
+    seed: int
+    head: str
+    folder: Path | None = None
+    progress: Progress | None = None
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fitted perception, and the head it was trained through if there was one."""
+
+    perception: Perception
+    head: Head | None = None
+
+
+@dataclass(frozen=True)
+class Grounding:
+    """One rung of the ladder.
+
+    Args:
+        name: as in the records.
+        world: key of ``renderers.WORLDS``.
+        encoder, binder: names for the record, ``none`` where there is none.
+        joint: whether fitting involves the head, so that each head needs its own.
+        fit: does it.
+    """
+
+    name: str
+    world: str
+    encoder: str
+    binder: str
+    joint: bool
+    fit: Callable[[FitTask], Fitted]

@@ -1,0 +1,90 @@
+"""Presets: sizes, seeds and lengths as data. A preset is never another code path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vidphys.errors import InputError
+
+
+@dataclass(frozen=True)
+class OracleSizes:
+    """Training of a head on true states.
+
+    Args:
+        trajectories: of 20 steps each (the study's horizon).
+        steps, batch: one-step training.
+        learning_rates: grid, chosen on held-out one-step error.
+        held_out: scored episodes.
+    """
+
+    trajectories: int
+    steps: int
+    batch: int
+    learning_rates: tuple[float, ...]
+    held_out: int
+
+
+@dataclass(frozen=True)
+class PixelSizes:
+    """Perception and the training of a head on what it perceives.
+
+    Args:
+        clips: training clips of ``frames`` frames, ``stride`` reference steps apart.
+        context: frames of the window that ends at t0.
+        image: pixels on a side.
+        perception_steps, perception_batch: frames a step, for encoders that learn.
+        smooth_steps: one-step training on smoothed tracks.
+        shooting_steps: k-frame training with fitted starts.
+        held_out: scored clips.
+    """
+
+    clips: int
+    frames: int
+    stride: int
+    context: int
+    image: int
+    perception_steps: int
+    perception_batch: int
+    smooth_steps: int
+    shooting_steps: int
+    held_out: int
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Everything that the ladder's size depends on."""
+
+    seeds: int
+    oracle: OracleSizes
+    pixel: PixelSizes
+
+
+PRESETS = {
+    "quick": Preset(
+        seeds=1,
+        oracle=OracleSizes(2048, 600, 1024, (5e-3,), 32),
+        pixel=PixelSizes(192, 12, 40, 7, 32, 150, 64, 300, 200, 32),
+    ),
+    "standard": Preset(
+        seeds=3,
+        oracle=OracleSizes(8192, 5000, 1024, (1e-2, 5e-3, 1e-3), 64),
+        pixel=PixelSizes(512, 16, 40, 7, 64, 600, 128, 800, 800, 64),
+    ),
+    "paper": Preset(
+        seeds=10,
+        oracle=OracleSizes(8192, 10_000, 1024, (1e-2, 5e-3, 1e-3), 64),
+        pixel=PixelSizes(2048, 16, 40, 7, 64, 3000, 256, 2000, 3000, 64),
+    ),
+}
+
+
+def preset(name: str) -> Preset:
+    """Look a preset up.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    if name not in PRESETS:
+        raise InputError(f"--preset {name}: unknown; use one of {', '.join(PRESETS)}")
+    return PRESETS[name]

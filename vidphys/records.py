@@ -1,0 +1,140 @@
+"""Tidy records: one row per number, and the raw per-episode numbers behind each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from torch import Tensor
+
+from vidphys.atomic import write_with
+from vidphys.metrics import OK, Summary
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Which run of which model a number belongs to."""
+
+    experiment: str
+    cell: str
+    system: str
+    grounding: str
+    encoder: str
+    binder: str
+    readout: str
+    head: str
+    seed: int
+    device: str
+    dtype: str
+
+
+RECORD_SCHEMA = pa.schema(
+    [(f.name, pa.int64() if f.name == "seed" else pa.string()) for f in fields(Origin)]
+    + [
+        ("metric", pa.string()),
+        ("coupling", pa.float64()),
+        ("horizon", pa.int64()),
+        ("value", pa.float64()),
+        ("status", pa.string()),
+        ("episodes", pa.int64()),
+        ("nonfinite", pa.int64()),
+        ("seconds", pa.float64()),
+    ]
+)
+
+EPISODE_SCHEMA = pa.schema(
+    [
+        ("experiment", pa.string()),
+        ("cell", pa.string()),
+        ("grounding", pa.string()),
+        ("readout", pa.string()),
+        ("head", pa.string()),
+        ("seed", pa.int64()),
+        ("episode", pa.int64()),
+        ("metric", pa.string()),
+        ("coupling", pa.float64()),
+        ("horizon", pa.int64()),
+        ("value", pa.float64()),
+        ("status", pa.string()),
+    ]
+)
+
+
+class Recorder:
+    """Collects the rows of one cell."""
+
+    def __init__(self, origin: Origin) -> None:
+        self.origin = origin
+        self.rows: list[dict[str, object]] = []
+        self.episode_rows: list[dict[str, object]] = []
+
+    def reading(self, readout: str) -> Recorder:
+        """A recorder of the same cell for another readout, sharing the rows."""
+        other = Recorder(replace(self.origin, readout=readout))
+        other.rows, other.episode_rows = self.rows, self.episode_rows
+        return other
+
+    def add(
+        self,
+        metric: str,
+        summary: Summary,
+        coupling: float | None = None,
+        horizon: int | None = None,
+        seconds: float | None = None,
+    ) -> None:
+        """Record one number with its status and counts."""
+        self.rows.append(
+            {
+                **asdict(self.origin),
+                "metric": metric,
+                "coupling": coupling,
+                "horizon": horizon,
+                "value": summary.value,
+                "status": summary.status,
+                "episodes": summary.episodes,
+                "nonfinite": summary.nonfinite,
+                "seconds": seconds,
+            }
+        )
+
+    def add_value(self, metric: str, value: float, seconds: float | None = None) -> None:
+        """Record a plain number that is not a summary of episodes."""
+        self.add(metric, Summary(value, OK, 0, 0), seconds=seconds)
+
+    def add_episodes(
+        self,
+        metric: str,
+        values: Tensor,
+        coupling: float | None = None,
+        horizon: int | None = None,
+    ) -> None:
+        """Record the raw per-episode values ``(b,)``; a non-finite one is null and failed."""
+        kept = EPISODE_SCHEMA.names
+        origin = {k: v for k, v in asdict(self.origin).items() if k in kept}
+        for episode, value in enumerate(values.double().tolist()):
+            finite = value == value and abs(value) != float("inf")
+            self.episode_rows.append(
+                {
+                    **origin,
+                    "episode": episode,
+                    "metric": metric,
+                    "coupling": coupling,
+                    "horizon": horizon,
+                    "value": value if finite else None,
+                    "status": OK if finite else "failed",
+                }
+            )
+
+    def tables(self) -> tuple[pa.Table, pa.Table]:
+        """The records and the episodes as Arrow tables."""
+        return (
+            pa.Table.from_pylist(self.rows, RECORD_SCHEMA),
+            pa.Table.from_pylist(self.episode_rows, EPISODE_SCHEMA),
+        )
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Write a Parquet file that is whole or not there."""
+    write_with(path, lambda partial: pq.write_table(table, partial))

@@ -1,0 +1,166 @@
+"""The run folder: what a run was, what it found, and where it goes on after an interruption.
+
+``run.json`` is written first. Each finished piece of work leaves its two tables in ``parts/``;
+``records.parquet`` and ``episodes.parquet`` are joined from these, so a piece is there whole or
+not at all.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.metadata
+import json
+import platform
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vidphys.atomic import write_json
+from vidphys.errors import InputError
+from vidphys.records import write_table
+
+SCHEMA_VERSION = 1
+PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
+
+
+class RunFolder:
+    """One run on disk."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def open(cls, path: Path, settings: dict[str, Any], overwrite: bool = False) -> RunFolder:
+        """Start a run, or go on with the one that lies there.
+
+        Args:
+            path: the folder.
+            settings: the resolved configuration; decides whether this is the same run.
+            overwrite: give up what lies there if it is another run.
+
+        Raises:
+            InputError: another run lies there, or something that is not a run.
+        """
+        run = cls(path)
+        if run.manifest_path.exists():
+            if _plain(run.manifest()["settings"]) == _plain(settings):
+                return run
+            if not overwrite:
+                raise InputError(
+                    f"run folder {path}: holds a run with other settings; choose another --out, "
+                    "or pass --overwrite to give that run up"
+                )
+            run.clear()
+        elif path.exists() and any(path.iterdir()):
+            raise InputError(f"run folder {path}: exists and is not a run; choose another --out")
+        write_json(run.manifest_path, {**_surroundings(), "settings": settings, "skipped": []})
+        return run
+
+    @property
+    def manifest_path(self) -> Path:
+        return self.path / "run.json"
+
+    def manifest(self) -> dict[str, Any]:
+        """The content of ``run.json``."""
+        return json.loads(self.manifest_path.read_text(encoding="utf-8"))
+
+    def checkpoints(self, part: str) -> Path:
+        """Folder of a part's checkpoints."""
+        return self.path / "checkpoints" / part
+
+    def showcase(self, cell: str) -> Path:
+        """File of the arrays that a cell's recording is drawn from."""
+        return self.path / "showcase" / (cell.replace("/", "-") + ".safetensors")
+
+    def is_done(self, part: str) -> bool:
+        """Whether a piece of work has already left its tables."""
+        return self._part(part, "records").exists()
+
+    def finish(self, part: str, records: pa.Table, episodes: pa.Table) -> None:
+        """Keep the tables of one piece of work; the records are what marks it as done."""
+        write_table(self._part(part, "episodes"), episodes)
+        write_table(self._part(part, "records"), records)
+
+    def join(self) -> pa.Table:
+        """Rebuild the two tables from the parts; returns the records."""
+        tables = {}
+        for kind in ("records", "episodes"):
+            files = sorted((self.path / "parts").glob(f"*.{kind}.parquet"))
+            if files:
+                tables[kind] = pa.concat_tables([pq.read_table(f) for f in files])
+                write_table(self.path / f"{kind}.parquet", tables[kind])
+        if "records" not in tables:
+            raise InputError(f"run folder {self.path}: no finished work to report")
+        return tables["records"]
+
+    def skip(self, cell: str, reason: str) -> None:
+        """Note in ``run.json`` why a cell was not run."""
+        manifest = self.manifest()
+        entry = {"cell": cell, "reason": reason}
+        if entry not in manifest["skipped"]:
+            manifest["skipped"].append(entry)
+            write_json(self.manifest_path, manifest)
+
+    def clear(self) -> None:
+        """Remove what a run leaves, and nothing else."""
+        import shutil
+
+        for name in ("parts", "checkpoints", "showcase", "recordings", "figures"):
+            shutil.rmtree(self.path / name, ignore_errors=True)
+        for name in ("run.json", "records.parquet", "episodes.parquet", "report.html"):
+            (self.path / name).unlink(missing_ok=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the folder for one process.
+
+        Raises:
+            InputError: another process is at work in it.
+        """
+        with (self.path / ".lock").open("w") as f:
+            try:
+                fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise InputError(
+                    f"run folder {self.path}: another process is at work in it; wait for it, or "
+                    "choose another --out"
+                ) from error
+            yield
+
+    def _part(self, part: str, kind: str) -> Path:
+        return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"
+
+
+def _plain(settings: dict[str, Any]) -> Any:
+    """As JSON would give it back, so that tuples and lists compare equal."""
+    return json.loads(json.dumps(settings))
+
+
+def _surroundings() -> dict[str, Any]:
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        versions[name] = importlib.metadata.version(name)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "code_version": code_version(),
+        "versions": versions,
+    }
+
+
+def code_version() -> str:
+    """The commit of a source checkout (with ``+dirty`` for local changes), else the version."""
+    source = Path(__file__).resolve().parent.parent
+    if not (source / ".git").exists():
+        return importlib.metadata.version("vidphys")
+    try:
+        command = ["git", "-C", str(source), "describe", "--always", "--dirty=+dirty"]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return importlib.metadata.version("vidphys")

@@ -1,0 +1,119 @@
+"""Training examples of a dynamics head: a start state and where it went next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dynamics import Head, Parameters, PhaseState, Rollout
+from dynamics.unstructured import ResidualMap
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Short stretches of trajectories, flattened over episodes.
+
+    Targets are increments from the start, taken in float64 before rounding to float32: over one
+    step they are a thousandth of the state.
+
+    Args:
+        start: ``(m, n, d)``.
+        params: ``(m,)`` and ``(m, n)``.
+        q: position increments at each later stored state, ``(m, k, n, d)``.
+        p: momentum increments, or ``None`` where only positions were seen.
+        dt: seconds of one model step.
+        every: model steps between stored states.
+    """
+
+    start: PhaseState
+    params: Parameters
+    q: Tensor
+    p: Tensor | None
+    dt: float
+    every: int
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, index: Tensor | slice) -> Segments:
+        p = None if self.p is None else self.p[index]
+        return Segments(
+            self.start[index], self.params[index], self.q[index], p, self.dt, self.every
+        )
+
+    def split(self, held_out: int) -> tuple[Segments, Segments]:
+        """All but the last ``held_out`` examples, and those."""
+        return self[slice(0, len(self) - held_out)], self[slice(len(self) - held_out, None)]
+
+
+def from_trajectory(trajectory: Rollout, k: int, every: int = 1, step: int = 1) -> Segments:
+    """Segments of ``k`` stored states starting at each ``step``-th state of ``(b, t, n, d)``.
+
+    Args:
+        trajectory: its ``dt`` is ``every`` model steps.
+        k: later states a segment holds.
+        every: model steps between stored states.
+        step: stored states between segment starts.
+    """
+    states = trajectory.states.map(torch.Tensor.double)
+    starts = range(0, states.q.shape[1] - k, step)
+
+    def windows(x: Tensor) -> Tensor:
+        cut = torch.stack([x[:, s + 1 : s + 1 + k] - x[:, s : s + 1] for s in starts], 1)
+        return cut.flatten(0, 1).float()
+
+    start = states.map(lambda x: x[:, list(starts)].flatten(0, 1).float())
+    repeated = trajectory.params.map(lambda x: x.float().repeat_interleave(len(starts), 0))
+    dt = trajectory.dt / every
+    return Segments(start, repeated, windows(states.q), windows(states.p), dt, every)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Standard deviations of the first stored increments (inventory 12.4)."""
+
+    q: float
+    p: float
+
+
+def scale_of(segments: Segments) -> Scale:
+    """Sizes that standardise a loss; p falls back to 1 where momentum was not seen."""
+    p = 1.0 if segments.p is None else float(segments.p[:, 0].std())
+    return Scale(float(segments.q[:, 0].std()), p)
+
+
+def segment_loss(head: Head, scale: Scale) -> Callable[[Segments], Tensor]:
+    """Mean squared standardised error of the rolled-out increments, one step or k steps."""
+
+    def loss(batch: Segments) -> Tensor:
+        states = roll(head, batch.start, batch.params, batch.q.shape[1], batch.dt, batch.every)
+        start = batch.start.map(lambda x: x.unsqueeze(1))
+        total = (((states.q - start.q) - batch.q) / scale.q).square().mean()
+        if batch.p is not None:
+            total = total + (((states.p - start.p) - batch.p) / scale.p).square().mean()
+        return total
+
+    return loss
+
+
+def roll(
+    head: Head, start: PhaseState, params: Parameters, stored: int, dt: float, every: int
+) -> PhaseState:
+    """``stored`` later states, ``every`` steps apart, ``(..., stored, n, d)``; differentiable."""
+    states, state, memory = [], start, None
+    for _ in range(stored):
+        for _ in range(every):
+            state, memory = head.advance(state, params, dt, memory)
+        states.append(state)
+    return PhaseState.stack(states, -3)
+
+
+def standardise(head: Head, segments: Segments) -> None:
+    """Tell a residual map the size of one step's increments; other heads need nothing."""
+    if isinstance(head, ResidualMap):
+        scale = scale_of(segments)
+        steps = segments.every
+        head.set_scale(scale.q / steps, scale.p / steps)
