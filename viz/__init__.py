@@ -1,0 +1,1 @@
+"""Records and arrays made visible: recordings, figures, the report."""

@@ -1,0 +1,158 @@
+"""``vidphys view``: look at a run's recordings in the rerun viewer."""
+
+from __future__ import annotations
+
+import difflib
+import shutil
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from vidphys.errors import InputError
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """Look at a run's recordings in the rerun viewer.
+
+    Example: vidphys view runs/ladder --cell oracle/factored --web
+
+    Args:
+        run: the run's folder.
+        cell: cells to show (grounding/head); all if none is named.
+        web: serve the viewer to a browser, on this machine only.
+        save: write the recordings to this .rrd file, or into this folder, instead of showing them.
+    """
+
+    run: Annotated[Path, tyro.conf.Positional]
+    cell: tuple[str, ...] = ()
+    web: bool = False
+    save: Path | None = None
+
+
+def view(config: ViewConfig) -> None:
+    """Show, serve or save the recordings of a run.
+
+    Args:
+        config: what to show, and where.
+
+    Raises:
+        InputError: there is no such run, recording or cell, no display to show them on, or
+            ``save`` exists.
+    """
+    from viz import viewer
+
+    if config.web and config.save is not None:
+        raise InputError("view: --web and --save exclude each other; give one of them")
+    chosen = _choose(config)
+    if config.save is None and not config.web and not viewer.has_display():
+        raise InputError(
+            "view: there is no display here; use --web to look in a browser, or --save PATH to "
+            "take the recordings to another machine"
+        )
+    if config.save is not None and config.save.suffix and config.save.exists():
+        raise InputError(f"view: --save {config.save} exists; remove it or choose another path")
+    recordings = [_recording(config.run, stem) for stem in chosen.values()]
+    if config.save is not None:
+        _save(recordings, config.save)
+    elif config.web:
+        _serve(recordings)
+    else:
+        viewer.open_window(recordings)
+
+
+def _choose(config: ViewConfig) -> dict[str, str]:
+    """The cells to show, each with the file name that its recording has."""
+    if not config.run.is_dir():
+        raise InputError(f"view: {config.run} is not a folder; give the folder of a run")
+    cells = _cells(config.run)
+    if not cells:
+        raise InputError(
+            f"view: {config.run} has no recordings; give the folder of a finished run "
+            "(recordings/*.rrd or showcase/*.safetensors)"
+        )
+    chosen = {}
+    for name in config.cell or cells:
+        if name not in cells:
+            near = difflib.get_close_matches(name, cells, n=1)
+            guess = f"did you mean {near[0]}? " if near else ""
+            raise InputError(
+                f"view: --cell {name} is not in {config.run}; {guess}there are {', '.join(cells)}"
+            )
+        chosen[name] = cells[name]
+    return chosen
+
+
+def _cells(run: Path) -> dict[str, str]:
+    """Every cell that can be shown, by name, with the stem of its files."""
+    found = sorted({p.stem for p in (*_files(run, "recordings", "rrd"), *_showcases(run))})
+    names = {name.replace("/", "-"): name for name in _recorded_cells(run)}
+    return {names.get(stem, stem): stem for stem in found}
+
+
+def _recorded_cells(run: Path) -> list[str]:
+    """The names in the records: file names alone do not tell where the grounding ends."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        column = pq.read_table(run / "records.parquet", columns=["cell"])["cell"]
+    except (OSError, pa.ArrowInvalid):
+        return []
+    return sorted(set(column.to_pylist()))
+
+
+def _files(run: Path, folder: str, suffix: str) -> list[Path]:
+    return sorted((run / folder).glob(f"*.{suffix}"))
+
+
+def _showcases(run: Path) -> list[Path]:
+    return _files(run, "showcase", "safetensors")
+
+
+def _recording(run: Path, stem: str) -> Path:
+    """The recording's file, written from its showcase if it is not there."""
+    path = run / "recordings" / f"{stem}.rrd"
+    if not path.is_file():
+        from viz.recording import write_recording
+        from viz.showcase import read_showcase
+
+        try:
+            showcase, about = read_showcase(run / "showcase" / f"{stem}.safetensors")
+        except ValueError as error:
+            raise InputError(f"view: {error}") from error
+        write_recording(showcase, about, path)
+    return path
+
+
+def _save(recordings: list[Path], target: Path) -> None:
+    """Into one file if ``target`` ends in .rrd, else one file each into that folder."""
+    from viz import viewer
+
+    if target.suffix == ".rrd":
+        viewer.merge(recordings, target)
+        print(f"wrote {target}: {len(recordings)} recording(s)")
+        return
+    if target.suffix or target.is_file():
+        raise InputError(f"view: --save {target} is neither a .rrd file nor a folder; name one")
+    taken = [target / path.name for path in recordings if (target / path.name).exists()]
+    if taken:
+        raise InputError(f"view: --save would overwrite {taken[0]}; choose another folder")
+    target.mkdir(parents=True, exist_ok=True)
+    for recording in recordings:
+        shutil.copyfile(recording, target / recording.name)
+    print(f"wrote {len(recordings)} recording(s) into {target}")
+
+
+def _serve(recordings: list[Path]) -> None:
+    from viz import viewer
+
+    web, data = viewer.free_ports()
+    forward = f"ssh -N -L {web}:127.0.0.1:{web} -L {data}:127.0.0.1:{data} {socket.gethostname()}"
+    print(f"open      {viewer.web_address(web, data)}")
+    print(f"from elsewhere, first run there: {forward}")
+    print("Ctrl-C ends it", flush=True)
+    viewer.serve_web(recordings, web, data)

@@ -1,0 +1,139 @@
+"""How the viewer arranges a recording: the layouts, as code, that each recording embeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viz.overlay import picture_factor
+from viz.showcase import ROLES, Arrays, zoom_extent
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
+
+def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
+    """What was observed, the trained law and the flipped one side by side, energies below."""
+    import rerun.blueprint as rrb
+
+    first, last = float(showcase["times"][0]), float(showcase["times"][-1])
+    window = (max(first, -0.2 * last), last)
+    zoom = zoom_extent(showcase)
+    square = rrb.VisualBounds2D(x_range=(-zoom, zoom), y_range=(-zoom, zoom))
+
+    def world(name: str, *roles: str) -> rrb.Spatial2DView:
+        entities = [f"world/{role}" for role in ("context", *roles)]
+        contents = [f"+ /{entity}/**" for entity in entities]
+        return rrb.Spatial2DView(
+            origin="/",
+            contents=contents,
+            name=name,
+            visual_bounds=square,
+            overrides={f"{entity}/trail": _growing() for entity in entities},
+        )
+
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    left: list[rrb.View] = [about]
+    if "frames" in showcase:
+        camera = rrb.Spatial2DView(
+            origin="/camera",
+            name="What was observed, and the track",
+            visual_bounds=_whole_picture(showcase["frame_times"], showcase["frames"]),
+            overrides={"camera/track/trail": _growing()},
+        )
+        left = [camera, about]
+    plots: list[rrb.View | rrb.Container] = [
+        _plot("log10 |E - E0| / |E0|", [f"energy_error/{role}" for role in ROLES], window),
+        _plot("Energy, the trained law", ["energy/truth", "energy/prediction"], window),
+        _plot(
+            "Energy, the coupling flipped",
+            ["energy/counterfactual_truth", "energy/counterfactual"],
+            window,
+        ),
+    ]
+    if "energy_long" in showcase:
+        end = (0.0, float(showcase["long_times"][-1]))
+        long = _plot("Energy, the long rollout", ["energy/long"], end)
+        plots[0] = rrb.Tabs(plots[0], long)
+    worlds = rrb.Horizontal(
+        rrb.Tabs(*left),
+        world("The trained law", "truth", "prediction"),
+        world("What if the coupling flips", "counterfactual_truth", "counterfactual"),
+    )
+    phase = rrb.StateTimelineView(origin="/phase", name="Phase")
+    rows = rrb.Vertical(worlds, rrb.Horizontal(*plots), phase, row_shares=[10, 7, 2])
+    return rrb.Blueprint(rows, _clock((first, last)), collapse_panels=True)
+
+
+def overlay_layout(video: Arrays) -> rrb.Blueprint:
+    """The clip with what is drawn over it, beside the positions in time."""
+    import rerun.blueprint as rrb
+
+    roles = ("observed", "readout", "rollout")
+    picture = rrb.Spatial2DView(
+        origin="/video",
+        name="Observed, read out, rolled out",
+        visual_bounds=_whole_picture(video["frame_times"], video["frames"]),
+        overrides={f"video/{role}/trail": _growing(seconds=1.0) for role in roles},
+    )
+    lines = [_plot(f"{n}(t), world units", [f"position_{n}/{r}" for r in roles]) for n in "xy"]
+    phase = rrb.StateTimelineView(origin="/phase", name="Phase")
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    right = rrb.Vertical(*lines, phase, about, row_shares=[5, 5, 2, 3])
+    columns = rrb.Horizontal(picture, right, column_shares=[2, 3])
+    return rrb.Blueprint(columns, _clock(), collapse_panels=True)
+
+
+def _whole_picture(times: np.ndarray, frames: np.ndarray) -> rrb.VisualBounds2D:
+    import rerun.blueprint as rrb
+
+    height, width = (side // picture_factor(times, frames) for side in frames.shape[1:3])
+    return rrb.VisualBounds2D(x_range=(0, width), y_range=(0, height))
+
+
+def _plot(
+    name: str, entities: Sequence[str], window: tuple[float, float] | None = None
+) -> rrb.TimeSeriesView:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    axis = None
+    if window is not None:
+        start, end = (rr.TimeRangeBoundary.absolute(seconds=edge) for edge in window)
+        axis = rrb.TimeAxis(link="independent", view_range=rr.TimeRange(start=start, end=end))
+    contents = [f"+ /{entity}" for entity in entities]
+    return rrb.TimeSeriesView(origin="/", contents=contents, name=name, axis_x=axis)
+
+
+def _growing(
+    seconds: float | None = None,
+) -> tuple[rrb.VisibleTimeRanges | rrb.Visualizer, ...]:
+    """Show a trail's pieces of the past (of the last ``seconds``), not of the present alone."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    edge = rr.TimeRangeBoundary
+    begin = edge.infinite() if seconds is None else edge.cursor_relative(seconds=-seconds)
+    span = rrb.VisibleTimeRanges(
+        timeline="sim_time", start=begin, end=edge.cursor_relative(seconds=0.0)
+    )
+    return span, rr.LineStrips2D.from_fields().visualizer()
+
+
+def _clock(window: tuple[float, float] | None = None) -> rrb.TimePanel:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    if window is None:
+        return rrb.TimePanel(timeline="sim_time", state="collapsed", loop_mode="all")
+    seconds = window[1] - window[0]
+    start, end = (rr.TimeInt(seconds=edge) for edge in window)
+    return rrb.TimePanel(
+        timeline="sim_time",
+        state="collapsed",
+        playback_speed=seconds / 8,  # one pass takes eight seconds
+        loop_mode="selection",
+        time_selection=rrb.components.AbsoluteTimeRange(min=start, max=end),
+    )

@@ -1,0 +1,153 @@
+"""World positions over pictures: pixel coordinates, picture sizes, and the contact sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from viz.showcase import ROLES, Arrays, check_showcase, half_extent, zoom_extent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, FigureBase, SubFigure
+
+MAX_SIDE = 640  # pixels; larger pictures are shrunk by a whole factor
+MAX_RAW_SIDE = 128  # the same, for pictures that are stored uncompressed
+# Okabe and Ito's palette: told apart with every common kind of colour vision.
+BODY_COLOURS = (
+    (230, 159, 0),
+    (86, 180, 233),
+    (0, 158, 115),
+    (240, 228, 66),
+    (204, 121, 167),
+    (213, 94, 0),
+    (0, 114, 178),
+)
+GUESS_COLOURS = {"prediction": "#0072B2", "counterfactual": "#D55E00"}
+
+
+def world_to_pixel(positions: np.ndarray, size: tuple[int, int], half_extent: float) -> np.ndarray:
+    """Pixel coordinates (u to the right, v downwards, origin at the image's top left corner).
+
+    Args:
+        positions: ``(..., 2)``, world units, y upwards, origin at the image centre.
+        size: pixels (height, width).
+        half_extent: world length of half of the longer image side.
+    """
+    height, width = size
+    scale = max(height, width) / 2 / half_extent
+    x, y = np.moveaxis(np.asarray(positions, np.float64), -1, 0)
+    return np.stack([width / 2 + scale * x, height / 2 - scale * y], axis=-1)
+
+
+def stored_as_jpeg(times: np.ndarray) -> bool:
+    """Whether pictures at ``times`` (seconds) can be compressed."""
+    # Viewer 0.41 shows no encoded picture (JPEG or PNG) at a negative time, but raw ones.
+    return bool(np.min(times) >= 0)
+
+
+def picture_factor(times: np.ndarray, frames: np.ndarray) -> int:
+    """The whole factor by which frames ``(F, H, W, 3)`` are shrunk to fit the cap."""
+    return -(-max(frames.shape[1:3]) // (MAX_SIDE if stored_as_jpeg(times) else MAX_RAW_SIDE))
+
+
+def shrink(picture: np.ndarray, factor: int) -> np.ndarray:
+    """Average ``factor`` by ``factor`` pixels of a uint8 picture ``(H, W, 3)``."""
+    rows, columns = (side // factor for side in picture.shape[:2])
+    cut = picture[: rows * factor, : columns * factor]
+    return cut.reshape(rows, factor, columns, factor, 3).mean((1, 3)).astype(np.uint8)
+
+
+def contact_sheet(showcase: Arrays, meta: Mapping[str, str]) -> Figure:
+    """One episode on a page: frames with the track, paths under both laws, energies.
+
+    Args:
+        showcase: the arrays of a cell, as :func:`viz.recording.write_recording` takes them.
+        meta: what is shown, in words; ``cell`` becomes the title.
+
+    Raises:
+        ValueError: an array is missing or has the wrong shape.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    check_showcase(showcase)
+    pictures = "frames" in showcase
+    with matplotlib.rc_context({"font.size": 10, "axes.edgecolor": "#bbbbbb"}):
+        figure = Figure(figsize=(11, 5.6 if pictures else 4.1), layout="constrained")
+        below: FigureBase = figure
+        if pictures:
+            parts: Any = figure.subfigures(2, 1, height_ratios=[1, 2.4])
+            _film_strip(parts[0], showcase)
+            below = parts[1]
+        panels = below.subplot_mosaic([["law", "flip", "energy"], ["law", "flip", "error"]])
+        _paths(panels["law"], showcase, "truth", "prediction", "The trained law")
+        roles = ("counterfactual_truth", "counterfactual")
+        _paths(panels["flip"], showcase, *roles, "What if the coupling flips")
+        _energies(panels["energy"], panels["error"], showcase)
+        figure.suptitle(meta.get("cell", ""), x=0.01, ha="left", fontsize=12, weight="bold")
+    return figure
+
+
+def _film_strip(part: SubFigure, showcase: Arrays) -> None:
+    """Up to eight frames, evenly spaced, each with the track up to that moment."""
+    frames, times = showcase["frames"], showcase["frame_times"]
+    chosen = np.unique(np.linspace(0, len(frames) - 1, 8).round().astype(int))
+    height, width = frames.shape[1:3]
+    extent = half_extent(showcase)
+    track = world_to_pixel(showcase["track"], (height, width), extent)
+    zoom = min(extent, 1.25 * zoom_extent(showcase))
+    corner = world_to_pixel(np.array([[-zoom, zoom], [zoom, -zoom]]), (height, width), extent)
+    for axes, k in zip(part.subplots(1, len(chosen)), chosen, strict=True):
+        axes.imshow(frames[k], extent=(0, width, height, 0), interpolation="nearest")
+        for n in range(track.shape[1]):
+            colour = tuple(part / 255 for part in BODY_COLOURS[n % len(BODY_COLOURS)])
+            axes.plot(*track[: k + 1, n].T, color=colour, lw=1)
+            axes.plot(*track[k, n], "o", color=colour, ms=3.5, mec="white", mew=0.6)
+        axes.set(xlim=corner[:, 0], ylim=corner[::-1, 1], xticks=[], yticks=[])
+        axes.set_title(f"{times[k]:+.2f} s", fontsize=9)
+
+
+def _paths(axes: Axes, showcase: Arrays, truth: str, guess: str, title: str) -> None:
+    after = np.asarray(showcase["times"]) >= 0
+    past = np.asarray(showcase["truth"])[~after]
+    for n in range(np.shape(showcase[truth])[1]):
+        real, told = (np.asarray(showcase[key])[after, n].T for key in (truth, guess))
+        first = n == 0
+        axes.plot(*past[:, n].T, color="#999999", lw=1, ls=":", label="observed" if first else None)
+        axes.plot(*real, color="#777777", lw=4, alpha=0.5, label="truth" if first else None)
+        axes.plot(*told, color=GUESS_COLOURS[guess], lw=1.6, label=guess if first else None)
+        axes.plot(*real[:, :1], "o", color="#444444", ms=4)
+    # One box for both laws, around what truly happens: a diverging prediction leaves it.
+    both = [np.asarray(showcase[key])[after] for key in ("truth", "counterfactual_truth")]
+    low, high = np.nanmin(both, axis=(0, 1, 2)), np.nanmax(both, axis=(0, 1, 2))
+    centre, half = (low + high) / 2, 0.65 * float(np.max(high - low))
+    box = np.stack([centre - half, centre + half])
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", title=title)
+    axes.tick_params(labelsize=8)
+    axes.legend(loc="best", fontsize=8, frameon=False)
+
+
+def _energies(upper: Axes, lower: Axes, showcase: Arrays) -> None:
+    times = np.asarray(showcase["times"])
+    after = times >= 0
+    for role in ROLES:
+        energy = np.asarray(showcase[f"energy_{role}"], np.float64)[after]
+        with np.errstate(all="ignore"):
+            error = np.abs(energy - energy[0]) / np.abs(energy[0])
+        real = role.endswith("truth")
+        look: dict[str, Any] = {
+            "color": GUESS_COLOURS.get(role, "#777777"),
+            "ls": "--" if role.startswith("counterfactual") else "-",
+            "lw": 4 if real else 1.6,
+            "alpha": 0.5 if real else 1.0,
+        }
+        upper.plot(times[after], energy, label=role.replace("_", " "), **look)
+        lower.plot(times[after], np.where(error > 0, error, np.nan), **look)
+    upper.set(title="Energy", xticklabels=[])
+    upper.legend(loc="center right", fontsize=7, frameon=False)
+    lower.set(yscale="log", ylabel="|E - E0| / |E0|", xlabel="seconds since the law may change")
+    for axes in (upper, lower):
+        axes.tick_params(labelsize=8)

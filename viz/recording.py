@@ -1,0 +1,248 @@
+"""The one file that knows rerun: arrays in, one ``.rrd`` out, with its layout embedded.
+
+A recording holds siblings on one timeline (``sim_time`` in seconds; the same instants counted in
+``step``): ``world/truth``, ``world/prediction``, ``world/counterfactual_truth`` and
+``world/counterfactual`` beside ``energy/*`` and ``energy_error/*``. World positions are stored as
+they are, y upwards; a static transform turns them for rerun's 2-D views, whose y points down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viz.layout import overlay_layout, showcase_layout
+from viz.overlay import BODY_COLOURS, picture_factor, shrink, stored_as_jpeg, world_to_pixel
+from viz.showcase import ROLES, Arrays, check_showcase, check_video, half_extent, zoom_extent
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+Colour = tuple[int, int, int]
+COLOURS: dict[str, Colour] = {
+    "context": (110, 110, 110),
+    "truth": (150, 150, 150),
+    "prediction": (86, 180, 233),
+    "counterfactual_truth": (205, 180, 130),
+    "counterfactual": (230, 110, 40),
+    "long": (86, 180, 233),
+    "observed": (0, 170, 120),
+    "readout": (86, 180, 233),
+    "rollout": (230, 110, 40),
+}
+PHASE_COLOURS: tuple[Colour, ...] = ((0, 120, 90), (180, 90, 20), (90, 90, 90))
+MAX_FRAMES = 400  # longer clips are thinned evenly; tracks keep every instant
+
+
+def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> None:
+    """Write the recording of one ladder cell.
+
+    Args:
+        showcase: ``times (T,)`` in seconds, 0 at the moment when the law may change; ``truth``,
+            ``prediction``, ``counterfactual_truth``, ``counterfactual`` ``(T, N, 2)`` in world
+            units; ``energy_*`` of each ``(T,)``; ``half_extent`` in world units; optional
+            ``long_times (L,)`` with ``energy_long (L,)``, and ``frames (F, H, W, 3)`` uint8 with
+            ``frame_times (F,)`` and ``track (F, N, 2)``. Non-finite instants are left blank.
+        meta: what is shown, in words; ``cell`` becomes the recording's name.
+        path: the ``.rrd`` to write, replaced as a whole or not at all.
+
+    Raises:
+        ValueError: an array is missing or has the wrong shape.
+    """
+    check_showcase(showcase)
+    times = np.asarray(showcase["times"], np.float64)
+    extent, zoom = half_extent(showcase), zoom_extent(showcase)
+    tape = _Tape(meta, step=float(np.median(np.diff(times))))
+    tape.turn_upright("world")
+    context = np.where((times <= 0)[:, None, None], showcase["truth"], np.nan)
+    tape.bodies("world/context", times, context, [COLOURS["context"]], 0.035 * zoom)
+    for role in ROLES:
+        radius = zoom * (0.035 if role.endswith("truth") else 0.02)
+        tape.bodies(f"world/{role}", times, showcase[role], [COLOURS[role]], radius)
+        tape.energy(role, times, showcase[f"energy_{role}"])
+    if "energy_long" in showcase:
+        tape.energy("long", np.asarray(showcase["long_times"]), showcase["energy_long"])
+    if "frames" in showcase:
+        stamps, (height, width) = showcase["frame_times"], showcase["frames"].shape[1:3]
+        factor = tape.pictures("camera/image", stamps, showcase["frames"])
+        track = world_to_pixel(showcase["track"], (height, width), extent) / factor
+        radius = 0.012 * max(height, width) / factor
+        tape.bodies("camera/track", stamps, track, BODY_COLOURS, radius)
+    marks = {float(times[0]): "observed", 0.0: "rolled out"}
+    if "energy_long" in showcase and showcase["long_times"][-1] > times[-1]:
+        marks[float(times[-1])] = "long rollout: energy only"
+    tape.phases(marks)
+    tape.save(path, showcase_layout(showcase))
+
+
+def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) -> None:
+    """Write the recording of a real clip with what was observed, read and predicted drawn over it.
+
+    Args:
+        video: ``frames (F, H, W, 3)`` uint8; ``frame_times (F,)`` in seconds; ``track (F, N, 2)``,
+            what the binder observed; ``readout (F, N, 2)``, what the readout predicts;
+            ``rollout (R, N, 2)`` at ``rollout_times (R,)``, which may end after the clip. Positions
+            in world units (y upwards, origin at the image centre) with ``half_extent``, the world
+            length of half of the longer image side. Optional ``train_end``, seconds.
+        meta: what is shown, in words; ``cell`` becomes the recording's name.
+        path: the ``.rrd`` to write, replaced as a whole or not at all.
+
+    Raises:
+        ValueError: an array is missing or has the wrong shape.
+    """
+    check_video(video)
+    stamps = np.asarray(video["frame_times"], np.float64)
+    ahead = np.asarray(video["rollout_times"], np.float64)
+    interval = float(np.median(np.diff(stamps)))
+    height, width = video["frames"].shape[1:3]
+    tape = _Tape(meta, step=interval)
+    factor = tape.pictures("video/image", stamps, video["frames"])
+    radius = 0.014 * max(height, width) / factor
+    after = np.array([stamps[-1] + interval])
+    seen = np.append(stamps, after)
+    for role, key, when, size in (
+        ("observed", "track", seen, radius),
+        ("readout", "readout", seen, 0.6 * radius),
+        ("rollout", "rollout", ahead, 0.6 * radius),
+    ):
+        blank = np.full((len(when) - len(video[key]), *video[key].shape[1:]), np.nan)
+        positions = np.concatenate([video[key], blank])  # nothing is seen after the clip
+        pixels = world_to_pixel(positions, (height, width), half_extent(video)) / factor
+        tape.bodies(f"video/{role}", when, pixels, [COLOURS[role]], size)
+        for axis, name in enumerate("xy"):
+            tape.series(f"position_{name}/{role}", when, positions[..., axis], role)
+    marks = {float(stamps[0]): "clip"}
+    if "train_end" in video:
+        marks = {float(stamps[0]): "trained on", float(video["train_end"]): "held out"}
+    marks[float(after[0])] = "past the end of the clip"
+    tape.pictures("video/image", after, (video["frames"][-1:] * 0.35).astype(np.uint8))  # dimmed
+    tape.phases(marks)
+    tape.save(path, overlay_layout(video))
+
+
+class _Tape:
+    """A recording in memory that knows the timelines and how each kind of array is stored."""
+
+    def __init__(self, meta: Mapping[str, str], step: float) -> None:
+        import rerun as rr
+
+        self.step = step  # seconds between neighbouring values of the `step` timeline
+        name = meta.get("cell", "recording")
+        # The viewer keeps one layout per application: each cell is its own, so that cells with
+        # other entities or bounds can be open together.
+        self.stream = rr.RecordingStream(f"vidphys {name.replace('/', ' ')}")
+        self.stream.set_log_time_enabled(False)
+        self.stream.set_log_tick_enabled(False)
+        self.stream.send_recording_name(name)
+        lines = [f"- **{key}**: {value}" for key, value in meta.items()]
+        text = "\n".join([f"# {name}", "", *lines])
+        about = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        self.stream.log("about", about, static=True)
+
+    def turn_upright(self, entity: str) -> None:
+        """Let y point upwards below ``entity``."""
+        import rerun as rr
+
+        self.stream.log(entity, rr.Transform3D(mat3x3=np.diag([1.0, -1.0, 1.0])), static=True)
+
+    def bodies(
+        self,
+        entity: str,
+        times: np.ndarray,
+        positions: np.ndarray,
+        colours: Sequence[Colour],
+        radius: float,
+    ) -> None:
+        """Points ``(T, N, 2)``, and the path from each instant to the next as ``entity/trail``."""
+        import rerun as rr
+
+        positions = np.asarray(positions, np.float32)
+        bodies = positions.shape[1]
+        tint = [colours[n % len(colours)] for n in range(bodies)]
+        point = rr.Points2D.from_fields(colors=tint, radii=[radius])
+        self.stream.log(entity, point, static=True)
+        seen = np.isfinite(positions).all((1, 2))
+        columns = rr.Points2D.columns(positions=positions[seen].reshape(-1, 2))
+        # An instant without bodies clears them: latest-at would keep showing the last ones.
+        self.stream.send_columns(entity, self._when(times), columns.partition(seen * bodies))
+        strip = rr.LineStrips2D.from_fields(colors=tint, radii=[0.25 * radius])
+        self.stream.log(f"{entity}/trail", strip, static=True)
+        both = seen[1:] & seen[:-1]
+        pieces = np.stack([positions[:-1], positions[1:]], axis=2)[both]
+        trail = rr.LineStrips2D.columns(strips=pieces.reshape(-1, 2, 2))
+        lengths = np.full(both.sum(), bodies)
+        when = self._when(np.asarray(times)[1:][both])
+        self.stream.send_columns(f"{entity}/trail", when, trail.partition(lengths))
+
+    def energy(self, role: str, times: np.ndarray, values: np.ndarray) -> None:
+        """An energy and, where it is defined, log10 of its relative error since t = 0."""
+        self.series(f"energy/{role}", times, values, role)
+        rolled = np.asarray(times) >= 0
+        since, values = np.asarray(times)[rolled], np.asarray(values, np.float64)[rolled]
+        if not len(values) or not np.isfinite(values[0]) or values[0] == 0:
+            return
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = np.log10(np.abs(values - values[0]) / abs(values[0]))
+        self.series(f"energy_error/{role}", since, error, role)
+
+    def series(self, entity: str, times: np.ndarray, values: np.ndarray, role: str) -> None:
+        """Scalars ``(T,)`` or ``(T, N)`` as lines in the role's colour."""
+        import rerun as rr
+
+        rows = np.asarray(values, np.float64).reshape(len(times), -1)
+        name = role.replace("_", " ")
+        names = [name] if rows.shape[1] == 1 else [f"{name} {n + 1}" for n in range(rows.shape[1])]
+        colours = [COLOURS[role]] * rows.shape[1]
+        line = rr.SeriesLines(colors=colours, names=names, widths=[2.0] * rows.shape[1])
+        self.stream.log(entity, line, static=True)
+        seen = np.isfinite(rows).all(1)
+        columns = rr.Scalars.columns(scalars=rows[seen].ravel())
+        lengths = np.full(seen.sum(), rows.shape[1])
+        when = self._when(np.asarray(times)[seen])
+        self.stream.send_columns(entity, when, columns.partition(lengths))
+
+    def pictures(self, entity: str, times: np.ndarray, frames: np.ndarray) -> int:
+        """Pictures, thinned and shrunk to the caps; returns the factor they shrank by."""
+        import rerun as rr
+
+        factor = picture_factor(times, frames)
+        for k in range(0, len(frames), -(-len(frames) // MAX_FRAMES)):
+            picture = rr.Image(shrink(frames[k], factor))
+            self.stream.set_time("sim_time", duration=float(times[k]))
+            self.stream.set_time("step", sequence=round(float(times[k]) / self.step))
+            encode = stored_as_jpeg(times)
+            self.stream.log(entity, picture.compress(jpeg_quality=75) if encode else picture)
+        self.stream.reset_time()
+        return factor
+
+    def phases(self, marks: Mapping[float, str]) -> None:
+        """What holds from each instant (seconds) on."""
+        import rerun as rr
+
+        colours = [PHASE_COLOURS[n % len(PHASE_COLOURS)] for n in range(len(marks))]
+        style = rr.StateConfiguration(values=list(marks.values()), colors=colours)
+        self.stream.log("phase", style, static=True)
+        columns = rr.StateChange.columns(state=list(marks.values()))
+        self.stream.send_columns("phase", self._when(np.array(list(marks))), columns)
+
+    def save(self, path: Path, layout: rrb.Blueprint) -> None:
+        """Write everything and the layout to ``path``, in one move."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part")
+        self.stream.save(part, default_blueprint=layout)
+        self.stream.flush()
+        self.stream.disconnect()
+        part.replace(path)
+
+    def _when(self, times: np.ndarray) -> list[rr.TimeColumn]:
+        import rerun as rr
+
+        steps = np.rint(np.asarray(times) / self.step).astype(np.int64)
+        return [
+            rr.TimeColumn("sim_time", duration=np.asarray(times, np.float64)),
+            rr.TimeColumn("step", sequence=steps),
+        ]

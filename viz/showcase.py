@@ -1,0 +1,117 @@
+"""The arrays that a recording and a contact sheet are made of: names, shapes, checks, file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+Arrays = Mapping[str, np.ndarray]
+ROLES = ("truth", "prediction", "counterfactual_truth", "counterfactual")
+
+
+def read_showcase(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """The arrays and the description that a run folder keeps in ``showcase/*.safetensors``.
+
+    Raises:
+        ValueError: the file cannot be read, or is not a showcase.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="numpy") as file:
+            arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+            meta = dict(file.metadata() or {})
+    except (OSError, SafetensorError) as error:
+        raise ValueError(
+            f"showcase {path}: cannot be read ({error}); run the cell again"
+        ) from error
+    check_showcase(arrays)
+    return arrays, meta
+
+
+def check_showcase(showcase: Arrays) -> None:
+    """Raise ValueError unless the arrays of a ladder cell are there and fit together."""
+    energies = [f"energy_{role}" for role in ROLES]
+    _require("showcase", showcase, ("times", "half_extent", *ROLES, *energies))
+    _scalar("showcase", showcase, "half_extent")
+    steps = _instants("showcase", showcase, "times")
+    bodies = np.shape(showcase["truth"])[1:2]
+    for role in ROLES:
+        _shape("showcase", showcase, role, (steps, *bodies, 2))
+        _shape("showcase", showcase, f"energy_{role}", (steps,))
+    if "energy_long" in showcase:
+        _require("showcase", showcase, ("long_times",))
+        count = _instants("showcase", showcase, "long_times")
+        _shape("showcase", showcase, "energy_long", (count,))
+    if "frames" in showcase:
+        _require("showcase", showcase, ("frame_times", "track"))
+        _pictures("showcase", showcase)
+
+
+def check_video(video: Arrays) -> None:
+    """Raise ValueError unless the arrays of a real clip are there and fit together."""
+    keys = ("frames", "frame_times", "track", "readout", "rollout", "rollout_times", "half_extent")
+    _require("video", video, keys)
+    _scalar("video", video, "half_extent")
+    count = _pictures("video", video)
+    bodies = np.shape(video["track"])[1]
+    _shape("video", video, "readout", (count, bodies, 2))
+    _shape("video", video, "rollout", (_instants("video", video, "rollout_times"), bodies, 2))
+
+
+def half_extent(arrays: Arrays) -> float:
+    """The world length of half of the longer image side, from a scalar or a single number."""
+    return float(np.asarray(arrays["half_extent"]).reshape(()))
+
+
+def zoom_extent(showcase: Arrays) -> float:
+    """Half the side of the square that holds what truly happens, at most the viewport's."""
+    reach = max(
+        float(np.nanmax(np.abs(showcase[role]))) for role in ("truth", "counterfactual_truth")
+    )
+    return min(half_extent(showcase), 1.15 * reach)
+
+
+def _require(who: str, arrays: Arrays, keys: Sequence[str]) -> None:
+    missing = [key for key in keys if key not in arrays]
+    if missing:
+        raise ValueError(f"{who}: expected {', '.join(keys)}; missing {', '.join(missing)}")
+
+
+def _scalar(who: str, arrays: Arrays, key: str) -> None:
+    if np.size(arrays[key]) != 1 or not np.all(np.asarray(arrays[key]) > 0):
+        raise ValueError(f"{who}: {key} must be one positive number, got {arrays[key]}")
+
+
+def _shape(who: str, arrays: Arrays, key: str, expected: tuple[int, ...]) -> None:
+    if np.shape(arrays[key]) != expected:
+        got = np.shape(arrays[key])
+        raise ValueError(f"{who}: {key} must have shape {expected}, got {got}")
+
+
+def _instants(who: str, arrays: Arrays, key: str) -> int:
+    times = np.asarray(arrays[key])
+    if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
+        raise ValueError(
+            f"{who}: {key} must be two or more increasing instants (seconds), "
+            f"got an array of shape {times.shape}"
+        )
+    return len(times)
+
+
+def _pictures(who: str, arrays: Arrays) -> int:
+    frames = np.asarray(arrays["frames"])
+    count = _instants(who, arrays, "frame_times")
+    if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8:
+        raise ValueError(
+            f"{who}: frames must be uint8 (F, H, W, 3), got {frames.dtype} {frames.shape}"
+        )
+    track = np.shape(arrays["track"])
+    if len(frames) != count or len(track) != 3 or track[0] != count or track[2] != 2:
+        raise ValueError(
+            f"{who}: {count} frame times, {len(frames)} frames and a track of shape {track} "
+            "do not belong together; expected (F,), (F, H, W, 3), (F, N, 2)"
+        )
+    return count
