@@ -40,14 +40,14 @@ def shoot(
     roll: Roll,
     positions: Float[Tensor, "b t n d"],
     guess: PhaseState,
-    rounds: int = 8,
-    first_window: int = 4,
+    rounds: int = 4,
+    first_window: int = 5,
     confidence: Float[Tensor, "b t n"] | None = None,
 ) -> ShootingFit:
     """Fit the state at the first frame by damped Gauss-Newton (Levenberg-Marquardt).
 
     A long window of a chaotic system has many wrong minima, so the fit starts on the first
-    ``first_window`` frames and grows the window two frames at a time.
+    ``first_window`` frames and then takes in the rest.
 
     Args:
         roll: ``(start (b, n, d), frames) -> states (b, frames, n, d)``, the start included;
@@ -83,7 +83,7 @@ def shoot(
 
 def _windows(first: int, frames: int) -> list[int]:
     first = max(3, min(first, frames))
-    return [*range(first, frames, 2), frames]
+    return [first, frames] if first < frames else [frames]
 
 
 class _Problem:
@@ -117,7 +117,7 @@ class _Problem:
 
 def _levenberg_marquardt(problem: _Problem, x: Tensor, frames: int, rounds: int) -> Tensor:
     """Per-episode damping: down by 10 where a step helps, up by 10 where it does not."""
-    damping = torch.full_like(x[:, :1], 1e-3)
+    damping = torch.full_like(x[:, :1], 1e-3, dtype=torch.float64)
     cost = problem.cost(x, frames)
     for _ in range(rounds):
         residual, jacobian = problem.linearise(x, frames)
@@ -125,11 +125,10 @@ def _levenberg_marquardt(problem: _Problem, x: Tensor, frames: int, rounds: int)
         jacobian = torch.where(good[:, None, None], jacobian, 0)
         residual = torch.where(good[:, None], residual, 0)
         normal = jacobian.mT @ jacobian
+        normal, slope = normal.double(), -(jacobian.mT @ residual[..., None]).double()
         ridge = damping * normal.diagonal(dim1=1, dim2=2).clamp_min(1e-12)
-        step = torch.linalg.solve(
-            normal + torch.diag_embed(ridge), -(jacobian.mT @ residual[..., None])
-        )
-        trial = x + step.squeeze(-1)
+        step = torch.linalg.solve(normal + torch.diag_embed(ridge), slope)
+        trial = x + step.squeeze(-1).to(x.dtype)
         trial_cost = problem.cost(trial, frames)
         better = trial_cost < cost
         x = torch.where(better[:, None], trial, x)

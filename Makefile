@@ -1,0 +1,34 @@
+# Two commands do everything: `make ladder` and `make test`. Both set up .venv on their first call
+# and whenever pyproject.toml has changed.
+
+PYTHON ?= python3
+VENV := .venv
+READY := $(VENV)/.ready
+
+.PHONY: ladder test check setup
+
+ladder: $(READY)
+	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
+
+test: $(READY)
+	$(VENV)/bin/python -m pytest -n 2
+
+check: $(READY)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+setup: $(READY)
+
+# A changed pyproject.toml rebuilds the environment from nothing; uv only speeds the download.
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "error: $(PYTHON) is older than 3.11; call make with PYTHON=python3.11 or newer"; exit 2; }
+	@$(PYTHON) -c 'import ensurepip' || \
+	  { echo "error: $(PYTHON) has no venv module; on Debian: apt-get install python3-venv"; exit 2; }
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet uv
+	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python --editable ".[test]"
+	touch $(READY)

@@ -1,0 +1,94 @@
+"""K1-K7: hand-made rollouts whose scores are known."""
+
+import pytest
+import torch
+
+from dynamics import PhaseState
+from vidphys import metrics as m
+
+
+def states(q: torch.Tensor) -> PhaseState:
+    return PhaseState(q, torch.zeros_like(q))
+
+
+def line(slope: float, episodes: int = 4, steps: int = 6) -> PhaseState:
+    t = torch.arange(steps, dtype=torch.float64)
+    q = (slope * t)[None, :, None, None].expand(episodes, steps, 1, 2).clone()
+    return states(q)
+
+
+def test_energy_drift_is_relative_and_guarded_near_zero():
+    energy = torch.tensor([[2.0, 1.0], [1e-9, 0.5]], dtype=torch.float64)
+    drift = m.energy_drift(energy, torch.tensor([4.0, 5.0], dtype=torch.float64))
+    assert drift[0, 1] == 0.5
+    assert drift[1, 1] == pytest.approx(0.1)
+
+
+def test_nonfinite_episodes_are_counted_and_get_no_number():
+    values = torch.tensor([1.0, float("nan"), 3.0, float("inf"), 2.0])
+    assert m.median(values) == m.Summary(2.0, "ok", 5, 2)
+    assert m.worst(values).value == 3.0
+    assert m.fraction_over_one(values).value == pytest.approx(2 / 3)
+    assert m.median(torch.full((3,), float("nan"))) == m.Summary(None, "failed", 3, 3)
+
+
+def test_nmse_pools_variance_over_all_channels_of_q_and_p():
+    reference = line(1.0)
+    shifted = states(reference.q + 1.0)
+    variance = reference.flat.var(correction=0)
+    # Only q is off by one: half of the channels.
+    assert m.nmse(shifted, reference).value == pytest.approx(float(0.5 / variance))
+    per_episode = m.episode_nmse(shifted, reference)
+    assert per_episode.mean() == pytest.approx(m.nmse(shifted, reference).value)
+
+
+def test_one_lost_episode_fails_the_pooled_error():
+    broken = line(1.0)
+    broken.q[2, 3] = float("nan")
+    assert m.nmse(broken, line(1.0)) == m.Summary(None, "failed", 4, 1)
+    assert m.regime_match(broken, line(1.0), line(-1.0)).status == "failed"
+
+
+def test_nmse_refuses_a_reference_that_does_not_vary():
+    with pytest.raises(ValueError, match="does not vary"):
+        m.nmse(line(1.0), line(0.0))
+
+
+def test_regime_match_compares_distances_not_normalised_errors():
+    flipped, trained = line(-1.0), line(3.0)
+    assert m.regime_match(line(-0.9), flipped, trained).value == 1
+    assert m.regime_match(line(2.9), flipped, trained).value == 0
+    # Nearer to flipped (1.5 against 2.5) although trained has the larger variance.
+    assert m.regime_match(line(0.5), flipped, trained).value == 1
+
+
+def test_ties_do_not_match():
+    assert m.regime_match(line(0.0), line(-1.0), line(1.0)).value == 0
+
+
+def test_the_gate_refuses_a_match_that_a_ballistic_predictor_beats():
+    match = m.Summary(1.0, "ok", 4, 0)
+    worse, better = m.Summary(0.2, "ok", 4, 0), m.Summary(0.1, "ok", 4, 0)
+    assert m.gated_regime_match(match, worse, better).status == "invalid"
+    assert m.gated_regime_match(match, better, worse).value == 1.0
+    assert m.ratio(better, worse).value == pytest.approx(0.5)
+
+
+def test_cosine_sees_direction_and_sign():
+    force = torch.randn(5, 3, 2)
+    assert m.cosine(2 * force, force).value == pytest.approx(1.0)
+    assert m.cosine(-force, force).value == pytest.approx(-1.0)
+
+
+def test_affine_residual_is_zero_for_an_affine_latent_and_one_for_noise():
+    generator = torch.Generator().manual_seed(0)
+    state = torch.randn(400, 4, generator=generator, dtype=torch.float64)
+    latent = state @ torch.randn(4, 4, generator=generator, dtype=torch.float64) + 2.0
+    assert m.affine_residual(latent, state).value < 1e-12
+    noise = torch.randn(400, 4, generator=generator, dtype=torch.float64)
+    assert 0.9 < m.affine_residual(noise, state).value < 1.2
+
+
+def test_latent_growth_is_a_ratio_of_norms():
+    q = torch.ones(3, 5, 1, 2) * torch.tensor([1.0, 1, 1, 1, 4])[None, :, None, None]
+    assert m.latent_growth(states(q), 4).value == pytest.approx(4.0)

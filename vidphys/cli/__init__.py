@@ -1,0 +1,84 @@
+"""The command line: one file a verb, and one place where errors become a line and a code."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+VERBS = {
+    "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
+    "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
+    "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
+    "train": ("TrainConfig", "train a readout and a dynamics head on a clip"),
+    "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
+    "doctor": ("DoctorConfig", "say what this machine has"),
+}
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one verb; returns the exit code.
+
+    0: done. 1: a run failed. 2: the input was wrong, said in one line. 130: interrupted, with
+    the work so far kept.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(_usage())
+        return OK if arguments else WRONG_INPUT
+    verb, rest = arguments[0], arguments[1:]
+    if verb not in VERBS:
+        return _error(f"vidphys {verb}: no such verb; use one of {', '.join(VERBS)}")
+    stranger = _stranger()
+    if stranger:
+        return _error(stranger)
+    # The viewer's library reports usage by default; nothing here does unless asked.
+    os.environ.setdefault("RERUN_ANALYTICS", "0")
+    return _run(verb, rest)
+
+
+def _run(verb: str, rest: list[str]) -> int:
+    import tyro
+
+    from vidphys.errors import InputError
+
+    module = importlib.import_module(f"vidphys.cli.{verb}")
+    config_type = getattr(module, VERBS[verb][0])
+    config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
+    try:
+        return getattr(module, verb)(config) or OK
+    except InputError as error:
+        return _error(str(error))
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _error(text: str) -> int:
+    print(f"error: {' '.join(text.split())}", file=sys.stderr)
+    return WRONG_INPUT
+
+
+def _usage() -> str:
+    lines = [f"  {verb:<10}{text}" for verb, (_, text) in VERBS.items()]
+    return "\n".join(
+        ["usage: vidphys VERB [options]", "", *lines, "", "vidphys VERB --help shows an example."]
+    )
+
+
+def _stranger() -> str | None:
+    """Name a stage package that resolves to somebody else's, if one does."""
+    home = Path(__file__).resolve().parents[2]
+    for name in STAGES:
+        spec = importlib.util.find_spec(name)
+        if spec is None or spec.origin is None or Path(spec.origin).resolve().parents[1] != home:
+            found = spec.origin if spec else "nothing"
+            return (
+                f"import {name}: found {found}, not vidphys' own package; remove the other one "
+                "from the path"
+            )
+    return None

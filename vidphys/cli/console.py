@@ -1,0 +1,72 @@
+"""What a verb shows while it works: bars on a terminal, plain lines otherwise."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+from rich.console import Console as RichConsole
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+LINE_SECONDS = 10.0
+
+
+class Console:
+    """Progress of a known number of units of work, as a context."""
+
+    def __init__(self, quiet: bool, units: int, name: str) -> None:
+        self.quiet, self.units, self.name = quiet, units, name
+        self.rich = RichConsole(stderr=True)
+        self.live = self.rich.is_terminal and not quiet
+        self.finished = 0
+        self.began = self.last_line = time.monotonic()
+        self.bars: dict[str, int] = {}
+
+    def __enter__(self) -> Console:
+        if self.live:
+            columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+            self.progress = Progress(*columns, console=self.rich, transient=True)
+            self.progress.start()
+            self.total = self.progress.add_task(self.name, total=self.units)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.live:
+            self.progress.stop()
+
+    def stage(self, message: tuple[str, int, int]) -> None:
+        """Show how far one stage of one worker is."""
+        name, step, steps = message
+        if self.live:
+            if name not in self.bars:
+                self.bars[name] = self.progress.add_task(name, total=steps)
+            self.progress.update(self.bars[name], completed=step, visible=step < steps)
+        elif not self.quiet and time.monotonic() - self.last_line > LINE_SECONDS:
+            self.last_line = time.monotonic()
+            self._line(f"{name}: {step} of {steps}")
+
+    def done(self, _index: int) -> None:
+        """Count one finished unit."""
+        self.finished += 1
+        if self.live:
+            self.progress.update(self.total, completed=self.finished)
+        elif not self.quiet:
+            self._line(f"{self.finished} of {self.units} units finished")
+
+    def warn(self, text: str) -> None:
+        """Say something that must not be missed, even when quiet."""
+        print(f"warning: {text}", file=sys.stderr)
+
+    def result(self, text: str) -> None:
+        """The last word, on standard output."""
+        print(text)
+
+    def _line(self, text: str) -> None:
+        seconds = time.monotonic() - self.began
+        print(f"[{self.name} {seconds:6.0f} s] {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,260 @@
+"""The grounding ladder: the same question to the same heads, from the oracle down to pixels."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from dynamics import HEADS, Head
+from dynamics.build import to_config
+from vidphys import checkpoint
+from vidphys.errors import InputError
+from vidphys.experiments.oracle import held_out_question, score_oracle, train_on_states
+from vidphys.experiments.pixels import (
+    TRAINERS,
+    draw,
+    fit_perception,
+    perceive,
+    train_and_score,
+)
+from vidphys.experiments.scoring import INVERSION_STEPS, Question
+from vidphys.experiments.showcase import write_showcase
+from vidphys.metrics import FAILED, Summary
+from vidphys.perception import GROUNDINGS
+from vidphys.presets import Preset
+from vidphys.records import Origin, Recorder
+from vidphys.runs import RunFolder
+from vidphys.scenes import Scene, gravity
+
+EXPERIMENT = "ladder"
+ORACLE = "oracle"
+ALL_HEADS = (
+    "factored",
+    "unstructured",
+    "factored-radial",
+    "factored-learned-kinetic",
+    "symplectic",
+)
+TWINS = ("factored", "unstructured")
+FULL = (ORACLE, "renderer")  # rungs on which every head is compared
+RUNGS = (ORACLE, *GROUNDINGS)
+DTYPE = "float32"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one worker does in one go: a rung and a seed, with all the heads asked of it."""
+
+    grounding: str
+    heads: tuple[str, ...]
+    seed: int
+
+    def part(self, head: str) -> str:
+        """Name of one cell's piece of work."""
+        return f"{self.grounding}-{head}-s{self.seed}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The ladder that was asked for."""
+
+    units: tuple[Unit, ...]
+
+    @property
+    def parts(self) -> list[str]:
+        return [unit.part(head) for unit in self.units for head in unit.heads]
+
+
+def plan(rungs: Sequence[str], heads: Sequence[str], seeds: int) -> Plan:
+    """Cells by name: rungs or ``rung/head``; no name means all.
+
+    Raises:
+        InputError: an unknown rung or head (the nearest spelling is given), or no seed.
+    """
+    if seeds < 1:
+        raise InputError(f"--seeds {seeds}: at least one seed is needed")
+    for head in heads:
+        _known(head, tuple(HEADS), "--heads")
+    chosen: dict[str, list[str]] = {}
+    for name in rungs or RUNGS:
+        rung, _, head = name.partition("/")
+        _known(rung, RUNGS, "--cells")
+        default = ALL_HEADS if rung in FULL else TWINS
+        if head:
+            _known(head, tuple(HEADS), "--cells")
+        asked = [head] if head else list(heads) or list(default)
+        chosen.setdefault(rung, []).extend(h for h in asked if h not in chosen.get(rung, []))
+    # Seeds outermost: an interrupted ladder has whole ladders of fewer seeds.
+    return Plan(
+        tuple(Unit(r, tuple(h), seed) for seed in range(seeds) for r, h in chosen.items())
+    )
+
+
+def _known(name: str, names: tuple[str, ...], option: str) -> None:
+    if name not in names:
+        near = difflib.get_close_matches(name, names, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise InputError(f"{option} {name}: unknown{hint} Known: {', '.join(names)}")
+
+
+def settings_of(preset_name: str, preset: Preset, ladder: Plan) -> dict[str, Any]:
+    """The resolved configuration, as it stands in ``run.json``."""
+    return {
+        "experiment": EXPERIMENT,
+        "preset": preset_name,
+        "sizes": asdict(preset),
+        "seeds": sorted({unit.seed for unit in ladder.units}),
+        "cells": sorted({f"{u.grounding}/{h}" for u in ladder.units for h in u.heads}),
+        "scene": oracle_scene().settings,
+        "pixel_scene": pixel_scene().settings,
+        "heads": {name: to_config(terms) for name, terms in HEADS.items()},
+        "device": "cpu",
+        "dtype": DTYPE,
+    }
+
+
+def oracle_scene() -> Scene:
+    """S1 with the headline generator."""
+    return gravity("gaussian")
+
+
+def pixel_scene() -> Scene:
+    """S1 with unit masses: a disk's picture does not show its mass."""
+    return gravity("gaussian", mass=(1.0, 1.0))
+
+
+Report = Callable[[str, int, int], None]
+
+
+def run_unit(path: Path, unit: Unit, preset: Preset, report: Report) -> None:
+    """Do what is left of one unit and keep each cell's tables as it is finished.
+
+    Args:
+        path: the run folder.
+        unit: rung, heads and seed.
+        preset: sizes.
+        report: called as ``(stage, step, steps)``.
+    """
+    torch.set_num_threads(1)
+    run = RunFolder(path)
+    left = [head for head in unit.heads if not run.is_done(unit.part(head))]
+    if not left:
+        return
+    if unit.grounding == ORACLE:
+        _run_oracle(run, unit, left, preset, report)
+    else:
+        _run_pixels(run, unit, left, preset, report)
+
+
+def _run_oracle(
+    run: RunFolder, unit: Unit, heads: list[str], preset: Preset, report: Report
+) -> None:
+    scene = oracle_scene()
+    question = held_out_question(scene, preset.oracle.held_out, unit.seed)
+    for name in heads:
+        recorder = Recorder(_origin(unit, name, scene, "none", "none"))
+        folder = run.checkpoints(unit.part(name))
+        began = time.perf_counter()
+        try:
+            progress = _stage(report, unit.part(name))
+            head = train_on_states(
+                name, scene, preset.oracle, unit.seed, recorder, folder / "fit.json", progress
+            )
+            score_oracle(recorder, head, question)
+            _keep(run, unit, name, head, question, folder)
+        except FloatingPointError:
+            _failed(recorder, preset.oracle.held_out)
+        recorder.add_value("seconds", time.perf_counter() - began)
+        run.finish(unit.part(name), *recorder.tables())
+
+
+def _run_pixels(
+    run: RunFolder, unit: Unit, heads: list[str], preset: Preset, report: Report
+) -> None:
+    scene, sizes = pixel_scene(), preset.pixel
+    grounding = GROUNDINGS[unit.grounding]
+    report(f"{unit.grounding} seed {unit.seed}: rendering", 0, 1)
+    seen = draw(scene, grounding, sizes, unit.seed)
+    shared = None
+    for name in heads:
+        part = unit.part(name)
+        recorder = Recorder(_origin(unit, name, scene, grounding.encoder, grounding.binder))
+        began = time.perf_counter()
+        if shared is None or grounding.joint:
+            eyes = run.checkpoints(part if grounding.joint else f"{unit.grounding}-s{unit.seed}")
+            progress = _stage(report, f"{part}: seeing")
+            fitted = fit_perception(grounding, seen, sizes, unit.seed, name, eyes, progress)
+            shared = fitted, perceive(fitted, seen)
+        fitted, perceived = shared
+        for readout in TRAINERS:
+            reading = recorder.reading(readout)
+            folder = run.checkpoints(part) / readout
+            try:
+                head, question = train_and_score(
+                    readout,
+                    name,
+                    scene,
+                    seen,
+                    perceived,
+                    fitted.head,
+                    sizes,
+                    unit.seed,
+                    reading,
+                    folder,
+                    _stage(report, f"{part}: {readout}"),
+                )
+                # The last readout is the better one; its episode is the one shown.
+                _keep(run, unit, name, head, question, folder, seen.test, perceived.test)
+            except FloatingPointError:
+                _failed(reading, sizes.held_out)
+        recorder.add_value("seconds", time.perf_counter() - began)
+        run.finish(part, *recorder.tables())
+
+
+def _origin(unit: Unit, head: str, scene: Scene, encoder: str, binder: str) -> Origin:
+    return Origin(
+        experiment=EXPERIMENT,
+        cell=f"{unit.grounding}/{head}",
+        system=scene.name,
+        grounding=unit.grounding,
+        encoder=encoder,
+        binder=binder,
+        readout="none",
+        head=head,
+        seed=unit.seed,
+        device="cpu",
+        dtype=DTYPE,
+    )
+
+
+def _stage(report: Report, name: str) -> Callable[[int, int, float], None]:
+    return lambda step, steps, _loss: report(name, step, steps)
+
+
+def _failed(recorder: Recorder, episodes: int) -> None:
+    """A training that diverged has no number, and is counted."""
+    lost = Summary(None, FAILED, episodes, episodes)
+    recorder.add("inversion_nmse", lost, -1.0, INVERSION_STEPS)
+
+
+def _keep(
+    run: RunFolder,
+    unit: Unit,
+    name: str,
+    head: Head,
+    question: Question,
+    folder: Path,
+    *seen: Any,
+) -> None:
+    """Keep the trained head, and for the first seed the arrays of its recording."""
+    meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": question.scene.bodies}
+    checkpoint.save(folder / "head.json", dict(head.state_dict()), meta)
+    if unit.seed == 0:
+        cell = f"{unit.grounding}/{name}"
+        write_showcase(run.showcase(cell), head, question, {"cell": cell, "seed": "0"}, *seen)

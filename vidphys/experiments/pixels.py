@@ -1,0 +1,129 @@
+"""The rungs with pictures: clips are perceived, a head is trained on the tracks, both are scored.
+
+Each rung is scored with both readouts, on the same tracks and with a head trained under each.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from binders import Tracks
+from dynamics import HEADS, Head, build
+from renderers import WORLDS, Camera
+from vidphys import metrics
+from vidphys.clips import Clips, render_clips
+from vidphys.experiments.scoring import Question, score_drift, score_inversion
+from vidphys.initial_state import READOUTS
+from vidphys.perception.base import HEAD_DT, Fitted, FitTask, Grounding
+from vidphys.perception.relabel import relabel
+from vidphys.presets import PixelSizes
+from vidphys.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.seeding import derive
+from vidphys.track_training import TrackTask, train_by_differencing, train_by_shooting
+from vidphys.train import Progress
+
+TRAINERS = {"differencing": train_by_differencing, "shooting": train_by_shooting}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Training and held-out clips of a rung; the held-out ones end at t0."""
+
+    train: Clips
+    test: Clips
+
+
+def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Seen:
+    """Render the clips of a rung."""
+    world = WORLDS[grounding.world](camera=Camera(height=sizes.image, width=sizes.image))
+    train = render_clips(scene, world, sizes.clips, sizes.frames, sizes.stride, seed, "train")
+    test = render_clips(scene, world, sizes.held_out, sizes.context, sizes.stride, seed, "test")
+    return Seen(train, test)
+
+
+@dataclass(frozen=True)
+class Perceived:
+    """Tracks of both sets of clips; the held-out ones are relabelled to the true bodies."""
+
+    train: Tracks
+    test: Tracks
+
+
+def perceive(fitted: Fitted, seen: Seen) -> Perceived:
+    """Run a fitted perception over the clips of a rung."""
+    test = fitted.perception.tracks(seen.test)
+    return Perceived(
+        fitted.perception.tracks(seen.train), relabel(test, seen.test.states.q)
+    )
+
+
+def fit_perception(
+    grounding: Grounding,
+    seen: Seen,
+    sizes: PixelSizes,
+    seed: int,
+    head: str,
+    folder: Path | None,
+    progress: Progress | None,
+) -> Fitted:
+    """Fit a rung's perception; a joint one through a head of the given name."""
+    task_seed = derive(seed, "perception", grounding.name)
+    torch.manual_seed(task_seed)
+    return grounding.fit(FitTask(seen.train, sizes, task_seed, head, folder, progress))
+
+
+def train_and_score(
+    readout: str,
+    head_name: str,
+    scene: Scene,
+    seen: Seen,
+    perceived: Perceived,
+    warm: Head | None,
+    sizes: PixelSizes,
+    seed: int,
+    recorder: Recorder,
+    folder: Path | None,
+    progress: Progress | None,
+) -> tuple[Head, Question]:
+    """One readout of one cell: train the head on the tracks, read the start at t0, score."""
+    torch.manual_seed(derive(seed, "init", head_name))
+    head = build(HEADS[head_name], scene.bodies, HEAD_DT) if warm is None else copy.deepcopy(warm)
+    task = TrackTask(
+        perceived.train,
+        seen.train.params,
+        seen.train.interval,
+        sizes.smooth_steps,
+        sizes.shooting_steps,
+        derive(seed, "order", head_name, readout),
+        folder,
+        progress,
+    )
+    result = TRAINERS[readout](head, task)
+    recorder.add_value("training_loss", result.final_loss)
+    start = READOUTS[readout](head, perceived.test, seen.test.params, seen.test.interval)
+    question = Question(scene, start, seen.test.states[:, -1], seen.test.params)
+    score_state(recorder, question)
+    score_inversion(recorder, head, question)
+    score_drift(recorder, head, question)
+    return head, question
+
+
+def score_state(recorder: Recorder, question: Question) -> None:
+    """Errors of the perceived state at t0, position and momentum apart, and K5."""
+    start, truth = question.start, question.truth
+    pairs = {"position_nmse": (start.q, truth.q), "momentum_nmse": (start.p, truth.p)}
+    for name, (seen, true) in pairs.items():
+        error = (seen.double() - true).square().flatten(1).mean(1)
+        relative = error / true.var(correction=0)
+        lost = int((~torch.isfinite(relative)).sum())
+        value = None if lost else float(relative.mean())
+        status = metrics.FAILED if lost else metrics.OK
+        recorder.add(name, metrics.Summary(value, status, len(error), lost))
+        recorder.add_episodes(name, relative)
+    recorder.add("affine_residual", metrics.affine_residual(start.flat, truth.flat))
+

@@ -1,0 +1,94 @@
+"""The arrays that a cell's recording is drawn from: one held-out episode, told whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import torch
+from safetensors.torch import save_file
+from torch import Tensor
+
+from binders import Tracks
+from dynamics import Head, PhaseState, Rollout
+from vidphys.atomic import write_with
+from vidphys.clips import Clips
+from vidphys.experiments.scoring import DRIFT_STEPS, STORE_EVERY, Question
+
+SHOWN_STEPS = 500  # reference steps after t0
+FLIPPED = -1.0
+
+
+def write_showcase(
+    path: Path,
+    head: Head,
+    question: Question,
+    meta: dict[str, str],
+    clips: Clips | None = None,
+    tracks: Tracks | None = None,
+    episode: int = 0,
+) -> None:
+    """Roll one episode under both laws, in truth and by the head, and keep every array.
+
+    Args:
+        path: ``.safetensors`` file; ``meta`` goes into its header.
+        head: a trained head.
+        question: start and truth of the held-out episodes.
+        meta: strings (cell, seed, ...).
+        clips, tracks: the frames seen until t0 and what was perceived in them.
+        episode: which of the held-out ones.
+    """
+    one = slice(episode, episode + 1)
+    question = Question(
+        question.scene, question.start[one], question.truth[one], question.params[one]
+    )
+    scene, params = question.scene, question.params
+    flipped = params.with_coupling(FLIPPED)
+    truth = scene.simulate(question.truth, params, SHOWN_STEPS, STORE_EVERY)
+    other = scene.simulate(question.truth, flipped, SHOWN_STEPS, STORE_EVERY)
+    predicted = question.ask(head, SHOWN_STEPS)
+    counterfactual = question.ask(head, SHOWN_STEPS, FLIPPED)
+    long = question.ask(head, DRIFT_STEPS[-1])
+    arrays = {
+        "times": truth.times,
+        "truth": _path(truth.states),
+        "prediction": _path(predicted.states),
+        "counterfactual_truth": _path(other.states),
+        "counterfactual": _path(counterfactual.states),
+        "energy_truth": scene.energy(truth.states, params)[0],
+        "energy_prediction": scene.energy(predicted.states, params)[0],
+        "energy_counterfactual_truth": scene.energy(other.states, flipped)[0],
+        "energy_counterfactual": scene.energy(counterfactual.states, flipped)[0],
+        "long_times": _times(long),
+        "energy_long": scene.energy(long.states, params)[0],
+    }
+    if clips is not None and tracks is not None:
+        arrays |= _seen(clips, tracks, episode)
+    extent = 4.0 if clips is None else clips.world.camera.half_extent
+    arrays["half_extent"] = torch.tensor(extent, dtype=torch.float64)
+    whole = {k: v.contiguous() for k, v in arrays.items()}
+    header = {**meta, "coupling": json.dumps(float(params.coupling[0]))}
+    write_with(path, lambda partial: save_file(whole, partial, metadata=header))
+
+
+def _times(rolled: Rollout) -> Tensor:
+    return rolled.times
+
+
+def _path(states: PhaseState) -> Tensor:
+    return states.q[0].double()
+
+
+def _seen(clips: Clips, tracks: Tracks, episode: int) -> dict[str, Tensor]:
+    """The context: frames as pictures, and perceived positions, at times up to t0 = 0."""
+    frames = clips.frames[episode]
+    channels = frames.shape[1]
+    picture = frames.new_zeros(len(frames), 3, *frames.shape[2:])
+    for c in range(3):
+        picture[:, c] = frames[:, min(c, channels - 1)]
+    times = clips.times - clips.times[-1]
+    return {
+        "frames": picture.permute(0, 2, 3, 1),
+        "frame_times": times,
+        "track": tracks.positions[episode].double(),
+    }

@@ -1,0 +1,85 @@
+"""The state at t0 of a clip, read from the frames that lead up to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from binders import Tracks
+from dynamics import Head, Parameters, PhaseState
+from dynamics.unstructured import ResidualMap
+from readouts.differencing import backward_difference
+from readouts.shooting import ShootingFit, shoot
+from vidphys.perception.base import HEAD_DT
+from vidphys.segments import roll
+
+WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
+UNUSUAL = 3.0  # times the median residual
+
+
+def by_differencing(
+    head: Head, tracks: Tracks, params: Parameters, interval: float
+) -> PhaseState:
+    """The last frame's positions, momentum by a second-order backward difference."""
+    return backward_difference(tracks.positions, params.mass.to(tracks.positions), interval)
+
+
+def by_shooting(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
+    """The end of the rollout that passes through the window's positions under the head.
+
+    Episodes whose residual is unusually large (an encounter in the window that the head or the
+    binder got wrong) are fitted again on shorter windows that end at the same frame; the one
+    with the smallest residual per frame is kept where none is usual.
+    """
+    positions, confidence = tracks.positions.float(), tracks.confidence.float()
+    params = params.map(torch.Tensor.float)
+    best = _fit(head, positions[:, -WINDOWS[0] :], confidence, params, interval)
+    state, rmse = best.states[:, -1], best.rmse
+    usual = UNUSUAL * float(rmse.median())
+    for window in WINDOWS[1:]:
+        bad = torch.nonzero(~(rmse <= usual)).squeeze(-1)
+        if not len(bad) or window >= positions.shape[1]:
+            continue
+        again = _fit(head, positions[bad, -window:], confidence[bad], params[bad], interval)
+        better = again.rmse < rmse[bad]
+        rows = bad[better]
+        state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
+        rmse[rows] = again.rmse[better]
+    return state
+
+
+def _fit(
+    head: Head, positions: Tensor, confidence: Tensor, params: Parameters, interval: float
+) -> ShootingFit:
+    a, b, c = positions[:, 0], positions[:, 1], positions[:, 2]
+    momentum = params.mass[..., None] * (-3 * a + 4 * b - c) / (2 * interval)
+    confidence = confidence[:, -positions.shape[1] :].clamp_min(1e-3)
+    with torch.no_grad():
+        return shoot(
+            frame_roll(head, params, interval),
+            positions,
+            PhaseState(a, momentum),
+            confidence=confidence,
+        )
+
+
+def frame_roll(
+    head: Head, params: Parameters, interval: float
+) -> Callable[[PhaseState, int], PhaseState]:
+    """The head as a function from a start to the states at frames, the start included."""
+    dt = head.dt if isinstance(head, ResidualMap) else HEAD_DT
+    every = round(interval / dt)
+
+    def rolled(start: PhaseState, frames: int) -> PhaseState:
+        later = roll(head, start, params, frames - 1, dt, every)
+        return PhaseState(
+            torch.cat([start.q.unsqueeze(-3), later.q], -3),
+            torch.cat([start.p.unsqueeze(-3), later.p], -3),
+        )
+
+    return rolled
+
+
+READOUTS = {"differencing": by_differencing, "shooting": by_shooting}
