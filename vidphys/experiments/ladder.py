@@ -26,7 +26,7 @@ from vidphys.experiments.pixels import (
 from vidphys.experiments.scoring import INVERSION_STEPS, Question
 from vidphys.experiments.showcase import write_showcase
 from vidphys.metrics import FAILED, Summary
-from vidphys.perception import GROUNDINGS
+from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import Preset
 from vidphys.records import Origin, Recorder
 from vidphys.runs import RunFolder

@@ -1,0 +1,1 @@
+"""Ways of seeing: from rendered clips to tracks, one file a family."""

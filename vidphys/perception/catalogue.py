@@ -1,0 +1,11 @@
+"""Every grounding of the ladder by name; a new one is one file and one line here."""
+
+from vidphys.perception.anonymous import ANONYMOUS_GROUNDINGS
+from vidphys.perception.base import Grounding
+from vidphys.perception.channel_groundings import CHANNEL_GROUNDINGS
+
+GROUNDINGS: dict[str, Grounding] = {
+    g.name: g for g in (*CHANNEL_GROUNDINGS, *ANONYMOUS_GROUNDINGS)
+}
+
+__all__ = ["GROUNDINGS", "Grounding"]
