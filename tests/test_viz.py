@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from vidphys.cli.view import ViewConfig, view
 from vidphys.errors import InputError
 from viz import figures
+from viz.cells import number
 from viz.overlay import contact_sheet, world_to_pixel
 from viz.recording import write_overlay_recording, write_recording
 from viz.report import read_run, write_report
@@ -507,7 +508,8 @@ class Tables(HTMLParser):
 
 
 VERDICT, LADDER_TABLE = 0, 1
-HEADLINES = {0: "inversion_nmse", 2: "ballistic_skill", 3: "force_cosine"}
+STATUS, ERROR, MATCH, SKILL, COSINE, DRIFT, WORST, NONFINITE = range(8)
+HEADLINES = {ERROR: "inversion_nmse", SKILL: "ballistic_skill", COSINE: "force_cosine"}
 
 
 def values_of(rows, rung, head, metric, **keys):
@@ -534,11 +536,7 @@ class TestReport:
             for head in HEADS:
                 cells = tables.row(LADDER_TABLE, rung, head)
                 at = {"coupling": -1.0}
-                for k, metric in {
-                    0: "inversion_nmse",
-                    2: "ballistic_skill",
-                    3: "force_cosine",
-                }.items():
+                for k, metric in HEADLINES.items():
                     exact = float(cells[k][1]["data-value"])
                     assert math.isclose(exact, np.mean(values_of(rows, rung, head, metric, **at)))
                     shown = float(cells[k][0].split()[0])
@@ -546,12 +544,12 @@ class TestReport:
                 long = {"horizon": 2000}
                 middle = np.median(values_of(rows, rung, head, "energy_drift_median", **long))
                 worst = max(values_of(rows, rung, head, "energy_drift_worst", **long))
-                assert math.isclose(float(cells[4][1]["data-value"]), middle)
-                assert math.isclose(float(cells[5][1]["data-value"]), worst)
+                assert math.isclose(float(cells[DRIFT][1]["data-value"]), middle)
+                assert math.isclose(float(cells[WORST][1]["data-value"]), worst)
 
     def test_the_spread_is_named_for_what_it_is(self, reported):
         _, page, rows, seeds = reported
-        text = Tables(page).row(LADDER_TABLE, "renderer · shooting", "factored")[0][0]
+        text = Tables(page).row(LADDER_TABLE, "renderer · shooting", "factored")[ERROR][0]
         values = np.array(
             values_of(rows, "renderer · shooting", "factored", "inversion_nmse", coupling=-1.0)
         )
@@ -569,33 +567,33 @@ class TestReport:
 
     def test_all_matching_seeds_carry_the_exact_test(self, reported):
         _, page, _, seeds = reported
-        text = Tables(page).row(LADDER_TABLE, "oracle", "factored")[1][0]
+        text = Tables(page).row(LADDER_TABLE, "oracle", "factored")[MATCH][0]
         assert text.startswith(f"{seeds}/{seeds} p = ")
         assert math.isclose(float(text.split("p = ")[1].split()[0]), 0.5**seeds, rel_tol=5e-3)
-        twin = Tables(page).row(LADDER_TABLE, "renderer · shooting", "unstructured")[1][0]
+        twin = Tables(page).row(LADDER_TABLE, "renderer · shooting", "unstructured")[MATCH][0]
         assert twin.startswith(f"0/{seeds}") and "p =" not in twin
 
     def test_skill_is_marked_by_seed(self, reported):
         _, page, _, seeds = reported
         tables = Tables(page)
-        good = tables.row(LADDER_TABLE, "oracle", "factored")[2][0]
-        bad = tables.row(LADDER_TABLE, "renderer · shooting", "unstructured")[2][0]
+        good = tables.row(LADDER_TABLE, "oracle", "factored")[SKILL][0]
+        bad = tables.row(LADDER_TABLE, "renderer · shooting", "unstructured")[SKILL][0]
         assert f"< 0.5 on {seeds}/{seeds}" in good and f"< 0.5 on 0/{seeds}" in bad
 
     def test_failed_and_invalid_cells_are_words(self, reported):
         _, page, rows, seeds = reported
         tables = Tables(page)
         invalid = tables.row(LADDER_TABLE, "anonymous-tracker · differencing", "factored")
-        assert all(f"invalid {seeds}/{seeds}" in invalid[k][0] for k in (0, 2, 3, 4, 5))
-        assert not any("data-value" in invalid[k][1] for k in (0, 1, 2, 3, 4, 5))
+        assert all(f"invalid {seeds}/{seeds}" in invalid[k][0] for k in range(WORST + 1))
+        assert not any("data-value" in invalid[k][1] for k in range(WORST + 1))
         failed = tables.row(LADDER_TABLE, "renderer · differencing", "unstructured")
-        assert f"failed 1/{seeds}" in failed[4][0]
-        assert failed[6][0] == f"3/{64 * seeds}"
+        assert f"failed 1/{seeds}" in failed[DRIFT][0]
+        assert failed[NONFINITE][0] == f"3/{64 * seeds}"
         left = values_of(
             rows, "renderer · differencing", "unstructured", "energy_drift_median", horizon=2000
         )
-        assert ("data-value" in failed[4][1]) == bool(left)
-        assert f"failed 1/{seeds}" in failed[7][0]
+        assert ("data-value" in failed[DRIFT][1]) == bool(left)
+        assert f"failed 1/{seeds}" in failed[STATUS][0]
 
     def test_trouble_is_told_with_its_reason(self, reported):
         page = reported[1]
@@ -701,7 +699,7 @@ class TestFigures:
         assert np.allclose(seeds, wanted) and np.allclose(mean, np.mean(wanted))
         assert lines["*"] == [np.array([0.12])]  # differencing only: the study has no shooting
         assert "factored: invalid 3/3" in [text.get_text() for text in axes.texts]
-        ballistic = [x for x in lines["None"] if len(x) == 2]
+        ballistic = [x for x in lines[""] if len(x) == 2]
         assert np.allclose(ballistic[0], 0.11)
 
     def test_drift_is_median_line_and_worst_band_capped_for_display(self):
@@ -848,3 +846,12 @@ def test_importing_costs_no_viewer_and_no_drawing():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, "0"), (3.6e-6, "3.60e-6"), (0.99954, "0.99954"), (-0.1, "-0.1"), (1234.5, "1234")]
+    + [(5e4, "5.00e4"), (0.001, "0.001")],
+)
+def test_numbers_are_short_and_true(value, text):
+    assert number(value) == text

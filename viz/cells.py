@@ -12,12 +12,14 @@ Choice = Callable[[Sequence[float]], float | None]
 
 
 def number(value: float) -> str:
-    """Three significant digits; an exponent where zeros would pile up."""
+    """Three significant digits, five close below 1; an exponent where zeros would pile up."""
     if value == 0:
         return "0"
     if not 1e-3 <= abs(value) < 1e4:
         mantissa, exponent = f"{value:.2e}".split("e")
         return f"{mantissa}e{int(exponent)}"
+    if 0.9 <= abs(value) < 1:
+        return f"{value:.5g}"
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 

@@ -7,11 +7,11 @@ matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from viz.summary import Line, Records, Summary, median
+from viz.summary import Line, Records, median
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -55,41 +55,35 @@ def ladder_figure(records: Records, references: Mapping[str, float] | None = Non
         references: figures to compare with, nMSE by cell (``grounding/head``).
     """
     coupling = records.coupling
-    figure, axes = _rows_figure(records)
+    figure, axes, levels = _rows_figure(records)
     axes.set_xscale("log")
-    _dots(axes, records, lambda line: records.pick(line, "inversion_nmse", coupling=coupling))
-    for y, lines in enumerate(records.rungs.values()):
-        values = [
-            value
-            for line in lines
-            if (found := records.pick(line, "ballistic_nmse", coupling=coupling))
-            for value in found.values
-        ]
+    _dots(axes, records, levels, "inversion_nmse")
+    for lines in records.rungs.values():
+        found = [records.pick(line, "ballistic_nmse", coupling=coupling) for line in lines]
+        values = [value for one in found if one for value in one.values]
         if values:
-            mean = sum(values) / len(values)
-            label = "no force at all (skill = 1)" if y == 0 else None
-            axes.plot([mean] * 2, [y - 0.42, y + 0.42], color=INK, lw=1.6, ls=":", label=label)
-        for line in lines:
-            paper = (references or {}).get(f"{line.grounding}/{line.head}")
-            if paper is not None and line.readout != "shooting":  # which the study does not have
-                label = None if "the study" in _labels(axes) else "the study"
-                axes.plot(paper, y, marker="*", ms=13, mfc="none", mec=INK, ls="", label=label)
-    words = "" if coupling is None else f" at G = {coupling:g}"
-    axes.set_xlabel(f"inversion nMSE{words}   (smaller is better, logarithmic)")
+            ends = [levels[lines[0]] - 0.8, levels[lines[-1]] + 0.8]
+            _once(
+                axes, [sum(values) / len(values)] * 2, ends, "no force at all (skill = 1)", ls=":"
+            )
+    for line, level in levels.items():
+        value = (references or {}).get(f"{line.grounding}/{line.head}")
+        if value is not None and line.readout != "shooting":  # which the study does not have
+            _once(axes, [value], [level], "the study", marker="*", ms=13, ls="", hollow=True)
+    axes.set_xlabel(f"inversion nMSE{_at(coupling)}   (smaller is better, logarithmic)")
     _legend(figure, [axes])
     return figure
 
 
 def force_figure(records: Records) -> Figure:
     """Cosine between the learned and the true force under the flipped coupling."""
-    coupling = records.coupling
-    figure, axes = _rows_figure(records)
-    axes.axvline(0, color=FAINT, lw=1, ls=":")
-    axes.axvline(1, color=FAINT, lw=1, ls=":")
+    figure, axes, levels = _rows_figure(records)
     axes.set_xlim(-1.05, 1.05)
-    _dots(axes, records, lambda line: records.pick(line, "force_cosine", coupling=coupling))
-    words = "" if coupling is None else f" at G = {coupling:g}"
-    axes.set_xlabel(f"force cosine{words}   (1: the true direction, 0: none, -1: reversed)")
+    for x in (0, 1):
+        axes.axvline(x, color=FAINT, lw=1, ls=":")
+    _dots(axes, records, levels, "force_cosine")
+    words = "1: the true direction, 0: none, -1: reversed"
+    axes.set_xlabel(f"force cosine{_at(records.coupling)}   ({words})")
     _legend(figure, [axes])
     return figure
 
@@ -100,27 +94,24 @@ def drift_figure(records: Records) -> Figure:
     from matplotlib.figure import Figure
 
     rungs = {rung: lines for rung, lines in records.rungs.items() if _drifts(records, lines)}
-    columns = min(3, max(1, len(rungs)))
+    columns = min(4 if len(rungs) > 9 else 3, max(1, len(rungs)))
     rows = -(-len(rungs) // columns) if rungs else 1
+    width, height = 3.0 * columns + 0.8, 2.1 * rows + 1.3
     with matplotlib.rc_context(_TEXT):
-        figure = Figure(figsize=(3.5 * columns + 0.6, 2.6 * rows + 0.9), layout="constrained")
+        figure = Figure(figsize=(width, height))
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-        for axes in grid.flat:
-            axes.set(xscale="log", yscale="log")
-            axes.grid(color="#eeeeee", lw=0.8)
-            axes.set_axisbelow(True)
-        for axes in list(grid.flat)[len(rungs) :]:
-            axes.set_visible(False)
-        for axes, (rung, lines) in zip(grid.flat, rungs.items(), strict=False):
-            axes.set_title(rung, fontsize=11, loc="left")
-            axes.axhline(1, color=FAINT, lw=1, ls=":")
-            axes.set_xticks(records.horizons, [f"{h:,}" for h in records.horizons], minor=False)
-            axes.minorticks_off()
-            words = [text for line in lines if (text := _drift_lines(axes, records, line))]
-            axes.text(0.03, 0.97, "\n".join(words), va="top", fontsize=9, transform=axes.transAxes)
+        panels = list(grid.flat)
+        for axes, (rung, lines) in zip(panels, rungs.items(), strict=False):
+            _drift_panel(axes, records, rung, lines)
+        for k, axes in enumerate(panels):
+            axes.set_visible(k < len(rungs))
+            axes.tick_params(labelbottom=k + columns >= len(rungs))
         figure.supxlabel("simulation steps", fontsize=11)
-        figure.supylabel("relative energy drift", fontsize=11)
-        _legend(figure, list(grid.flat))
+        figure.supylabel("relative energy drift", fontsize=11, x=0.12 / width)
+    # Margins in inches; the automatic layout takes seconds for as many panels.
+    left, right, bottom, top = 0.8 / width, 1 - 0.1 / width, 0.65 / height, 1 - 0.75 / height
+    figure.subplots_adjust(left, bottom, right, top, wspace=0.08, hspace=0.24)
+    _legend(figure, panels)
     return figure
 
 
@@ -139,60 +130,92 @@ def save_png(figure: Figure, path: Path, dots_per_inch: int = 110) -> None:
     figure.savefig(path, format="png", dpi=dots_per_inch, metadata={"Software": None})
 
 
-def _rows_figure(records: Records) -> tuple[Figure, Axes]:
-    """A row per rung, the first on top."""
+def _rows_figure(records: Records) -> tuple[Figure, Axes, dict[Line, float]]:
+    """A level per line, the first on top, rungs in bands of their own."""
     import matplotlib
     from matplotlib.figure import Figure
 
-    rungs = list(records.rungs)
-    heads = max(len(lines) for lines in records.rungs.values())
+    levels: dict[Line, float] = {}
+    middles, edge = [], 0.0
+    for lines in records.rungs.values():
+        levels |= {line: edge + 1.1 + k for k, line in enumerate(lines)}
+        middles.append(edge + 1.1 + (len(lines) - 1) / 2)
+        edge += len(lines) + 1.2
     with matplotlib.rc_context(_TEXT):
-        height = (0.3 + 0.11 * heads) * len(rungs) + 1.6
-        figure = Figure(figsize=(9.5, height), layout="constrained")
+        figure = Figure(figsize=(9.5, 0.17 * edge + 1.5), layout="constrained")
         axes = figure.subplots()
-    axes.set_yticks(range(len(rungs)), rungs)
+    axes.set_yticks(middles, list(records.rungs))
     axes.tick_params(axis="y", length=0)
-    axes.set_ylim(len(rungs) - 0.5, -0.5)
+    axes.set_ylim(edge, 0)
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x", color="#e8e8e8", lw=0.8)
     axes.set_axisbelow(True)
-    for y in range(0, len(rungs), 2):
-        axes.axhspan(y - 0.5, y + 0.5, color="#f6f7f8", zorder=0, lw=0)
-    return figure, axes
+    for lines in list(records.rungs.values())[::2]:
+        top, bottom = levels[lines[0]] - 1.1, levels[lines[-1]] + 1.1
+        axes.axhspan(top, bottom, color="#f6f7f8", zorder=0, lw=0)
+    return figure, axes, levels
 
 
-def _dots(axes: Axes, records: Records, pick: Callable[[Line], Summary | None]) -> None:
+def _dots(axes: Axes, records: Records, levels: Mapping[Line, float], metric: str) -> None:
     """Small marks for seeds, a large one for the mean, words for what has no number."""
-    shown: set[str] = set()
-    for y, lines in enumerate(records.rungs.values()):
-        for k, line in enumerate(lines):
-            found = pick(line)
-            if found is None:
-                continue
-            level = y + 0.74 * ((k + 0.5) / len(lines) - 0.5)
-            colour, marker = style(line.head, records.heads)
-            if found.mean is not None:
-                label = None if line.head in shown else line.head
-                shown.add(line.head)
-                levels = [level] * len(found.values)
-                axes.plot(found.values, levels, marker, ms=5, color=colour, alpha=0.35, mew=0)
-                axes.plot(
-                    found.mean, level, marker, ms=9, color=colour, mec="white", mew=0.9, label=label
-                )
-            if found.words:
-                axes.annotate(
-                    f"{line.head}: {found.words}",
-                    xy=(1.01, level),
-                    xycoords=("axes fraction", "data"),
-                    fontsize=8.5,
-                    color=colour,
-                    va="center",
-                    annotation_clip=False,
-                )
+    for line, level in levels.items():
+        found = records.pick(line, metric, coupling=records.coupling)
+        if found is None:
+            continue
+        colour, marker = style(line.head, records.heads)
+        if found.mean is not None:
+            seeds = [level] * len(found.values)
+            axes.plot(found.values, seeds, marker, ms=5, color=colour, alpha=0.35, mew=0)
+            _once(axes, [found.mean], [level], line.head, color=colour, marker=marker, ms=9, ls="")
+        if found.words:
+            axes.annotate(
+                f"{line.head}: {found.words}",
+                xy=(1.01, level),
+                xycoords=("axes fraction", "data"),
+                fontsize=8.5,
+                color=colour,
+                va="center",
+                annotation_clip=False,
+            )
+
+
+def _once(
+    axes: Axes,
+    x: list[float],
+    y: list[float],
+    label: str,
+    color: str = INK,
+    marker: str = "",
+    ms: float = 1,
+    ls: str = ":",
+    hollow: bool = False,
+) -> None:
+    """Draw, and name it in the legend the first time only."""
+    known = axes.get_legend_handles_labels()[1]
+    (drawn,) = axes.plot(x, y, color=color, marker=marker, ms=ms, ls=ls, mec="white", mew=0.9)
+    drawn.set_label("" if label in known else label)
+    if hollow:
+        drawn.set(mfc="none", mec=color)
+
+
+def _at(coupling: float | None) -> str:
+    return "" if coupling is None else f" at G = {coupling:g}"
 
 
 def _drifts(records: Records, lines: list[Line]) -> bool:
     return any(records.pick(line, "energy_drift_median") for line in lines)
+
+
+def _drift_panel(axes: Axes, records: Records, rung: str, lines: list[Line]) -> None:
+    axes.set(xscale="log", yscale="log")
+    axes.set_title(rung, fontsize=9, loc="left")
+    axes.set_xticks(records.horizons, [f"{h:,}" for h in records.horizons], fontsize=9)
+    axes.minorticks_off()
+    axes.grid(color="#eeeeee", lw=0.8)
+    axes.set_axisbelow(True)
+    axes.axhline(1, color=FAINT, lw=1, ls=":")
+    words = [text for line in lines if (text := _drift_lines(axes, records, line))]
+    axes.text(0.03, 0.97, "\n".join(words), va="top", fontsize=8.5, transform=axes.transAxes)
 
 
 def _drift_lines(axes: Axes, records: Records, line: Line) -> str:
@@ -218,10 +241,6 @@ def _drift_lines(axes: Axes, records: Records, line: Line) -> str:
     return words
 
 
-def _labels(axes: Axes) -> list[str]:
-    return axes.get_legend_handles_labels()[1]
-
-
 def _legend(figure: Figure, panels: list[Axes]) -> None:
     handles: dict[str, Artist] = {}
     for axes in panels:
@@ -231,7 +250,7 @@ def _legend(figure: Figure, panels: list[Axes]) -> None:
         figure.legend(
             list(handles.values()),
             list(handles),
-            loc="outside upper left",
+            loc="outside upper left" if figure.get_layout_engine() else "upper left",
             ncols=4,
             frameon=False,
             fontsize=10,

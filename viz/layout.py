@@ -64,7 +64,9 @@ def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
     )
     phase = rrb.StateTimelineView(origin="/phase", name="Phase")
     rows = rrb.Vertical(worlds, rrb.Horizontal(*plots), phase, row_shares=[10, 7, 2])
-    return rrb.Blueprint(rows, _clock((first, last)), collapse_panels=True)
+    # The list of recordings stays open: cells are there to be compared.
+    panels = rrb.BlueprintPanel(state="expanded"), rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(rows, _clock((first, last)), *panels)
 
 
 def overlay_layout(video: Arrays) -> rrb.Blueprint:

@@ -55,6 +55,8 @@ def picture_factor(times: np.ndarray, frames: np.ndarray) -> int:
 
 def shrink(picture: np.ndarray, factor: int) -> np.ndarray:
     """Average ``factor`` by ``factor`` pixels of a uint8 picture ``(H, W, 3)``."""
+    if factor == 1:
+        return picture
     rows, columns = (side // factor for side in picture.shape[:2])
     cut = picture[: rows * factor, : columns * factor]
     return cut.reshape(rows, factor, columns, factor, 3).mean((1, 3)).astype(np.uint8)

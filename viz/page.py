@@ -32,7 +32,7 @@ dl.facts dd { margin:0; font-weight:600; overflow-wrap:anywhere; }
 .callout li { max-width:none; margin:.25rem 0; }
 .scroll { overflow-x:auto; margin:.8rem 0 1.2rem; border:1px solid var(--line); border-radius:8px; }
 table { border-collapse:collapse; font-size:.85rem; line-height:1.35; width:100%; }
-th, td { padding:.45rem .7rem; text-align:left; vertical-align:top; border-top:1px solid #edf0f2; }
+th, td { padding:.45rem .6rem; text-align:left; vertical-align:top; border-top:1px solid #edf0f2; }
 thead th, thead td { border-top:0; background:var(--soft); color:var(--dim); font-weight:600;
   vertical-align:bottom; }
 thead tr + tr > * { padding-top:0; }
@@ -42,7 +42,7 @@ th[scope=rowgroup] { white-space:nowrap; background:#fff; position:sticky; left:
 th.head { font-weight:500; white-space:nowrap; }
 th.head i { display:inline-block; width:.65em; height:.65em; border-radius:2px;
   margin-right:.45em; }
-td.num { font-variant-numeric:tabular-nums; }
+td.num { font-variant-numeric:tabular-nums; white-space:nowrap; }
 td.num b, td.num span { white-space:nowrap; }
 td.said { min-width:16rem; }
 td.none { color:var(--dim); }

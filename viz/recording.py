@@ -131,10 +131,11 @@ class _Tape:
         import rerun as rr
 
         self.step = step  # seconds between neighbouring values of the `step` timeline
+        self.layer = 0.0  # what is stored later is drawn on top
         name = meta.get("cell", "recording")
         # The viewer keeps one layout per application: each cell is its own, so that cells with
         # other entities or bounds can be open together.
-        self.stream = rr.RecordingStream(f"vidphys {name.replace('/', ' ')}")
+        self.stream = rr.RecordingStream(name.replace("/", " "))
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self.stream.send_recording_name(name)
@@ -163,13 +164,16 @@ class _Tape:
         positions = np.asarray(positions, np.float32)
         bodies = positions.shape[1]
         tint = [colours[n % len(colours)] for n in range(bodies)]
-        point = rr.Points2D.from_fields(colors=tint, radii=[radius])
+        self.layer += 0.1
+        point = rr.Points2D.from_fields(colors=tint, radii=[radius], draw_order=30 + self.layer)
         self.stream.log(entity, point, static=True)
         seen = np.isfinite(positions).all((1, 2))
         columns = rr.Points2D.columns(positions=positions[seen].reshape(-1, 2))
         # An instant without bodies clears them: latest-at would keep showing the last ones.
         self.stream.send_columns(entity, self._when(times), columns.partition(seen * bodies))
-        strip = rr.LineStrips2D.from_fields(colors=tint, radii=[0.25 * radius])
+        strip = rr.LineStrips2D.from_fields(
+            colors=tint, radii=[0.25 * radius], draw_order=20 + self.layer
+        )
         self.stream.log(f"{entity}/trail", strip, static=True)
         both = seen[1:] & seen[:-1]
         pieces = np.stack([positions[:-1], positions[1:]], axis=2)[both]

@@ -68,6 +68,7 @@ def ladder_table(records: Records) -> str:
         return match_cell(plain, pick(line, "regime_match_gated", coupling=g))
 
     columns = [
+        Column("", "status", lambda line: _status_cell(records, line)),
         _mean(records, flipped, "inversion nMSE", "inversion_nmse", g),
         Column(flipped, "regime match", match),
         Column(
@@ -83,7 +84,6 @@ def ladder_table(records: Records) -> str:
             "non-finite",
             lambda line: nonfinite_cell(pick(line, "energy_drift_median", horizon=steps)),
         ),
-        Column("", "status", lambda line: _status_cell(records, line)),
     ]
     return _table(records, records.lines, columns)
 

@@ -30,7 +30,7 @@ def open_window(recordings: Sequence[Path]) -> None:
     Raises:
         RuntimeError: the viewer ended with an error.
     """
-    _check(subprocess.run(_command(*map(str, recordings)), env=_quiet()).returncode)
+    _wait(_command(*map(str, recordings)), _quiet())
 
 
 def serve_web(recordings: Sequence[Path], web_port: int, data_port: int) -> None:
@@ -41,8 +41,7 @@ def serve_web(recordings: Sequence[Path], web_port: int, data_port: int) -> None
     """
     ports = ("--port", str(data_port), "--web-viewer-port", str(web_port))
     command = _command("--serve-web", "--bind", "127.0.0.1", *ports, *map(str, recordings))
-    quiet = _quiet() | {"RUST_LOG": "warn"}
-    _check(subprocess.run(command, env=quiet).returncode)
+    _wait(command, _quiet() | {"RUST_LOG": "warn"})
 
 
 def web_address(web_port: int, data_port: int) -> str:
@@ -78,6 +77,13 @@ def merge(recordings: Sequence[Path], path: Path) -> None:
         part.unlink(missing_ok=True)
 
 
+def _wait(command: list[str], environment: dict[str, str]) -> None:
+    try:
+        _check(subprocess.run(command, env=environment).returncode)
+    except KeyboardInterrupt:
+        return  # the way to end it
+
+
 def _command(*arguments: str) -> list[str]:
     return [sys.executable, "-c", _RUN, *arguments]
 
@@ -88,7 +94,7 @@ def _quiet() -> dict[str, str]:
 
 
 def _check(code: int, said: str = "") -> None:
-    if code not in (0, 130, -2):  # ended by the user's interrupt is no error
+    if code not in (0, 130, -2):  # an interrupt is the way to end it
         last = said.strip().splitlines()[-1:] or [f"exit code {code}"]
         raise RuntimeError(f"viewer: {last[0]}")
 

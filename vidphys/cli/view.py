@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import shutil
 import socket
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -154,5 +155,6 @@ def _serve(recordings: list[Path]) -> None:
     forward = f"ssh -N -L {web}:127.0.0.1:{web} -L {data}:127.0.0.1:{data} {socket.gethostname()}"
     print(f"open      {viewer.web_address(web, data)}")
     print(f"from elsewhere, first run there: {forward}")
-    print("Ctrl-C ends it", flush=True)
+    print("Ctrl-C ends it; rerun's page reports usage when online, its settings turn that off")
+    sys.stdout.flush()
     viewer.serve_web(recordings, web, data)
