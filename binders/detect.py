@@ -9,21 +9,23 @@ nothing about who they are.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from binders.fit import Coverage, Light, Normal, fit
 from binders.tracks import Detections
 
 WORK = 2**20  # pixels times bodies that are fitted together: their working set stays in cache
-ROUNDS = 2  # times that each body of an unexplained frame is lifted and placed anew
 EVIDENCE = 25  # a body must lower the squared error by this many noise variances (5 sigma)
 LIT = 0.01  # part of a body's peak light below which it counts as dark
 PER_REACH = 3  # samples within a body's reach: with two, one frame in a thousand goes wrong
 AFAR = 1e3  # reaches from the origin: where a body that was not found waits, out of every frame
+
+Proposal = Callable[[Tensor, Tensor], Tensor]
 
 
 def detect(
@@ -76,16 +78,14 @@ class _Search:
     Args:
         light: the model of a frame, on every ``stride``-th pixel.
         template: one body on that grid, odd sides, ``(m, m)``.
-        places: candidate centres, also beyond the edge if enough of the body would be seen.
-        index: where each place is in the flattened full correlation with the template.
+        places: the samples, where bodies are proposed; a fit can move them beyond the edge.
         stride: pixels between samples.
         noise: rms pixel error that counts as explained.
     """
 
     light: Light
     template: Float[Tensor, "m m"]
-    places: Float[Tensor, "candidates 2"]
-    index: Int[Tensor, " candidates"]
+    places: Float[Tensor, "samples 2"]
     stride: int
     noise: float
 
@@ -99,11 +99,8 @@ class _Search:
         step, half = pixel * stride, math.ceil(reach / pixel / stride)
         offset = step * torch.arange(-half, half + 1).to(xs)
         template = coverage(offset.square() + offset.square().unsqueeze(-1))
-        seen = _correlate(torch.ones(1, 1, len(light.ys), len(light.xs)).to(xs), template[None])
-        index = torch.nonzero(seen.flatten() > seen.max() / 4).squeeze(-1)
-        down, across = _extended(light.ys, step, half), _extended(light.xs, step, half)
-        places = torch.cartesian_prod(down, across).flip(-1)[index]
-        return cls(light, template, places, index, stride, noise)
+        places = torch.cartesian_prod(light.ys, light.xs).flip(-1)
+        return cls(light, template, places, stride, noise)
 
     def explain(
         self, target: Float[Tensor, "k h w"], bodies: int
@@ -113,27 +110,30 @@ class _Search:
         if bodies == 0:
             return q, q[..., 0]
         at = self.light.normal(q, target)
+        everywhere = torch.arange(len(target), device=q.device)
         for body in range(bodies):
-            self.place(target, q, at, body, torch.arange(len(target), device=q.device))
-        for body in [*range(bodies)] * ROUNDS:
-            rows = torch.nonzero(self.misfit(target, at) > self.noise).squeeze(-1)
-            self.place(target, q, at, body, rows)
+            self.place(target, q, at, body, everywhere, self.best_place)
+        for body in range(bodies):
+            unexplained = torch.nonzero(self.misfit(target, at) > self.noise).squeeze(-1)
+            self.place(target, q, at, body, unexplained, self.brightest_place)
         return self.verdict(target, q, at)
 
-    def place(self, target: Tensor, q: Tensor, at: Normal, body: int, rows: Tensor) -> None:
-        """Put ``body`` where it helps most and fit all anew, in place, where that lowers the error.
+    def place(
+        self, target: Tensor, q: Tensor, at: Normal, body: int, rows: Tensor, propose: Proposal
+    ) -> None:
+        """Lift ``body`` from the frames ``rows``, put it elsewhere and fit all anew, in place.
 
-        It must earn its place: what it lowers is squared error worth ``EVIDENCE``.
+        A frame is left as it was unless that earns ``EVIDENCE``.
         """
         trial = q[rows]
         others = torch.cat([trial[:, :body], trial[:, body + 1 :]], dim=1)
-        trial[:, body] = self.propose(target[rows], others)
+        trial[:, body] = propose(target[rows], others)
         trial, there = fit(self.light, target[rows], trial)
         better = there.error < at.error[rows] - EVIDENCE * self.noise**2
         q[rows[better]] = trial[better]
         at.take(rows[better], there, better)
 
-    def propose(
+    def best_place(
         self, target: Float[Tensor, "k h w"], q: Float[Tensor, "k n 2"]
     ) -> Float[Tensor, "k 2"]:
         """The place where one more body lowers the squared error most.
@@ -145,8 +145,19 @@ class _Search:
         residual = target - 1 + dark
         images = torch.stack([residual * dark, dark.square()], dim=1)
         kernels = torch.stack([2 * self.template, -self.template.square()])
-        gain = _correlate(images, kernels).flatten(1)[:, self.index]
-        return self.places[gain.argmax(-1)]
+        half = len(self.template) // 2
+        gain = torch.nn.functional.conv2d(images, kernels.unsqueeze(0), padding=half)
+        return self.places[gain.flatten(1).argmax(-1)]
+
+    def brightest_place(
+        self, target: Float[Tensor, "k h w"], q: Float[Tensor, "k n 2"]
+    ) -> Float[Tensor, "k 2"]:
+        """The sample with most light that the other bodies leave unexplained.
+
+        It lies at the rim of a body that hides behind others, where a whole body fits worst.
+        """
+        unexplained = target - 1 + self.light.dark(q)
+        return self.places[unexplained.flatten(1).argmax(-1)]
 
     def misfit(self, target: Float[Tensor, "k h w"], at: Normal) -> Float[Tensor, " k"]:
         """Rms pixel error."""
@@ -165,18 +176,6 @@ class _Search:
         confidence = self.noise / rms / (1 + (10 * error / self.light.reach).square())
         found = self.light.each(q).flatten(2).amax(-1) > LIT * self.template.max()
         return torch.where(found.unsqueeze(-1), q, 0), torch.where(found, confidence, 0)
-
-
-def _correlate(images: Tensor, kernels: Tensor) -> Tensor:
-    """Full correlation of ``(k, c, h, w)`` with ``(c, m, m)``, summed over channels."""
-    margin = kernels.shape[-1] - 1
-    return torch.nn.functional.conv2d(images, kernels.unsqueeze(0), padding=margin).squeeze(1)
-
-
-def _extended(axis: Tensor, step: float, half: int) -> Tensor:
-    """The samples of an axis and ``half`` more beyond either end."""
-    sign = -1 if axis[0] > axis[-1] else 1
-    return axis[0] + sign * step * torch.arange(-half, len(axis) + half).to(axis)
 
 
 def _spacing(xs: Tensor, ys: Tensor) -> float:

@@ -74,6 +74,18 @@ def test_exactly_coincident_bodies_are_both_found():
     assert float(seen.confidence.min()) > 0
 
 
+def test_bodies_that_hide_behind_others_are_found():
+    truth = torch.tensor(
+        [
+            [[0.21, 0.50], [-0.68, -0.44], [0.22, 0.23], [0.07, -0.88]],
+            [[0.27, 0.01], [-0.22, 0.27], [0.0, 0.16], [0.27, -0.57]],
+            [[0.19, 0.15], [-0.64, -0.78], [0.10, -0.67], [0.18, 0.22]],
+            [[0.10, -0.76], [-0.06, 0.76], [0.06, -0.47], [-0.18, 0.84]],
+        ]
+    )
+    assert float(errors(see(truth, 4).positions[0], truth).max()) < 0.01
+
+
 @pytest.mark.parametrize(
     "camera", [Camera(4.0, 40, 64), Camera(4.0, 32, 32), Camera(4.0, 224, 224)]
 )
@@ -92,7 +104,7 @@ def test_detector_with_rows_from_the_bottom_up():
 
 
 def test_detector_knows_bodies_beyond_the_edge():
-    truth = torch.tensor([[[0.3, 0.2], [4.1, -1.0]], [[0.3, 0.2], [-1.0, -4.1]]])
+    truth = torch.tensor([[[0.3, 0.2], [4.4, -1.0]], [[0.3, 0.2], [-1.0, -4.3]]])
     assert float(errors(see(truth, 2).positions[0], truth).max()) < 0.005
 
 
@@ -144,6 +156,7 @@ def test_noise_that_is_told_does_not_make_bodies():
     confidence = look(frames + noise, 3, noise=0.06).confidence.sort(-1).values
     assert (confidence[..., 0] == 0).all()
     assert float(confidence[..., 1:].min()) > 0.5
+    assert (look(noise, 3, noise=0.06).confidence == 0).all()
 
 
 @settings(max_examples=10, deadline=None)
@@ -324,6 +337,15 @@ def test_a_body_that_appears_late_takes_only_what_the_others_leave():
     torch.testing.assert_close(tracks.positions[:, 3:, 1], truth[:, 3:, 1])
     assert tracks.positions[0, :3, 1].abs().sum() == 0
     assert tracks.confidence[0, :, 1].tolist() == [0, 0, 0, 1, 1, 1]
+
+
+def test_a_body_that_appears_late_is_followed_from_then_on():
+    x = torch.tensor([[0.0, 0.0, 5.0, 6.0, 0.0, 8.0], [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]])
+    seen = torch.tensor([[0.0, 0.0, 1.0, 1.0, 0.0, 1.0], [1.0] * 6])
+    positions = torch.stack([x.T, torch.zeros(6, 2)], dim=-1).unsqueeze(0)
+    tracks = bind_by_acceleration(detections(positions, torch.arange(6.0), seen.T.unsqueeze(0)))
+    assert tracks.positions[0, :, 0, 0].tolist() == [0, 0, 5, 6, 7, 8]
+    assert tracks.positions[0, :, 1, 0].tolist() == [0, 1, 2, 3, 4, 5]
 
 
 def test_confidence_travels_with_its_detection():

@@ -48,6 +48,10 @@ def test_pixel_centres_have_y_up_and_half_a_pixel_of_border():
     torch.testing.assert_close(camera.ys()[[0, -1]], torch.tensor([1.9375, -1.9375]))
 
 
+def test_the_longer_side_spans_the_extent():
+    assert Camera(4.0, 64, 16).units_per_pixel == Camera(4.0, 16, 64).units_per_pixel == 0.125
+
+
 def test_pixel_coordinates_are_the_indices_of_the_grid():
     x, y = SMALL.xs(torch.float64)[5], SMALL.ys(torch.float64)[1]
     pixel = SMALL.to_pixel(torch.stack([x, y]))
