@@ -138,7 +138,7 @@ class RadialPotential(PairPotential):
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
         r = _soft_length(displacement)
-        near, far = self.phi.gradient(self._features(r)).split(1, -1)
+        near, far = self.phi.gradient(self._features(r)).chunk(2, -1)
         slope = near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
         return slope * displacement / r
 
