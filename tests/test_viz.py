@@ -337,6 +337,20 @@ class TestRecording:
         assert len(entities["/energy/counterfactual"]["sim_time"]) == 90
         assert "/camera/image" not in entities
 
+    def test_what_was_perceived_is_the_past_where_the_truth_begins_at_zero(self, tmp_path):
+        showcase = make_showcase()
+        for key in ("times", *ROLES, *(f"energy_{role}" for role in ROLES)):
+            showcase[key] = showcase[key][60::10]
+        showcase["dt"] = np.array([0.002])
+        write_recording(showcase, {"cell": "x"}, tmp_path / "x.rrd")
+        entities = read_back(tmp_path / "x.rrd")
+        context = entities["/world/context"]
+        assert np.allclose(seconds(context)[:16], showcase["frame_times"], atol=1e-9)
+        assert np.allclose(context["Points2D:positions"][2], showcase["track"][2], atol=1e-6)
+        assert len(context["step"]) == 17 and not context["Points2D:positions"][-1]
+        assert entities["/world/truth"]["step"] == list(range(0, 151, 10))
+        assert context["step"][0] == -600 and entities["/phase"]["step"][0] == -600
+
     @pytest.mark.parametrize(
         ("change", "message"),
         [

@@ -18,7 +18,8 @@ def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
     """What was observed, the trained law and the flipped one side by side, energies below."""
     import rerun.blueprint as rrb
 
-    first, last = float(showcase["times"][0]), float(showcase["times"][-1])
+    starts = [float(showcase[key][0]) for key in ("times", "frame_times") if key in showcase]
+    first, last = min(starts), float(showcase["times"][-1])
     window = (max(first, -0.2 * last), last)
     zoom = zoom_extent(showcase)
     square = rrb.VisualBounds2D(x_range=(-zoom, zoom), y_range=(-zoom, zoom))

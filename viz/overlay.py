@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from viz.showcase import ROLES, Arrays, check_showcase, half_extent, zoom_extent
+from viz.showcase import ROLES, Arrays, check_showcase, context, half_extent, zoom_extent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +114,7 @@ def _film_strip(part: SubFigure, showcase: Arrays) -> None:
 
 def _paths(axes: Axes, showcase: Arrays, truth: str, guess: str, title: str) -> None:
     after = np.asarray(showcase["times"]) >= 0
-    past = np.asarray(showcase["truth"])[~after]
+    _, past = context(showcase)
     for n in range(np.shape(showcase[truth])[1]):
         real, told = (np.asarray(showcase[key])[after, n].T for key in (truth, guess))
         first = n == 0

@@ -16,7 +16,16 @@ import numpy as np
 
 from viz.layout import overlay_layout, showcase_layout
 from viz.overlay import BODY_COLOURS, picture_factor, shrink, stored_as_jpeg, world_to_pixel
-from viz.showcase import ROLES, Arrays, check_showcase, check_video, half_extent, zoom_extent
+from viz.showcase import (
+    ROLES,
+    Arrays,
+    check_showcase,
+    check_video,
+    context,
+    half_extent,
+    scalar,
+    zoom_extent,
+)
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -44,9 +53,10 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
     Args:
         showcase: ``times (T,)`` in seconds, 0 at the moment when the law may change; ``truth``,
             ``prediction``, ``counterfactual_truth``, ``counterfactual`` ``(T, N, 2)`` in world
-            units; ``energy_*`` of each ``(T,)``; ``half_extent`` in world units; optional
-            ``long_times (L,)`` with ``energy_long (L,)``, and ``frames (F, H, W, 3)`` uint8 with
-            ``frame_times (F,)`` and ``track (F, N, 2)``. Non-finite instants are left blank.
+            units; ``energy_*`` of each ``(T,)``; ``half_extent`` in world units; optional ``dt``,
+            seconds of one simulation step (else the spacing of ``times``), ``long_times (L,)`` with
+            ``energy_long (L,)``, and ``frames (F, H, W, 3)`` uint8 with ``frame_times (F,)`` and
+            ``track (F, N, 2)``. Non-finite instants are left blank.
         meta: what is shown, in words; ``cell`` becomes the recording's name.
         path: the ``.rrd`` to write, replaced as a whole or not at all.
 
@@ -56,10 +66,14 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
     check_showcase(showcase)
     times = np.asarray(showcase["times"], np.float64)
     extent, zoom = half_extent(showcase), zoom_extent(showcase)
-    tape = _Tape(meta, step=float(np.median(np.diff(times))))
+    dt = scalar(showcase, "dt") if "dt" in showcase else float(np.median(np.diff(times)))
+    tape = _Tape(meta, step=dt)
     tape.turn_upright("world")
-    context = np.where((times <= 0)[:, None, None], showcase["truth"], np.nan)
-    tape.bodies("world/context", times, context, [COLOURS["context"]], 0.035 * zoom)
+    since, past = context(showcase)
+    if len(since):  # it disappears with the first instant of the rollout
+        since = np.append(since, times[times > 0][0])
+        past = np.concatenate([past, np.full_like(past[:1], np.nan)])
+        tape.bodies("world/context", since, past, [COLOURS["context"]], 0.035 * zoom)
     for role in ROLES:
         radius = zoom * (0.035 if role.endswith("truth") else 0.02)
         tape.bodies(f"world/{role}", times, showcase[role], [COLOURS[role]], radius)
@@ -72,7 +86,7 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
         track = world_to_pixel(showcase["track"], (height, width), extent) / factor
         radius = 0.012 * max(height, width) / factor
         tape.bodies("camera/track", stamps, track, BODY_COLOURS, radius)
-    marks = {float(times[0]): "observed", 0.0: "rolled out"}
+    marks = {float(since[0]): "observed", 0.0: "rolled out"} if len(since) else {0.0: "rolled out"}
     if "energy_long" in showcase and showcase["long_times"][-1] > times[-1]:
         marks[float(times[-1])] = "long rollout: energy only"
     tape.phases(marks)
@@ -117,7 +131,7 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
             tape.series(f"position_{name}/{role}", when, positions[..., axis], role)
     marks = {float(stamps[0]): "clip"}
     if "train_end" in video:
-        marks = {float(stamps[0]): "trained on", float(video["train_end"]): "held out"}
+        marks = {float(stamps[0]): "trained on", scalar(video, "train_end"): "held out"}
     marks[float(after[0])] = "past the end of the clip"
     tape.pictures("video/image", after, (video["frames"][-1:] * 0.35).astype(np.uint8))  # dimmed
     tape.phases(marks)

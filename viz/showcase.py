@@ -36,6 +36,8 @@ def check_showcase(showcase: Arrays) -> None:
     energies = [f"energy_{role}" for role in ROLES]
     _require("showcase", showcase, ("times", "half_extent", *ROLES, *energies))
     _scalar("showcase", showcase, "half_extent")
+    if "dt" in showcase:
+        _scalar("showcase", showcase, "dt")
     steps = _instants("showcase", showcase, "times")
     bodies = np.shape(showcase["truth"])[1:2]
     for role in ROLES:
@@ -62,15 +64,31 @@ def check_video(video: Arrays) -> None:
 
 
 def half_extent(arrays: Arrays) -> float:
-    """The world length of half of the longer image side, from a scalar or a single number."""
-    return float(np.asarray(arrays["half_extent"]).reshape(()))
+    """The world length of half of the longer image side."""
+    return scalar(arrays, "half_extent")
+
+
+def scalar(arrays: Arrays, key: str) -> float:
+    """A single number, however it was shaped."""
+    return float(np.asarray(arrays[key]).reshape(()))
+
+
+def context(showcase: Arrays) -> tuple[np.ndarray, np.ndarray]:
+    """What is known of the time until t = 0: instants ``(C,)`` and positions ``(C, N, 2)``.
+
+    The truth if the arrays begin before t = 0, else what was perceived, else nothing.
+    """
+    times = np.asarray(showcase["times"], np.float64)
+    if times[0] >= 0 and "track" in showcase:
+        return np.asarray(showcase["frame_times"], np.float64), np.asarray(showcase["track"])
+    before = times <= 0 if times[0] < 0 else np.zeros(len(times), bool)
+    return times[before], np.asarray(showcase["truth"])[before]
 
 
 def zoom_extent(showcase: Arrays) -> float:
     """Half the side of the square that holds what truly happens, at most the viewport's."""
-    reach = max(
-        float(np.nanmax(np.abs(showcase[role]))) for role in ("truth", "counterfactual_truth")
-    )
+    shown = (context(showcase)[1], showcase["truth"], showcase["counterfactual_truth"])
+    reach = max(float(np.nanmax(np.abs(part), initial=0.0)) for part in shown)
     return min(half_extent(showcase), 1.15 * reach)
 
 
