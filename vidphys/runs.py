@@ -26,6 +26,7 @@ from vidphys.errors import InputError
 from vidphys.records import write_table
 
 SCHEMA_VERSION = 1
+GROWING = ("cells", "seeds")
 PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
 
 
@@ -39,9 +40,11 @@ class RunFolder:
     def open(cls, path: Path, settings: dict[str, Any], overwrite: bool = False) -> RunFolder:
         """Start a run, or go on with the one that lies there.
 
+        More cells and more seeds extend a run; anything else that differs makes another run.
+
         Args:
             path: the folder.
-            settings: the resolved configuration; decides whether this is the same run.
+            settings: the resolved configuration, with lists ``cells`` and ``seeds``.
             overwrite: give up what lies there if it is another run.
 
         Raises:
@@ -49,7 +52,12 @@ class RunFolder:
         """
         run = cls(path)
         if run.manifest_path.exists():
-            if _plain(run.manifest()["settings"]) == _plain(settings):
+            manifest = run.manifest()
+            if _identity(manifest["settings"]) == _identity(settings):
+                for key in GROWING:
+                    union = {*manifest["settings"][key], *settings[key]}
+                    manifest["settings"][key] = sorted(union)
+                write_json(run.manifest_path, manifest)
                 return run
             if not overwrite:
                 raise InputError(
@@ -137,9 +145,9 @@ class RunFolder:
         return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"
 
 
-def _plain(settings: dict[str, Any]) -> Any:
-    """As JSON would give it back, so that tuples and lists compare equal."""
-    return json.loads(json.dumps(settings))
+def _identity(settings: dict[str, Any]) -> Any:
+    """What makes a run this run, as JSON would give it back: tuples and lists compare equal."""
+    return json.loads(json.dumps({k: v for k, v in settings.items() if k not in GROWING}))
 
 
 def _surroundings() -> dict[str, Any]:
