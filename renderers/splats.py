@@ -28,7 +28,8 @@ def gaussians(
         ValueError: a centre is not finite, or ``sigma`` is not positive.
     """
     across, down = _profiles(centres, camera, sigma)
-    return down.unsqueeze(-1) * across.unsqueeze(-2)
+    # as a matrix product: its backward makes no image-sized temporaries, a broadcast one's does
+    return down.unsqueeze(-1) @ across.unsqueeze(-2)
 
 
 def gaussian_sum(
