@@ -57,7 +57,8 @@ def ladder(config: LadderConfig) -> int:
     if config.workers < 1:
         raise InputError(f"--workers {config.workers}: at least one process is needed")
     sizes = preset(config.preset)
-    asked = plan(config.cells, config.heads, config.seeds or sizes.seeds)
+    seeds = sizes.seeds if config.seeds is None else config.seeds
+    asked = plan(config.cells, config.heads, seeds)
     run = RunFolder.open(config.out, settings_of(config.preset, sizes, asked), config.overwrite)
     with run.locked(), Console(config.quiet, len(asked.units), "ladder") as console:
         tasks = [(run.path, unit, sizes) for unit in asked.units]

@@ -45,6 +45,23 @@ TWINS = ("factored", "unstructured")
 FULL = (ORACLE, "renderer")  # rungs on which every head is compared
 RUNGS = (ORACLE, *GROUNDINGS)
 DTYPE = "float32"
+# The study's inversion nMSE at G = -1 (its Tables grounding, f36 and f38), drawn beside ours.
+STUDY = {
+    "oracle/factored": 0.067,
+    "renderer/factored": 0.12,
+    "cnn-supervised/factored": 0.06,
+    "cnn-discovered/factored": 0.075,
+    "jepa/factored": 1.46,
+    "jepa/unstructured": 0.99,
+    "jepa-centroid/factored": 0.40,
+    "jepa-centroid/unstructured": 0.68,
+    "jepa-exact/factored": 0.405,
+    "anonymous-hand/factored": 0.76,
+    "anonymous-hand/unstructured": 0.76,
+    "anonymous-tracker/factored": 0.15,
+    "anonymous-tracker/unstructured": 0.64,
+    "anonymous-tracker-twostage/factored": 0.16,
+}
 
 
 @dataclass(frozen=True)
@@ -116,6 +133,7 @@ def settings_of(preset_name: str, preset: Preset, ladder: Plan) -> dict[str, Any
         "heads": {name: to_config(terms) for name, terms in HEADS.items()},
         "device": "cpu",
         "dtype": DTYPE,
+        "references": STUDY,
     }
 
 

@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from binders import Tracks
-from dynamics import Head, PhaseState, Rollout
+from dynamics import Head, PhaseState
 from vidphys.atomic import write_with
 from vidphys.clips import Clips
 from vidphys.experiments.scoring import DRIFT_STEPS, STORE_EVERY, Question
@@ -59,20 +59,17 @@ def write_showcase(
         "energy_prediction": scene.energy(predicted.states, params)[0],
         "energy_counterfactual_truth": scene.energy(other.states, flipped)[0],
         "energy_counterfactual": scene.energy(counterfactual.states, flipped)[0],
-        "long_times": _times(long),
+        "long_times": long.times,
         "energy_long": scene.energy(long.states, params)[0],
     }
     if clips is not None and tracks is not None:
         arrays |= _seen(clips, tracks, episode)
     extent = 4.0 if clips is None else clips.world.camera.half_extent
     arrays["half_extent"] = torch.tensor(extent, dtype=torch.float64)
+    arrays["dt"] = torch.tensor(scene.dt, dtype=torch.float64)
     whole = {k: v.contiguous() for k, v in arrays.items()}
     header = {**meta, "coupling": json.dumps(float(params.coupling[0]))}
     write_with(path, lambda partial: save_file(whole, partial, metadata=header))
-
-
-def _times(rolled: Rollout) -> Tensor:
-    return rolled.times
 
 
 def _path(states: PhaseState) -> Tensor:

@@ -1,0 +1,161 @@
+"""The ladder end to end at toy sizes: what it writes, that it resumes, what it refuses."""
+
+from dataclasses import replace
+
+import pyarrow.parquet as pq
+import pytest
+
+from vidphys.errors import InputError
+from vidphys.experiments.ladder import (
+    ALL_HEADS,
+    RUNGS,
+    TWINS,
+    Unit,
+    plan,
+    run_unit,
+    settings_of,
+)
+from vidphys.presets import OracleSizes, PixelSizes, Preset, preset
+from vidphys.runs import RunFolder
+
+TINY = Preset(
+    seeds=1,
+    oracle=OracleSizes(32, 12, 64, (5e-3,), 4),
+    pixel=PixelSizes(
+        clips=10,
+        frames=9,
+        stride=40,
+        context=7,
+        image=32,
+        perception_steps=3,
+        perception_batch=8,
+        smooth_steps=4,
+        shooting_steps=3,
+        held_out=4,
+    ),
+)
+
+
+def quiet(_stage, _step, _steps):
+    pass
+
+
+@pytest.fixture
+def run(tmp_path):
+    return RunFolder.open(tmp_path / "run", settings_of("tiny", TINY, plan((), (), 1)))
+
+
+def test_the_whole_ladder_is_ten_rungs_and_the_twins():
+    units = plan((), (), 3).units
+    assert len(units) == 30 and {u.grounding for u in units} == set(RUNGS)
+    heads = {u.grounding: u.heads for u in units}
+    assert heads["oracle"] == heads["renderer"] == ALL_HEADS
+    assert heads["jepa-centroid"] == TWINS
+    # Whole ladders first: all of seed 0 before any of seed 1.
+    assert [u.seed for u in units] == sorted(u.seed for u in units)
+
+
+def test_cells_and_heads_are_chosen_by_name():
+    units = plan(("oracle/factored", "oracle/symplectic", "jepa"), (), 1).units
+    assert {u.grounding: u.heads for u in units} == {
+        "oracle": ("factored", "symplectic"),
+        "jepa": TWINS,
+    }
+    assert plan(("oracle",), ("factored-radial",), 1).units[0].heads == ("factored-radial",)
+
+
+@pytest.mark.parametrize(
+    ("cells", "heads", "seeds", "words"),
+    [
+        (("orcale",), (), 1, "did you mean 'oracle'"),
+        (("oracle/factord",), (), 1, "did you mean 'factored'"),
+        ((), ("fctored",), 1, "did you mean 'factored'"),
+        ((), (), 0, "at least one seed"),
+    ],
+)
+def test_unknown_names_are_refused_with_the_nearest(cells, heads, seeds, words):
+    with pytest.raises(InputError, match=words):
+        plan(cells, heads, seeds)
+
+
+def test_unknown_preset_is_refused():
+    with pytest.raises(InputError, match="quick, standard, paper"):
+        preset("qick")
+
+
+def test_the_oracle_rung_writes_every_metric(run):
+    unit = Unit("oracle", ("factored",), 0)
+    run_unit(run.path, unit, TINY, quiet)
+    rows = run.join().to_pylist()
+    names = {r["metric"] for r in rows}
+    assert {
+        "inversion_nmse",
+        "regime_match",
+        "ballistic_skill",
+        "force_cosine",
+        "energy_drift_median",
+        "energy_drift_worst",
+        "energy_drift_slope",
+        "in_distribution_nmse",
+        "lyapunov_time",
+        "learning_rate",
+    } <= names
+    couplings = {r["coupling"] for r in rows if r["metric"] == "inversion_nmse"}
+    assert couplings == {-0.5, -1.0, -1.5}
+    horizons = {r["horizon"] for r in rows if r["metric"] == "energy_drift_median"}
+    assert horizons == {100, 500, 1000, 2000, 10_000}
+    by_metric = {(r["metric"], r["coupling"]): r["value"] for r in rows}
+    skill = by_metric["ballistic_skill", -1.0]
+    expected = by_metric["inversion_nmse", -1.0] / by_metric["ballistic_nmse", -1.0]
+    assert skill == pytest.approx(expected)
+    # Every pooled error can be had again from the raw episodes.
+    episodes = pq.read_table(run.path / "episodes.parquet").to_pylist()
+    raw = [
+        e["value"] for e in episodes if e["metric"] == "inversion_nmse" and e["coupling"] == -1.0
+    ]
+    assert sum(raw) / len(raw) == pytest.approx(by_metric["inversion_nmse", -1.0])
+
+
+@pytest.mark.parametrize(
+    "rung",
+    [r for r in RUNGS if r not in ("oracle", "jepa", "jepa-exact", "anonymous-tracker-twostage")],
+)
+def test_a_pixel_rung_writes_both_readouts_and_resumes(run, rung):
+    unit = Unit(rung, ("unstructured",), 0)
+    run_unit(run.path, unit, TINY, quiet)
+    rows = run.join().to_pylist()
+    scored = [r for r in rows if r["metric"] == "inversion_nmse" and r["coupling"] == -1.0]
+    assert sorted(r["readout"] for r in scored) == ["differencing", "shooting"]
+    assert {r["metric"] for r in rows} >= {"position_nmse", "momentum_nmse"}
+    before = run.join()
+    calls = []
+    run_unit(run.path, unit, TINY, lambda *message: calls.append(message))
+    assert not calls and run.join().equals(before)
+
+
+def test_the_same_seed_gives_the_same_numbers(tmp_path):
+    values = []
+    for name in ("a", "b"):
+        run = RunFolder.open(tmp_path / name, settings_of("tiny", TINY, plan((), (), 1)))
+        run_unit(run.path, Unit("renderer", ("factored",), 0), TINY, quiet)
+        rows = run.join().to_pylist()
+        values.append([(r["metric"], r["value"]) for r in rows if r["metric"] != "seconds"])
+    assert values[0] == values[1]
+
+
+def test_a_diverged_training_is_counted_not_numbered(run):
+    wild = replace(TINY, oracle=OracleSizes(32, 40, 64, (1e18,), 4))
+    run_unit(run.path, Unit("oracle", ("unstructured",), 0), wild, quiet)
+    rows = [r for r in run.join().to_pylist() if r["metric"] == "inversion_nmse"]
+    assert rows and all(r["status"] == "failed" and r["value"] is None for r in rows)
+    assert all(r["nonfinite"] > 0 for r in rows)
+
+
+def test_report_and_recordings_are_drawn_from_what_lies_there(run):
+    from vidphys.cli.ladder import publish
+
+    run_unit(run.path, Unit("oracle", ("factored",), 0), TINY, quiet)
+    run.join()
+    report = publish(run)
+    assert "oracle" in report.read_text(encoding="utf-8")
+    assert (run.path / "recordings" / "oracle-factored.rrd").stat().st_size > 1000
