@@ -106,9 +106,10 @@ class _Problem:
         """Residual ``(b, r)`` and Jacobian ``(b, r, unknowns)`` by forward differentiation."""
 
         def push(direction: Tensor) -> tuple[Tensor, Tensor]:
-            return torch.func.jvp(
+            pushed = torch.func.jvp(
                 lambda y: self.residual(y, frames), (x,), (direction.expand_as(x),)
             )
+            return pushed[0], pushed[1]
 
         basis = torch.eye(x.shape[1], dtype=x.dtype, device=x.device)
         residual, columns = torch.func.vmap(push)(basis)

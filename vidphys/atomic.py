@@ -26,7 +26,11 @@ def write_with(path: Path, write: Callable[[Path], None]) -> None:
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Write ``data`` as indented JSON; NaN and infinity are refused."""
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
-    write_with(path, lambda partial: partial.write_text(text, encoding="utf-8") and None)
+
+    def write(partial: Path) -> None:
+        partial.write_text(text, encoding="utf-8")
+
+    write_with(path, write)
 
 
 def sha256(path: Path) -> str:

@@ -19,9 +19,7 @@ WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot b
 UNUSUAL = 3.0  # times the median residual
 
 
-def by_differencing(
-    head: Head, tracks: Tracks, params: Parameters, interval: float
-) -> PhaseState:
+def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
     """The last frame's positions, momentum by a second-order backward difference."""
     return backward_difference(tracks.positions, params.mass.to(tracks.positions), interval)
 

@@ -36,9 +36,7 @@ def run_all(
         messages = manager.Queue()
         pool = ProcessPoolExecutor(workers, mp_context=context)
         try:
-            pending = {
-                pool.submit(_call, work, task, messages): i for i, task in enumerate(tasks)
-            }
+            pending = {pool.submit(_call, work, task, messages): i for i, task in enumerate(tasks)}
             failures = []
             while pending:
                 done, _ = wait(pending, POLL_SECONDS, FIRST_COMPLETED)

@@ -57,8 +57,6 @@ def smooth(positions: Tensor, params: Parameters, interval: float, dt: float) ->
     acceleration = torch.from_numpy(path(inner, 2))
     doubt = (acceleration - torch.from_numpy(rough(inner, 2))).norm(dim=-1).amax(-1)
     # Noise makes the splines differ everywhere; only what exceeds the usual is a sign of trouble.
-    usual = torch.maximum(
-        TOLERANCE * (1 + acceleration.norm(dim=-1).median()), 3 * doubt.median()
-    )
+    usual = torch.maximum(TOLERANCE * (1 + acceleration.norm(dim=-1).median()), 3 * doubt.median())
     trust = 1 / (1 + (doubt / usual).square())
     return Smoothed(Rollout(states, params, dt, first_bad_step(states)), trust, per_frame)

@@ -111,9 +111,7 @@ def _trusted(data: Segments, trust: Tensor) -> Segments:
     return data[torch.nonzero(trust.flatten() > TRUSTED / 2).squeeze(-1)]
 
 
-def _fit_segments(
-    head: Head, data: Segments, task: TrackTask, batch: int, stage: str
-) -> FitResult:
+def _fit_segments(head: Head, data: Segments, task: TrackTask, batch: int, stage: str) -> FitResult:
     """Choose the learning rate on held-out segments, then train."""
     train, held_out = data.split(max(1, len(data) // 16))
     standardise(head, train)
@@ -139,6 +137,9 @@ class _Stretches(nn.Module):
     The starts are buffers, so that a checkpoint of the training holds them.
     """
 
+    q: Tensor
+    p: Tensor
+
     def __init__(self, smoothed: Smoothed, task: TrackTask) -> None:
         super().__init__()
         positions = task.tracks.positions
@@ -161,9 +162,7 @@ class _Stretches(nn.Module):
         self.confidence = windows(task.tracks.confidence)[keep]
         repeated = task.params.map(lambda x: torch.cat([x] * len(fine)).float())
         self.params, self.interval = repeated[keep], task.interval
-        close = torch.cat(
-            [_closest(states.q[:, f : f + length * every + 1]) for f in fine]
-        )[keep]
+        close = torch.cat([_closest(states.q[:, f : f + length * every + 1]) for f in fine])[keep]
         again = torch.nonzero(close < CLOSE).squeeze(-1).repeat(CLOSE_WEIGHT)
         self.order = torch.cat([torch.arange(len(keep)), again])
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import torch
 from torch import Generator, Tensor, nn
@@ -188,9 +188,12 @@ class LearningRateChoice:
     chosen: float
 
 
+Model = TypeVar("Model", bound=nn.Module)
+
+
 def choose_learning_rate(
-    module: nn.Module,
-    loss: Callable[[nn.Module], Loss],
+    module: Model,
+    loss: Callable[[Model], Loss],
     data: Batches,
     held_out: Any,
     grid: tuple[float, ...],

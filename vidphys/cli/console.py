@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 LINE_SECONDS = 10.0
 
@@ -21,7 +21,7 @@ class Console:
         self.live = self.rich.is_terminal and not quiet
         self.finished = 0
         self.began = self.last_line = time.monotonic()
-        self.bars: dict[str, int] = {}
+        self.bars: dict[str, TaskID] = {}
 
     def __enter__(self) -> Console:
         if self.live:

@@ -108,9 +108,7 @@ def plan(rungs: Sequence[str], heads: Sequence[str], seeds: int) -> Plan:
         asked = [head] if head else list(heads) or list(default)
         chosen.setdefault(rung, []).extend(h for h in asked if h not in chosen.get(rung, []))
     # Seeds outermost: an interrupted ladder has whole ladders of fewer seeds.
-    return Plan(
-        tuple(Unit(r, tuple(h), seed) for seed in range(seeds) for r, h in chosen.items())
-    )
+    return Plan(tuple(Unit(r, tuple(h), seed) for seed in range(seeds) for r, h in chosen.items()))
 
 
 def _known(name: str, names: tuple[str, ...], option: str) -> None:

@@ -17,8 +17,8 @@ from vidphys.experiments.scoring import (
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
 from vidphys.scenes import Scene, lyapunov_time
-from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
 from vidphys.seeding import derive
+from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
 from vidphys.train import FitSettings, Progress, choose_learning_rate, fit
 
 HORIZON = 20  # steps of a training trajectory (the study, C4)

@@ -18,7 +18,7 @@ from vidphys import metrics
 from vidphys.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
 from vidphys.initial_state import READOUTS
-from vidphys.perception.base import HEAD_DT, Fitted, FitTask, Grounding
+from vidphys.perception.base import HEAD_DT, FitTask, Fitted, Grounding
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.records import Recorder
@@ -57,9 +57,7 @@ class Perceived:
 def perceive(fitted: Fitted, seen: Seen) -> Perceived:
     """Run a fitted perception over the clips of a rung."""
     test = fitted.perception.tracks(seen.test)
-    return Perceived(
-        fitted.perception.tracks(seen.train), relabel(test, seen.test.states.q)
-    )
+    return Perceived(fitted.perception.tracks(seen.train), relabel(test, seen.test.states.q))
 
 
 def fit_perception(
@@ -126,4 +124,3 @@ def score_state(recorder: Recorder, question: Question) -> None:
         recorder.add(name, metrics.Summary(value, status, len(error), lost))
         recorder.add_episodes(name, relative)
     recorder.add("affine_residual", metrics.affine_residual(start.flat, truth.flat))
-

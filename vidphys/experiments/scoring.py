@@ -99,9 +99,7 @@ def _force_cosine(head: Head, question: Question, coupling: float) -> metrics.Su
 
 
 def _in_distribution(head: Head, question: Question) -> metrics.Summary:
-    truth = question.scene.simulate(
-        question.truth, question.params, INVERSION_STEPS, STORE_EVERY
-    )
+    truth = question.scene.simulate(question.truth, question.params, INVERSION_STEPS, STORE_EVERY)
     return metrics.nmse(question.ask(head, INVERSION_STEPS).states, truth.states)
 
 
@@ -150,9 +148,7 @@ def score_long_drift(recorder: Recorder, head: Head, question: Question) -> None
         "energy_drift_slope_high": error,
     }.items():
         number = float(slopes.mean()) + value
-        recorder.add(
-            name, metrics.Summary(number, metrics.OK, len(drift), lost), None, LONG_STEPS
-        )
+        recorder.add(name, metrics.Summary(number, metrics.OK, len(drift), lost), None, LONG_STEPS)
 
 
 def _drift(question: Question, rolled: Rollout) -> Tensor:

@@ -62,9 +62,7 @@ def gravity(
 
 
 def _parameters(n: int, bodies: int, mass: Range, coupling: Range, rng: Generator) -> Parameters:
-    return Parameters(
-        coupling=_uniform((n,), coupling, rng), mass=_uniform((n, bodies), mass, rng)
-    )
+    return Parameters(coupling=_uniform((n,), coupling, rng), mass=_uniform((n, bodies), mass, rng))
 
 
 def _gaussian(bodies: int, mass: Range, coupling: Range) -> Sampler:
