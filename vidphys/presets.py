@@ -64,17 +64,17 @@ PRESETS = {
     "quick": Preset(
         seeds=1,
         oracle=OracleSizes(2048, 600, 1024, (5e-3,), 32),
-        pixel=PixelSizes(192, 12, 40, 7, 32, 150, 64, 300, 200, 32),
+        pixel=PixelSizes(256, 12, 40, 7, 32, 150, 64, 150, 120, 32),
     ),
     "standard": Preset(
         seeds=3,
-        oracle=OracleSizes(8192, 5000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(512, 16, 40, 7, 64, 600, 128, 800, 800, 64),
+        oracle=OracleSizes(8192, 4000, 1024, (1e-2, 5e-3, 1e-3), 64),
+        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 500, 1000, 64),
     ),
     "paper": Preset(
         seeds=10,
         oracle=OracleSizes(8192, 10_000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(2048, 16, 40, 7, 64, 3000, 256, 2000, 3000, 64),
+        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 2000, 6000, 64),
     ),
 }
 

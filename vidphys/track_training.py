@@ -43,12 +43,15 @@ from vidphys.train import (
 SMOOTH_BATCH, FRAME_BATCH, STRETCH_BATCH = 1024, 256, 160
 SMOOTH_RATES = (3e-3, 1e-3)
 PROBE = 0.1
-STRETCH_RATE = 2e-3
+STRETCH_RATE, STRETCH_CLIP = 6e-3, 0.2
 STRETCH = 5  # frames ahead of a start
 TRUSTED = 0.8
-EXPLAINED = 0.03  # world units: residuals beyond this count as not yet explained
+EXPLAINED = 0.03  # world units: residuals beyond this do not move a start
+# World units: residuals beyond this hardly move the weights. It shrinks as training goes on
+# (graduated non-convexity): first every encounter is heard, in the end only fine differences.
+SURPRISE = (0.2, 0.02)
 CLOSE = 0.4  # world units: stretches with an encounter are few and are drawn more often
-CLOSE_WEIGHT = 6
+CLOSE_AGAIN = 2
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,9 @@ def train_by_shooting(head: Head, task: TrackTask) -> FitResult:
     data = _trusted(from_trajectory(smoothed.trajectory, k=1), smoothed.trust[:, :-1])
     _fit_segments(head, data, task, SMOOTH_BATCH, "smooth")
     stretches = _Stretches(smoothed, task)
-    settings = FitSettings(task.shooting_steps, STRETCH_BATCH, STRETCH_RATE, clip=1.0)
+    settings = FitSettings(task.shooting_steps, STRETCH_BATCH, STRETCH_RATE, STRETCH_CLIP)
     together = nn.ModuleList([head, stretches])
-    loss = stretch_loss(head, stretches)
+    loss = stretch_loss(head, stretches, task.shooting_steps)
     return fit(
         together,
         loss,
@@ -139,6 +142,7 @@ class _Stretches(nn.Module):
 
     q: Tensor
     p: Tensor
+    draws: Tensor
 
     def __init__(self, smoothed: Smoothed, task: TrackTask) -> None:
         super().__init__()
@@ -158,12 +162,13 @@ class _Stretches(nn.Module):
             keep = torch.arange(len(trust))
         self.register_buffer("q", torch.cat([states.q[:, f] for f in fine])[keep].float())
         self.register_buffer("p", torch.cat([states.p[:, f] for f in fine])[keep].float())
+        self.register_buffer("draws", torch.zeros((), dtype=torch.float64))
         self.observed = windows(positions)[keep]
         self.confidence = windows(task.tracks.confidence)[keep]
         repeated = task.params.map(lambda x: torch.cat([x] * len(fine)).float())
         self.params, self.interval = repeated[keep], task.interval
         close = torch.cat([_closest(states.q[:, f : f + length * every + 1]) for f in fine])[keep]
-        again = torch.nonzero(close < CLOSE).squeeze(-1).repeat(CLOSE_WEIGHT)
+        again = torch.nonzero(close < CLOSE).squeeze(-1).repeat(CLOSE_AGAIN)
         self.order = torch.cat([torch.arange(len(keep)), again])
 
     def __len__(self) -> int:
@@ -198,8 +203,8 @@ def _closest(q: Tensor) -> Tensor:
     return (q[:, :, i] - q[:, :, j]).norm(dim=-1).amin((1, 2))
 
 
-def stretch_loss(head: Head, stretches: _Stretches) -> Callable[[Tensor], Tensor]:
-    """Robust (Cauchy) position error of the rolled-out stretches, in units of EXPLAINED^2."""
+def stretch_loss(head: Head, stretches: _Stretches, steps: int) -> Callable[[Tensor], Tensor]:
+    """Robust (Cauchy) position error of the rolled-out stretches, in units of its own scale."""
     every = round(stretches.interval / HEAD_DT)
 
     def loss(index: Tensor) -> Tensor:
@@ -210,7 +215,10 @@ def stretch_loss(head: Head, stretches: _Stretches) -> Callable[[Tensor], Tensor
         residual = predicted - stretches.observed[index]
         with torch.no_grad():
             stretches.refine(index, residual)
-        error = residual.square().sum(-1) / EXPLAINED**2
+            stretches.draws += 1
+        first, last = SURPRISE
+        scale = first * (last / first) ** min(1.0, float(stretches.draws) / steps)
+        error = residual.square().sum(-1) / scale**2
         return (stretches.confidence[index] * torch.log1p(error)).mean()
 
     return loss
