@@ -132,12 +132,13 @@ def test_parameters_are_given_to_networks_coupling_first() -> None:
     assert torch.equal(params.flat[:, 1:], params.mass)
 
 
-def test_another_coupling_keeps_the_bodies() -> None:
-    _, params = episode(4)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_another_coupling_keeps_the_bodies(dtype: torch.dtype) -> None:
+    params = episode(4)[1].map(lambda x: x.to(dtype))
     before = params.coupling.clone()
     changed = params.with_coupling(-0.5)
-    assert torch.equal(changed.coupling, torch.full((4,), -0.5))
-    assert changed.coupling.dtype == params.coupling.dtype
+    assert torch.equal(changed.coupling, torch.full((4,), -0.5, dtype=dtype))
+    assert changed.coupling.dtype == dtype
     assert torch.equal(changed.mass, params.mass)
     assert torch.equal(params.coupling, before)
     assert torch.equal(params.with_coupling(-before).coupling, -before)
@@ -380,6 +381,18 @@ def test_the_force_is_linear_in_the_coupling_and_each_pair_of_masses(name: str) 
     assert largest(potential.force(state.q, doubled) / force - 30) < 1e-10
     energies = potential.energy(state.q, doubled) / potential.energy(state.q, params)
     assert largest(energies - 30) < 1e-10
+
+
+@in_float64
+@pytest.mark.parametrize(("name", "power"), [("displacement", 1), ("radial", 2)])
+def test_learned_forces_vanish_at_infinity(name: str, power: int) -> None:
+    """As 1 / r^2 along the displacement and as 1 / r across it, which only one of them has."""
+    potential = wiggled(PAIR_POTENTIALS[name]())
+    params = Parameters(torch.tensor(1.0), torch.ones(2))
+    apart = torch.tensor([[0.0, 0.0], [0.6, 0.8]])
+    far, farther = (largest(potential.force(r * apart, params)) for r in (1e4, 2e4))
+    assert far < 1e-4
+    assert far / farther == pytest.approx(2**power, rel=1e-2)
 
 
 def angular_momentum(s: PhaseState) -> Tensor:

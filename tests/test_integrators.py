@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -375,20 +376,32 @@ def test_implicit_midpoint_refuses_nan(part: str) -> None:
         implicit_midpoint(replace(field, **{part: nan}), still, 0.1)
 
 
-def test_implicit_midpoint_converges_for_each_episode_not_for_the_largest_only() -> None:
-    field = VectorField(lambda q, p: p, lambda q, p: -q)
-    small = state([1e-6], [2e-6], space=1)
-    large = state([1e6], [2e6], space=1)
-    both = PhaseState.stack([small, large], 0)
+def test_implicit_midpoint_converges_for_each_episode_not_for_the_batch() -> None:
+    """One small and stiff episode among many that are large, soft and solved at once."""
+    field = VectorField(lambda q, p: p, lambda q, p: -100 * q / (1 + q.square()))
+    small, large = state([1e-3], [2e-3], space=1), state([1e6], [2e6], space=1)
+    together = implicit_midpoint(field, PhaseState.stack([small] + 1000 * [large], 0), 0.1)
     alone = implicit_midpoint(field, small, 0.1)
-    together = implicit_midpoint(field, both, 0.1)[0]
-    assert largest(together.flat / alone.flat - 1) < 1e-14
+    assert largest(together[0].flat / alone.flat - 1) < 1e-14
+
+
+def test_implicit_midpoint_stops_where_rounding_keeps_it_from_settling() -> None:
+    """Positions known to 1e-13 only, as far from the origin: some steps end in a two-cycle."""
+    field = VectorField(lambda q, p: p, lambda q, p: -((q + 1000) - 1000))
+    start = state([1.0], [0.3], space=1)
+    end, _ = march(implicit_midpoint, field, start, 0.5, 300)
+    assert largest(end.flat.square().sum() - start.flat.square().sum()) < 1e-10
 
 
 def test_implicit_midpoint_keeps_a_still_body_still() -> None:
     field = VectorField(lambda q, p: p, lambda q, p: torch.zeros_like(q))
     still = state([0.0], [0.0], space=1)
     assert torch.equal(implicit_midpoint(field, still, 0.1).flat, still.flat)
+
+
+def test_implicit_midpoint_of_no_episodes_is_none() -> None:
+    nobody = PhaseState(torch.zeros(0, 3, 2), torch.zeros(0, 3, 2))
+    assert implicit_midpoint(PENDULUM.field, nobody, 0.1).q.shape == (0, 3, 2)
 
 
 # --- Tao's scheme ------------------------------------------------------------------------------
@@ -400,7 +413,8 @@ def test_the_tao_gate_passes_at_the_study_s_step() -> None:
 
 @pytest.mark.parametrize("dt", [0.05, 2.0, math.nan])
 def test_the_tao_gate_refuses_a_large_step(dt: float) -> None:
-    with pytest.raises(ValueError, match=rf"tao.*gate failed at dt = {dt:g} s.*smaller dt"):
+    words = rf"tao.*gate failed at dt = {dt:g} s.* > 0.0001 in 2000 steps; use a smaller dt"
+    with pytest.raises(ValueError, match=words):
         tao_gate(dt)
 
 
@@ -416,6 +430,18 @@ def test_tao_binds_its_two_copies() -> None:
     """Without the rotation of strength omega the copies part; with it they stay together."""
     now, shadow = march(tao, NON_SEPARABLE.field, NON_SEPARABLE.start, 0.01, 2000)
     assert largest(now.flat - shadow.flat) < 1e-3
+
+
+def test_tao_turns_the_difference_of_its_copies() -> None:
+    """Without a field a step is exp(dt H_C), H_C = omega (|q - x|^2 + |p - y|^2) / 2, omega 20."""
+    zero = VectorField(lambda q, p: torch.zeros_like(q), lambda q, p: torch.zeros_like(q))
+    now, shadow = state([0.7], [-0.4], space=1), state([0.6], [-0.1], space=1)
+    after, copy = tao.advance(zero, now, 0.013, shadow)
+    apart = torch.complex(now.q - shadow.q, now.p - shadow.p)
+    turned = torch.complex(after.q - copy.q, after.p - copy.p)
+    turn = cmath.exp(-1j * 2 * 20 * 0.013)  # dq/dt = dH_C/dp: clockwise
+    assert largest(turned - turn * apart) < 1e-15
+    assert largest(after.flat + copy.flat - now.flat - shadow.flat) < 1e-15
 
 
 # --- the interface -----------------------------------------------------------------------------
