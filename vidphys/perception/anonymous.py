@@ -1,0 +1,300 @@
+"""The anonymous rungs: bodies that all look alike, one fixed detector, three ways to bind.
+
+The detector finds the bodies of each frame, in no order; a binder decides who is who over time.
+By hand (B1); by a tracker that learned from what is smoothest in hindsight (B3); and by a tracker
+trained together with the dynamics head, which then foresees each next frame for it (B2).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from binders import Detections, Tracks, bind_by_acceleration, detect
+from binders.tracker import (
+    HYPOTHESES,
+    NEAR,
+    SoftTracks,
+    Tracker,
+    extrapolate,
+    follow,
+    follow_softly,
+    sinkhorn,
+)
+from dynamics import Head, Parameters
+from renderers import AnonymousWorld
+from vidphys.atomic import write_with
+from vidphys.clips import Clips
+from vidphys.errors import InputError
+from vidphys.perception.aim import aim, motion_under
+from vidphys.perception.base import HEAD_DT, FitTask, Fitted, Grounding
+from vidphys.perception.discovered import new_head
+from vidphys.perception.windows import steps_per_frame
+from vidphys.seeding import derive
+from vidphys.segments import roll
+from vidphys.train import FitSettings, fit
+
+WINDOW = 7  # frames that the tracker is trained on at once
+AHEAD = 3  # frames that the head predicts
+LEARNING_RATE = 1e-2
+MANY = 36  # hypotheses of the teacher
+CHUNK = 64  # clips detected or followed at once
+
+
+@dataclass(frozen=True)
+class HandBinding:
+    """The detector and the hand-made binder; nothing is learned."""
+
+    def tracks(self, clips: Clips) -> Tracks:
+        """Positions of every body in every frame, numbered as found in the first."""
+        return bind_by_acceleration(detections_of(clips))
+
+
+@dataclass(frozen=True)
+class LearnedBinding:
+    """The detector and a trained tracker, with the head that it was trained through if any.
+
+    Args:
+        tracker: gives the scores.
+        head: foresees each next frame. Each clip is also followed by extrapolation, and keeps
+            the tracks of greater score: a head that foresees badly does no harm.
+        hypotheses: histories followed side by side.
+    """
+
+    tracker: Tracker
+    head: Head | None = None
+    hypotheses: int = HYPOTHESES
+
+    def tracks(self, clips: Clips) -> Tracks:
+        """Positions of every body in every frame, numbered as found in the first."""
+        detections, params = detections_of(clips), clips.params.map(lambda x: x.float())
+        parts = [
+            self._follow(
+                Detections(
+                    detections.positions[rows], detections.confidence[rows], detections.times
+                ),
+                params[rows],
+                steps_per_frame(clips),
+            )
+            for rows in (slice(at, at + CHUNK) for at in range(0, len(clips), CHUNK))
+        ]
+        positions = torch.cat([part.positions for part in parts])
+        return Tracks(positions, torch.cat([p.confidence for p in parts]), detections.times)
+
+    def _follow(self, detections: Detections, params: Parameters, every: int) -> Tracks:
+        tracks, score = follow(self.tracker, detections, hypotheses=self.hypotheses)
+        if self.head is None:
+            return tracks
+        motion = motion_under(self.head, params, every)
+        foreseen, better = follow(self.tracker, detections, motion, self.hypotheses)
+        chosen = (better > score)[:, None, None]
+        return Tracks(
+            torch.where(chosen.unsqueeze(-1), foreseen.positions, tracks.positions),
+            torch.where(chosen, foreseen.confidence, tracks.confidence),
+            tracks.times,
+        )
+
+
+def fit_hand(task: FitTask) -> Fitted:
+    """Nothing to fit."""
+    _check(task.clips)
+    return Fitted(HandBinding())
+
+
+def fit_twostage(task: FitTask) -> Fitted:
+    """Train the tracker to decide at once as the smoothest tracks do in hindsight, then freeze it.
+
+    The untrained tracker follows many histories of each clip to its end, and the smoothest is
+    the teacher. No label and no head is involved.
+    """
+    name = "anonymous-tracker-twostage"
+    tracker = _new_tracker(task, name)
+    found = detections_of(task.clips, task.folder)
+    smooth, _ = follow(tracker, found, hypotheses=MANY)
+    data = windows_of(
+        Detections(smooth.positions, smooth.confidence, smooth.times), task.clips.params
+    )
+
+    def loss(batch: Windows) -> Tensor:
+        return hindsight_loss(tracker, batch.detections)
+
+    _train(task, name, tracker, loss, data)
+    return Fitted(LearnedBinding(tracker.eval(), hypotheses=1))
+
+
+def fit_end_to_end(task: FitTask) -> Fitted:
+    """Train tracker and head by one decode-free loss: tracks that the head predicts.
+
+    Raises:
+        InputError: as for the others, or the frame interval is not a multiple of ``HEAD_DT``.
+    """
+    name = f"anonymous-tracker-{task.head}"
+    tracker, head = _new_tracker(task, name), new_head(task, name)
+    every = steps_per_frame(task.clips)
+
+    def loss(batch: Windows) -> Tensor:
+        tracks = follow_softly(tracker, batch.detections)
+        return prediction_loss(head, tracks, batch.params, every)
+
+    data = windows_of(detections_of(task.clips, task.folder), task.clips.params)
+    _train(task, name, nn.ModuleList([tracker, head]), loss, data)
+    return Fitted(LearnedBinding(tracker.eval(), head.eval()), head)
+
+
+def hindsight_loss(tracker: Tracker, teacher: Detections) -> Tensor:
+    """How little of each detection goes to its own track, ``-log`` of the part.
+
+    Args:
+        tracker: is asked in each frame, given the teacher's past.
+        teacher: detections sorted by body.
+    """
+    losses = []
+    for frame in range(1, len(teacher.times)):
+        past = teacher.positions[:, max(0, frame - 3) : frame]
+        slots, confidence = teacher.positions[:, frame], teacher.confidence[:, frame]
+        part = sinkhorn(tracker(past, extrapolate(past), slots, confidence))
+        losses.append(-part.diagonal(dim1=-2, dim2=-1).clamp_min(1e-6).log().mean())
+    return torch.stack(losses).mean()
+
+
+def prediction_loss(head: Head, tracks: SoftTracks, params: Parameters, every: int) -> Tensor:
+    """Distance of the head's predictions from the tracks' own future, and the doubt in them.
+
+    The head is started on each frame so that it meets the track in the next, and is compared with
+    the frames after. Frames apart by less than an encounter lasts make a difference quotient
+    useless there, and encounters are where binding is decided.
+    """
+    positions = tracks.positions
+    starts = positions.shape[1] - AHEAD
+    law = params.map(lambda x: x.unsqueeze(1).expand(-1, starts, *x.shape[1:]))
+    start = aim(head, positions[:, :starts], positions[:, 1 : 1 + starts], law, every)
+    seen = roll(head, start, law, AHEAD, HEAD_DT, every).q
+    future = positions.unfold(1, AHEAD, 1)[:, 1:].movedim(-1, 2)
+    return _size((seen - future).square().sum(-1)) + _size(tracks.variance)
+
+
+def _size(squared: Tensor) -> Tensor:
+    """Mean of log(1 + e^2 / NEAR^2): one lost body does not outweigh the others' precision."""
+    return (squared / NEAR**2).log1p().mean()
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Detections in short windows of the training clips.
+
+    Args:
+        detections: ``(m, WINDOW, n, 2)``.
+        params: ``(m,)`` and ``(m, n)``, float32.
+    """
+
+    detections: Detections
+    params: Parameters
+
+    def __len__(self) -> int:
+        return len(self.detections.positions)
+
+    def __getitem__(self, index: Tensor) -> Windows:
+        whole = self.detections
+        part = Detections(whole.positions[index], whole.confidence[index], whole.times)
+        return Windows(part, self.params[index])
+
+
+def windows_of(detections: Detections, params: Parameters) -> Windows:
+    """Every window in which all bodies were found in every frame.
+
+    Raises:
+        InputError: there is none, because clips are too short or too much is hidden.
+    """
+    positions = detections.positions.unfold(1, WINDOW, 1).movedim(-1, 2)
+    confidence = detections.confidence.unfold(1, WINDOW, 1).movedim(-1, 2)
+    whole = (confidence > 0).all((-2, -1))
+    if not bool(whole.any()):
+        raise InputError(
+            f"anonymous: no window of {WINDOW} frames shows all bodies in every frame; "
+            "render more or longer clips"
+        )
+    clip = torch.nonzero(whole)[:, 0]
+    found = Detections(positions[whole], confidence[whole], detections.times[:WINDOW])
+    return Windows(found, params[clip].map(lambda x: x.float()))
+
+
+def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
+    """The fixed detector's answer, by which all anonymous rungs see.
+
+    Args:
+        clips: of the anonymous world.
+        folder: where it is kept, under a name made of the frames' hash; ``None`` keeps nothing.
+
+    Raises:
+        InputError: the clips are of another world, or their bodies differ in mass.
+    """
+    world = _check(clips)
+    frames = hashlib.sha256(clips.frames.numpy().tobytes()).hexdigest()[:16]
+    kept = None if folder is None else folder / f"detections-{frames}.safetensors"
+    if kept is not None and kept.exists():
+        stored = load_file(kept)
+        return Detections(stored["positions"], stored["confidence"], clips.times.float())
+    bodies, camera = clips.states.q.shape[2], world.camera
+    parts = [
+        detect(
+            clips.images(slice(at, at + CHUNK)),
+            clips.times.float(),
+            bodies,
+            world.coverage,
+            camera.xs(),
+            camera.ys(),
+        )
+        for at in range(0, len(clips), CHUNK)
+    ]
+    positions = torch.cat([part.positions for part in parts])
+    confidence = torch.cat([part.confidence for part in parts])
+    if kept is not None:
+        found = {"positions": positions, "confidence": confidence}
+        write_with(kept, lambda partial: save_file(found, partial))
+    return Detections(positions, confidence, clips.times.float())
+
+
+def _check(clips: Clips) -> AnonymousWorld:
+    world, mass = clips.world, clips.params.mass
+    if not isinstance(world, AnonymousWorld):
+        raise InputError(
+            f"anonymous: finds equal disks, got clips of {type(world).__name__}; "
+            "render them in the anonymous world"
+        )
+    if bool((mass != mass[:, :1]).any()):
+        raise InputError(
+            "anonymous: nobody can say which of several bodies that look alike is the heavy one; "
+            "use a scene of equal masses"
+        )
+    return world
+
+
+def _new_tracker(task: FitTask, name: str) -> Tracker:
+    torch.manual_seed(derive(task.seed, "init", name))
+    return Tracker()
+
+
+def _train(
+    task: FitTask,
+    name: str,
+    modules: nn.Module,
+    loss: Callable[[Windows], Tensor],
+    data: Windows,
+) -> None:
+    batch = max(1, task.sizes.perception_batch // WINDOW)
+    settings = FitSettings(task.sizes.perception_steps, batch, LEARNING_RATE, clip=1.0)
+    save_to = None if task.folder is None else task.folder / f"{name}.json"
+    fit(modules, loss, data, settings, derive(task.seed, "order", name), save_to, task.progress)
+
+
+ANONYMOUS_GROUNDINGS = [
+    Grounding("anonymous-hand", "anonymous", "none", "hand", False, fit_hand),
+    Grounding("anonymous-tracker", "anonymous", "none", "tracker", True, fit_end_to_end),
+    Grounding("anonymous-tracker-twostage", "anonymous", "none", "tracker", False, fit_twostage),
+]
