@@ -1,0 +1,179 @@
+"""Reading clips: which frame it is, when it was, and what the container got wrong."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vidphys.errors import InputError
+from vidphys.video import ClipSelection, _times, read_video, require_frames
+
+FRAMES, RATE, BLOCK, BITS = 40, 25.0, 16, 6
+
+
+def burned(index: int) -> np.ndarray:
+    """A red-tinted BGR frame with its index in black and white blocks."""
+    frame = np.full((48, BLOCK * BITS, 3), (20, 20, 200), np.uint8)
+    for bit in range(BITS):
+        frame[:BLOCK, bit * BLOCK : (bit + 1) * BLOCK] = 255 * (index >> bit & 1)
+    return frame
+
+
+def index_of(frame: np.ndarray) -> int:
+    half = BLOCK // 2
+    return sum(int(frame[half, b * BLOCK + half, 0] > 127) << b for b in range(BITS))
+
+
+@pytest.fixture(scope="module", params=["MJPG.avi", "mp4v.mp4"])
+def clip(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    codec, suffix = request.param.split(".")
+    path = tmp_path_factory.mktemp("clips") / f"clip.{suffix}"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), RATE, (BLOCK * BITS, 48))
+    for index in range(FRAMES):
+        writer.write(burned(index))
+    writer.release()
+    return path
+
+
+def test_every_frame_is_the_one_it_says(clip: Path) -> None:
+    video = read_video(clip, ClipSelection())
+    assert [index_of(f) for f in video.frames] == list(range(FRAMES)) == video.indices.tolist()
+    assert video.frames.dtype == np.uint8
+    np.testing.assert_allclose(np.diff(video.times), 1 / RATE, atol=1e-6)
+    assert video.interval == pytest.approx(1 / RATE)
+    assert video.notes == ()
+    assert video.size == (48, BLOCK * BITS)
+
+
+def test_channels_are_red_first(clip: Path) -> None:
+    red, green, blue = read_video(clip, ClipSelection(stop=1)).frames[0, -8:].mean((0, 1))
+    assert red > 150 > 60 > max(green, blue)
+
+
+@pytest.mark.parametrize(
+    ("selection", "expected"),
+    [
+        (ClipSelection(start=7), range(7, FRAMES)),
+        (ClipSelection(stop=5), range(5)),
+        (ClipSelection(start=3, stop=30, stride=4), range(3, 30, 4)),
+        (ClipSelection(start=FRAMES - 1), range(FRAMES - 1, FRAMES)),
+    ],
+)
+def test_selection(clip: Path, selection: ClipSelection, expected: range) -> None:
+    video = read_video(clip, selection)
+    assert [index_of(f) for f in video.frames] == list(expected) == video.indices.tolist()
+    whole = read_video(clip, ClipSelection())
+    np.testing.assert_array_equal(video.times, whole.times[list(expected)])
+    assert video.notes == ()
+
+
+def test_side_shrinks_and_keeps_the_picture(clip: Path) -> None:
+    small = read_video(clip, ClipSelection(side=48)).frames
+    large = read_video(clip, ClipSelection()).frames
+    assert small.shape[1:] == (24, 48, 3)
+    np.testing.assert_allclose(small.mean((1, 2)), large.mean((1, 2)), atol=2)
+    assert read_video(clip, ClipSelection(side=500)).frames.shape == large.shape
+
+
+def test_given_rate_replaces_the_stamps(clip: Path) -> None:
+    video = read_video(clip, ClipSelection(rate=200.0, start=2))
+    np.testing.assert_allclose(video.times, np.arange(2, FRAMES) / 200)
+    assert "200" in video.notes[0]
+
+
+def test_declared_and_decoded_count_disagree(tmp_path: Path) -> None:
+    path = tmp_path / "whole.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), RATE, (96, 48))
+    for index in range(FRAMES):
+        writer.write(burned(index))
+    writer.release()
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    video = read_video(cut, ClipSelection())
+    count = len(video.frames)
+    assert 5 < count < FRAMES
+    assert any(f"declares {FRAMES} frames, {count} were decoded" in n for n in video.notes)
+    assert read_video(cut, ClipSelection(stop=3)).notes == ()
+
+
+def test_stamps_that_do_not_increase_are_replaced() -> None:
+    stamps = np.array([0.0, 0.1, 0.2, 0.0, 0.4, 0.5])
+    times, notes = _times(Path("clip"), stamps, None)
+    np.testing.assert_allclose(times, np.arange(6) * 0.1)
+    assert "1 presentation stamps do not increase" in notes[0]
+    with pytest.raises(InputError, match="give the frame rate with --rate"):
+        _times(Path("clip"), np.zeros(5), None)
+
+
+@pytest.mark.parametrize(
+    ("selection", "message"),
+    [
+        (ClipSelection(start=-1), "0 <= start < stop"),
+        (ClipSelection(start=4, stop=4), "0 <= start < stop"),
+        (ClipSelection(stride=0), "stride 0"),
+        (ClipSelection(rate=0.0), "rate 0"),
+        (ClipSelection(rate=float("nan")), "rate nan"),
+        (ClipSelection(side=0), "side 0"),
+        (ClipSelection(start=FRAMES), f"{FRAMES} were decoded"),
+    ],
+)
+def test_bad_selection(clip: Path, selection: ClipSelection, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_video(clip, selection)
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read_video(tmp_path / "nowhere.mp4", ClipSelection())
+    with pytest.raises(InputError, match="no such file"):
+        read_video(tmp_path, ClipSelection())
+    text = tmp_path / "text.mp4"
+    for content in ("", "not a video " * 100):
+        text.write_text(content)
+        with pytest.raises(InputError, match="not a video"):
+            read_video(text, ClipSelection())
+
+
+def test_the_decoder_adds_no_lines_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "text.mp4"
+    path.write_text("not a video " * 100)
+    code = (
+        "import sys; from pathlib import Path; from vidphys.video import *\n"
+        "try: read_video(Path(sys.argv[1]), ClipSelection())\n"
+        "except ValueError as error: print(error)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
+    )
+    assert run.stderr == ""
+    assert run.stdout.count("\n") == 1
+
+
+def test_one_frame_has_no_momentum(clip: Path) -> None:
+    video = read_video(clip, ClipSelection(stop=1))
+    assert len(video.frames) == 1
+    with pytest.raises(InputError, match="needs at least 3 frames, the selection has 1"):
+        require_frames(video)
+    with pytest.raises(InputError, match="no frame interval"):
+        _ = video.interval
+    require_frames(read_video(clip, ClipSelection(stop=3)))
+
+
+def test_real_clips() -> None:
+    folder = os.environ.get("VIDPHYS_CLIPS")
+    if folder is None or not (Path(folder) / "ball_bounce.avi").is_file():
+        pytest.skip("VIDPHYS_CLIPS does not name a folder with ball_bounce.avi")
+    bounce = read_video(Path(folder) / "ball_bounce.avi", ClipSelection())
+    assert len(bounce.frames) == 295
+    notes = "; ".join(bounce.notes)
+    assert "declares 300 frames, 295 were decoded" in notes
+    assert "declares 187.4 frames per second" in notes
+    puck = read_video(Path(folder) / "puck_constant_force.avi", ClipSelection())
+    assert len(puck.frames) == 26
+    assert (np.diff(puck.times) > 0).all()

@@ -1,0 +1,240 @@
+"""The user's clip: decoded frames with their time stamps, and what the container got wrong.
+
+Containers state a frame rate and a frame count; both can be false. Frames are counted by decoding
+them and times are the presentation stamps.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from vidphys.atomic import sha256
+from vidphys.errors import InputError
+
+RATE_TOLERANCE = 0.01
+GAP = 1.5
+MAX_BYTES = 8 * 2**30
+FRAMES_FOR_MOMENTUM = 3
+
+
+@dataclass(frozen=True)
+class ClipSelection:
+    """Which part of a clip is read, and how large.
+
+    Args:
+        start: first frame, counted by decoding.
+        stop: frame to stop before; all where not given.
+        stride: take each ``stride``-th frame.
+        side: shrink frames so that their longer side has at most this many pixels.
+        rate: frames per second, in place of the container's stamps where they are known to be
+            wrong (high-speed recordings, AVI).
+    """
+
+    start: int = 0
+    stop: int | None = None
+    stride: int = 1
+    side: int | None = None
+    rate: float | None = None
+
+
+@dataclass(frozen=True)
+class Video:
+    """A decoded clip.
+
+    Args:
+        path: the file, and ``sha256`` its hash.
+        frames: uint8 ``(t, H, W, 3)``, RGB, row 0 on top.
+        times: seconds of each frame, float64 ``(t,)``.
+        indices: number of each frame, counted by decoding from 0, int64 ``(t,)``.
+        notes: where the container's word and what was decoded disagree, a line each.
+    """
+
+    path: Path
+    sha256: str
+    frames: np.ndarray
+    times: np.ndarray
+    indices: np.ndarray
+    notes: tuple[str, ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of the frames."""
+        return self.frames.shape[1], self.frames.shape[2]
+
+    @property
+    def interval(self) -> float:
+        """Median seconds between frames.
+
+        Raises:
+            InputError: fewer than two frames.
+        """
+        if len(self.times) < 2:
+            raise InputError(f"{self.path}: one frame has no frame interval; give a longer clip")
+        return float(np.median(np.diff(self.times)))
+
+
+def read_video(path: Path, selection: ClipSelection) -> Video:
+    """Decode a clip with OpenCV (FFmpeg).
+
+    Raises:
+        InputError: a selection that makes no sense, a missing file, not a video, no frame that can
+            be decoded, or stamps that do not increase and no ``rate`` in their place.
+    """
+    _check(selection)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the path of a video")
+    declared_rate, declared_count, decoded = _declared(path)
+    frames, stamps, indices = [], [], []
+    count = 0
+    for frame, stamp in decoded:
+        stamps.append(stamp)
+        if count >= selection.start and (count - selection.start) % selection.stride == 0:
+            frames.append(_shrink(frame, selection.side))
+            indices.append(count)
+            _check_memory(path, frames)
+        count += 1
+        if count == selection.stop:
+            break
+    if not frames:
+        raise InputError(
+            f"{path}: no frame could be decoded in the selection (frames {selection.start} to "
+            f"{selection.stop or 'the end'}; {count} were decoded); check the file and --start"
+        )
+    times, notes = _times(path, np.array(stamps), selection.rate)
+    notes += _count_note(declared_count, count, ended=selection.stop is None)
+    if selection.rate is None:
+        notes += _rate_notes(declared_rate, times)
+    kept = np.array(indices)
+    return Video(path, sha256(path), np.stack(frames), times[kept], kept, tuple(notes))
+
+
+def require_frames(video: Video, least: int = FRAMES_FOR_MOMENTUM) -> None:
+    """Refuse a clip that is too short to show momentum.
+
+    Raises:
+        InputError: fewer than ``least`` frames.
+    """
+    if len(video.frames) < least:
+        raise InputError(
+            f"{video.path}: momentum needs at least {least} frames, the selection has "
+            f"{len(video.frames)}; one frame shows places, not speeds: give a longer clip"
+        )
+
+
+def _check(selection: ClipSelection) -> None:
+    stop = selection.stop
+    if selection.start < 0 or (stop is not None and stop <= selection.start):
+        raise InputError(f"frames {selection.start} to {stop}: must be 0 <= start < stop")
+    if selection.stride < 1:
+        raise InputError(f"stride {selection.stride}: must be at least 1")
+    if selection.rate is not None and not selection.rate > 0:
+        raise InputError(f"rate {selection.rate}: must be above 0 frames per second")
+    if selection.side is not None and selection.side < 1:
+        raise InputError(f"side {selection.side}: must be at least 1 pixel")
+
+
+def _check_memory(path: Path, frames: list[np.ndarray]) -> None:
+    if len(frames) * frames[0].nbytes > MAX_BYTES:
+        raise InputError(
+            f"{path}: the first {len(frames)} frames already fill {MAX_BYTES >> 30} GiB; shrink "
+            "them with --side, or take fewer with --stop and --stride"
+        )
+
+
+def _declared(path: Path) -> tuple[float, int, Iterator[tuple[np.ndarray, float]]]:
+    """The container's rate and frame count, and the decoded frames with their stamps (seconds)."""
+    cv2 = _cv2()
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        raise InputError(f"{path}: not a video that OpenCV can read; convert it (mp4, avi, ogv)")
+
+    def decode() -> Iterator[tuple[np.ndarray, float]]:
+        try:
+            while True:
+                good, frame = capture.read()
+                if not good:
+                    return
+                stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), stamp
+        finally:
+            capture.release()
+
+    rate, count = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    return float(rate), int(count), decode()
+
+
+def _cv2() -> ModuleType:
+    """OpenCV, told not to write its own lines beside ours."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    import cv2
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    return cv2
+
+
+def _shrink(frame: np.ndarray, side: int | None) -> np.ndarray:
+    height, width = frame.shape[:2]
+    if side is None or max(height, width) <= side:
+        return frame
+    scale = side / max(height, width)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    cv2 = _cv2()
+    return cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+
+
+def _times(path: Path, stamps: np.ndarray, rate: float | None) -> tuple[np.ndarray, list[str]]:
+    """Increasing times; a stamp that does not increase is replaced by the median interval."""
+    if rate is not None:
+        return np.arange(len(stamps)) / rate, [f"times from the given rate, {rate:g} per second"]
+    if len(stamps) == 1:
+        return stamps, []
+    steps = np.diff(stamps)
+    good = steps > 0
+    if 2 * good.sum() < len(steps):
+        raise InputError(
+            f"{path}: {int((~good).sum())} of {len(stamps)} presentation stamps do not increase; "
+            "give the frame rate with --rate"
+        )
+    if good.all():
+        return stamps, []
+    usual = float(np.median(steps[good]))
+    times = stamps.copy()
+    replaced = 0
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            times[i] = times[i - 1] + usual
+            replaced += 1
+    return times, [
+        f"{replaced} presentation stamps do not increase; replaced by {usual:.4g} s steps"
+    ]
+
+
+def _count_note(declared: int, decoded: int, ended: bool) -> list[str]:
+    if not ended or declared <= 0 or declared == decoded:
+        return []
+    return [f"the container declares {declared} frames, {decoded} were decoded"]
+
+
+def _rate_notes(declared: float, times: np.ndarray) -> list[str]:
+    if len(times) < 2:
+        return []
+    notes, steps = [], np.diff(times)
+    measured = len(steps) / (times[-1] - times[0])
+    if declared <= 0 or abs(measured / declared - 1) > RATE_TOLERANCE:
+        notes.append(
+            f"the container declares {declared:.4g} frames per second, the stamps give "
+            f"{measured:.4g} on average"
+        )
+    gaps = np.nonzero(steps > GAP * np.median(steps))[0]
+    if len(gaps):
+        notes.append(
+            f"gaps in time: {len(gaps)}; the first follows frame {gaps[0]} and lasts "
+            f"{steps[gaps[0]]:.4g} s, usual are {np.median(steps):.4g} s"
+        )
+    return notes
