@@ -1,0 +1,270 @@
+"""A folder of features on disk, filed under everything that they depend on.
+
+::
+
+    STORE/entries/<key>.json           the manifest; renamed into place last
+    STORE/entries/<key>.safetensors    values (t, c, h, w) and times, memory-mapped when read
+    STORE/index.parquet                one row per manifest; a cache, rebuilt from them
+
+The key is the hash of the request, so other weights, layers or frames never meet by accident.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+
+from encoders.features import FeatureMap
+from encoders.identity import EncoderIdentity
+from encoders.weights import file_sha256
+
+SCHEMA_VERSION = 1
+DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
+
+
+@dataclass(frozen=True)
+class FeatureRequest:
+    """Features of which frames of which clip by which encoder.
+
+    Args:
+        encoder: see :class:`EncoderIdentity`.
+        source_sha256: hash of the clip's file, or of the frames' bytes.
+        frames: indices of the frames, counted by decoding.
+        times: seconds of each frame.
+        frame_size: (height, width) of the frames that the encoder was given.
+        dtype: of the stored values.
+    """
+
+    encoder: EncoderIdentity
+    source_sha256: str
+    frames: tuple[int, ...]
+    times: tuple[float, ...]
+    frame_size: tuple[int, int]
+    dtype: Literal["float16", "bfloat16", "float32"] = "float16"
+
+    @property
+    def key(self) -> str:
+        """SHA-256 of the request, the name of its files."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        return hashlib.sha256(f"{SCHEMA_VERSION}:{text}".encode()).hexdigest()
+
+
+class StaleFeatures(ValueError):
+    """An entry does not fit what asks for it; the message says what differs and what to do."""
+
+
+class FeatureStore:
+    """Reads and writes one store; several processes may write to it at once.
+
+    Args:
+        folder: made at the first write.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.hits = 0
+        self.misses = 0
+
+    @property
+    def hit_rate(self) -> float | None:
+        """Share of the requests of this object that were on disk; ``None`` before the first."""
+        asked = self.hits + self.misses
+        return self.hits / asked if asked else None
+
+    def get(
+        self, request: FeatureRequest, source: str, encode: Callable[[], FeatureMap]
+    ) -> FeatureMap:
+        """The features of ``request``, from disk or else by ``encode()``, which is then stored.
+
+        Args:
+            request: what is wanted.
+            source: label of the clip for people (a path).
+            encode: makes the features of one episode.
+        """
+        found = self.read(request)
+        if found is not None:
+            self.hits += 1
+            return found
+        self.misses += 1
+        self.write(request, source, encode())
+        written = self.read(request)
+        assert written is not None
+        return written
+
+    def read(self, request: FeatureRequest) -> FeatureMap | None:
+        """The features of ``request``, memory-mapped, or ``None`` where the store has none.
+
+        Raises:
+            StaleFeatures: the entry is damaged, or of another schema.
+        """
+        path = self._manifest(request.key)
+        if not path.exists():
+            return None
+        manifest = _load_manifest(path)
+        if manifest["request"] != json.loads(json.dumps(asdict(request))):
+            raise StaleFeatures(f"feature store: {path} was edited; delete it to extract again")
+        return self._open(path, manifest)
+
+    def entries(self) -> list[dict[str, Any]]:
+        """All manifests, each with its ``key``."""
+        paths = sorted((self.folder / "entries").glob("*.json"))
+        return [{"key": path.stem, **_load_manifest(path)} for path in paths]
+
+    def open(self, key: str, source: Path, encoder: EncoderIdentity | None = None) -> FeatureMap:
+        """Features by their key, for use without the encoder, after the checks that guard it.
+
+        Args:
+            key: from :meth:`entries`.
+            source: the clip as it is now.
+            encoder: what the features should come from, if that is known.
+
+        Raises:
+            StaleFeatures: missing or damaged, of another clip than ``source`` now is, or made by
+                another encoder than ``encoder``.
+        """
+        path = self._manifest(key)
+        if not path.exists():
+            raise StaleFeatures(f"feature store {self.folder}: no entry {key}; extract it first")
+        manifest = _load_manifest(path)
+        request = manifest["request"]
+        if request["source_sha256"] != file_sha256(source):
+            raise StaleFeatures(
+                f"feature store: entry {key[:12]} was made from another file than {source} now "
+                "is; extract again"
+            )
+        for field, value in asdict(encoder).items() if encoder else ():
+            if request["encoder"][field] != value:
+                raise StaleFeatures(
+                    f"feature store: entry {key[:12]} has {field} {request['encoder'][field]}, "
+                    f"this encoder {value}; extract again"
+                )
+        return self._open(path, manifest)
+
+    def write(self, request: FeatureRequest, source: str, features: FeatureMap) -> None:
+        """Store the features of one clip, whole or not at all.
+
+        Raises:
+            ValueError: more than one episode, or values that the dtype cannot hold.
+        """
+        from safetensors.torch import save_file
+
+        if features.values.shape[0] != 1:
+            raise ValueError(
+                f"feature store: one clip at a time, got a batch of {features.values.shape[0]}"
+            )
+        values = features.values[0].to("cpu", DTYPES[request.dtype]).contiguous()
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(
+                f"feature store: features of {source} are not finite in {request.dtype}; "
+                "use float32"
+            )
+        tensors = {"values": values, "times": features.times.cpu().contiguous()}
+        path = self._manifest(request.key)
+        data = path.with_suffix(".safetensors")
+        _into_place(data, lambda partial: save_file(tensors, partial))
+        manifest = {
+            "schema_version": SCHEMA_VERSION,
+            "source": source,
+            "request": asdict(request),
+            "stride": list(features.stride),
+            "shape": list(values.shape),
+            "bytes": data.stat().st_size,
+            "sha256": file_sha256(data),
+        }
+        text = json.dumps(manifest, indent=2)
+        _into_place(path, lambda partial: partial.write_text(text, encoding="utf-8"))
+
+    def write_index(self) -> Path:
+        """Rebuild ``index.parquet``: one row per entry, without the lists of frames."""
+        import pyarrow
+        from pyarrow import parquet
+
+        rows = [_row(manifest) for manifest in self.entries()]
+        path = self.folder / "index.parquet"
+        table = pyarrow.Table.from_pylist(rows)
+        _into_place(path, lambda partial: parquet.write_table(table, partial))
+        return path
+
+    def verify(self) -> list[str]:
+        """Keys of the entries whose tensors do not have the recorded hash any more."""
+        bad = []
+        for manifest in self.entries():
+            data = self._manifest(manifest["key"]).with_suffix(".safetensors")
+            if not data.exists() or file_sha256(data) != manifest["sha256"]:
+                bad.append(manifest["key"])
+        return bad
+
+    def _manifest(self, key: str) -> Path:
+        return self.folder / "entries" / f"{key}.json"
+
+    def _open(self, path: Path, manifest: dict[str, Any]) -> FeatureMap:
+        from safetensors import SafetensorError, safe_open
+
+        data = path.with_suffix(".safetensors")
+        if not data.exists() or data.stat().st_size != manifest["bytes"]:
+            raise StaleFeatures(
+                f"feature store: {data} is missing or cut short; delete {path.name} to extract "
+                "again"
+            )
+        try:
+            with safe_open(data, "pt") as file:
+                values, times = file.get_tensor("values"), file.get_tensor("times")
+        except SafetensorError as error:
+            raise StaleFeatures(
+                f"feature store: {data} is damaged ({error}); delete {path.name} to extract again"
+            ) from error
+        stride = manifest["stride"]
+        return FeatureMap(values[None], (stride[0], stride[1]), times)
+
+
+def _load_manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        version = manifest["schema_version"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StaleFeatures(
+            f"feature store: {path} is not a manifest ({error}); delete it to extract again"
+        ) from error
+    if version != SCHEMA_VERSION:
+        raise StaleFeatures(
+            f"feature store: {path} has schema version {version}, this code reads "
+            f"{SCHEMA_VERSION}; use another --out, or delete the store"
+        )
+    return manifest
+
+
+def _row(manifest: dict[str, Any]) -> dict[str, Any]:
+    request = manifest["request"]
+    return {
+        "key": manifest["key"],
+        "source": manifest["source"],
+        "source_sha256": request["source_sha256"],
+        **{f"encoder_{k}": v for k, v in request["encoder"].items()},
+        "frames": len(request["frames"]),
+        "first_frame": request["frames"][0],
+        "last_frame": request["frames"][-1],
+        "dtype": request["dtype"],
+        "shape": manifest["shape"],
+        "bytes": manifest["bytes"],
+        "sha256": manifest["sha256"],
+    }
+
+
+def _into_place(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a neighbour of ``path``; sync it and rename it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        write(partial)
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,94 @@
+"""``vidphys weights``: which weights there are, get them, check them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from encoders.weights import (
+    KNOWN,
+    WeightsMissing,
+    entry,
+    fetch,
+    find_weights,
+    lock,
+    weights_folder,
+)
+from vidphys.errors import InputError
+
+
+@dataclass(frozen=True)
+class WeightsConfig:
+    """List, fetch or check the weights of frozen encoders.
+
+    Example: vidphys weights fetch hiera --weights weights
+
+    Args:
+        action: list what is known and whether it is here; fetch from the hub; check the hashes.
+        names: encoders; all for list and check if none is named.
+        weights: folder; else VIDPHYS_WEIGHTS, else the user's cache.
+        lock: with check: accept the files as they are and write their hashes beside them.
+    """
+
+    action: Annotated[Literal["list", "fetch", "check"], tyro.conf.Positional]
+    names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    weights: Path | None = None
+    lock: bool = False
+
+
+def weights(config: WeightsConfig) -> None:
+    """Do what ``config.action`` says and print a line for each encoder.
+
+    Raises:
+        InputError: unknown names, nothing to fetch, a hub that cannot be reached, a named file
+            that is missing, or one with a wrong hash.
+    """
+    if config.lock and config.action != "check":
+        raise InputError("weights: --lock goes with check only")
+    if config.action == "fetch" and not config.names:
+        raise InputError(f"weights fetch: name what to fetch; known are {', '.join(KNOWN)}")
+    try:
+        for name in config.names or KNOWN:
+            entry(name)
+        for name in config.names or KNOWN:
+            print(_ACTIONS[config.action](name, config))
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _list(name: str, config: WeightsConfig) -> str:
+    known = entry(name)
+    path = weights_folder(config.weights) / known.file
+    where = str(path) if path.is_file() else f"not here: vidphys weights fetch {name}"
+    return f"{name}: {known.about}; {known.licence}; {where}"
+
+
+def _fetch(name: str, config: WeightsConfig) -> str:
+    try:
+        found = fetch(name, config.weights)
+    except ConnectionError as error:
+        raise InputError(
+            f"weights fetch {name}: the hub did not give it ({error}); get it elsewhere, put it "
+            f"here as {weights_folder(config.weights) / entry(name).file} and run "
+            "`vidphys weights check --lock`"
+        ) from error
+    return f"{name}: {found.path}, sha256 {found.sha256}"
+
+
+def _check(name: str, config: WeightsConfig) -> str:
+    path = weights_folder(config.weights) / entry(name).file
+    if config.lock and path.is_file():
+        return f"{name}: {path} locked, sha256 {lock(path, None)}"
+    try:
+        found = find_weights(name, config.weights)
+    except WeightsMissing:
+        if config.names:
+            raise
+        return f"{name}: not here"
+    return f"{name}: {found.path} is as expected, sha256 {found.sha256}"
+
+
+_ACTIONS = {"list": _list, "fetch": _fetch, "check": _check}
