@@ -1,0 +1,185 @@
+"""The hand binder for real clips, on a clip drawn to have what real ones have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from binders.camera import background_of, camera_drift, undo_drift
+from binders.follow import Blobs, follow
+from binders.motion import MotionSettings, MotionTracks, bind_motion
+
+FRAMES, HEIGHT, WIDTH = 60, 96, 128
+WALL = np.array([150.0, 130.0, 110.0])
+COLOURS = np.array([[200.0, 40.0, 30.0], [30.0, 60.0, 200.0]])
+
+
+def room(seed: int = 0) -> np.ndarray:
+    """A wall with smooth shading and a few sharp still things, larger than the frame."""
+    rng = np.random.default_rng(seed)
+    shade = ndimage.gaussian_filter(rng.normal(size=(HEIGHT + 20, WIDTH + 20)), 8)
+    wall = WALL * (1 + 2 * shade[..., None])
+    for _ in range(6):
+        y, x = rng.integers(5, HEIGHT), rng.integers(5, WIDTH)
+        wall[y : y + 12, x : x + 3] *= 0.5
+    return wall
+
+
+def disc(centre: np.ndarray, radius: float) -> np.ndarray:
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.clip(radius + 0.5 - np.hypot(x - centre[0], y - centre[1]), 0, 1)[..., None]
+
+
+def draw(
+    paths: np.ndarray, drift: np.ndarray, shade: float = 0.3, strings: bool = True
+) -> np.ndarray:
+    """Frames of discs on strings that cast shadows, by a camera that drifts; paths in pixels."""
+    rng, wall = np.random.default_rng(1), room()
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    frames = []
+    for bodies, move in zip(paths, drift, strict=True):
+        shifted = ndimage.shift(wall, (move[1], move[0], 0), order=1, mode="nearest")
+        image = shifted[10 : 10 + HEIGHT, 10 : 10 + WIDTH].copy()
+        for centre, colour in zip(bodies + move, COLOURS, strict=False):
+            image *= 1 - shade * disc(centre + (9, 4), 6)
+            string = np.abs(x - centre[0]) * (y < centre[1]) + 99 * (y >= centre[1])
+            image[(string < 1) & strings] = (230, 220, 200)
+            body = disc(centre, 5.0)
+            image = image * (1 - body) + colour * body
+        frames.append(image + rng.normal(scale=1.5, size=image.shape))
+    return np.clip(np.stack(frames), 0, 255).astype(np.uint8)
+
+
+def swing() -> np.ndarray:
+    """Swings out for the first third, then hangs nearly still: its place becomes a ghost."""
+    t = np.arange(FRAMES)
+    size = np.where(t < 20, 40.0, 3.0)
+    return np.stack([70 - size * np.sin(0.35 * t) ** 2, 55 + 0.1 * size * np.cos(0.7 * t)], 1)
+
+
+def still() -> np.ndarray:
+    return np.zeros((FRAMES, 2))
+
+
+def wobble() -> np.ndarray:
+    t = np.arange(FRAMES) / FRAMES
+    move = np.stack([3.5 * np.sin(5 * t), 2.5 * np.sin(8 * t + 1)], 1)
+    return move - np.median(move, 0)
+
+
+def pixels(found: MotionTracks) -> np.ndarray:
+    normalised = found.tracks.positions[0].numpy()
+    half = max(HEIGHT, WIDTH) / 2
+    centre = np.array([WIDTH, HEIGHT]) / 2 - 0.5
+    return normalised * half * [1, -1] + centre
+
+
+def times() -> np.ndarray:
+    return np.arange(FRAMES) / 30
+
+
+@pytest.mark.parametrize("drift", [still(), wobble()], ids=["still", "hand-held"])
+def test_follows_the_body_and_neither_shadow_nor_string(drift: np.ndarray) -> None:
+    path = swing()[:, None]
+    found = bind_motion(draw(path, drift), times(), MotionSettings())
+    error = np.linalg.norm(pixels(found) - (path + drift[:, None]), axis=-1)
+    assert np.sqrt((error**2).mean()) < 0.35
+    assert error.max() < 1.0
+    assert (found.tracks.confidence > 0.3).all()
+    np.testing.assert_array_equal(found.tracks.times.numpy(), times())
+    camera = found.camera.numpy() * [WIDTH / 2, -WIDTH / 2]
+    assert np.abs(camera - drift).max() < 0.3
+
+
+def test_two_bodies_keep_their_identity() -> None:
+    t = np.arange(FRAMES) / FRAMES
+    one = np.stack([15 + 95 * t, 30 + 12 * t], 1)
+    two = np.stack([112 - 95 * t, 65 + 8 * np.sin(6 * t)], 1)
+    paths = np.stack([one, two], 1)
+    frames = draw(paths, still(), strings=False)
+    found = pixels(bind_motion(frames, times(), MotionSettings(bodies=2)))
+    error = min(
+        np.abs(found - paths).max(),
+        np.abs(found[:, ::-1] - paths).max(),
+    )
+    assert error < 1.5
+
+
+def test_grey_body_needs_brightness() -> None:
+    frames = draw(swing()[:, None], still(), shade=0.0)
+    grey = np.repeat(frames.mean(-1, keepdims=True), 3, -1).astype(np.uint8)
+    found = bind_motion(grey, times(), MotionSettings(shadow=1.0))
+    error = np.linalg.norm(pixels(found)[:, 0] - swing(), axis=-1)
+    assert np.sqrt((error**2).mean()) < 1.0
+    with pytest.raises(ValueError, match=r"keep changes of brightness \(shadow = 1\)"):
+        bind_motion(grey, times(), MotionSettings())
+
+
+def test_refuses_what_it_cannot_follow() -> None:
+    frames = draw(np.zeros((FRAMES, 0, 2)), still())
+    with pytest.raises(ValueError, match="no frame shows 1 moving bodies"):
+        bind_motion(frames, times(), MotionSettings())
+    with pytest.raises(ValueError, match="at least 3 frames, got 2"):
+        bind_motion(frames[:2], times()[:2], MotionSettings())
+
+
+def test_drift_needs_structure() -> None:
+    """On a blank wall nothing tells where the camera is: then it is said to stand still."""
+    rng = np.random.default_rng(0)
+    blank = 120 + rng.normal(scale=1.0, size=(12, 64, 64)).astype(np.float32)
+    assert np.abs(camera_drift(blank, list(range(12)))).max() < 0.3
+
+
+def test_drift_is_undone() -> None:
+    image = room()[:HEIGHT, :WIDTH].astype(np.float32)
+    moved = ndimage.shift(image, (2, -3, 0), order=1, mode="nearest")
+    back = undo_drift(moved, np.array([-3.0, 2.0]))
+    np.testing.assert_allclose(back[5:-5, 5:-5], image[5:-5, 5:-5], atol=1e-3)
+
+
+def test_background_without_the_ghost() -> None:
+    images = np.full((9, 2, 2, 3), 100.0, np.float32)
+    images[:6, 0, 0] = 200  # a body that is there most of the time
+    images[:, 1, 1] = 7  # always hidden: nothing better is known
+    hidden = np.zeros((9, 2, 2), bool)
+    hidden[:6, 0, 0] = hidden[:, 1, 1] = True
+    assert background_of(images)[0, 0, 0] == 200
+    found = background_of(images, hidden)
+    assert found[0, 0, 0] == 100 and found[1, 1, 0] == 7
+
+
+def one(x: float, energy: float = 100.0) -> Blobs:
+    return Blobs(np.array([[x, 0.0]]), np.array([energy]), np.array([2.0]))
+
+
+def none() -> Blobs:
+    return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
+def test_gaps_are_interpolated_without_confidence() -> None:
+    path = follow([one(0), one(3), none(), none(), one(12), one(15)], 1)
+    np.testing.assert_allclose(path.positions[:, 0, 0], [0, 3, 6, 9, 12, 15])
+    np.testing.assert_array_equal(path.confidence[:, 0], [1, 1, 0, 0, 1, 1])
+
+
+def test_a_faint_or_far_blob_is_not_the_body() -> None:
+    path = follow([one(0), one(3), one(6, energy=2.0), one(500), one(12)], 1)
+    np.testing.assert_array_equal(path.confidence[:, 0], [1, 1, 0, 0, 1])
+
+
+def test_a_bounce_is_followed() -> None:
+    x = [0, 6, 12, 18, 12, 6, 0]
+    path = follow([one(v) for v in x], 1)
+    np.testing.assert_allclose(path.positions[:, 0, 0], x)
+
+
+def test_crossing_bodies_go_on_as_they_went() -> None:
+    blobs = []
+    for t in range(9):
+        centre = np.array([[4.0 * t, 3.0], [32 - 4.0 * t, -3.0]])
+        order = [0, 1] if t % 2 else [1, 0]
+        blobs.append(Blobs(centre[order], np.array([100.0, 99.0]), np.array([2.0, 2.0])))
+    path = follow(blobs, 2)
+    first = path.positions[:, 0, 1]
+    assert abs(first).min() == 3 and len(set(first)) == 1
