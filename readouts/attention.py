@@ -1,0 +1,119 @@
+"""Positions from a feature map: object queries that attend over its cells (inventory Q1)."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from encoders.features import FeatureMap
+from readouts.scale import FeatureScale
+
+FREQUENCIES = 6
+
+
+class AttentionReadout(nn.Module):
+    """N queries cross-attend over the cells of one frame; each gives one body's position.
+
+    The position is the attention-weighted mean of the cell centres plus an offset read from the
+    attended features, which is what reaches far below the size of a cell. The place of a cell
+    enters its key only: what is read at a cell does not depend on where the cell is.
+
+    Args:
+        channels: of the feature map.
+        bodies: number of queries.
+        width: of queries, keys and values.
+        heads: of the attention; must divide ``width``.
+        offset: largest offset, normalised image units.
+    """
+
+    def __init__(
+        self,
+        channels: int,
+        bodies: int,
+        width: int = 128,
+        heads: int = 4,
+        offset: float = 0.1,
+    ) -> None:
+        super().__init__()
+        if width % heads:
+            raise ValueError(f"AttentionReadout: heads = {heads} must divide width = {width}")
+        self.heads, self.offset = heads, offset
+        self.scale = FeatureScale(channels)
+        self.query = nn.Parameter(torch.randn(bodies, width))
+        self.key = nn.Linear(channels, width, bias=False)
+        self.place = nn.Linear(4 * FREQUENCIES, width, bias=False)
+        self.value = nn.Linear(channels, width)
+        self.mix = nn.Parameter(torch.zeros(bodies, heads))
+        last = nn.Linear(width // 2, 2)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.correct = nn.Sequential(nn.Linear(width, width // 2), nn.GELU(), last)
+
+    def fit_scale(self, values: Float[Tensor, "f c h w"]) -> None:
+        """Standardise features from now on by the statistics of these."""
+        self.scale.fit(values)
+
+    def forward(
+        self, features: FeatureMap
+    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
+        """Positions in normalised image units and their confidence in [0, 1]."""
+        b, t = features.values.shape[:2]
+        centres = features.cell_centres().to(features.values.device)
+        positions, confidence = self.read(features.values.flatten(0, 1), centres)
+        return positions.unflatten(0, (b, t)), confidence.unflatten(0, (b, t))
+
+    def read(
+        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
+        """As :meth:`forward`, on frames without their clip.
+
+        The confidence is one minus the entropy of the attention over the cells, relative to that
+        of attending everywhere alike.
+        """
+        tokens = rearrange(values, "f c h w -> f c (h w)").to(self.query.dtype)
+        cells = rearrange(centres, "h w d -> (h w) d").to(tokens.dtype)
+        attention = self.attend(tokens, cells)
+        attended = rearrange(self._values(attention, tokens), "f g n e -> f n (g e)")
+        seen = torch.einsum("ng,fgnm->fnm", self.mix.softmax(-1), attention)
+        position = seen @ cells + self.offset * torch.tanh(self.correct(attended))
+        return position, _certainty(seen)
+
+    def attend(
+        self, tokens: Float[Tensor, "f c m"], cells: Float[Tensor, "m 2"]
+    ) -> Float[Tensor, "f g n m"]:
+        """Attention of each head and query over the cells; sums to one."""
+        each = self.query.shape[-1] // self.heads
+        query = rearrange(self.query, "n (g e) -> g n e", g=self.heads) / math.sqrt(each)
+        # q . (K x) is (K' q) . x: few queries against many cells, so K, and the scale of the
+        # features, are applied to the queries; what is the same for all cells drops out
+        wanted = query @ rearrange(self.key.weight, "(g e) c -> g e c", g=self.heads)
+        wanted = wanted / self.scale.deviation
+        place = rearrange(self.place(_waves(cells)), "m (g e) -> g e m", g=self.heads)
+        score = torch.einsum("gnc,fcm->fgnm", wanted, tokens) + query @ place
+        return score.softmax(-1)
+
+    def _values(self, attention: Tensor, tokens: Tensor) -> Tensor:
+        """The attended values; attention sums to one, so averaging first is the same."""
+        averaged = self.scale(torch.einsum("fgnm,fcm->fgnc", attention, tokens))
+        weight = rearrange(self.value.weight, "(g e) c -> g c e", g=self.heads)
+        bias = rearrange(self.value.bias, "(g e) -> g 1 e", g=self.heads)
+        return averaged @ weight + bias
+
+
+def _waves(cells: Float[Tensor, "m 2"]) -> Float[Tensor, "m k"]:
+    """Sines and cosines of both coordinates, wavelengths from 4 units down by halves."""
+    rate = math.pi / 2 * 2 ** torch.arange(FREQUENCIES, device=cells.device, dtype=cells.dtype)
+    phase = (cells[..., None] * rate).flatten(-2)
+    return torch.cat([phase.sin(), phase.cos()], -1)
+
+
+def _certainty(attention: Float[Tensor, "f n m"]) -> Float[Tensor, "f n"]:
+    cells = attention.shape[-1]
+    if cells == 1:
+        return torch.ones_like(attention[..., 0])
+    entropy = -(attention * attention.clamp_min(1e-12).log()).sum(-1)
+    return (1 - entropy / math.log(cells)).clamp(0, 1)

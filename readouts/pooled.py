@@ -1,0 +1,66 @@
+"""The pooled control (inventory Q2): the same budget, without looking anywhere in particular."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from encoders.features import FeatureMap
+from readouts.attention import AttentionReadout
+from readouts.scale import FeatureScale
+
+
+class PooledReadout(nn.Module):
+    """Mean over the cells of one frame, then a two-layer network to N positions.
+
+    Args:
+        channels: of the feature map.
+        bodies: number of positions.
+        width: of the hidden layers.
+    """
+
+    def __init__(self, channels: int, bodies: int, width: int) -> None:
+        super().__init__()
+        self.bodies = bodies
+        self.scale = FeatureScale(channels)
+        self.network = nn.Sequential(
+            nn.Linear(channels, width),
+            nn.GELU(),
+            nn.Linear(width, width),
+            nn.GELU(),
+            nn.Linear(width, 2 * bodies),
+        )
+
+    def fit_scale(self, values: Float[Tensor, "f c h w"]) -> None:
+        """Standardise pooled features from now on by the statistics of these."""
+        self.scale.fit(torch.stack([v.float().mean((-2, -1)) for v in values])[..., None, None])
+
+    def forward(
+        self, features: FeatureMap
+    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
+        """Positions in normalised image units; the confidence is 1, as nothing measures it."""
+        b, t = features.values.shape[:2]
+        centres = features.cell_centres()
+        positions, confidence = self.read(features.values.flatten(0, 1), centres)
+        return positions.unflatten(0, (b, t)), confidence.unflatten(0, (b, t))
+
+    def read(
+        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
+        """As :meth:`forward`, on frames without their clip; the cell centres are not used."""
+        pooled = self.scale(values.float().mean((-2, -1)))
+        positions = self.network(pooled).unflatten(-1, (self.bodies, 2))
+        return positions, torch.ones_like(positions[..., 0])
+
+
+def pooled_twin(readout: AttentionReadout) -> PooledReadout:
+    """The pooled readout that has as nearly as possible as many parameters as ``readout``."""
+    budget = sum(p.numel() for p in readout.parameters())
+    channels, bodies = readout.key.in_features, len(readout.query)
+    # width^2 + (channels + 2 + 2 bodies) width + 2 bodies = budget
+    linear = channels + 2 + 2 * bodies
+    width = (math.sqrt(linear**2 + 4 * (budget - 2 * bodies)) - linear) / 2
+    return PooledReadout(channels, bodies, max(1, round(width)))

@@ -1,0 +1,35 @@
+"""Standardising frozen features before a readout sees them."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+
+class FeatureScale(nn.Module):
+    """Standardises each channel by the statistics of the training features.
+
+    Args:
+        channels: of the features.
+    """
+
+    mean: Tensor
+    deviation: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(channels))
+        self.register_buffer("deviation", torch.ones(channels))
+
+    def fit(self, values: Float[Tensor, "f c h w"]) -> None:
+        """Take the statistics of ``values``, over frames and cells."""
+        # in float64: stored features may be half precision
+        moments = [(v.double().mean((1, 2)), v.double().square().mean((1, 2))) for v in values]
+        mean = torch.stack([m for m, _ in moments]).mean(0)
+        square = torch.stack([s for _, s in moments]).mean(0)
+        self.mean.copy_(mean)
+        self.deviation.copy_((square - mean**2).clamp_min(1e-12).sqrt())
+
+    def forward(self, tokens: Float[Tensor, "*batch c"]) -> Float[Tensor, "*batch c"]:
+        return (tokens.to(self.mean.dtype) - self.mean) / self.deviation
