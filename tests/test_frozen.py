@@ -25,7 +25,7 @@ from encoders.weights import (
     lock,
     weights_folder,
 )
-from vidphys.cli.extract import ExtractConfig, check_device, extract_clips
+from vidphys.cli.extract import ExtractConfig, extract
 from vidphys.cli.weights import WeightsConfig, weights
 from vidphys.errors import InputError
 
@@ -312,18 +312,21 @@ def write_clip(path: Path, count: int = 5) -> Path:
 def test_extract_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clips = (write_clip(tmp_path / "a.avi"), write_clip(tmp_path / "b.avi", 2))
     config = ExtractConfig(clips, tmp_path / "store", weights=folder, resolution=64, batch=2)
-    extract_clips(config)
+    extract(config)
     first = capsys.readouterr().out
     assert "a.avi: extracted, 5 frames of 192 channels on a 8 x 8 grid" in first
     assert "2 clips, 7 frames" in first and "hit rate 0%" in first
-    extract_clips(config)
+    extract(config)
     second = capsys.readouterr().out
     assert "b.avi: in store, 2 frames" in second and "hit rate 100%" in second
     assert "clips/s" in second and "frames/s" in second
     assert (tmp_path / "store" / "index.parquet").is_file()
 
 
-def test_extract_refuses_bad_input(folder: Path, tmp_path: Path) -> None:
+def test_extract_refuses_bad_input(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     clip, out = write_clip(tmp_path / "a.avi"), tmp_path / "store"
     for config, message in [
         (ExtractConfig((), out, weights=folder), "no clips"),
@@ -331,13 +334,12 @@ def test_extract_refuses_bad_input(folder: Path, tmp_path: Path) -> None:
         (ExtractConfig((clip,), out, weights=tmp_path), "vidphys weights fetch hiera"),
         (ExtractConfig((clip,), out, weights=folder, resolution=70), "multiple of 32"),
         (ExtractConfig((clip,), out, weights=folder, stride=0), "stride 0"),
-        (ExtractConfig((clip,), out, weights=folder, device="abacus"), "--device abacus"),
+        (ExtractConfig((clip,), out, weights=folder, device="cuda"), "--device cuda: .*use --dev"),
     ]:
         with pytest.raises(InputError, match=message) as caught:
-            extract_clips(config)
+            extract(config)
         assert "\n" not in str(caught.value)
     assert not out.exists()
-    check_device("cpu")
 
 
 def test_real_weights() -> None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from encoders.frozen import HieraEncoder, HieraSettings, load_hiera
-from encoders.store import FeatureStore
-from vidphys.cli.progress import progress
+from vidphys.cli.console import Console
 from vidphys.errors import InputError
-from vidphys.extraction import StoredDtype, extract
 from vidphys.video import ClipSelection, Video, read_video
+
+if TYPE_CHECKING:
+    from encoders.frozen import HieraEncoder
+    from vidphys.train import Progress
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class ExtractConfig:
         stride: take each so-many-th frame.
         side: shrink frames so that their longer side has at most this many pixels.
         rate: frames per second, in place of the container's time stamps.
-        device: where the encoder runs (cpu, cuda, cuda:1).
+        device: where the encoder runs.
         quiet: show no progress.
     """
 
@@ -50,13 +51,13 @@ class ExtractConfig:
     resolution: int = 256
     dtype: Literal["float32", "bfloat16", "float16"] = "float32"
     batch: int = 8
-    store_dtype: StoredDtype = "float16"
+    store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
     start: int = 0
     stop: int | None = None
     stride: int = 1
     side: int | None = None
     rate: float | None = None
-    device: str = "cpu"
+    device: Literal["cpu", "cuda"] = "cpu"
     quiet: bool = False
 
     @property
@@ -65,7 +66,7 @@ class ExtractConfig:
         return ClipSelection(self.start, self.stop, self.stride, self.side, self.rate)
 
 
-def extract_clips(config: ExtractConfig) -> None:
+def extract(config: ExtractConfig) -> None:
     """Extract the features of every clip and say how fast and how many were there already.
 
     Raises:
@@ -78,54 +79,51 @@ def extract_clips(config: ExtractConfig) -> None:
         if not path.is_file():
             raise InputError(f"extract: {path}: no such file; nothing was extracted")
     try:
-        encoder = _encoder(config)
-        _extract_all(config, encoder)
+        _extract_all(config, _encoder(config))
     except ValueError as error:
         raise InputError(str(error)) from error
 
 
 def _encoder(config: ExtractConfig) -> HieraEncoder:
+    import torch
+
+    from encoders.frozen import HieraSettings, load_hiera
+
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")
     settings = HieraSettings(config.layer, config.resolution, config.dtype, config.batch)
-    check_device(config.device)
     return load_hiera(settings, config.weights, config.device)
 
 
 def _extract_all(config: ExtractConfig, encoder: HieraEncoder) -> None:
+    from encoders.store import FeatureStore
+    from vidphys import extraction
+
     store = FeatureStore(config.out)
     started, frames = time.perf_counter(), 0
-    for path in config.clips:
-        video = read_video(path, config.selection)
-        with progress(f"extract {path.name}", config.quiet) as callback:
-            found = extract(video, encoder, store, config.store_dtype, callback)
-        frames += len(video.frames)
-        _report(video, found.features.values.shape, found.cached)
-    store.write_index()
-    seconds = time.perf_counter() - started
-    print(
-        f"{len(config.clips)} clips, {frames} frames in {seconds:.1f} s: "
-        f"{len(config.clips) / seconds:.3g} clips/s, {frames / seconds:.3g} frames/s, "
-        f"hit rate {store.hit_rate:.0%}; store {config.out}"
-    )
+    with Console(config.quiet, len(config.clips), "extract") as console:
+        for number, path in enumerate(config.clips):
+            video = read_video(path, config.selection)
+            show = _stage_of(console, path.name)
+            found = extraction.extract(video, encoder, store, config.store_dtype, show)
+            console.done(number)
+            console.result(_summary(video, found.features.values.shape, found.cached))
+            frames += len(video.frames)
+        store.write_index()
+        seconds = time.perf_counter() - started
+        console.result(
+            f"{len(config.clips)} clips, {frames} frames in {seconds:.1f} s: "
+            f"{len(config.clips) / seconds:.3g} clips/s, {frames / seconds:.3g} frames/s, "
+            f"hit rate {store.hit_rate:.0%}; store {config.out}"
+        )
 
 
-def check_device(name: str) -> None:
-    """Refuse a device that is not there.
-
-    Raises:
-        InputError: unknown name, or not on this machine.
-    """
-    import torch
-
-    try:
-        torch.empty(1, device=name)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"--device {name}: not usable here ({reason}); use cpu") from error
+def _stage_of(console: Console, name: str) -> Progress:
+    return lambda step, steps, _: console.stage((name, step, steps))
 
 
-def _report(video: Video, shape: tuple[int, ...], cached: bool) -> None:
+def _summary(video: Video, shape: tuple[int, ...], cached: bool) -> str:
     _, t, c, h, w = shape
     state = "in store" if cached else "extracted"
-    print(f"{video.path}: {state}, {t} frames of {c} channels on a {h} x {w} grid")
-    for note in video.notes:
-        print(f"{video.path}: note: {note}")
+    first = f"{video.path}: {state}, {t} frames of {c} channels on a {h} x {w} grid"
+    return "\n".join([first, *(f"{video.path}: note: {note}" for note in video.notes)])
