@@ -95,7 +95,7 @@ class SoftenedGravity(PairPotential):
 class DisplacementPotential(PairPotential):
     """phi(dq) learned from the displacement vector (inventory M6; 4,417 parameters at width 64).
 
-    The network sees the displacement squashed into the unit disk, u = dq / (REACH + r): the
+    The network sees the displacement squashed into a disk, u = dq / (REACH + r): the
     short distances, where a force varies most, get most of the disk, and the force vanishes at
     infinity by construction. It is averaged over u and -u: exchanging two bodies changes nothing.
     """
@@ -105,14 +105,14 @@ class DisplacementPotential(PairPotential):
         self.phi = MLP((space, width, width, 1), activation)
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
-        u = displacement / (REACH + _soft_length(displacement))
+        u = SPREAD * displacement / (REACH + _soft_length(displacement))
         return 0.5 * (self.phi(u) + self.phi(-u)).squeeze(-1)
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
         r = _soft_length(displacement)
         u = displacement / (REACH + r)
-        both = self.phi.gradient(torch.stack([u, -u]))
-        slope = 0.5 * (both[0] - both[1])
+        both = self.phi.gradient(SPREAD * torch.stack([u, -u]))
+        slope = 0.5 * SPREAD * (both[0] - both[1])
         along = (u * slope).sum(-1, keepdim=True)
         return slope / (REACH + r) - displacement * along / (r * (REACH + r))
 
@@ -131,18 +131,20 @@ class RadialPotential(PairPotential):
         self.phi = MLP((2, width, width, 1), activation)
 
     def _features(self, r: Tensor) -> Tensor:
-        return torch.cat([r / (self.NEAR + r), r / (self.FAR + r)], -1)
+        squashed = torch.cat([r / (self.NEAR + r), r / (self.FAR + r)], -1)
+        return SPREAD * (2 * squashed - 1)
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
         return self.phi(self._features(_soft_length(displacement))).squeeze(-1)
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
         r = _soft_length(displacement)
-        near, far = self.phi.gradient(self._features(r)).chunk(2, -1)
+        near, far = (2 * SPREAD * self.phi.gradient(self._features(r))).chunk(2, -1)
         slope = near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
         return slope * displacement / r
 
 
+SPREAD = 2.0  # the squashed inputs span (-2, 2), where tanh units resolve them well
 REACH = 0.5  # world units: the distance that lands half-way out in the squashed disk
 CORE = 0.05  # world units: rounds the tip of the distance at r = 0; not a softening of the law
 

@@ -9,10 +9,9 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
-from dynamics.unstructured import ResidualMap
 from readouts.differencing import backward_difference
 from readouts.shooting import ShootingFit, shoot
-from vidphys.perception.base import HEAD_DT
+from vidphys.perception.base import model_step
 from vidphys.segments import roll
 
 WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
@@ -67,8 +66,7 @@ def frame_roll(
     head: Head, params: Parameters, interval: float
 ) -> Callable[[PhaseState, int], PhaseState]:
     """The head as a function from a start to the states at frames, the start included."""
-    dt = head.dt if isinstance(head, ResidualMap) else HEAD_DT
-    every = round(interval / dt)
+    dt, every = model_step(interval)
 
     def rolled(start: PhaseState, frames: int) -> PhaseState:
         later = roll(head, start, params, frames - 1, dt, every)

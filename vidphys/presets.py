@@ -69,7 +69,7 @@ PRESETS = {
     "standard": Preset(
         seeds=3,
         oracle=OracleSizes(8192, 4000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 500, 1000, 64),
+        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 500, 700, 64),
     ),
     "paper": Preset(
         seeds=10,

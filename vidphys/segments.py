@@ -73,27 +73,43 @@ def from_trajectory(trajectory: Rollout, k: int, every: int = 1, step: int = 1) 
 
 @dataclass(frozen=True)
 class Scale:
-    """Standard deviations of the first stored increments (inventory 12.4)."""
+    """Sizes of the first stored increments (inventory 12.4).
+
+    Args:
+        q, p: standard deviations.
+        p_small: size below which only a twentieth of the bodies' momentum increments lie.
+    """
 
     q: float
     p: float
+    p_small: float
 
 
 def scale_of(segments: Segments) -> Scale:
     """Sizes that standardise a loss; p falls back to 1 where momentum was not seen."""
-    p = 1.0 if segments.p is None else float(segments.p[:, 0].std())
-    return Scale(float(segments.q[:, 0].std()), p)
+    q = float(segments.q[:, 0].std())
+    if segments.p is None:
+        return Scale(q, 1.0, 1.0)
+    first = segments.p[:, 0]
+    sizes = first.norm(dim=-1).flatten().sort().values
+    return Scale(q, float(first.std()), float(sizes[len(sizes) // 20]))
 
 
 def segment_loss(head: Head, scale: Scale) -> Callable[[Segments], Tensor]:
-    """Mean squared standardised error of the rolled-out increments, one step or k steps."""
+    """Mean squared standardised error of the rolled-out increments, one step or k steps.
+
+    Momentum errors are relative to each body's own increment (or to a small one, where its
+    own is smaller): otherwise a few encounters would outweigh the whole far field, which is what
+    long rollouts need.
+    """
 
     def loss(batch: Segments) -> Tensor:
         states = roll(head, batch.start, batch.params, batch.q.shape[1], batch.dt, batch.every)
         start = batch.start.map(lambda x: x.unsqueeze(1))
         total = (((states.q - start.q) - batch.q) / scale.q).square().mean()
         if batch.p is not None:
-            total = total + (((states.p - start.p) - batch.p) / scale.p).square().mean()
+            size = batch.p.square().sum(-1, keepdim=True) + scale.p_small**2
+            total = total + (((states.p - start.p) - batch.p).square() / size).mean()
         return total
 
     return loss

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from dynamics import Parameters, PhaseState, Rollout
 from dynamics.rollout import first_bad_step
+from vidphys.perception.base import model_step
 
 MIN_FRAMES = 6  # of a quintic spline
 TOLERANCE = 0.1  # part of the typical acceleration that two splines may differ by
@@ -32,14 +33,13 @@ class Smoothed:
     per_frame: int
 
 
-def smooth(positions: Tensor, params: Parameters, interval: float, dt: float) -> Smoothed:
+def smooth(positions: Tensor, params: Parameters, interval: float) -> Smoothed:
     """Interpolate positions ``(b, t, n, d)`` by quintic splines in time.
 
     Args:
         positions: world units, finite.
         params: give the masses.
-        interval: seconds between frames, a multiple of ``dt``.
-        dt: seconds of a model step.
+        interval: seconds between frames.
 
     Raises:
         ValueError: fewer than six frames.
@@ -47,7 +47,7 @@ def smooth(positions: Tensor, params: Parameters, interval: float, dt: float) ->
     frames = positions.shape[1]
     if frames < MIN_FRAMES:
         raise ValueError(f"smooth: needs at least {MIN_FRAMES} frames to train on, got {frames}")
-    per_frame = round(interval / dt)
+    dt, per_frame = model_step(interval)
     knots = np.arange(frames) * interval
     inner = interval + np.arange((frames - 3) * per_frame + 1) * dt
     path = make_interp_spline(knots, positions.double().numpy(), k=5, axis=1)

@@ -22,7 +22,7 @@ from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, Rollout
 from dynamics.rollout import first_bad_step
 from readouts.differencing import central_difference
-from vidphys.perception.base import HEAD_DT
+from vidphys.perception.base import model_step
 from vidphys.segments import (
     Segments,
     from_trajectory,
@@ -43,15 +43,13 @@ from vidphys.train import (
 SMOOTH_BATCH, FRAME_BATCH, STRETCH_BATCH = 1024, 256, 160
 SMOOTH_RATES = (3e-3, 1e-3)
 PROBE = 0.1
-STRETCH_RATE, STRETCH_CLIP = 6e-3, 0.2
+STRETCH_RATE, STRETCH_CLIP = 1e-2, 0.1
 STRETCH = 5  # frames ahead of a start
 TRUSTED = 0.8
 EXPLAINED = 0.03  # world units: residuals beyond this do not move a start
 # World units: residuals beyond this hardly move the weights. It shrinks as training goes on
 # (graduated non-convexity): first every encounter is heard, in the end only fine differences.
 SURPRISE = (0.2, 0.02)
-CLOSE = 0.4  # world units: stretches with an encounter are few and are drawn more often
-CLOSE_AGAIN = 2
 
 
 @dataclass(frozen=True)
@@ -85,14 +83,13 @@ def train_by_differencing(head: Head, task: TrackTask) -> FitResult:
     """One frame ahead from central-difference states, in (q, p)."""
     states = central_difference(task.tracks.positions, task.params.mass, task.interval)
     trajectory = Rollout(states, task.params, task.interval, first_bad_step(states))
-    every = round(task.interval / HEAD_DT)
-    data = from_trajectory(trajectory, k=1, every=every)
+    data = from_trajectory(trajectory, k=1, every=model_step(task.interval)[1])
     return _fit_segments(head, data, task, FRAME_BATCH, "differencing")
 
 
 def train_by_shooting(head: Head, task: TrackTask) -> FitResult:
     """One step ahead on trusted spline states, then stretches with fitted starts."""
-    smoothed = smooth(task.tracks.positions, task.params, task.interval, HEAD_DT)
+    smoothed = smooth(task.tracks.positions, task.params, task.interval)
     data = _trusted(from_trajectory(smoothed.trajectory, k=1), smoothed.trust[:, :-1])
     _fit_segments(head, data, task, SMOOTH_BATCH, "smooth")
     stretches = _Stretches(smoothed, task)
@@ -167,15 +164,13 @@ class _Stretches(nn.Module):
         self.confidence = windows(task.tracks.confidence)[keep]
         repeated = task.params.map(lambda x: torch.cat([x] * len(fine)).float())
         self.params, self.interval = repeated[keep], task.interval
-        close = torch.cat([_closest(states.q[:, f : f + length * every + 1]) for f in fine])[keep]
-        again = torch.nonzero(close < CLOSE).squeeze(-1).repeat(CLOSE_AGAIN)
-        self.order = torch.cat([torch.arange(len(keep)), again])
 
     def __len__(self) -> int:
-        return len(self.order)
+        return len(self.observed)
 
     def __getitem__(self, index: Tensor) -> Tensor:
-        return self.order[index]
+        """The stretches' own numbers: the loss reads and moves their starts in place."""
+        return index
 
     def refine(self, index: Tensor, residual: Tensor) -> None:
         """Move starts by a robust straight-line fit to the residuals ``(b, t, n, d)``.
@@ -194,23 +189,14 @@ class _Stretches(nn.Module):
         self.p[index] += 0.5 * mass * (s0 * r1 - s1 * r0) / determinant
 
 
-def _closest(q: Tensor) -> Tensor:
-    """Smallest distance between two bodies along a path ``(b, s, n, d)``, ``(b,)``."""
-    n = q.shape[-2]
-    if n < 2:
-        return q.new_full((len(q),), torch.inf)
-    i, j = torch.triu_indices(n, n, 1)
-    return (q[:, :, i] - q[:, :, j]).norm(dim=-1).amin((1, 2))
-
-
 def stretch_loss(head: Head, stretches: _Stretches, steps: int) -> Callable[[Tensor], Tensor]:
     """Robust (Cauchy) position error of the rolled-out stretches, in units of its own scale."""
-    every = round(stretches.interval / HEAD_DT)
+    dt, every = model_step(stretches.interval)
 
     def loss(index: Tensor) -> Tensor:
         start = PhaseState(stretches.q[index], stretches.p[index])
         frames = stretches.observed.shape[1] - 1
-        rolled = roll(head, start, stretches.params[index], frames, HEAD_DT, every)
+        rolled = roll(head, start, stretches.params[index], frames, dt, every)
         predicted = torch.cat([start.q.unsqueeze(1), rolled.q], 1)
         residual = predicted - stretches.observed[index]
         with torch.no_grad():

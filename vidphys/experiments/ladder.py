@@ -15,7 +15,7 @@ from dynamics import HEADS, Head
 from dynamics.build import to_config
 from vidphys import checkpoint
 from vidphys.errors import InputError
-from vidphys.experiments.oracle import held_out_question, score_oracle, train_on_states
+from vidphys.experiments.oracle import OLDEST, held_out_question, score_oracle, train_on_states
 from vidphys.experiments.pixels import (
     TRAINERS,
     draw,
@@ -127,6 +127,7 @@ def settings_of(preset_name: str, preset: Preset, ladder: Plan) -> dict[str, Any
         "seeds": sorted({unit.seed for unit in ladder.units}),
         "cells": sorted({f"{u.grounding}/{h}" for u in ladder.units for h in u.heads}),
         "scene": oracle_scene().settings,
+        "oldest_training_start_steps": OLDEST,
         "pixel_scene": pixel_scene().settings,
         "heads": {name: to_config(terms) for name, terms in HEADS.items()},
         "device": "cpu",

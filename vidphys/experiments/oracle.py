@@ -22,18 +22,24 @@ from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, 
 from vidphys.train import FitSettings, Progress, choose_learning_rate, fit
 
 HORIZON = 20  # steps of a training trajectory (the study, C4)
+OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, and its grid
 PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
 
 
 def true_segments(scene: Scene, trajectories: int, seed: int) -> tuple[Segments, Segments]:
     """One-step examples from short reference trajectories: (train, held out).
 
-    Only the forward law is sampled, G > 0 (C3).
+    Only the forward law is sampled, G > 0 (C3). Each trajectory starts from a state that is up
+    to ``OLDEST`` steps old, so that encounters and bodies that have flown apart are seen as often
+    as rollouts meet them.
     """
     rng = Generator().manual_seed(derive(seed, "train"))
     start, params = scene.sample(trajectories, rng)
     if not bool((params.coupling > 0).all()):
         raise ValueError("true_segments: training data must have G > 0")
+    past = scene.simulate(start, params, OLDEST, OLDEST // AGES).states
+    age = torch.randint(AGES + 1, (trajectories,), generator=rng)
+    start = past[torch.arange(trajectories), age]
     trajectory = scene.simulate(start, params, HORIZON)
     # Whole trajectories are held out, so that no held-out step has a neighbour in training.
     return from_trajectory(trajectory, k=1).split(HORIZON * max(1, trajectories // 16))

@@ -16,6 +16,16 @@ from vidphys.train import Progress
 HEAD_DT = 0.01  # seconds; model step of every head that is trained on perceived tracks
 
 
+def model_step(interval: float) -> tuple[float, int]:
+    """The model step nearest to ``HEAD_DT`` that divides a frame interval (seconds).
+
+    Returns:
+        The step in seconds and the number of steps a frame.
+    """
+    every = max(1, round(interval / HEAD_DT))
+    return interval / every, every
+
+
 class Perception(Protocol):
     """Frames to tracks. A fitted perception is frozen: the same clip gives the same tracks."""
 
