@@ -1,0 +1,60 @@
+"""What decode-free joint-embedding training needs: a slow target, and an eye on collapse."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+MOMENTUM = 0.996
+
+
+class EmaTarget(nn.Module):
+    """A copy of a module that follows it slowly and is never trained itself (inventory E3).
+
+    The momentum rises from 0.996 to 1 along a half cosine, so that the target comes to rest. In
+    the first updates it is (1 + k) / (10 + k) where that is lower: the random start is forgotten.
+
+    Args:
+        online: the module that is followed; its current weights are copied.
+        updates: of the whole training, for the schedule.
+    """
+
+    updated: Tensor
+
+    def __init__(self, online: nn.Module, updates: int) -> None:
+        super().__init__()
+        self.updates = updates
+        self.module = copy.deepcopy(online).requires_grad_(False)
+        self.register_buffer("updated", torch.zeros((), dtype=torch.long))
+
+    @property
+    def momentum(self) -> float:
+        """Share of the target that the next update leaves."""
+        done = int(self.updated)
+        scheduled = ema_momentum(done / max(1, self.updates))
+        return min(scheduled, (1 + done) / (10 + done))
+
+    @torch.no_grad()
+    def update(self, online: nn.Module) -> None:
+        """Move the target towards ``online``, of the same architecture as at the start."""
+        weight = 1 - self.momentum
+        for own, other in zip(self.module.parameters(), online.parameters(), strict=True):
+            own.lerp_(other, weight)
+        self.updated += 1
+
+
+def ema_momentum(progress: float) -> float:
+    """0.996 at the start of the training, 1 at its end (progress 1) and after."""
+    return 1 - (1 - MOMENTUM) * (1 + math.cos(math.pi * min(progress, 1.0))) / 2
+
+
+def variance_floor(latents: Float[Tensor, "*b n d"]) -> float:
+    """The collapse monitor: the smallest variance that any coordinate has over a batch.
+
+    Zero means that at least one coordinate says the same whatever is seen.
+    """
+    return float(latents.flatten(0, -3).var(0, correction=0).amin())

@@ -1,0 +1,138 @@
+"""The discovered rung: positions and law together, from nothing but predicting the next frames.
+
+A window's first frames are encoded, their momentum differenced, the state rolled by the head and
+drawn by the fixed renderer; the error is that of the drawing against the frames that came
+(inventory T8, N53). No position is ever told.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from dynamics import HEADS, Head, PhaseState, build
+from dynamics.unstructured import ResidualMap
+from readouts.differencing import central_difference
+from renderers import Camera, ChannelWorld
+from vidphys.clips import Clips
+from vidphys.errors import InputError
+from vidphys.perception.base import HEAD_DT, Fitted, FitTask
+from vidphys.perception.cnn import CnnPerception, new_perception, train
+from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
+from vidphys.presets import PixelSizes
+from vidphys.segments import roll
+from vidphys.seeding import derive
+from vidphys.train import FitSettings
+
+SEEN = 3  # frames that are encoded; the start state is at the middle one
+FUTURE = 2  # frames that are predicted
+FIRST_BLUR = 1.5  # world units, standard deviation
+SHARP_FROM = 0.4  # share of the training after which nothing is blurred
+LEARNING_RATE = 5e-3
+LARGEST_GRADIENT = 0.03
+TYPICAL = 1.0  # world units per second, and momentum units per second
+
+
+class Discovery(nn.Module):
+    """Encoder and head, trained by one loss.
+
+    Args:
+        perception: gives positions of frames.
+        head: rolls them.
+        world: draws them.
+        every: model steps between frames.
+        steps: of the training, for the blur's schedule.
+    """
+
+    step: Tensor
+
+    def __init__(
+        self, perception: CnnPerception, head: Head, world: ChannelWorld, every: int, steps: int
+    ) -> None:
+        super().__init__()
+        self.perception, self.head = perception, head
+        self.world, self.every, self.steps = world, every, steps
+        self.register_buffer("step", torch.zeros((), dtype=torch.long))
+
+    def loss(self, window: Window) -> Tensor:
+        """Squared error of the predicted frames, over the energy of the true ones.
+
+        Both are blurred alike, ever less as training goes on: a body is drawn towards its place
+        only by light that overlaps with it.
+        """
+        start = start_state(self.perception, window, self.every)
+        future = roll(self.head, start, window.params, 1 + FUTURE, HEAD_DT, self.every)[:, 1:]
+        truth = window.frames[:, SEEN:]
+        blur = blur_matrices(self.world.camera, blur_width(int(self.step) / self.steps))
+        self.step += 1
+        error = _blurred(self.world(future.q) - truth, *blur)
+        return error.square().mean() / _blurred(truth, *blur).square().mean()
+
+
+def fit_discovered(task: FitTask) -> Fitted:
+    """Train encoder and head by predicting future frames.
+
+    Raises:
+        InputError: the clips are not of the channel world, are too short, or their frame interval
+            is not a multiple of ``HEAD_DT``.
+    """
+    world = task.clips.world
+    if not isinstance(world, ChannelWorld):
+        raise InputError(
+            f"cnn-discovered: draws its predictions one channel per body, got clips of "
+            f"{type(world).__name__}; render them in the channel world"
+        )
+    name = f"cnn-discovered-{task.head}"
+    perception = new_perception(task, name, CnnPerception)
+    head = new_head(task, name)
+    every, steps = steps_per_frame(task.clips), task.sizes.perception_steps
+    discovery = Discovery(perception, head, world, every, steps)
+    data = WindowBatches(task.clips, SEEN + FUTURE)
+    train(task, name, discovery, discovery.loss, data, joint_settings(task.sizes))
+    return Fitted(perception.eval(), head.eval())
+
+
+def joint_settings(sizes: PixelSizes) -> FitSettings:
+    """Of encoder and head together: as many windows a step as make the preset's frames."""
+    windows = max(1, sizes.perception_batch // SEEN)
+    return FitSettings(sizes.perception_steps, windows, LEARNING_RATE, LARGEST_GRADIENT)
+
+
+def new_head(task: FitTask, name: str) -> Head:
+    """An untrained head of the task's name; a residual map is told how far bodies typically go."""
+    torch.manual_seed(derive(task.seed, "init", name, "head"))
+    head = build(HEADS[task.head], task.clips.params.mass.shape[-1], HEAD_DT)
+    if isinstance(head, ResidualMap):
+        head.set_scale(TYPICAL * HEAD_DT, TYPICAL * HEAD_DT)
+    return head
+
+
+def start_state(perception: CnnPerception, window: Window, every: int) -> PhaseState:
+    """The state at the middle of the window's first three frames, ``(m, n, 2)``."""
+    positions = perception.locate(window.frames[:, :SEEN])
+    return central_difference(positions, window.params.mass, every * HEAD_DT)[:, 0]
+
+
+def blur_width(progress: float) -> float:
+    """Standard deviation of the blur in world units after a share ``progress`` of the training."""
+    return FIRST_BLUR * max(0.0, 1 - progress / SHARP_FROM)
+
+
+def blur_matrices(camera: Camera, width: float) -> tuple[Tensor, Tensor]:
+    """Gaussian blur of the rows' axis, ``(H, H)``, and of the columns' axis, ``(W, W)``.
+
+    The identity where the width is much below a pixel.
+    """
+    return _kernel(camera.ys(), width), _kernel(camera.xs(), width)
+
+
+def _kernel(at: Tensor, width: float) -> Tensor:
+    distance = (at[:, None] - at).square()
+    if len(at) < 2 or 5 * width < float(distance[0, 1].sqrt()):
+        return torch.eye(len(at))
+    weight = (-0.5 * distance / width**2).exp()
+    return weight / weight.sum(1).amax()
+
+
+def _blurred(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    return rows.to(images) @ images @ columns.to(images).T
