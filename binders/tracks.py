@@ -28,11 +28,11 @@ class Tracks:
     """Bodies followed through time: index ``n`` is one body in every frame.
 
     Args:
-        positions: ``(b, t, n, 2)``, (x, y) in world units, y upwards.
+        positions: ``(b, t, n, d)``; in a plane (x, y) in world units, y upwards.
         confidence: ``(b, t, n)`` in [0, 1].
         times: seconds of each frame, ``(t,)``.
     """
 
-    positions: Float[Tensor, "b t n 2"]
+    positions: Float[Tensor, "b t n d"]
     confidence: Float[Tensor, "b t n"]
     times: Float[Tensor, " t"]

@@ -10,6 +10,7 @@ from dynamics.hamiltonian import Hamiltonian
 from dynamics.integrators import INTEGRATORS
 from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic, Kinetic
 from dynamics.mlp import TANH
+from dynamics.ports import LinearFriction
 from dynamics.potentials import (
     DisplacementPotential,
     FreePotential,
@@ -25,13 +26,14 @@ Head = Hamiltonian | ResidualMap
 
 @dataclass(frozen=True)
 class HamiltonianTerms:
-    """H = T + V: which kinetic and which potential energy, and how it is stepped."""
+    """H = T + V: which energies, how they are stepped, and whether friction takes any."""
 
     kinetic: Literal["fixed", "body", "free"] = "fixed"
     potential: Literal["displacement", "radial", "free"] = "displacement"
     width: int = 64
     activation: str = TANH
     integrator: str = "leapfrog"
+    friction: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ def build(terms: Terms, bodies: int, dt: float, space: int = 2) -> Head:
         _pick("kinetic energy", kinetics, terms.kinetic)(),
         _pick("potential energy", potentials, terms.potential)(),
         _pick("integrator", INTEGRATORS, terms.integrator),
+        LinearFriction() if terms.friction else None,
     )
 
 

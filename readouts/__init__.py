@@ -1,0 +1,1 @@
+"""Tracks and feature maps to phase-space states: attention, differencing, shooting."""

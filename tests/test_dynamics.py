@@ -769,3 +769,33 @@ def test_a_rollout_keeps_the_precision_of_its_state(name: str, dtype: torch.dtyp
     head = head_of(name).to(dtype)
     run = rollout(head, state.map(lambda x: x.to(dtype)), params.map(lambda x: x.to(dtype)), 3, DT)
     assert run.states.q.dtype == run.states.p.dtype == dtype
+
+
+def test_friction_takes_energy_at_its_exact_rate_and_none_is_the_conservative_head():
+    from dataclasses import replace
+
+    from dynamics.ports import LinearFriction
+
+    torch.manual_seed(0)
+    terms = replace(HEADS["factored"], friction=True)
+    head = build(terms, bodies=3, dt=0.01).double()
+    assert isinstance(head.friction, LinearFriction)
+    p = torch.randn(2, 3, 2, dtype=torch.float64)
+    rate = float(head.friction.rate.detach())
+    for dt in (1e-3, 1.0, 1e3):
+        factor = head.friction.damp(p, dt) / p
+        torch.testing.assert_close(factor, torch.full_like(p, math.exp(-rate * dt)))
+        assert ((factor >= 0) & (factor <= 1)).all()
+    # Free bodies: two half steps of friction make one whole.
+    free = Hamiltonian(FixedKinetic(), NoPotential(), friction=head.friction)
+    state = PhaseState(torch.zeros_like(p), p)
+    params = Parameters(torch.ones(2).double(), torch.ones(2, 3).double())
+    after, _ = free.advance(state, params, 0.5)
+    torch.testing.assert_close(after.p, p * math.exp(-rate * 0.5))
+    # Taking the port off leaves the conservative model, bit for bit.
+    plain = Hamiltonian(head.kinetic, head.potential)
+    head.friction = None
+    q = torch.randn(2, 3, 2, dtype=torch.float64)
+    ours, _ = head.advance(PhaseState(q, p), params, 0.01)
+    theirs, _ = plain.advance(PhaseState(q, p), params, 0.01)
+    assert torch.equal(ours.p, theirs.p) and torch.equal(ours.q, theirs.q)

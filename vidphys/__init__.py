@@ -1,0 +1,1 @@
+"""The composition: scenes, clips, training, metrics, experiments, records, command line."""

@@ -44,7 +44,6 @@ SMOOTH_BATCH, FRAME_BATCH, STRETCH_BATCH = 1024, 256, 160
 SMOOTH_RATES = (3e-3, 1e-3)
 PROBE = 0.1
 STRETCH_RATE, STRETCH_CLIP = 1e-2, 0.1
-STRETCH = 5  # frames ahead of a start
 TRUSTED = 0.8
 EXPLAINED = 0.03  # world units: residuals beyond this do not move a start
 # World units: residuals beyond this hardly move the weights. It shrinks as training goes on
@@ -62,6 +61,7 @@ class TrackTask:
         interval: seconds between frames.
         smooth_steps, shooting_steps: optimiser steps of the two stages.
         seed: of the batch order.
+        stretch: frames that a head is rolled ahead of a fitted start.
         save_to: folder of checkpoints, or ``None``.
         progress: called as ``(step, steps, loss)``.
     """
@@ -72,6 +72,7 @@ class TrackTask:
     smooth_steps: int
     shooting_steps: int
     seed: int
+    stretch: int = 5
     save_to: Path | None = None
     progress: Progress | None = None
 
@@ -144,7 +145,7 @@ class _Stretches(nn.Module):
     def __init__(self, smoothed: Smoothed, task: TrackTask) -> None:
         super().__init__()
         positions = task.tracks.positions
-        length = min(STRETCH, positions.shape[1] - 3)
+        length = min(task.stretch, positions.shape[1] - 3)
         every = smoothed.per_frame
         at = range(1, positions.shape[1] - 1 - length + 1, 2)
         states = smoothed.trajectory.states

@@ -79,12 +79,18 @@ def extract(config: ExtractConfig) -> None:
         if not path.is_file():
             raise InputError(f"extract: {path}: no such file; nothing was extracted")
     try:
-        _extract_all(config, _encoder(config))
+        _extract_all(config, frozen_encoder(config))
     except ValueError as error:
         raise InputError(str(error)) from error
 
 
-def _encoder(config: ExtractConfig) -> HieraEncoder:
+def frozen_encoder(config: ExtractConfig) -> HieraEncoder:
+    """The encoder that a configuration names.
+
+    Raises:
+        InputError: a device that is not there.
+        ValueError: weights that are missing or wrong.
+    """
     import torch
 
     from encoders.frozen import HieraSettings, load_hiera

@@ -98,8 +98,8 @@ def train_and_score(
         sizes.smooth_steps,
         sizes.shooting_steps,
         derive(seed, "order", head_name, readout),
-        folder,
-        progress,
+        save_to=folder,
+        progress=progress,
     )
     result = TRAINERS[readout](head, task)
     recorder.add_value("training_loss", result.final_loss)
