@@ -202,7 +202,6 @@ def _run_pixels(
     for name in heads:
         part = unit.part(name)
         recorder = Recorder(_origin(unit, name, scene, grounding.encoder, grounding.binder))
-        began = time.perf_counter()
         if shared is None or grounding.joint:
             eyes = run.checkpoints(part if grounding.joint else f"{unit.grounding}-s{unit.seed}")
             progress = _stage(report, f"{part}: seeing")
@@ -212,6 +211,7 @@ def _run_pixels(
         for readout in TRAINERS:
             reading = recorder.reading(readout)
             folder = run.checkpoints(part) / readout
+            began = time.perf_counter()
             try:
                 head, question = train_and_score(
                     readout,
@@ -230,7 +230,7 @@ def _run_pixels(
                 _keep(run, unit, name, head, question, folder, seen.test, perceived.test)
             except FloatingPointError:
                 _failed(reading, sizes.held_out)
-        recorder.add_value("seconds", time.perf_counter() - began)
+            reading.add_value("seconds", time.perf_counter() - began)
         run.finish(part, *recorder.tables())
 
 
