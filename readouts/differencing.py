@@ -9,7 +9,7 @@ from dynamics.state import PhaseState
 
 
 def central_difference(
-    positions: Float[Tensor, "b t n 2"], mass: Float[Tensor, "b n"], interval: float
+    positions: Float[Tensor, "b t n d"], mass: Float[Tensor, "b n"], interval: float
 ) -> PhaseState:
     """States at the inner frames 1 .. t-2, momentum m (q[t+1] - q[t-1]) / (2 interval).
 
@@ -19,7 +19,7 @@ def central_difference(
         interval: seconds between frames.
 
     Returns:
-        States ``(b, t - 2, n, 2)``; each momentum sits at its own frame.
+        States ``(b, t - 2, n, d)``; each momentum sits at its own frame.
 
     Raises:
         ValueError: fewer than three frames.
@@ -30,14 +30,14 @@ def central_difference(
 
 
 def backward_difference(
-    positions: Float[Tensor, "b t n 2"], mass: Float[Tensor, "b n"], interval: float
+    positions: Float[Tensor, "b t n d"], mass: Float[Tensor, "b n"], interval: float
 ) -> PhaseState:
     """The state at the last frame from the last three, second order in the interval.
 
     v = (3 q[T] - 4 q[T-1] + q[T-2]) / (2 interval): nothing after the last frame is used.
 
     Returns:
-        States ``(b, n, 2)``.
+        States ``(b, n, d)``.
 
     Raises:
         ValueError: fewer than three frames.

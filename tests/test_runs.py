@@ -102,3 +102,14 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path):
         write_with(path, half)
     assert json.loads(path.read_text()) == {"old": True}
     assert [p.name for p in tmp_path.iterdir()] == ["f.json"]
+
+
+def test_a_run_that_could_not_begin_leaves_nothing_and_finished_work_stays(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    with run.locked():
+        run.abandon()
+    assert not run.path.exists()
+    kept = RunFolder.open(tmp_path / "k", SETTINGS)
+    kept.finish("a-b-s0", *recorder().tables())
+    kept.abandon()
+    assert kept.is_done("a-b-s0")

@@ -124,6 +124,13 @@ class RunFolder:
         for name in ("run.json", "records.parquet", "episodes.parquet", "report.html"):
             (self.path / name).unlink(missing_ok=True)
 
+    def abandon(self) -> None:
+        """Leave nothing of a run that could not begin; one with finished work is kept."""
+        if not (self.path / "parts").exists():
+            self.clear()
+            (self.path / ".lock").unlink(missing_ok=True)
+            self.path.rmdir()
+
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the folder for one process.

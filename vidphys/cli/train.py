@@ -90,6 +90,7 @@ def train(config: TrainConfig) -> None:
         try:
             seen = perceive_clip(video, encoder, FeatureStore(config.store), settings, show)
         except ValueError as error:
+            run.abandon()
             raise InputError(str(error)) from error
         console.done(0)
         forecasts = {
