@@ -79,7 +79,10 @@ def test_golden(encoder: HieraEncoder) -> None:
 
 
 def test_a_frame_has_the_same_features_in_any_company(encoder: HieraEncoder) -> None:
-    clip = frames(7)
+    clip, sizes = frames(7), set()
+    first = encoder.trunk.patch_embed.register_forward_pre_hook(  # type: ignore[union-attr,operator]
+        lambda _, inputs: sizes.add(tuple(inputs[0].shape))
+    )
     together = encoder(clip, times(7)).values
     for i in range(7):
         alone = encoder(clip[:, i : i + 1], times(1)).values
@@ -88,6 +91,8 @@ def test_a_frame_has_the_same_features_in_any_company(encoder: HieraEncoder) -> 
     stacked = encoder(torch.cat([clip, clip.flip(1)]), times(7)).values
     assert torch.equal(stacked[0], together[0])
     assert torch.equal(stacked[1], together[0].flip(0))
+    first.remove()
+    assert sizes == {(3, 3, 64, 64)}  # equal shapes, so no kernel is chosen by the batch
 
 
 @pytest.mark.parametrize(("height", "width"), [(48, 64), (33, 57), (100, 31), (5, 5), (64, 64)])

@@ -40,7 +40,7 @@ class HieraSettings:
     """
 
     layer: Literal[4, 8, 16, 32] = 8
-    resolution: int = 256
+    resolution: int = 128
     dtype: Literal["float32", "bfloat16", "float16"] = "float32"
     batch: int = 8
 

@@ -48,7 +48,7 @@ class ExtractConfig:
     encoder: Literal["hiera"] = "hiera"
     weights: Path | None = None
     layer: Literal[4, 8, 16, 32] = 8
-    resolution: int = 256
+    resolution: int = 128
     dtype: Literal["float32", "bfloat16", "float16"] = "float32"
     batch: int = 8
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
