@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from encoders.features import FeatureMap
 
-STRIDE = 2
+STRIDE = 2.0
 DEEPEST = 16  # pixels between neighbouring cells of the coarsest level
 
 

@@ -14,14 +14,13 @@ from dynamics import HEADS, Head, PhaseState, build
 from dynamics.unstructured import ResidualMap
 from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
-from vidphys.clips import Clips
 from vidphys.errors import InputError
-from vidphys.perception.base import HEAD_DT, Fitted, FitTask
+from vidphys.perception.base import HEAD_DT, FitTask, Fitted
 from vidphys.perception.cnn import CnnPerception, new_perception, train
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
 from vidphys.presets import PixelSizes
-from vidphys.segments import roll
 from vidphys.seeding import derive
+from vidphys.segments import roll
 from vidphys.train import FitSettings
 
 SEEN = 3  # frames that are encoded; the start state is at the middle one

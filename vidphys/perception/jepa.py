@@ -9,6 +9,7 @@ what does, if anything, is the anchor.
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +19,7 @@ from encoders.jepa import EmaTarget, variance_floor
 from readouts.differencing import central_difference
 from renderers import centroids
 from vidphys.clips import Clips
-from vidphys.perception.base import HEAD_DT, Fitted, FitTask
+from vidphys.perception.base import HEAD_DT, FitTask, Fitted
 from vidphys.perception.cnn import CHUNK, CnnPerception, new_perception, train
 from vidphys.perception.discovered import FUTURE, SEEN, joint_settings, new_head
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
@@ -69,7 +70,8 @@ class Jepa(nn.Module):
     def future_latents(self, window: Window) -> PhaseState:
         """What the EMA encoder says of the frames to be predicted, ``(m, FUTURE, n, 2)``."""
         # One frame on either side, for the momentum of the first and the last.
-        positions = self.target.module.locate(window.frames[:, SEEN - 1 :])
+        target = cast(JepaPerception, self.target.module)
+        positions = target.locate(window.frames[:, SEEN - 1 :])
         return central_difference(positions, window.params.mass, self.every * HEAD_DT)
 
 

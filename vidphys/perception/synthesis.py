@@ -13,7 +13,7 @@ from binders import Tracks
 from renderers import ChannelWorld, centroids
 from vidphys.clips import Clips
 from vidphys.errors import InputError
-from vidphys.perception.base import Fitted, FitTask
+from vidphys.perception.base import FitTask, Fitted
 
 ROUNDS = 12
 SETTLED = 1e-3  # pixels: a smaller step ends the fit of a body
@@ -102,7 +102,8 @@ def _derivative(world: ChannelWorld, q: Tensor, axis: int) -> tuple[Tensor, Tens
     """The rendering, and its derivative as all bodies move along one axis."""
     direction = torch.zeros_like(q)
     direction[..., axis] = 1
-    return jvp(world, (q,), (direction,))
+    both: tuple[Tensor, Tensor] = jvp(world, (q,), (direction,))  # type: ignore[assignment]
+    return both
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
