@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import signal
 import sys
+import threading
 from pathlib import Path
 
 VERBS = {
@@ -49,6 +51,7 @@ def _run(verb: str, rest: list[str]) -> int:
     module = importlib.import_module(f"vidphys.cli.{verb}")
     config_type = getattr(module, VERBS[verb][0])
     config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
+    _end_like_an_interrupt()
     try:
         return getattr(module, verb)(config) or OK
     except InputError as error:
@@ -56,6 +59,17 @@ def _run(verb: str, rest: list[str]) -> int:
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
+
+
+def _end_like_an_interrupt() -> None:
+    """A request to end (SIGTERM) is heeded as an interrupt is: the work so far is kept."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, stop)
+        signal.signal(signal.SIGINT, stop)
 
 
 def _error(text: str) -> int:

@@ -35,6 +35,8 @@ class TrainConfig:
         layer: the stage that is read, by its stride in network pixels.
         resolution: network pixels of the longer image side, a multiple of 32.
         steps: optimiser steps of each readout.
+        start: first frame of the clip that is used (a hand may hold the body before it).
+        stop: frame to stop before.
         train_share: part of the clip, from its start, that is trained on.
         beyond: seconds to roll past the end of the clip.
         seed: of initial weights and batch order.
@@ -48,8 +50,10 @@ class TrainConfig:
     out: Path = Path("runs/clip")
     weights: Path | None = None
     layer: Literal[4, 8, 16, 32] = 8
-    resolution: int = 256
+    resolution: int = 128
     steps: int = 1200
+    start: int = 0
+    stop: int | None = None
     train_share: float = 0.6
     beyond: float = 3.0
     seed: int = 0
@@ -74,7 +78,7 @@ def train(config: TrainConfig) -> None:
 
     if not config.clip.is_file():
         raise InputError(f"train: {config.clip}: no such file; nothing was trained")
-    video = read_video(config.clip, ClipSelection())
+    video = read_video(config.clip, ClipSelection(config.start, config.stop))
     try:
         encoder = frozen_encoder(_extraction(config))
     except ValueError as error:

@@ -28,9 +28,9 @@ HEADS: dict[str, Terms] = {
     "unstructured": ResidualTerms(width=64),
 }
 SAMPLING = 0.1  # seconds between the positions that a head is trained on
-STRETCH_SECONDS = 1.5
+STRETCH_SECONDS = 1.0
 WINDOW_SECONDS = 1.5
-SMOOTH_STEPS, SHOOTING_STEPS = 400, 600
+SMOOTH_STEPS, SHOOTING_STEPS = 400, 300
 BEND = 3  # degree of the curve
 
 
