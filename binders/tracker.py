@@ -213,27 +213,42 @@ class _Histories:
         self, tracker: Tracker, detections: Detections, frame: int, motion: Motion, keep: int
     ) -> _Histories:
         """Every way to go on by one frame; the ``keep`` best of them."""
-        k = self.score.shape[1]
-        slots = detections.positions[:, None, frame].expand(-1, k, -1, -1)
-        confidence = detections.confidence[:, None, frame].expand(-1, k, -1)
-        guess, seen, found = motion(self.positions), (self.confidence > 0).any(-2), confidence > 0
-        score = _gate(tracker(self.positions, guess, slots, confidence), seen, found)
+        slots, confidence = detections.positions[:, frame], detections.confidence[:, frame]
+        guess = motion(self.positions)
+        each = slots.unsqueeze(1).expand_as(guess), confidence.unsqueeze(1).expand(guess.shape[:-1])
+        score = tracker(self.positions, guess, *each)
+        score = _gate(score, self.seen, each[1] > 0)
         options = _assignments(score)
-        gain = score.unsqueeze(2).expand(-1, -1, options.shape[2], -1, -1)
-        total = self.score.unsqueeze(-1) + gain.gather(-1, options.unsqueeze(-1)).sum((-2, -1))
-        best, which = total.flatten(1).topk(min(keep, total[0].numel()))
-        parent = which // options.shape[2]
-        chosen = _pick(options.flatten(1, 2), which)
-        here, sure = _pick(slots, parent), _pick(confidence, parent).gather(-1, chosen)
-        here = here.gather(-2, chosen.unsqueeze(-1).expand_as(here))
-        hit, known = (sure > 0).unsqueeze(-1), _pick(seen, parent).unsqueeze(-1)
-        here = torch.where(known & ~hit, _pick(guess, parent), here)
-        past = torch.where(known.unsqueeze(2), _pick(self.positions, parent), here.unsqueeze(2))
-        return _Histories(
-            torch.cat([past, here.unsqueeze(2)], 2),
-            torch.cat([_pick(self.confidence, parent), sure.unsqueeze(2)], 2),
-            best,
-        )
+        ways = options.shape[2]
+        gain = score.unsqueeze(2).expand(-1, -1, ways, -1, -1).gather(-1, options.unsqueeze(-1))
+        total = (self.score.unsqueeze(-1) + gain.sum((-2, -1))).flatten(1)
+        best, which = total.topk(min(keep, total.shape[1]))
+        parent, chosen = which // ways, _pick(options.flatten(1, 2), which)
+        kept = _Histories(_pick(self.positions, parent), _pick(self.confidence, parent), best)
+        here = _pick(slots, chosen.flatten(1)).reshape(*chosen.shape, 2)
+        sure = _pick(confidence, chosen.flatten(1)).reshape(chosen.shape)
+        return kept.append(_pick(guess, parent), here, sure)
+
+    @property
+    def seen(self) -> Bool[Tensor, "b k n"]:
+        """Which bodies have been detected so far."""
+        return (self.confidence > 0).any(-2)
+
+    def append(
+        self,
+        guess: Float[Tensor, "b k n 2"],
+        here: Float[Tensor, "b k n 2"],
+        sure: Float[Tensor, "b k n"],
+    ) -> _Histories:
+        """One more frame, given each track's slot; who has an empty one goes where it was guessed.
+
+        A body stands until it is first seen where it is then seen.
+        """
+        known = self.seen.unsqueeze(-1)
+        here = torch.where(known & (sure.unsqueeze(-1) == 0), guess, here)
+        past = torch.where(known.unsqueeze(2), self.positions, here.unsqueeze(2))
+        positions = torch.cat([past, here.unsqueeze(2)], 2)
+        return _Histories(positions, torch.cat([self.confidence, sure.unsqueeze(2)], 2), self.score)
 
 
 def _pick(x: Tensor, which: Int[Tensor, "b m"]) -> Tensor:

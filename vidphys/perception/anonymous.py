@@ -7,16 +7,13 @@ trained together with the dynamics head, which then foresees each next frame for
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
-from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from binders import Detections, Tracks, bind_by_acceleration, detect
+from binders import Detections, Tracks, bind_by_acceleration
 from binders.tracker import (
     HYPOTHESES,
     NEAR,
@@ -28,23 +25,25 @@ from binders.tracker import (
     sinkhorn,
 )
 from dynamics import Head, Parameters
-from renderers import AnonymousWorld
-from vidphys.atomic import write_with
 from vidphys.clips import Clips
-from vidphys.errors import InputError
 from vidphys.perception.aim import aim, motion_under
 from vidphys.perception.base import HEAD_DT, FitTask, Fitted, Grounding
+from vidphys.perception.detections import (
+    WINDOW,
+    Windows,
+    anonymous_world,
+    detections_of,
+    windows_of,
+)
 from vidphys.perception.discovered import new_head
 from vidphys.perception.windows import steps_per_frame
 from vidphys.seeding import derive
 from vidphys.segments import roll
 from vidphys.train import FitSettings, fit
 
-WINDOW = 7  # frames that the tracker is trained on at once
 AHEAD = 3  # frames that the head predicts
 LEARNING_RATE = 1e-2
 MANY = 36  # hypotheses of the teacher
-CHUNK = 64  # clips detected or followed at once
 
 
 @dataclass(frozen=True)
@@ -73,37 +72,24 @@ class LearnedBinding:
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame, numbered as found in the first."""
-        detections, params = detections_of(clips), clips.params.map(lambda x: x.float())
-        parts = [
-            self._follow(
-                Detections(
-                    detections.positions[rows], detections.confidence[rows], detections.times
-                ),
-                params[rows],
-                steps_per_frame(clips),
-            )
-            for rows in (slice(at, at + CHUNK) for at in range(0, len(clips), CHUNK))
-        ]
-        positions = torch.cat([part.positions for part in parts])
-        return Tracks(positions, torch.cat([p.confidence for p in parts]), detections.times)
-
-    def _follow(self, detections: Detections, params: Parameters, every: int) -> Tracks:
-        tracks, score = follow(self.tracker, detections, hypotheses=self.hypotheses)
+        found = detections_of(clips)
+        plain, score = follow(self.tracker, found, hypotheses=self.hypotheses)
         if self.head is None:
-            return tracks
-        motion = motion_under(self.head, params, every)
-        foreseen, better = follow(self.tracker, detections, motion, self.hypotheses)
+            return plain
+        law = clips.params.map(lambda x: x.float())
+        motion = motion_under(self.head, law, steps_per_frame(clips))
+        foreseen, better = follow(self.tracker, found, motion, self.hypotheses)
         chosen = (better > score)[:, None, None]
         return Tracks(
-            torch.where(chosen.unsqueeze(-1), foreseen.positions, tracks.positions),
-            torch.where(chosen, foreseen.confidence, tracks.confidence),
-            tracks.times,
+            torch.where(chosen.unsqueeze(-1), foreseen.positions, plain.positions),
+            torch.where(chosen, foreseen.confidence, plain.confidence),
+            plain.times,
         )
 
 
 def fit_hand(task: FitTask) -> Fitted:
     """Nothing to fit."""
-    _check(task.clips)
+    anonymous_world(task.clips)
     return Fitted(HandBinding())
 
 
@@ -117,9 +103,8 @@ def fit_twostage(task: FitTask) -> Fitted:
     tracker = _new_tracker(task, name)
     found = detections_of(task.clips, task.folder)
     smooth, _ = follow(tracker, found, hypotheses=MANY)
-    data = windows_of(
-        Detections(smooth.positions, smooth.confidence, smooth.times), task.clips.params
-    )
+    teacher = Detections(smooth.positions, smooth.confidence, smooth.times)
+    data = windows_of(teacher, task.clips.params)
 
     def loss(batch: Windows) -> Tensor:
         return hindsight_loss(tracker, batch.detections)
@@ -167,8 +152,14 @@ def prediction_loss(head: Head, tracks: SoftTracks, params: Parameters, every: i
     """Distance of the head's predictions from the tracks' own future, and the doubt in them.
 
     The head is started on each frame so that it meets the track in the next, and is compared with
-    the frames after. Frames apart by less than an encounter lasts make a difference quotient
-    useless there, and encounters are where binding is decided.
+    the frames after. A difference of frames would be wrong most of all at encounters, which are
+    shorter than a frame interval and are where binding is decided.
+
+    Args:
+        head: predicts.
+        tracks: at least ``AHEAD + 1`` frames.
+        params: of each window, ``(m,)`` and ``(m, n)``.
+        every: model steps between frames.
     """
     positions = tracks.positions
     starts = positions.shape[1] - AHEAD
@@ -182,97 +173,6 @@ def prediction_loss(head: Head, tracks: SoftTracks, params: Parameters, every: i
 def _size(squared: Tensor) -> Tensor:
     """Mean of log(1 + e^2 / NEAR^2): one lost body does not outweigh the others' precision."""
     return (squared / NEAR**2).log1p().mean()
-
-
-@dataclass(frozen=True)
-class Windows:
-    """Detections in short windows of the training clips.
-
-    Args:
-        detections: ``(m, WINDOW, n, 2)``.
-        params: ``(m,)`` and ``(m, n)``, float32.
-    """
-
-    detections: Detections
-    params: Parameters
-
-    def __len__(self) -> int:
-        return len(self.detections.positions)
-
-    def __getitem__(self, index: Tensor) -> Windows:
-        whole = self.detections
-        part = Detections(whole.positions[index], whole.confidence[index], whole.times)
-        return Windows(part, self.params[index])
-
-
-def windows_of(detections: Detections, params: Parameters) -> Windows:
-    """Every window in which all bodies were found in every frame.
-
-    Raises:
-        InputError: there is none, because clips are too short or too much is hidden.
-    """
-    positions = detections.positions.unfold(1, WINDOW, 1).movedim(-1, 2)
-    confidence = detections.confidence.unfold(1, WINDOW, 1).movedim(-1, 2)
-    whole = (confidence > 0).all((-2, -1))
-    if not bool(whole.any()):
-        raise InputError(
-            f"anonymous: no window of {WINDOW} frames shows all bodies in every frame; "
-            "render more or longer clips"
-        )
-    clip = torch.nonzero(whole)[:, 0]
-    found = Detections(positions[whole], confidence[whole], detections.times[:WINDOW])
-    return Windows(found, params[clip].map(lambda x: x.float()))
-
-
-def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
-    """The fixed detector's answer, by which all anonymous rungs see.
-
-    Args:
-        clips: of the anonymous world.
-        folder: where it is kept, under a name made of the frames' hash; ``None`` keeps nothing.
-
-    Raises:
-        InputError: the clips are of another world, or their bodies differ in mass.
-    """
-    world = _check(clips)
-    frames = hashlib.sha256(clips.frames.numpy().tobytes()).hexdigest()[:16]
-    kept = None if folder is None else folder / f"detections-{frames}.safetensors"
-    if kept is not None and kept.exists():
-        stored = load_file(kept)
-        return Detections(stored["positions"], stored["confidence"], clips.times.float())
-    bodies, camera = clips.states.q.shape[2], world.camera
-    parts = [
-        detect(
-            clips.images(slice(at, at + CHUNK)),
-            clips.times.float(),
-            bodies,
-            world.coverage,
-            camera.xs(),
-            camera.ys(),
-        )
-        for at in range(0, len(clips), CHUNK)
-    ]
-    positions = torch.cat([part.positions for part in parts])
-    confidence = torch.cat([part.confidence for part in parts])
-    if kept is not None:
-        found = {"positions": positions, "confidence": confidence}
-        write_with(kept, lambda partial: save_file(found, partial))
-    return Detections(positions, confidence, clips.times.float())
-
-
-def _check(clips: Clips) -> AnonymousWorld:
-    world, mass = clips.world, clips.params.mass
-    if not isinstance(world, AnonymousWorld):
-        raise InputError(
-            f"anonymous: finds equal disks, got clips of {type(world).__name__}; "
-            "render them in the anonymous world"
-        )
-    if bool((mass != mass[:, :1]).any()):
-        raise InputError(
-            "anonymous: nobody can say which of several bodies that look alike is the heavy one; "
-            "use a scene of equal masses"
-        )
-    return world
 
 
 def _new_tracker(task: FitTask, name: str) -> Tracker:

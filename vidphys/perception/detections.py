@@ -1,0 +1,127 @@
+"""What all anonymous rungs see: the fixed detector's answer, and training windows cut from it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from binders import Detections, detect
+from dynamics import Parameters
+from renderers import AnonymousWorld
+from vidphys.atomic import write_with
+from vidphys.clips import Clips
+from vidphys.errors import InputError
+
+WINDOW = 7  # frames that a tracker is trained on at once
+CHUNK = 64  # clips detected at once
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Detections in short windows of the training clips.
+
+    Args:
+        detections: ``(m, WINDOW, n, 2)``.
+        params: ``(m,)`` and ``(m, n)``, float32.
+    """
+
+    detections: Detections
+    params: Parameters
+
+    def __len__(self) -> int:
+        return len(self.detections.positions)
+
+    def __getitem__(self, index: Tensor) -> Windows:
+        whole = self.detections
+        part = Detections(whole.positions[index], whole.confidence[index], whole.times)
+        return Windows(part, self.params[index])
+
+
+def windows_of(detections: Detections, params: Parameters) -> Windows:
+    """Every window in which all bodies were found in every frame.
+
+    Args:
+        detections: of whole clips.
+        params: the law of each clip.
+
+    Raises:
+        InputError: there is none, because clips are too short or too much is hidden.
+    """
+    frames = len(detections.times)
+    if frames < WINDOW:
+        raise InputError(
+            f"anonymous: clips of {frames} frames; a tracker learns from windows of {WINDOW}; "
+            "use longer clips"
+        )
+    positions = detections.positions.unfold(1, WINDOW, 1).movedim(-1, 2)
+    confidence = detections.confidence.unfold(1, WINDOW, 1).movedim(-1, 2)
+    whole = (confidence > 0).all((-2, -1))
+    if not bool(whole.any()):
+        raise InputError(
+            f"anonymous: no window of {WINDOW} frames shows all bodies in every frame; "
+            "render more or longer clips"
+        )
+    clip = torch.nonzero(whole)[:, 0]
+    found = Detections(positions[whole], confidence[whole], detections.times[:WINDOW])
+    return Windows(found, params[clip].map(lambda x: x.float()))
+
+
+def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
+    """The fixed detector's answer, by which all anonymous rungs see.
+
+    Args:
+        clips: of the anonymous world.
+        folder: where it is kept, under a name made of the frames' hash; ``None`` keeps nothing.
+
+    Raises:
+        InputError: the clips are of another world, or their bodies differ in mass.
+    """
+    world = anonymous_world(clips)
+    frames = hashlib.sha256(clips.frames.numpy().tobytes()).hexdigest()[:16]
+    kept = None if folder is None else folder / f"detections-{frames}.safetensors"
+    if kept is not None and kept.exists():
+        stored = load_file(kept)
+        return Detections(stored["positions"], stored["confidence"], clips.times.float())
+    bodies, camera = clips.states.q.shape[2], world.camera
+    parts = [
+        detect(
+            clips.images(slice(at, at + CHUNK)),
+            clips.times.float(),
+            bodies,
+            world.coverage,
+            camera.xs(),
+            camera.ys(),
+        )
+        for at in range(0, len(clips), CHUNK)
+    ]
+    positions = torch.cat([part.positions for part in parts])
+    confidence = torch.cat([part.confidence for part in parts])
+    if kept is not None:
+        found = {"positions": positions, "confidence": confidence}
+        write_with(kept, lambda partial: save_file(found, partial))
+    return Detections(positions, confidence, clips.times.float())
+
+
+def anonymous_world(clips: Clips) -> AnonymousWorld:
+    """The clips' world.
+
+    Raises:
+        InputError: it is another world, or bodies differ in mass.
+    """
+    world, mass = clips.world, clips.params.mass
+    if not isinstance(world, AnonymousWorld):
+        raise InputError(
+            f"anonymous: finds equal disks, got clips of {type(world).__name__}; "
+            "render them in the anonymous world"
+        )
+    if bool((mass != mass[:, :1]).any()):
+        raise InputError(
+            "anonymous: nobody can say which of several bodies that look alike is the heavy one; "
+            "use a scene of equal masses"
+        )
+    return world
