@@ -16,6 +16,7 @@ from vidphys.segments import roll
 
 WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
 UNUSUAL = 3.0  # times the median residual
+FADE = 0.5  # weight of a frame against the next: the head's own error grows with the distance
 
 
 def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
@@ -52,7 +53,9 @@ def _fit(
 ) -> ShootingFit:
     a, b, c = positions[:, 0], positions[:, 1], positions[:, 2]
     momentum = params.mass[..., None] * (-3 * a + 4 * b - c) / (2 * interval)
-    confidence = confidence[:, -positions.shape[1] :].clamp_min(1e-3)
+    frames = positions.shape[1]
+    fade = FADE ** torch.arange(frames - 1, -1, -1.0)
+    confidence = confidence[:, -frames:].clamp_min(1e-3) * fade[:, None]
     with torch.no_grad():
         return shoot(
             frame_roll(head, params, interval),
