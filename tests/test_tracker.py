@@ -227,11 +227,12 @@ def test_a_missing_detection_is_bridged_softly(plain):
     assert float((gone - truth).abs().max()) > 0.3 * float(apart)
 
 
-def test_a_body_that_appears_late_takes_only_what_the_others_leave(plain):
+@pytest.mark.parametrize("hypotheses", [1, 6])
+def test_a_body_that_appears_late_takes_only_what_the_others_leave(plain, hypotheses):
     truth = curves(1, 8, 2, 4)
     positions, confidence = truth.clone(), torch.ones(1, 8, 2)
     positions[0, :3, 1], confidence[0, :3, 1] = 0.0, 0.0
-    tracks, _ = follow(plain, shuffled(found(positions, confidence), 0))
+    tracks, _ = follow(plain, shuffled(found(positions, confidence), 0), hypotheses=hypotheses)
     torch.testing.assert_close(tracks.positions[:, :, 0], truth[:, :, 0])
     torch.testing.assert_close(tracks.positions[:, 3:, 1], truth[:, 3:, 1])
     torch.testing.assert_close(tracks.positions[0, :3, 1], truth[0, 3:4, 1].expand(3, 2))
