@@ -294,7 +294,9 @@ def counted(field: VectorField) -> tuple[VectorField, list[int]]:
 
 
 @pytest.mark.parametrize(
-    ("method", "a_step"), [(leapfrog, 1), (yoshida4, 3), (rk4, 4), (tao, 4)], ids=lambda x: str(x)
+    ("method", "a_step"),
+    [(leapfrog, 1), (yoshida4, 3), (rk4, 4), (tao, 4)],
+    ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_force_evaluations_a_step(method: Integrator, a_step: int) -> None:
     field, calls = counted(PENDULUM.field)
