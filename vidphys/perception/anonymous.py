@@ -139,13 +139,13 @@ def hindsight_loss(tracker: Tracker, teacher: Detections) -> Tensor:
         tracker: is asked in each frame, given the teacher's past.
         teacher: detections sorted by body.
     """
-    losses = []
+    scores = []
     for frame in range(1, len(teacher.times)):
         past = teacher.positions[:, max(0, frame - 3) : frame]
         slots, confidence = teacher.positions[:, frame], teacher.confidence[:, frame]
-        part = sinkhorn(tracker(past, extrapolate(past), slots, confidence))
-        losses.append(-part.diagonal(dim1=-2, dim2=-1).clamp_min(1e-6).log().mean())
-    return torch.stack(losses).mean()
+        scores.append(tracker(past, extrapolate(past), slots, confidence))
+    part = sinkhorn(torch.stack(scores, 1))
+    return -part.diagonal(dim1=-2, dim2=-1).clamp_min(1e-6).log().mean()
 
 
 def prediction_loss(head: Head, tracks: SoftTracks, params: Parameters, every: int) -> Tensor:
