@@ -71,8 +71,7 @@ def test_naive_forecasts_stay_or_go_straight():
 
 
 def test_a_forecast_goes_past_the_clip_and_beats_standing_still(monkeypatch):
-    monkeypatch.setattr(clip_dynamics, "SMOOTH_STEPS", 150)
-    monkeypatch.setattr(clip_dynamics, "SHOOTING_STEPS", 60)
+    monkeypatch.setattr(clip_dynamics, "STEPS", 150)
     track = pendulum()
     found = forecast("damped", track, END, beyond=1.0, seed=0)
     assert float(found.times[0]) == pytest.approx(float(track.times[END - 1]))

@@ -29,8 +29,7 @@ TINY = Preset(
         image=32,
         perception_steps=3,
         perception_batch=8,
-        smooth_steps=4,
-        shooting_steps=3,
+        track_steps=4,
         held_out=4,
     ),
 )

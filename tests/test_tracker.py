@@ -353,14 +353,14 @@ def falling(clips: int, frames: int, seed: int = 0) -> tuple[torch.Tensor, Param
 def test_aim_without_force_is_a_straight_line():
     here, there = torch.randn(2, 4, 3, 2, generator=rng(0), dtype=torch.float64)
     params = Parameters(torch.ones(4).double(), torch.full((4, 3), 2.0).double())
-    state = aim(ballistic(), here, there, params, 8)
+    state = aim(ballistic(), here, there, params, 0.01, 8)
     torch.testing.assert_close(state.p, 2 * (there - here) / INTERVAL)
 
 
 def test_aim_is_the_state_that_the_law_carries_to_the_next_frame():
     q, params = falling(40, 3)
     law = gravity().law
-    state = aim(law, q[:, 0], q[:, 1], params, 8)
+    state = aim(law, q[:, 0], q[:, 1], params, 0.01, 8)
     reached = roll(law, state, params, 1, 0.01, 8).q[:, 0]
     miss = (reached - q[:, 1]).norm(dim=-1)
     assert float(miss.median()) < 1e-6
@@ -435,8 +435,7 @@ SIZES = PixelSizes(
     image=32,
     perception_steps=3,
     perception_batch=28,
-    smooth_steps=0,
-    shooting_steps=0,
+    track_steps=0,
     held_out=4,
 )
 

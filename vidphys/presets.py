@@ -34,8 +34,7 @@ class PixelSizes:
         context: frames of the window that ends at t0.
         image: pixels on a side.
         perception_steps, perception_batch: frames a step, for encoders that learn.
-        smooth_steps: one-step training on smoothed tracks.
-        shooting_steps: k-frame training with fitted starts.
+        track_steps: training of a head on tracks, under each readout.
         held_out: scored clips.
     """
 
@@ -46,8 +45,7 @@ class PixelSizes:
     image: int
     perception_steps: int
     perception_batch: int
-    smooth_steps: int
-    shooting_steps: int
+    track_steps: int
     held_out: int
 
 
@@ -64,17 +62,17 @@ PRESETS = {
     "quick": Preset(
         seeds=1,
         oracle=OracleSizes(2048, 600, 1024, (5e-3,), 32),
-        pixel=PixelSizes(256, 12, 40, 7, 32, 150, 64, 150, 120, 32),
+        pixel=PixelSizes(256, 12, 40, 7, 32, 150, 64, 150, 32),
     ),
     "standard": Preset(
         seeds=3,
         oracle=OracleSizes(8192, 4000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 500, 700, 64),
+        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 600, 64),
     ),
     "paper": Preset(
         seeds=10,
         oracle=OracleSizes(8192, 10_000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 2000, 6000, 64),
+        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 3000, 64),
     ),
 }
 

@@ -20,7 +20,7 @@ from vidphys.errors import InputError
 from vidphys.initial_state import frame_roll
 from vidphys.perception.base import model_step
 from vidphys.segments import roll
-from vidphys.track_training import TrackTask, train_by_shooting
+from vidphys.track_training import TrackTask, tell_scale, train_by_shooting
 from vidphys.train import Progress
 
 HEADS: dict[str, Terms] = {
@@ -28,9 +28,10 @@ HEADS: dict[str, Terms] = {
     "unstructured": ResidualTerms(width=64),
 }
 SAMPLING = 0.1  # seconds between the positions that a head is trained on
-STRETCH_SECONDS = 1.0
+AHEAD = 8  # positions predicted after the two that start a window
 WINDOW_SECONDS = 1.5
-SMOOTH_STEPS, SHOOTING_STEPS = 400, 300
+PRECISE = 0.1  # coordinate units
+STEPS = 400
 BEND = 3  # degree of the curve
 
 
@@ -128,10 +129,8 @@ def forecast(
     torch.manual_seed(seed)
     head = build(HEADS[name], bodies=1, dt=dt, space=1)
     params = _unit(len(samples.positions))
-    stretch = round(STRETCH_SECONDS / interval)
-    task = TrackTask(
-        samples, params, interval, SMOOTH_STEPS, SHOOTING_STEPS, seed, stretch, progress=progress
-    )
+    task = TrackTask(samples, params, interval, STEPS, seed, AHEAD, PRECISE, progress=progress)
+    tell_scale(head, task)
     train_by_shooting(head, task)
     start = _last_state(head, samples, interval)
     ahead = float(track.times[-1] - track.times[end - 1]) + beyond

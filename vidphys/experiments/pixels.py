@@ -24,7 +24,12 @@ from vidphys.presets import PixelSizes
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.seeding import derive
-from vidphys.track_training import TrackTask, train_by_differencing, train_by_shooting
+from vidphys.track_training import (
+    TrackTask,
+    tell_scale,
+    train_by_differencing,
+    train_by_shooting,
+)
 from vidphys.train import Progress
 
 TRAINERS = {"differencing": train_by_differencing, "shooting": train_by_shooting}
@@ -90,17 +95,20 @@ def train_and_score(
 ) -> tuple[Head, Question]:
     """One readout of one cell: train the head on the tracks, read the start at t0, score."""
     torch.manual_seed(derive(seed, "init", head_name))
-    head = build(HEADS[head_name], scene.bodies, HEAD_DT) if warm is None else copy.deepcopy(warm)
     task = TrackTask(
         perceived.train,
         seen.train.params,
         seen.train.interval,
-        sizes.smooth_steps,
-        sizes.shooting_steps,
+        sizes.track_steps,
         derive(seed, "order", head_name, readout),
         save_to=folder,
         progress=progress,
     )
+    if warm is None:
+        head = build(HEADS[head_name], scene.bodies, HEAD_DT)
+        tell_scale(head, task)
+    else:  # trained along with the perception: it keeps the scale that it learned under
+        head = copy.deepcopy(warm)
     result = TRAINERS[readout](head, task)
     recorder.add_value("training_loss", result.final_loss)
     start = READOUTS[readout](head, perceived.test, seen.test.params, seen.test.interval)

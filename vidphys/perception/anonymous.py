@@ -16,7 +16,6 @@ from torch import Tensor, nn
 from binders import Detections, Tracks, bind_by_acceleration
 from binders.tracker import (
     HYPOTHESES,
-    NEAR,
     SoftTracks,
     Tracker,
     extrapolate,
@@ -26,7 +25,7 @@ from binders.tracker import (
 )
 from dynamics import Head, Parameters
 from vidphys.clips import Clips
-from vidphys.perception.aim import aim, motion_under
+from vidphys.perception.aim import PRECISE, motion_under, surprise
 from vidphys.perception.base import HEAD_DT, FitTask, Fitted, Grounding
 from vidphys.perception.detections import (
     WINDOW,
@@ -38,10 +37,9 @@ from vidphys.perception.detections import (
 from vidphys.perception.discovered import new_head
 from vidphys.perception.windows import steps_per_frame
 from vidphys.seeding import derive
-from vidphys.segments import roll
 from vidphys.train import FitSettings, fit
 
-AHEAD = 3  # frames that the head predicts
+AHEAD = 2  # frames that the head predicts after the two that it starts from
 LEARNING_RATE = 1e-2
 MANY = 36  # hypotheses of the teacher
 
@@ -151,28 +149,17 @@ def hindsight_loss(tracker: Tracker, teacher: Detections) -> Tensor:
 def prediction_loss(head: Head, tracks: SoftTracks, params: Parameters, every: int) -> Tensor:
     """Distance of the head's predictions from the tracks' own future, and the doubt in them.
 
-    The head is started on each frame so that it meets the track in the next, and is compared with
-    the frames after. A difference of frames would be wrong most of all at encounters, which are
-    shorter than a frame interval and are where binding is decided.
-
     Args:
         head: predicts.
-        tracks: at least ``AHEAD + 1`` frames.
+        tracks: at least ``AHEAD + 2`` frames.
         params: of each window, ``(m,)`` and ``(m, n)``.
         every: model steps between frames.
     """
-    positions = tracks.positions
-    starts = positions.shape[1] - AHEAD
+    windows = tracks.positions.unfold(1, AHEAD + 2, 1).movedim(-1, 2)
+    starts = windows.shape[1]
     law = params.map(lambda x: x.unsqueeze(1).expand(-1, starts, *x.shape[1:]))
-    start = aim(head, positions[:, :starts], positions[:, 1 : 1 + starts], law, every)
-    seen = roll(head, start, law, AHEAD, HEAD_DT, every).q
-    future = positions.unfold(1, AHEAD, 1)[:, 1:].movedim(-1, 2)
-    return _size((seen - future).square().sum(-1)) + _size(tracks.variance)
-
-
-def _size(squared: Tensor) -> Tensor:
-    """Mean of log(1 + e^2 / NEAR^2): one lost body does not outweigh the others' precision."""
-    return (squared / NEAR**2).log1p().mean()
+    missed = surprise(head, windows, law, HEAD_DT, every)
+    return missed.mean() + (tracks.variance / PRECISE**2).log1p().mean()
 
 
 def _new_tracker(task: FitTask, name: str) -> Tracker:
