@@ -1,7 +1,9 @@
 """Phase-space dynamics: states, integrators, energies, heads and rollouts. Knows no pixels."""
 
-from dynamics.build import HEADS, HamiltonianTerms, Head, ResidualTerms, Terms, build
+from dynamics.build import HEADS, HamiltonianTerms, ResidualTerms, Terms, build
+from dynamics.couplings import PairLaw
 from dynamics.hamiltonian import Hamiltonian, ballistic
+from dynamics.head import Head
 from dynamics.integrators import (
     INTEGRATORS,
     Integrator,
@@ -23,6 +25,7 @@ __all__ = [
     "HamiltonianTerms",
     "Head",
     "Integrator",
+    "PairLaw",
     "Parameters",
     "PhaseState",
     "ResidualTerms",

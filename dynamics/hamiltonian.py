@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from typing import cast
+
 from torch import Tensor, nn
 
+from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
 from dynamics.kinetic import FixedKinetic, Kinetic
-from dynamics.ports import LinearFriction
+from dynamics.ports import Port
 from dynamics.potentials import NoPotential, Potential
 from dynamics.state import Parameters, PhaseState
 
 
-class Hamiltonian(nn.Module):
+class Hamiltonian(Head):
     """A kinetic and a potential energy, composed.
 
     Args:
         kinetic: has ``energy(p, params)`` and ``velocity(p, params)``.
         potential: has ``energy(q, params)`` and ``force(q, params)``.
         integrator: the one-step method of :meth:`advance`.
-        friction: a port that takes energy, or ``None`` for a conservative model. Half of it acts
-            before and half after the integrator's step (Strang splitting, second order).
+        ports: where energy enters or leaves; none for a conservative model. Half of each acts
+            before the integrator's step and half after, in the opposite order (Strang splitting,
+            second order).
     """
 
     def __init__(
@@ -27,13 +32,13 @@ class Hamiltonian(nn.Module):
         kinetic: Kinetic,
         potential: Potential,
         integrator: Integrator = leapfrog,
-        friction: LinearFriction | None = None,
+        ports: Sequence[Port] = (),
     ) -> None:
         super().__init__()
         self.kinetic = kinetic
         self.potential = potential
         self.integrator = integrator
-        self.friction = friction
+        self.ports = nn.ModuleList(ports)
 
     def energy(self, state: PhaseState, params: Parameters) -> Tensor:
         """H of each state, shape of the batch."""
@@ -49,12 +54,21 @@ class Hamiltonian(nn.Module):
     def advance(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
     ) -> tuple[PhaseState, Memory]:
-        """One step of ``dt`` seconds; ``memory`` is what the last step handed over."""
-        if self.friction is None:
+        if not self.ports:
             return self.integrator.advance(self.field(params), state, dt, memory)
-        state = PhaseState(state.q, self.friction.damp(state.p, dt / 2))
-        state, memory = self.integrator.advance(self.field(params), state, dt, memory)
-        return PhaseState(state.q, self.friction.damp(state.p, dt / 2)), memory
+        state = self._kicked(self.ports, state, params, dt / 2)
+        # A port has moved p since the last step: only a force that ignores p can be re-used.
+        kept = memory if self.integrator.needs_separable else None
+        state, memory = self.integrator.advance(self.field(params), state, dt, kept)
+        return self._kicked(reversed(self.ports), state, params, dt / 2), memory
+
+    @staticmethod
+    def _kicked(
+        ports: Iterable[nn.Module], state: PhaseState, params: Parameters, dt: float
+    ) -> PhaseState:
+        for port in ports:
+            state = PhaseState(state.q, cast(Port, port).kick(state, params, dt))
+        return state
 
     def force(self, state: PhaseState, params: Parameters) -> Tensor:
         """dp/dt of the conservative part at a state, ``(..., n, d)``."""

@@ -49,9 +49,9 @@ class BodyKinetic(nn.Module):
 class FreeKinetic(nn.Module):
     """T(p, c): one network of all momenta and parameters (inventory M4)."""
 
-    def __init__(self, bodies: int, space: int, width: int, activation: str) -> None:
+    def __init__(self, coordinates: int, conditions: int, width: int, activation: str) -> None:
         super().__init__()
-        self.network = MLP((bodies * space + bodies + 1, width, width, 1), activation)
+        self.network = MLP((coordinates + conditions, width, width, 1), activation)
 
     def energy(self, p: Tensor, params: Parameters) -> Tensor:
         return self.network(torch.cat([p.flatten(-2), params.flat], -1)).squeeze(-1)

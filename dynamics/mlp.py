@@ -44,14 +44,16 @@ class MLP(nn.Module):
         """``(..., sizes[0]) -> (..., sizes[-1])``."""
         value, _ = _ACTIVATIONS[self.activation]
         hidden, last = self._split()
+        batch, x = x.shape[:-1], _rows(x)
         for layer in hidden:
             x = value(layer(x))
-        return last(x)
+        return last(x).reshape(*batch, -1)
 
     def gradient(self, x: Tensor) -> Tensor:
         """Gradient of the (single) output with respect to the input, shape of ``x``."""
         value, slope = _ACTIVATIONS[self.activation]
         hidden, last = self._split()
+        shape, x = x.shape, _rows(x)
         slopes = []
         for layer in hidden:
             pre = layer(x)
@@ -60,7 +62,12 @@ class MLP(nn.Module):
         gradient = last.weight[0]
         for layer, s in zip(reversed(hidden), reversed(slopes), strict=True):
             gradient = (gradient * s) @ layer.weight
-        return gradient
+        return gradient.reshape(shape)
+
+
+def _rows(x: Tensor) -> Tensor:
+    """All batch axes as one: a single matrix product, also where models are mapped over."""
+    return x.reshape(-1, x.shape[-1])
 
 
 def _silu_slope(pre: Tensor, _: Tensor) -> Tensor:

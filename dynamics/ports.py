@@ -1,14 +1,27 @@
-"""Ports: where energy enters or leaves an otherwise Hamiltonian model."""
+"""Ports: where energy enters or leaves an otherwise Hamiltonian model.
+
+A port is a flow of the momenta alone, stepped exactly where a closed form exists.
+"""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
 
+from dynamics.state import Parameters, PhaseState
+
 SLOW = -3.0  # raw start value: softplus(-3) is a rate of 0.05 per second
 
 
-class LinearFriction(nn.Module):
+class Port(nn.Module):
+    """A flow of the momenta that acts beside Hamilton's equations."""
+
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+        """Momenta after ``dt`` seconds of this port alone, ``(..., n, d)``."""
+        raise NotImplementedError
+
+
+class LinearFriction(Port):
     """dp/dt = -gamma p, stepped exactly: p <- p exp(-gamma dt) (inventory I6, M28).
 
     gamma = softplus(raw) is positive by construction, so the port can only take energy.
@@ -23,6 +36,5 @@ class LinearFriction(nn.Module):
         """gamma, per second."""
         return nn.functional.softplus(self.raw)
 
-    def damp(self, p: Tensor, dt: float) -> Tensor:
-        """Momentum after ``dt`` seconds of friction alone."""
-        return p * torch.exp(-self.rate * dt)
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+        return state.p * torch.exp(-self.rate * dt)

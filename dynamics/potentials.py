@@ -1,17 +1,20 @@
 """Potential energies V(q, c) and their forces.
 
-A pair potential is V = G sum_{i<j} m_i m_j phi(q_i - q_j). The coupling multiplies the finished
-sum, so the force is exactly odd in G (the study's Eq. 5 and Prop. 2), in every bit.
+A pair potential is V = G sum_{i<j} m_i m_j phi(q_i - q_j), or another law of the same kind. The
+coupling multiplies the finished sum, so that a linear one makes the force exactly odd in G (the
+study's Eq. 5 and Prop. 2), in every bit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import torch
 from torch import Tensor, nn
 
+from dynamics.couplings import PairLaw
 from dynamics.mlp import MLP
 from dynamics.state import Parameters
 
@@ -39,8 +42,15 @@ def pair_indices(bodies: int, device: torch.device) -> tuple[Tensor, Tensor]:
 class PairPotential(nn.Module):
     """Sum over pairs of a function of the displacement; subclasses give the function.
 
-    Newton's third law and the linearity in G hold by construction.
+    Newton's third law and the way that the coupling enters hold by construction.
+
+    Args:
+        law: what multiplies the function; gravity's G m_i m_j in open space by default.
     """
+
+    def __init__(self, law: PairLaw | None = None) -> None:
+        super().__init__()
+        self.law = PairLaw() if law is None else law
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
         """Pair function phi of a displacement, ``(..., d) -> (...)``; must be even."""
@@ -51,24 +61,23 @@ class PairPotential(nn.Module):
         raise NotImplementedError
 
     def energy(self, q: Tensor, params: Parameters) -> Tensor:
-        displacement, mass = _pairs(q, params)
-        return params.coupling * (mass * self.pair_energy(displacement)).sum(-1)
+        strength, amount = self.law.strength(params)
+        displacement, product = self._pairs(q, amount)
+        return strength * (product * self.pair_energy(displacement)).sum(-1)
 
     def force(self, q: Tensor, params: Parameters) -> Tensor:
-        displacement, mass = _pairs(q, params)
-        pull = mass.unsqueeze(-1) * self.pair_gradient(displacement)
+        strength, amount = self.law.strength(params)
+        displacement, product = self._pairs(q, amount)
+        pull = product.unsqueeze(-1) * self.pair_gradient(displacement)
         i, j = pair_indices(q.shape[-2], q.device)
         total = torch.zeros_like(q).index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
-        return params.coupling[..., None, None] * total
+        return strength[..., None, None] * total
 
-
-def _pairs(q: Tensor, params: Parameters) -> tuple[Tensor, Tensor]:
-    """Displacements q_i - q_j ``(..., pairs, d)`` and mass products ``(..., pairs)``."""
-    i, j = pair_indices(q.shape[-2], q.device)
-    mass = params.mass
-    return q.index_select(-2, i) - q.index_select(-2, j), (
-        mass.index_select(-1, i) * mass.index_select(-1, j)
-    )
+    def _pairs(self, q: Tensor, amount: Tensor) -> tuple[Tensor, Tensor]:
+        """Displacements q_i - q_j ``(..., pairs, d)`` and products s_i s_j ``(..., pairs)``."""
+        i, j = pair_indices(q.shape[-2], q.device)
+        displacement = self.law.nearest(q.index_select(-2, i) - q.index_select(-2, j))
+        return displacement, amount.index_select(-1, i) * amount.index_select(-1, j)
 
 
 class SoftenedGravity(PairPotential):
@@ -76,10 +85,11 @@ class SoftenedGravity(PairPotential):
 
     Args:
         softening: the length epsilon in world units, > 0.
+        law: see :class:`PairPotential`.
     """
 
-    def __init__(self, softening: float = 0.1) -> None:
-        super().__init__()
+    def __init__(self, softening: float = 0.1, law: PairLaw | None = None) -> None:
+        super().__init__(law)
         if not softening > 0:
             raise ValueError(f"SoftenedGravity: softening must be > 0, got {softening}")
         self.softening = softening
@@ -100,8 +110,8 @@ class DisplacementPotential(PairPotential):
     infinity by construction. It is averaged over u and -u: exchanging two bodies changes nothing.
     """
 
-    def __init__(self, space: int, width: int, activation: str) -> None:
-        super().__init__()
+    def __init__(self, space: int, width: int, activation: str, law: PairLaw | None = None) -> None:
+        super().__init__(law)
         self.phi = MLP((space, width, width, 1), activation)
 
     def pair_energy(self, displacement: Tensor) -> Tensor:
@@ -126,8 +136,8 @@ class RadialPotential(PairPotential):
 
     NEAR, FAR = 0.2, 2.0  # world units
 
-    def __init__(self, width: int, activation: str) -> None:
-        super().__init__()
+    def __init__(self, width: int, activation: str, law: PairLaw | None = None) -> None:
+        super().__init__(law)
         self.phi = MLP((2, width, width, 1), activation)
 
     def _features(self, r: Tensor) -> Tensor:
@@ -155,11 +165,11 @@ def _soft_length(displacement: Tensor) -> Tensor:
 
 
 class FreePotential(nn.Module):
-    """V(q, c): one network of all positions, G and masses, nothing imposed (inventory M4)."""
+    """V(q, c): one network of all positions and parameters, nothing imposed (inventory M4)."""
 
-    def __init__(self, bodies: int, space: int, width: int, activation: str) -> None:
+    def __init__(self, coordinates: int, conditions: int, width: int, activation: str) -> None:
         super().__init__()
-        self.network = MLP((bodies * space + bodies + 1, width, width, 1), activation)
+        self.network = MLP((coordinates + conditions, width, width, 1), activation)
 
     def energy(self, q: Tensor, params: Parameters) -> Tensor:
         return self.network(torch.cat([q.flatten(-2), params.flat], -1)).squeeze(-1)
@@ -167,6 +177,38 @@ class FreePotential(nn.Module):
     def force(self, q: Tensor, params: Parameters) -> Tensor:
         gradient = self.network.gradient(torch.cat([q.flatten(-2), params.flat], -1))
         return -gradient[..., : q.shape[-1] * q.shape[-2]].reshape(q.shape)
+
+
+class HarmonicTrap(nn.Module):
+    """V = stiffness sum_i |q_i|^2 / 2: a known confinement that no coupling changes."""
+
+    def __init__(self, stiffness: float) -> None:
+        super().__init__()
+        self.stiffness = stiffness
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        return 0.5 * self.stiffness * q.square().sum((-2, -1))
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        return -self.stiffness * q
+
+
+class SumPotential(nn.Module):
+    """Several potentials at once."""
+
+    def __init__(self, parts: Sequence[Potential]) -> None:
+        super().__init__()
+        self.parts = nn.ModuleList(cast(Sequence[nn.Module], parts))
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        return torch.stack([part.energy(q, params) for part in self._parts]).sum(0)
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        return torch.stack([part.force(q, params) for part in self._parts]).sum(0)
+
+    @property
+    def _parts(self) -> Sequence[Potential]:
+        return cast(Sequence[Potential], list(self.parts))
 
 
 class NoPotential(nn.Module):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from dynamics.build import Head
+from dynamics.head import Head
 from dynamics.state import Parameters, PhaseState
 
 NO_BAD_STEP = -1

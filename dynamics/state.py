@@ -6,7 +6,7 @@ Axis names used across the project: ``b`` batch (episodes), ``t`` time, ``n`` bo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -69,20 +69,32 @@ class Parameters:
     """What the law is told about an episode, and what a counterfactual changes.
 
     Args:
-        coupling: the strength G of the pair law, ``(...)``; its sign is what inversion flips.
+        coupling: the strength G of the law, ``(...)``; its sign is what inversion flips.
         mass: body masses, ``(..., n)``.
+        charge: body charges, ``(..., n)``, where the scene has any.
+        scalars: further strengths by name, ``(...)`` each: ``electric`` (the coupling of the
+            charges), ``friction`` (per second), ``drive`` (per second), ``temperature`` (k_B = 1).
+            A scene has those that its law needs and no others.
     """
 
     coupling: Float[Tensor, "*batch"]
     mass: Float[Tensor, "*batch n"]
+    charge: Float[Tensor, "*batch n"] | None = None
+    scalars: dict[str, Tensor] = field(default_factory=dict)
 
     @property
     def flat(self) -> Float[Tensor, "*batch c"]:
-        """(G, m_1, ..., m_n) as one vector, the form that networks are given."""
-        return torch.cat([self.coupling.unsqueeze(-1), self.mass], dim=-1)
+        """(G, masses, charges, scalars by name) as one vector, the form that networks are given."""
+        parts = [self.coupling.unsqueeze(-1), self.mass]
+        if self.charge is not None:
+            parts.append(self.charge)
+        parts += [self.scalars[name].unsqueeze(-1) for name in sorted(self.scalars)]
+        return torch.cat(parts, dim=-1)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Parameters:
-        return Parameters(function(self.coupling), function(self.mass))
+        charge = None if self.charge is None else function(self.charge)
+        scalars = {name: function(value) for name, value in self.scalars.items()}
+        return Parameters(function(self.coupling), function(self.mass), charge, scalars)
 
     def __getitem__(self, index: Any) -> Parameters:
         return self.map(lambda x: x[index])
@@ -90,7 +102,23 @@ class Parameters:
     def with_coupling(self, value: float | Tensor) -> Parameters:
         """The same bodies under another coupling (the counterfactual of the study)."""
         value = torch.as_tensor(value, dtype=self.coupling.dtype, device=self.coupling.device)
-        return Parameters(value.expand_as(self.coupling), self.mass)
+        return replace(self, coupling=value.expand_as(self.coupling))
+
+    def with_scalar(self, name: str, value: float | Tensor) -> Parameters:
+        """The same bodies with another strength, or a new one."""
+        value = torch.as_tensor(value, dtype=self.coupling.dtype, device=self.coupling.device)
+        return replace(self, scalars={**self.scalars, name: value.expand_as(self.coupling)})
+
+    def scalar(self, name: str) -> Tensor:
+        """A further strength.
+
+        Raises:
+            ValueError: the scene has none of this name.
+        """
+        if name not in self.scalars:
+            known = ", ".join(sorted(self.scalars)) or "none"
+            raise ValueError(f"Parameters: no scalar '{name}' (there are: {known})")
+        return self.scalars[name]
 
 
 def kinetic_energy(p: Tensor, mass: Tensor) -> Tensor:

@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from dynamics.head import Head
 from dynamics.integrators import Memory
 from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
 
 
-class ResidualMap(nn.Module):
+class ResidualMap(Head):
     """x' = x + scale * g(x, c), with no structure beyond the residual.
 
     A map has no time step of its own choosing: it is trained for one ``dt`` and refuses others.
 
     Args:
         bodies, space: sizes of the state.
+        conditions: entries of the parameters' vector.
         width: of the three hidden layers (139,020 parameters at 256, three bodies in a plane).
         dt: seconds that one application stands for.
     """
 
+    dt: float  # a map always has one
     scale: Tensor
 
-    def __init__(self, bodies: int, space: int, width: int, dt: float) -> None:
+    def __init__(self, bodies: int, space: int, conditions: int, width: int, dt: float) -> None:
         super().__init__()
         self.bodies, self.space, self.dt = bodies, space, dt
         size = 2 * bodies * space
-        self.network = MLP((size + bodies + 1, width, width, width, size), SILU)
+        self.network = MLP((size + conditions, width, width, width, size), SILU)
         self.register_buffer("scale", torch.ones(size))
 
     def set_scale(self, q: float, p: float) -> None:

@@ -56,13 +56,13 @@ PAIR_POTENTIALS: dict[str, Callable[[], PairPotential]] = {
 }
 POTENTIALS: dict[str, Callable[[], Potential]] = {
     **PAIR_POTENTIALS,
-    "free": lambda: FreePotential(BODIES, 2, 16, TANH),
+    "free": lambda: FreePotential(2 * BODIES, BODIES + 1, 16, TANH),
     "none": lambda: NoPotential(),
 }
 KINETICS: dict[str, Callable[[], Kinetic]] = {
     "fixed": lambda: FixedKinetic(),
     "body": lambda: BodyKinetic(2, 16, TANH),
-    "free": lambda: FreeKinetic(BODIES, 2, 16, TANH),
+    "free": lambda: FreeKinetic(2 * BODIES, BODIES + 1, 16, TANH),
 }
 
 each_activation = pytest.mark.parametrize("activation", ACTIVATIONS)
@@ -293,7 +293,7 @@ def test_force_is_odd_in_the_coupling_bitwise(name: str, width: int, data: st.Da
 @in_float64
 def test_an_unfactored_force_is_not_odd() -> None:
     """The negative control: nothing ties G to the force of a free network, but it sees G."""
-    potential = wiggled(FreePotential(BODIES, 2, 16, TANH))
+    potential = wiggled(FreePotential(2 * BODIES, BODIES + 1, 16, TANH))
     state, params = episode()
     params = params.with_coupling(2.0)
     force = potential.force(state.q, params)
@@ -524,7 +524,15 @@ def test_terms_survive_a_round_trip_through_json(name: str) -> None:
 
 
 def test_changed_terms_survive_too() -> None:
-    terms = HamiltonianTerms("body", "radial", 32, SILU, "yoshida4")
+    terms = HamiltonianTerms(
+        kinetic="body",
+        potential="radial",
+        sources=("mass", "charge"),
+        width=32,
+        activation=SILU,
+        integrator="yoshida4",
+        ports=("linear-friction",),
+    )
     assert from_config(to_config(terms)) == terms
     assert from_config(to_config(ResidualTerms(32))) == ResidualTerms(32)
     head = build(terms, BODIES, DT)
@@ -536,7 +544,7 @@ def test_changed_terms_survive_too() -> None:
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ({}, "unknown kind of terms ''; known: residual, hamiltonian"),
+        ({}, "unknown kind of terms ''; known: hamiltonian, residual"),
         ({"kind": "graph"}, "unknown kind of terms 'graph'"),
         ({"kind": "residual", "activation": "tanh"}, "unknown key .* 'activation'; known: width"),
         ({"kind": "hamiltonian", "witdh": 3}, "unknown key .* 'witdh'; known: kinetic"),
@@ -595,7 +603,7 @@ def test_pair_indices_made_in_inference_mode_can_be_trained_through() -> None:
 
 @in_float64
 def test_the_residual_map_adds_a_scaled_network() -> None:
-    head = ResidualMap(BODIES, 2, 16, DT)
+    head = ResidualMap(BODIES, 2, BODIES + 1, 16, DT)
     head.set_scale(q=0.5, p=3.0)
     state, params = episode(4)
     after, _ = head.advance(state, params, DT)
@@ -607,7 +615,7 @@ def test_the_residual_map_adds_a_scaled_network() -> None:
 
 @in_float64
 def test_the_effective_force_of_a_map_is_its_momentum_gain_per_second() -> None:
-    head = wiggled(ResidualMap(BODIES, 2, 16, DT))
+    head = wiggled(ResidualMap(BODIES, 2, BODIES + 1, 16, DT))
     state, params = episode(4)
     after, _ = head.advance(state, params, DT)
     assert largest(head.force(state, params) - (after.p - state.p) / DT) < 1e-12
@@ -777,24 +785,25 @@ def test_friction_takes_energy_at_its_exact_rate_and_none_is_the_conservative_he
     from dynamics.ports import LinearFriction
 
     torch.manual_seed(0)
-    terms = replace(HEADS["factored"], friction=True)
+    terms = replace(HEADS["factored"], ports=("linear-friction",))
     head = build(terms, bodies=3, dt=0.01).double()
-    assert isinstance(head.friction, LinearFriction)
+    (port,) = head.ports
+    assert isinstance(port, LinearFriction)
     p = torch.randn(2, 3, 2, dtype=torch.float64)
-    rate = float(head.friction.rate.detach())
+    params = Parameters(torch.ones(2).double(), torch.ones(2, 3).double())
+    rate = float(port.rate.detach())
     for dt in (1e-3, 1.0, 1e3):
-        factor = head.friction.damp(p, dt) / p
+        factor = port.kick(PhaseState(p, p), params, dt) / p
         torch.testing.assert_close(factor, torch.full_like(p, math.exp(-rate * dt)))
         assert ((factor >= 0) & (factor <= 1)).all()
     # Free bodies: two half steps of friction make one whole.
-    free = Hamiltonian(FixedKinetic(), NoPotential(), friction=head.friction)
+    free = Hamiltonian(FixedKinetic(), NoPotential(), ports=[port])
     state = PhaseState(torch.zeros_like(p), p)
-    params = Parameters(torch.ones(2).double(), torch.ones(2, 3).double())
     after, _ = free.advance(state, params, 0.5)
     torch.testing.assert_close(after.p, p * math.exp(-rate * 0.5))
     # Taking the port off leaves the conservative model, bit for bit.
     plain = Hamiltonian(head.kinetic, head.potential)
-    head.friction = None
+    head.ports = torch.nn.ModuleList()
     q = torch.randn(2, 3, 2, dtype=torch.float64)
     ours, _ = head.advance(PhaseState(q, p), params, 0.01)
     theirs, _ = plain.advance(PhaseState(q, p), params, 0.01)

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout
-from dynamics.unstructured import ResidualMap
 
 
 @dataclass(frozen=True)
@@ -128,8 +127,6 @@ def roll(
 
 
 def standardise(head: Head, segments: Segments) -> None:
-    """Tell a residual map the size of one step's increments; other heads need nothing."""
-    if isinstance(head, ResidualMap):
-        scale = scale_of(segments)
-        steps = segments.every
-        head.set_scale(scale.q / steps, scale.p / steps)
+    """Tell a head the size of one step's increments."""
+    scale = scale_of(segments)
+    head.set_scale(scale.q / segments.every, scale.p / segments.every)

@@ -13,7 +13,17 @@ import torch
 from torch import Tensor
 
 from binders import Tracks
-from dynamics import HamiltonianTerms, Head, Parameters, PhaseState, ResidualTerms, Terms, build
+from dynamics import (
+    Hamiltonian,
+    HamiltonianTerms,
+    Head,
+    Parameters,
+    PhaseState,
+    ResidualTerms,
+    Terms,
+    build,
+)
+from dynamics.ports import LinearFriction
 from readouts.differencing import central_difference
 from readouts.shooting import shoot
 from vidphys.errors import InputError
@@ -24,7 +34,7 @@ from vidphys.track_training import TrackTask, tell_scale, train_by_shooting
 from vidphys.train import Progress
 
 HEADS: dict[str, Terms] = {
-    "damped": HamiltonianTerms(potential="free", width=32, friction=True),
+    "damped": HamiltonianTerms(potential="free", width=32, ports=("linear-friction",)),
     "unstructured": ResidualTerms(width=64),
 }
 SAMPLING = 0.1  # seconds between the positions that a head is trained on
@@ -138,9 +148,13 @@ def forecast(
         later = roll(head, start, _unit(1), round(ahead / dt), dt, 1)
     coordinate = torch.cat([start.q[0], later.q[0, :, 0]], 0)
     times = track.times[end - 1] + dt * torch.arange(len(coordinate), dtype=torch.float64)
-    friction = getattr(head, "friction", None)
-    rate = None if friction is None else float(friction.rate.detach())
-    return Forecast(head, times, curve.place(coordinate).unsqueeze(1), rate)
+    return Forecast(head, times, curve.place(coordinate).unsqueeze(1), _friction(head))
+
+
+def _friction(head: Head) -> float | None:
+    ports = head.ports if isinstance(head, Hamiltonian) else []
+    rates = [float(port.rate.detach()) for port in ports if isinstance(port, LinearFriction)]
+    return rates[0] if rates else None
 
 
 def _phases(coordinate: Tensor, confidence: Tensor, every: int, end: int) -> Tracks:

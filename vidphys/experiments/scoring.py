@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout, ballistic, rollout
-from dynamics.unstructured import ResidualMap
 from vidphys import metrics
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
@@ -40,7 +39,7 @@ class Question:
         """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
         dtype = next((p.dtype for p in head.parameters()), torch.float64)
         params = self.params if coupling is None else self.params.with_coupling(coupling)
-        dt = head.dt if isinstance(head, ResidualMap) else self.scene.dt
+        dt = self.scene.dt if head.dt is None else head.dt
         every = round(STORE_EVERY * self.scene.dt / dt)
         count = steps // STORE_EVERY * every
         return rollout(head, self.start.map(_to(dtype)), params.map(_to(dtype)), count, dt, every)

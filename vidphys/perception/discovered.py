@@ -11,7 +11,6 @@ import torch
 from torch import Tensor, nn
 
 from dynamics import HEADS, Head, PhaseState, build
-from dynamics.unstructured import ResidualMap
 from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
 from vidphys.errors import InputError
@@ -101,8 +100,7 @@ def new_head(task: FitTask, name: str) -> Head:
     """An untrained head of the task's name; a residual map is told how far bodies typically go."""
     torch.manual_seed(derive(task.seed, "init", name, "head"))
     head = build(HEADS[task.head], task.clips.params.mass.shape[-1], HEAD_DT)
-    if isinstance(head, ResidualMap):
-        head.set_scale(TYPICAL * HEAD_DT, TYPICAL * HEAD_DT)
+    head.set_scale(TYPICAL * HEAD_DT, TYPICAL * HEAD_DT)
     return head
 
 

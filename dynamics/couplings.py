@@ -1,0 +1,80 @@
+"""How the strength of a pair law enters the force, and which property of the bodies it acts on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dynamics.state import Parameters
+
+COUPLINGS: dict[str, Callable[[Tensor], Tensor]] = {
+    "linear": lambda g: g,
+    "even": torch.abs,
+    "quadratic": torch.square,
+}
+
+
+def _mass(params: Parameters) -> tuple[Tensor, Tensor]:
+    return params.coupling, params.mass
+
+
+def _charge(params: Parameters) -> tuple[Tensor, Tensor]:
+    if params.charge is None:
+        raise ValueError("a pair law of charges needs parameters with charges; these have none")
+    return -params.scalar("electric"), params.charge
+
+
+def _alike(params: Parameters) -> tuple[Tensor, Tensor]:
+    return params.coupling, torch.ones_like(params.mass)
+
+
+# name -> (strength (...), property of each body (..., n)); like charges repel, hence the sign
+SOURCES: dict[str, Callable[[Parameters], tuple[Tensor, Tensor]]] = {
+    "mass": _mass,
+    "charge": _charge,
+    "alike": _alike,
+}
+
+
+@dataclass(frozen=True)
+class PairLaw:
+    """V = c(G) sum_{i<j} s_i s_j phi(q_i - q_j), all but phi.
+
+    Args:
+        source: what s is: ``mass`` (with G), ``charge`` (with the scalar ``electric``, like
+            charges repelling an attractive phi) or ``alike`` (1 for every body, with G).
+        coupling: the function c: ``linear``, ``even`` (the size of G) or ``quadratic`` (G squared).
+        box: side of a periodic box in world units, over which displacements are wrapped to the
+            nearest image; ``None`` for open space.
+
+    Raises:
+        ValueError: an unknown source or coupling, or a box without size.
+    """
+
+    source: str = "mass"
+    coupling: str = "linear"
+    box: float | None = None
+
+    def __post_init__(self) -> None:
+        for what, known, name in (
+            ("source", SOURCES, self.source),
+            ("coupling", COUPLINGS, self.coupling),
+        ):
+            if name not in known:
+                raise ValueError(f"PairLaw: unknown {what} '{name}'; known: {', '.join(known)}")
+        if self.box is not None and not self.box > 0:
+            raise ValueError(f"PairLaw: box must be > 0, got {self.box}")
+
+    def strength(self, params: Parameters) -> tuple[Tensor, Tensor]:
+        """c(G) of each episode ``(...)`` and s of each body ``(..., n)``."""
+        strength, amount = SOURCES[self.source](params)
+        return COUPLINGS[self.coupling](strength), amount
+
+    def nearest(self, displacement: Tensor) -> Tensor:
+        """The displacement to the nearest image (inventory I7); itself in open space."""
+        if self.box is None:
+            return displacement
+        return displacement - self.box * torch.round(displacement / self.box)
