@@ -47,7 +47,7 @@ class MLP(nn.Module):
         batch, x = x.shape[:-1], _rows(x)
         for layer in hidden:
             x = value(layer(x))
-        return last(x).reshape(*batch, -1)
+        return last(x).reshape(*batch, last.out_features)
 
     def gradient(self, x: Tensor) -> Tensor:
         """Gradient of the (single) output with respect to the input, shape of ``x``."""

@@ -527,7 +527,7 @@ def test_changed_terms_survive_too() -> None:
     terms = HamiltonianTerms(
         kinetic="body",
         potential="radial",
-        sources=("mass", "charge"),
+        sources=("charge",),
         width=32,
         activation=SILU,
         integrator="yoshida4",

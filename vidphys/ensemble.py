@@ -34,7 +34,7 @@ def register(kind: type) -> None:
 
     def restore(values: Any, context: Any) -> Any:
         names, rest = context
-        x = object.__new__(kind)  # a mapped leaf may stand in for a tensor: nothing is checked
+        x: Any = object.__new__(kind)  # a mapped leaf may stand in for a tensor: nothing is checked
         for name, value in [*zip(names, values, strict=True), *rest]:
             object.__setattr__(x, name, value)
         return x

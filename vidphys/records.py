@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -129,10 +130,17 @@ class Recorder:
 
     def tables(self) -> tuple[pa.Table, pa.Table]:
         """The records and the episodes as Arrow tables."""
-        return (
-            pa.Table.from_pylist(self.rows, RECORD_SCHEMA),
-            pa.Table.from_pylist(self.episode_rows, EPISODE_SCHEMA),
-        )
+        return merged_tables([self])
+
+
+def merged_tables(recorders: Sequence[Recorder]) -> tuple[pa.Table, pa.Table]:
+    """The records and the episodes of several cells as Arrow tables."""
+    rows = [row for recorder in recorders for row in recorder.rows]
+    episodes = [row for recorder in recorders for row in recorder.episode_rows]
+    return (
+        pa.Table.from_pylist(rows, RECORD_SCHEMA),
+        pa.Table.from_pylist(episodes, EPISODE_SCHEMA),
+    )
 
 
 def write_table(path: Path, table: pa.Table) -> None:

@@ -43,6 +43,16 @@ class Segments:
             self.start[index], self.params[index], self.q[index], p, self.dt, self.every
         )
 
+    def to(self, device: str) -> Segments:
+        """The same examples on another device."""
+
+        def move(x: Tensor) -> Tensor:
+            return x.to(device)
+
+        p = None if self.p is None else move(self.p)
+        start, params = self.start.map(move), self.params.map(move)
+        return Segments(start, params, move(self.q), p, self.dt, self.every)
+
     def split(self, held_out: int) -> tuple[Segments, Segments]:
         """All but the last ``held_out`` examples, and those."""
         return self[slice(0, len(self) - held_out)], self[slice(len(self) - held_out, None)]

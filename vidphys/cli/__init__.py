@@ -12,6 +12,7 @@ from pathlib import Path
 
 VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
+    "reproduce": ("ReproduceConfig", "regenerate the study's tables, with their verdicts"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
     "train": ("TrainConfig", "train a readout and a dynamics head on a clip"),

@@ -152,8 +152,9 @@ def forecast(
 
 
 def _friction(head: Head) -> float | None:
-    ports = head.ports if isinstance(head, Hamiltonian) else []
-    rates = [float(port.rate.detach()) for port in ports if isinstance(port, LinearFriction)]
+    if not isinstance(head, Hamiltonian):
+        return None
+    rates = [float(port.rate.detach()) for port in head.ports if isinstance(port, LinearFriction)]
     return rates[0] if rates else None
 
 

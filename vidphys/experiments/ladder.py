@@ -180,9 +180,18 @@ def _run_oracle(
         began = time.perf_counter()
         try:
             progress = _stage(report, unit.part(name))
-            head = train_on_states(
-                name, scene, preset.oracle, unit.seed, recorder, folder / "fit.json", progress
+            trained = train_on_states(
+                name,
+                HEADS[name],
+                scene,
+                preset.oracle,
+                {unit.seed: recorder},
+                save_to=folder / "fit.json",
+                progress=progress,
             )
+            if unit.seed not in trained:
+                raise FloatingPointError(f"{name}: the trained weights are not finite")
+            head = trained[unit.seed]
             score_oracle(recorder, head, question)
             _keep(run, unit, name, head, question, folder)
         except FloatingPointError:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
 from torch import Generator
 
-from dynamics import HEADS, Head, build
+from dynamics import Head, Terms
+from vidphys.experiments.members import Examples, MemberLoss, one_step, train_members
 from vidphys.experiments.scoring import (
     Question,
     score_drift,
@@ -18,12 +20,11 @@ from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
 from vidphys.scenes import Scene, lyapunov_time
 from vidphys.seeding import derive
-from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
-from vidphys.train import FitSettings, Progress, choose_learning_rate, fit
+from vidphys.segments import Segments, from_trajectory
+from vidphys.train import Progress
 
 HORIZON = 20  # steps of a training trajectory (the study, C4)
 OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, and its grid
-PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
 
 
 def true_segments(scene: Scene, trajectories: int, seed: int) -> tuple[Segments, Segments]:
@@ -47,38 +48,34 @@ def true_segments(scene: Scene, trajectories: int, seed: int) -> tuple[Segments,
 
 def train_on_states(
     name: str,
+    terms: Terms,
     scene: Scene,
     sizes: OracleSizes,
-    seed: int,
-    recorder: Recorder,
+    recorders: Mapping[int, Recorder],
+    loss: MemberLoss = one_step,
+    device: str = "cpu",
     save_to: Path | None = None,
     progress: Progress | None = None,
-) -> Head:
-    """Build a head of the study by name and train it on one-step increments."""
-    train, held_out = true_segments(scene, sizes.trajectories, seed)
-    torch.manual_seed(derive(seed, "init", name))
-    head = build(HEADS[name], scene.bodies, scene.dt)
-    standardise(head, train)
-    scale = scale_of(train)
-    settings = FitSettings(sizes.steps, sizes.batch, sizes.learning_rates[0])
-    probe = FitSettings(max(1, int(PROBE * sizes.steps)), sizes.batch, 0.0)
-    choice = choose_learning_rate(
-        head,
-        lambda candidate: segment_loss(candidate, scale),
-        train,
-        held_out,
-        sizes.learning_rates,
-        probe,
-        derive(seed, "probe", name),
+) -> dict[int, Head]:
+    """Build a head for each seed and train them on one-step increments, side by side.
+
+    Returns:
+        The heads by seed, without those whose training was lost.
+    """
+    examples = {
+        seed: Examples(*true_segments(scene, sizes.trajectories, seed)) for seed in recorders
+    }
+    return train_members(
+        name,
+        lambda: scene.build(terms),
+        examples,
+        sizes,
+        recorders,
+        loss,
+        device,
+        save_to,
+        progress,
     )
-    settings = FitSettings(sizes.steps, sizes.batch, choice.chosen)
-    loss = segment_loss(head, scale)
-    result = fit(head, loss, train, settings, derive(seed, "order", name), save_to, progress)
-    recorder.add_value("learning_rate", choice.chosen)
-    recorder.add_value("training_loss", result.final_loss)
-    with torch.no_grad():
-        recorder.add_value("held_out_one_step_error", float(loss(held_out)))
-    return head
 
 
 def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:

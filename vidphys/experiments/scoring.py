@@ -16,7 +16,6 @@ COUPLINGS = (-0.5, -1.0, -1.5)
 INVERSION_STEPS = 150
 DRIFT_STEPS = (100, 500, 1000, 2000)
 LONG_STEPS = 10_000
-STORE_EVERY = 5  # reference steps between compared states; a pixel head's own step
 
 
 @dataclass(frozen=True)
@@ -28,33 +27,36 @@ class Question:
         start: where the head starts, possibly perceived, ``(b, n, d)``.
         truth: the true state at the same moment; both references start here.
         params: the law that held until then (G > 0).
+        steps: reference steps of an inversion.
+        every: reference steps between compared states; a pixel head's own step.
     """
 
     scene: Scene
     start: PhaseState
     truth: PhaseState
     params: Parameters
+    steps: int = INVERSION_STEPS
+    every: int = 5
 
-    def ask(self, head: Head, steps: int, coupling: float | None = None) -> Rollout:
+    def ask(self, head: Head, steps: int, params: Parameters | None = None) -> Rollout:
         """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
         dtype = next((p.dtype for p in head.parameters()), torch.float64)
-        params = self.params if coupling is None else self.params.with_coupling(coupling)
+        law = (self.params if params is None else params).map(_to(dtype))
         dt = self.scene.dt if head.dt is None else head.dt
-        every = round(STORE_EVERY * self.scene.dt / dt)
-        count = steps // STORE_EVERY * every
-        return rollout(head, self.start.map(_to(dtype)), params.map(_to(dtype)), count, dt, every)
+        every = round(self.every * self.scene.dt / dt)
+        count = steps // self.every * every
+        return rollout(head, self.start.map(_to(dtype)), law, count, dt, every)
 
-    def reference(self, coupling: float) -> Rollout:
-        """The truth under a coupling, from the true start."""
-        params = self.params.with_coupling(coupling)
-        return self.scene.simulate(self.truth, params, INVERSION_STEPS, STORE_EVERY)
+    def reference(self, params: Parameters) -> Rollout:
+        """The truth under a law, from the true start."""
+        return self.scene.simulate(self.truth, params, self.steps, self.every)
 
     def straight_lines(self) -> Rollout:
         """The zero-force predictor from the *true* start, the stricter yardstick."""
-        dt = STORE_EVERY * self.scene.dt
+        dt = self.every * self.scene.dt
         params = self.params.map(_to(torch.float64))
         truth = self.truth.map(_to(torch.float64))
-        return rollout(ballistic(), truth, params, INVERSION_STEPS // STORE_EVERY, dt)
+        return rollout(ballistic(), truth, params, self.steps // self.every, dt)
 
 
 def _to(dtype: torch.dtype):  # noqa: ANN202 (a tensor function)
@@ -63,34 +65,57 @@ def _to(dtype: torch.dtype):  # noqa: ANN202 (a tensor function)
 
 def score_inversion(recorder: Recorder, head: Head, question: Question) -> None:
     """K3, K4, K25, K26 at each flipped coupling, with the truth-against-truth distance."""
-    straight = question.straight_lines()
     for coupling in COUPLINGS:
-        predicted = question.ask(head, INVERSION_STEPS, coupling).states
-        flipped = question.reference(coupling).states
-        trained = question.reference(-coupling).states
-        error = metrics.nmse(predicted, flipped)
-        floor = metrics.nmse(straight.states, flipped)
-        match = metrics.regime_match(predicted, flipped, trained)
-        for name, summary in {
-            "inversion_nmse": error,
-            "regime_match": match,
-            "regime_match_gated": metrics.gated_regime_match(match, error, floor),
-            "ballistic_nmse": floor,
-            "ballistic_skill": metrics.ratio(error, floor),
-            "truth_distance": metrics.nmse(trained, flipped),
-            "force_cosine": _force_cosine(head, question, coupling),
-        }.items():
-            recorder.add(name, summary, coupling, INVERSION_STEPS)
-        recorder.add_episodes(
-            "inversion_nmse", metrics.episode_nmse(predicted, flipped), coupling, INVERSION_STEPS
-        )
-    recorder.add("in_distribution_nmse", _in_distribution(head, question), None, INVERSION_STEPS)
+        flipped = question.params.with_coupling(coupling)
+        usual = question.params.with_coupling(-coupling)
+        score_changed_law(recorder, head, question, flipped, usual, coupling)
+    recorder.add("in_distribution_nmse", _in_distribution(head, question), None, question.steps)
 
 
-def _force_cosine(head: Head, question: Question, coupling: float) -> metrics.Summary:
+def score_changed_law(
+    recorder: Recorder,
+    head: Head,
+    question: Question,
+    changed: Parameters,
+    usual: Parameters,
+    label: float | None = None,
+) -> None:
+    """One counterfactual: is the rollout that of the changed law, or still that of the usual one?
+
+    Args:
+        recorder: gets the numbers.
+        head: is asked.
+        question: gives the starts and the length.
+        changed: the law that is asked about.
+        usual: the law whose truth a model that ignores the change would follow.
+        label: what the records' column ``coupling`` says.
+    """
+    steps = question.steps
+    predicted = question.ask(head, steps, changed).states
+    reference = question.reference(changed).states
+    default = question.reference(usual).states
+    straight = question.straight_lines().states
+    error = metrics.nmse(predicted, reference)
+    floor = metrics.nmse(straight, reference)
+    match = metrics.regime_match(predicted, reference, default)
+    for name, summary in {
+        "inversion_nmse": error,
+        "regime_match": match,
+        "regime_match_gated": metrics.gated_regime_match(match, error, floor),
+        "ballistic_nmse": floor,
+        "ballistic_skill": metrics.ratio(error, floor),
+        "truth_distance": metrics.nmse(default, reference),
+        "force_cosine": _force_cosine(head, question, changed),
+    }.items():
+        recorder.add(name, summary, label, steps)
+    recorder.add_episodes(
+        "inversion_nmse", metrics.episode_nmse(predicted, reference), label, steps
+    )
+
+
+def _force_cosine(head: Head, question: Question, params: Parameters) -> metrics.Summary:
     """Model force against true force at the true states (K26)."""
     dtype = next((p.dtype for p in head.parameters()), torch.float64)
-    params = question.params.with_coupling(coupling)
     with torch.no_grad():
         model = head.force(question.truth.map(_to(dtype)), params.map(_to(dtype)))
     true = question.scene.law.force(question.truth.map(_to(torch.float64)), params)
@@ -98,8 +123,8 @@ def _force_cosine(head: Head, question: Question, coupling: float) -> metrics.Su
 
 
 def _in_distribution(head: Head, question: Question) -> metrics.Summary:
-    truth = question.scene.simulate(question.truth, question.params, INVERSION_STEPS, STORE_EVERY)
-    return metrics.nmse(question.ask(head, INVERSION_STEPS).states, truth.states)
+    truth = question.reference(question.params)
+    return metrics.nmse(question.ask(head, question.steps).states, truth.states)
 
 
 def score_drift(
@@ -109,12 +134,12 @@ def score_drift(
     rolled = question.ask(head, horizons[-1])
     drift = _drift(question, rolled)
     for horizon in horizons:
-        at = drift[:, horizon // STORE_EVERY]
+        at = drift[:, horizon // question.every]
         recorder.add("energy_drift_median", metrics.median(at), None, horizon)
         recorder.add("energy_drift_worst", metrics.worst(at), None, horizon)
         recorder.add("energy_drift_over_one", metrics.fraction_over_one(at), None, horizon)
         recorder.add_episodes("energy_drift", at, None, horizon)
-    growth = metrics.latent_growth(rolled.states, horizons[-1] // STORE_EVERY)
+    growth = metrics.latent_growth(rolled.states, horizons[-1] // question.every)
     recorder.add("latent_growth", growth, None, horizons[-1])
     return rolled
 

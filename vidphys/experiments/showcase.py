@@ -13,7 +13,7 @@ from binders import Tracks
 from dynamics import Head, PhaseState
 from vidphys.atomic import write_with
 from vidphys.clips import Clips
-from vidphys.experiments.scoring import DRIFT_STEPS, STORE_EVERY, Question
+from vidphys.experiments.scoring import DRIFT_STEPS, Question
 
 SHOWN_STEPS = 500  # reference steps after t0
 FLIPPED = -1.0
@@ -44,10 +44,10 @@ def write_showcase(
     )
     scene, params = question.scene, question.params
     flipped = params.with_coupling(FLIPPED)
-    truth = scene.simulate(question.truth, params, SHOWN_STEPS, STORE_EVERY)
-    other = scene.simulate(question.truth, flipped, SHOWN_STEPS, STORE_EVERY)
+    truth = scene.simulate(question.truth, params, SHOWN_STEPS, question.every)
+    other = scene.simulate(question.truth, flipped, SHOWN_STEPS, question.every)
     predicted = question.ask(head, SHOWN_STEPS)
-    counterfactual = question.ask(head, SHOWN_STEPS, FLIPPED)
+    counterfactual = question.ask(head, SHOWN_STEPS, question.params.with_coupling(FLIPPED))
     long = question.ask(head, DRIFT_STEPS[-1])
     arrays = {
         "times": truth.times,

@@ -4,41 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Hamiltonian, Parameters, PhaseState, Rollout, rollout
-from dynamics.state import kinetic_energy
+from dynamics import Head, Parameters, PhaseState, Rollout, Terms, build, rollout
 
 Sampler = Callable[[int, Generator], tuple[PhaseState, Parameters]]
+
+
+class Law(Protocol):
+    """What a scene's exact law offers; :class:`dynamics.Hamiltonian` does."""
+
+    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+        """H of each state, shape of the batch."""
+
+    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+        """dp/dt of the conservative part, ``(..., n, d)``."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """One system of the study.
 
+    A scene whose truth is not a fixed-step rollout of its law (an engine, an event queue) is a
+    subclass with its own :meth:`simulate`.
+
     Args:
         name: as it stands in the records.
-        law: the exact Hamiltonian; it has no learned parts.
+        law: the exact law; it has no learned parts.
         sample: ``(episodes, generator) -> (state, params)`` in float64.
         bodies: number of bodies.
         dt: seconds, the reference step.
         settings: ranges of the generator, for the record.
+        space: dimensions of space.
+        max_drift: largest energy drift of a reference episode, relative to K + |V| of its start,
+            with which it is certified.
     """
 
     name: str
-    law: Hamiltonian
+    law: Law
     sample: Sampler
     bodies: int
     dt: float
     settings: dict[str, Any] = field(default_factory=dict)
+    space: int = 2
+    max_drift: float = 0.1
+
+    @property
+    def conditions(self) -> int:
+        """Entries of the parameters' vector."""
+        return self.sample(1, Generator().manual_seed(0))[1].flat.shape[-1]
+
+    def build(self, terms: Terms) -> Head:
+        """An untrained head of these terms for this scene."""
+        return build(terms, self.bodies, self.dt, self.space, self.conditions)
 
     def simulate(
         self, start: PhaseState, params: Parameters, steps: int, every: int = 1
     ) -> Rollout:
         """The reference rollout in float64 by the scene's own integrator and step."""
+        if not isinstance(self.law, Head):
+            raise TypeError(f"scene {self.name}: its law cannot be stepped; override simulate")
         return rollout(
             self.law,
             start.map(torch.Tensor.double),
@@ -57,37 +85,61 @@ class Scene:
         """K + |V| of a start state, ``(b,)``: what an energy near zero is measured against."""
         params = params.map(torch.Tensor.double)
         start = start.map(torch.Tensor.double)
-        kinetic = kinetic_energy(start.p, params.mass)
-        return kinetic + (self.law.energy(start, params) - kinetic).abs()
+        potential = self.law.energy(PhaseState(start.q, torch.zeros_like(start.p)), params)
+        return (self.law.energy(start, params) - potential).abs() + potential.abs()
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What was checked of each generated episode, ``(b,)`` each."""
+    """What was checked of each generated episode, ``(b,)`` each.
+
+    Args:
+        finite: no state is NaN or infinite.
+        drift: largest energy drift, relative to K + |V| of the start; NaN where the law is not
+            meant to conserve energy.
+        closest: smallest distance between two bodies, world units; infinite for a single body.
+        in_frame: bodies stay inside the viewport, if one was asked for.
+        max_drift: the scene's bound.
+    """
 
     finite: Tensor
     drift: Tensor
+    closest: Tensor
     in_frame: Tensor
+    max_drift: float
 
     @property
     def passed(self) -> Tensor:
-        return self.finite & self.in_frame & (self.drift < MAX_REFERENCE_DRIFT)
+        """Finite, in the frame, and the reference is as good as its bound says."""
+        return self.finite & self.in_frame & ~(self.drift >= self.max_drift)
 
 
-MAX_REFERENCE_DRIFT = 0.1
-
-
-def certify(scene: Scene, trajectory: Rollout, half_extent: float | None = None) -> Certificate:
-    """Check a reference rollout: finite, energy drift bounded, bodies inside the viewport.
+def certify(
+    scene: Scene, trajectory: Rollout, half_extent: float | None = None, conserving: bool = True
+) -> Certificate:
+    """Check a reference rollout.
 
     Args:
         scene: whose energy is used.
         trajectory: states ``(b, t, n, d)``.
         half_extent: world units; ``None`` asks nothing of the viewport.
+        conserving: whether energy is meant to be conserved.
     """
     energy = scene.energy(trajectory.states, trajectory.params)
     scale = scene.energy_scale(trajectory.at(0), trajectory.params)
     drift = (energy - energy[:, :1]).abs().amax(1) / scale
-    reach = trajectory.states.q.abs().amax((-3, -2, -1))
-    inside = reach < half_extent if half_extent else torch.ones_like(reach, dtype=torch.bool)
-    return Certificate(trajectory.finite, drift, inside)
+    if not conserving:
+        drift = torch.full_like(drift, torch.nan)
+    q = trajectory.states.q
+    inside = torch.ones(len(q), dtype=torch.bool)
+    if half_extent is not None:
+        inside = q.abs().amax((-3, -2, -1)) < half_extent
+    return Certificate(trajectory.finite, drift, _closest(q), inside, scene.max_drift)
+
+
+def _closest(q: Tensor) -> Tensor:
+    bodies = q.shape[-2]
+    if bodies < 2:
+        return torch.full((len(q),), torch.inf, dtype=q.dtype)
+    i, j = torch.triu_indices(bodies, bodies, offset=1)
+    return (q[..., i, :] - q[..., j, :]).norm(dim=-1).amin((-2, -1))

@@ -1,0 +1,102 @@
+"""``vidphys reproduce``: the study's tables that need no pixels, row by row against their bars."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from vidphys.cli.console import Console
+from vidphys.errors import InputError
+
+
+@dataclass(frozen=True)
+class ReproduceConfig:
+    """Regenerate tables of the study from raw records, with their verdicts.
+
+    Example: vidphys reproduce stability inversion --preset quick --out runs/tables
+
+    Args:
+        tables: names of tables, or all.
+        out: the run folder; the same command again goes on where it was.
+        preset: sizes and seeds; quick is minutes on two cores.
+        seeds: number of seeds, instead of the preset's.
+        workers: processes.
+        device: where to train.
+        overwrite: give up another run that lies in the folder.
+        quiet: print nothing but the result.
+    """
+
+    tables: Annotated[tuple[str, ...], tyro.conf.Positional]
+    out: Path = Path("runs/reproduce")
+    preset: Literal["quick", "standard", "paper"] = "quick"
+    seeds: int | None = None
+    workers: int = 2
+    device: Literal["cpu", "cuda"] = "cpu"
+    overwrite: bool = False
+    quiet: bool = False
+
+
+def reproduce(config: ReproduceConfig) -> int:
+    """Run what is left of the tables' cells, then judge every row and write the report.
+
+    Returns:
+        0, or 1 if a cell failed; what others found is kept.
+
+    Raises:
+        InputError: an unknown table, no seed or worker, a device that is not there, or a run
+            folder that holds something else.
+    """
+    from vidphys.experiments.reproduce import (
+        choose,
+        run_unit,
+        settings_of,
+        units_of,
+        write_verdicts,
+    )
+    from vidphys.pool import run_all
+    from vidphys.presets import preset
+    from vidphys.runs import RunFolder
+    from viz.results import write_results
+
+    if not config.tables:
+        raise InputError("reproduce: name a table, or all; `vidphys reproduce --help` shows how")
+    if config.workers < 1:
+        raise InputError(f"--workers {config.workers}: at least one process is needed")
+    sizes = preset(config.preset)
+    seeds = sizes.seeds if config.seeds is None else config.seeds
+    if seeds < 1:
+        raise InputError(f"--seeds {seeds}: at least one seed is needed")
+    check_cuda(config.device)
+    tables = choose(config.tables)
+    units = units_of(tables, seeds)
+    settings = settings_of(config.preset, sizes, tables, seeds)
+    run = RunFolder.open(config.out, settings, config.overwrite)
+    with run.locked(), Console(config.quiet, len(units), "reproduce") as console:
+        tasks = [(run.path, unit, sizes, config.device) for unit in units]
+        failures = run_all(run_unit, tasks, config.workers, console.stage, console.done)
+        for index, error in failures:
+            unit = units[index]
+            run.skip(f"{unit.table}/{unit.cell}", f"failed: {error}")
+            console.warn(f"{unit.table}/{unit.cell}: {type(error).__name__}: {error}")
+        verdicts = write_verdicts(run, tables)
+        report = write_results(run.path)
+        counts = Counter(row["verdict"] for table in verdicts.values() for row in table["rows"])
+        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        console.result(f"{len(tables)} tables: {said}; report: {report}")
+    return 1 if failures else 0
+
+
+def check_cuda(device: str) -> None:
+    """Refuse a device that is not there.
+
+    Raises:
+        InputError: CUDA is asked for and there is none.
+    """
+    import torch
+
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")

@@ -1,0 +1,126 @@
+"""``reproduce``: the study's tables, cell by cell, and the verdict on every pre-registered row."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from vidphys.atomic import write_json
+from vidphys.errors import InputError
+from vidphys.experiments.tables.bars import bars_hash, judge, rows_of
+from vidphys.experiments.tables.base import CellTask, Table
+from vidphys.experiments.tables.catalogue import TABLES
+from vidphys.presets import Preset
+from vidphys.records import merged_tables
+from vidphys.runs import RunFolder
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one worker does in one go: a cell of a table, with all its seeds."""
+
+    table: str
+    cell: str
+    seeds: tuple[int, ...]
+
+    @property
+    def part(self) -> str:
+        """Name of the piece of work; other seeds make another piece."""
+        seeds = "-".join(map(str, self.seeds))
+        return f"{self.table}.{self.cell.replace('/', '-')}.s{seeds}"
+
+
+def choose(names: Sequence[str]) -> tuple[Table, ...]:
+    """Tables by name, in the order of the catalogue; ``all`` means every one.
+
+    Raises:
+        InputError: an unknown name; the nearest spelling is given.
+    """
+    for name in names:
+        if name != ALL and name not in TABLES:
+            near = difflib.get_close_matches(name, TABLES, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise InputError(f"reproduce {name}: no such table{hint} Known: {', '.join(TABLES)}")
+    return tuple(t for name, t in TABLES.items() if ALL in names or name in names)
+
+
+def units_of(tables: Sequence[Table], seeds: int) -> list[Unit]:
+    """The cells that the tables need, each once, those of a table together."""
+    sources = dict.fromkeys(table.records_of for table in tables)
+    numbers = tuple(range(seeds))
+    return [Unit(name, cell, numbers) for name in sources for cell in TABLES[name].cells]
+
+
+def settings_of(preset_name: str, preset: Preset, tables: Sequence[Table], seeds: int) -> Any:
+    """What makes a run this run; the hash of the bars is part of it."""
+    units = units_of(tables, seeds)
+    return {
+        "experiment": "reproduce",
+        "preset": preset_name,
+        "sizes": asdict(preset.oracle),
+        "seeds": list(range(seeds)),
+        "cells": sorted(f"{unit.table}/{unit.cell}" for unit in units),
+        "bars_sha256": bars_hash(),
+        "tables": {t.name: dict(t.settings) for t in TABLES.values()},
+        "dtype": "float32",
+    }
+
+
+Report = Callable[[str, int, int], None]
+
+
+def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report) -> None:
+    """Do one cell, unless it is done, and keep its tables.
+
+    Args:
+        path: the run folder.
+        unit: table, cell and seeds.
+        preset: sizes.
+        device: where to train.
+        report: called as ``(stage, step, steps)``.
+    """
+    torch.set_num_threads(1)
+    run = RunFolder(path)
+    if run.is_done(unit.part):
+        return
+    name = f"{unit.table}/{unit.cell}"
+    task = CellTask(
+        unit.table,
+        unit.cell,
+        unit.seeds,
+        preset.oracle,
+        device,
+        run.checkpoints(unit.part),
+        lambda step, steps, _loss: report(name, step, steps),
+    )
+    began = time.perf_counter()
+    TABLES[unit.table].cells[unit.cell](task)
+    if not task.recorders:
+        raise RuntimeError(f"{name}: the cell left no record")
+    task.recorders[0].add_value("seconds", time.perf_counter() - began)
+    run.finish(unit.part, *merged_tables(task.recorders))
+
+
+def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
+    """Hold what was recorded to the rows of each table; kept as ``verdicts.json``."""
+    records = run.join().to_pylist()
+    found: dict[str, Any] = {}
+    for table in tables:
+        mine = [r for r in records if r["experiment"] == table.records_of]
+        found[table.name] = {
+            "title": table.title,
+            "about": table.about,
+            "ids": table.ids,
+            "records_of": table.records_of,
+            "rows": [asdict(judge(row, mine)) for row in rows_of(table.name)],
+        }
+    write_json(run.path / "verdicts.json", found)
+    return found

@@ -1,0 +1,1 @@
+"""The study's tables that need no pixels: a file a family, and their pre-registered bars."""

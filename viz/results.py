@@ -1,0 +1,119 @@
+"""The report of ``reproduce``: the study's figure, ours, the bar and the verdict, row by row."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from viz.cells import chip, number, numeric
+from viz.page import contents, page, paragraph, section
+
+TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
+COLUMNS = ("id", "what", "the study", "ours", "over seeds", "bar", "verdict")
+
+
+def write_results(run: Path) -> Path:
+    """Write ``report.html`` of a run folder from ``run.json`` and ``verdicts.json``.
+
+    Raises:
+        ValueError: one of the two is missing or cannot be read.
+    """
+    try:
+        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
+        tables = json.loads((run / "verdicts.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"report: {run} cannot be read: {error}") from error
+    sections = [_short(about, tables), *(_table(n, t) for n, t in tables.items()), _bars(about)]
+    body = "\n".join(
+        [
+            "<h1>Conservation, factoring and counterfactuals: the tables</h1>",
+            '<p class="lead">Every figure is recomputed from the raw records of this run. Bars '
+            "were registered before it; a row without a bar only reports.</p>",
+            contents(sections),
+            *sections,
+        ]
+    )
+    path = run / "report.html"
+    part = path.with_name(".report.html.part")
+    part.write_text(page(f"Tables · {run.resolve().name}", body), encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _short(about: Mapping[str, Any], tables: Mapping[str, Any]) -> str:
+    rows = [row for table in tables.values() for row in table["rows"]]
+    tally = "".join(
+        f"<li>{chip(f'{count} {verdict}', TONES[verdict])}</li>"
+        for verdict, count in Counter(row["verdict"] for row in rows).most_common()
+    )
+    settings = about["settings"]
+    facts = (
+        f"Preset {settings['preset']}, seeds {', '.join(map(str, settings['seeds']))}, code "
+        f"{about['code_version']}, started {about['created'].replace('T', ' ')}."
+    )
+    missed = [
+        f"<li><a href='#{_anchor(name)}'>{escape(table['title'])}</a>: {escape(_said(row))}</li>"
+        for name, table in tables.items()
+        for row in table["rows"]
+        if row["verdict"] in ("missed", "no number")
+    ]
+    callout = f'<div class="callout"><p>Not met:</p><ul>{"".join(missed)}</ul></div>'
+    parts = [f'<ul class="tally">{tally}</ul>', paragraph(facts), callout if missed else ""]
+    skipped = [f"<li>{escape(s['cell'])}: {escape(s['reason'])}</li>" for s in about["skipped"]]
+    if skipped:
+        parts.append(f'<div class="callout"><p>Cells without a result:</p><ul>{"".join(skipped)}')
+        parts.append("</ul></div>")
+    return section("short", "In short", *parts)
+
+
+def _said(row: Mapping[str, Any]) -> str:
+    value = "no number" if row["value"] is None else number(row["value"])
+    bar = f", bar {row['row']['bar']}" if row["row"]["bar"] else ""
+    why = f" ({row['why']})" if row["why"] else ""
+    return f"{row['row']['what']}: {value}{bar}{why}"
+
+
+def _table(name: str, table: Mapping[str, Any]) -> str:
+    head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
+    body = "".join(map(_row, table["rows"]))
+    lead = paragraph(f"{table['about']} ({table['ids']})")
+    html = f'<div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div>'
+    return section(_anchor(name), table["title"], lead, html)
+
+
+def _row(found: Mapping[str, Any]) -> str:
+    row, value = found["row"], found["value"]
+    ours = "–" if value is None else f"<b>{number(value)}</b> <small>{row['over']}</small>"
+    verdict = chip(found["verdict"], TONES[found["verdict"]])
+    why = f"<small>{escape(found['why'])}</small>" if found["why"] else ""
+    seeds = list(found["values"].values())
+    return (
+        f"<tr><td>{escape(row['id'])}</td><td class='said'>{escape(row['what'])}</td>"
+        f"<td>{escape(row['paper'])}</td>{numeric(value, ours)}<td class='num'>{_spread(seeds)}"
+        f"</td><td class='num'>{escape(row['bar'])}</td><td>{verdict}{why}</td></tr>"
+    )
+
+
+def _spread(values: Sequence[float]) -> str:
+    """Range of the seeds; with five or more, the normal-approximation interval of the mean."""
+    if len(values) < 2:
+        return ""
+    if len(values) < 5:
+        return f"{number(min(values))} to {number(max(values))}"
+    mean = sum(values) / len(values)
+    spread = (sum((v - mean) ** 2 for v in values) / (len(values) - 1)) ** 0.5
+    error = 1.96 * spread / len(values) ** 0.5
+    return f"mean 95 % [{number(mean - error)}, {number(mean + error)}]"
+
+
+def _anchor(name: str) -> str:
+    return name.replace("-", "_")
+
+
+def _bars(about: Mapping[str, Any]) -> str:
+    text = f"SHA-256 of the files of bars: {about['settings']['bars_sha256']}"
+    return section("bars", "The bars", paragraph(text))
