@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, TypeVar
 
+from dynamics.attention import SetTransformer
 from dynamics.couplings import PairLaw
+from dynamics.graph import GraphNetwork
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head
 from dynamics.integrators import INTEGRATORS
@@ -21,7 +23,7 @@ from dynamics.potentials import (
     RadialPotential,
     SumPotential,
 )
-from dynamics.unstructured import ResidualMap
+from dynamics.unstructured import NeuralODE, ResidualMap
 
 T = TypeVar("T")
 
@@ -77,7 +79,29 @@ class ResidualTerms:
     width: int = 256
 
 
-Terms = HamiltonianTerms | ResidualTerms
+@dataclass(frozen=True)
+class FlowTerms:
+    """A vector field without structure (a neural ODE)."""
+
+    width: int = 256
+
+
+@dataclass(frozen=True)
+class GraphTerms:
+    """A graph network; a factored one multiplies the summed messages by G."""
+
+    width: int = 128
+    factored: bool = False
+
+
+@dataclass(frozen=True)
+class AttentionTerms:
+    """A set transformer."""
+
+    width: int = 96
+
+
+Terms = HamiltonianTerms | ResidualTerms | FlowTerms | GraphTerms | AttentionTerms
 
 HEADS: dict[str, Terms] = {
     "factored": HamiltonianTerms(),
@@ -85,6 +109,10 @@ HEADS: dict[str, Terms] = {
     "factored-learned-kinetic": HamiltonianTerms(kinetic="body"),
     "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
     "unstructured": ResidualTerms(),
+    "neural-ode": FlowTerms(),
+    "gns": GraphTerms(),
+    "factored-gns": GraphTerms(factored=True),
+    "set-transformer": AttentionTerms(),
 }
 
 
@@ -118,6 +146,18 @@ def build(
 
 def _residual(terms: ResidualTerms, sizes: Sizes) -> Head:
     return ResidualMap(sizes.bodies, sizes.space, sizes.conditions, terms.width, sizes.dt)
+
+
+def _flow(terms: FlowTerms, sizes: Sizes) -> Head:
+    return NeuralODE(sizes.bodies, sizes.space, sizes.conditions, terms.width, sizes.dt)
+
+
+def _graph(terms: GraphTerms, sizes: Sizes) -> Head:
+    return GraphNetwork(sizes.space, terms.width, terms.factored, sizes.dt)
+
+
+def _attention(terms: AttentionTerms, sizes: Sizes) -> Head:
+    return SetTransformer(sizes.space, terms.width, sizes.dt)
 
 
 def _hamiltonian(terms: HamiltonianTerms, sizes: Sizes) -> Head:
@@ -158,8 +198,17 @@ def _potential(terms: HamiltonianTerms, sizes: Sizes) -> Potential:
 BUILDERS: dict[type, Callable[[Any, Sizes], Head]] = {
     HamiltonianTerms: _hamiltonian,
     ResidualTerms: _residual,
+    FlowTerms: _flow,
+    GraphTerms: _graph,
+    AttentionTerms: _attention,
 }
-KINDS = {"hamiltonian": HamiltonianTerms, "residual": ResidualTerms}
+KINDS = {
+    "hamiltonian": HamiltonianTerms,
+    "residual": ResidualTerms,
+    "flow": FlowTerms,
+    "graph": GraphTerms,
+    "attention": AttentionTerms,
+}
 
 
 def _pick(what: str, known: Mapping[Any, T], name: Any) -> T:

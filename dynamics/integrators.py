@@ -31,11 +31,18 @@ class VectorField:
         velocity: ``(q, p) -> dq/dt``, both ``(..., n, d)``.
         force: ``(q, p) -> dp/dt``.
         separable: whether velocity ignores q and force ignores p (H = T(p) + V(q)).
+        both: ``(q, p) -> (dq/dt, dp/dt)``, where it is cheaper to compute them together.
     """
 
     velocity: Callable[[Tensor, Tensor], Tensor]
     force: Callable[[Tensor, Tensor], Tensor]
     separable: bool = True
+    both: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None
+
+    @classmethod
+    def joint(cls, both: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> VectorField:
+        """A field that is not separable, given as one function of both slopes."""
+        return cls(lambda q, p: both(q, p)[0], lambda q, p: both(q, p)[1], False, both)
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,8 @@ def _yoshida4(
 
 def _slopes(field: VectorField, q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:
     """(dq/dt, dp/dt)."""
+    if field.both is not None:
+        return field.both(q, p)
     return field.velocity(q, p), field.force(q, p)
 
 

@@ -1,4 +1,4 @@
-"""The unstructured twin: a residual network that maps a state to the next one (inventory M1)."""
+"""The unstructured twins: one network of the whole state, as a map (M1) or as a flow (M3)."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import torch
 from torch import Tensor
 
 from dynamics.head import Head
-from dynamics.integrators import Memory
+from dynamics.integrators import Integrator, Memory, VectorField, rk4
+from dynamics.maps import TransitionMap
 from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
 
 
-class ResidualMap(Head):
+class ResidualMap(TransitionMap):
     """x' = x + scale * g(x, c), with no structure beyond the residual.
-
-    A map has no time step of its own choosing: it is trained for one ``dt`` and refuses others.
 
     Args:
         bodies, space: sizes of the state.
@@ -23,39 +22,66 @@ class ResidualMap(Head):
         dt: seconds that one application stands for.
     """
 
-    dt: float  # a map always has one
-    scale: Tensor
-
     def __init__(self, bodies: int, space: int, conditions: int, width: int, dt: float) -> None:
+        super().__init__(dt)
+        self.network = _state_network(bodies, space, conditions, width)
+
+    def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
+        return _answer(self.network, state, params)
+
+
+class NeuralODE(Head):
+    """dx/dt = rate * g(x, c), the same network as a vector field (inventory M3).
+
+    Args:
+        bodies, space: sizes of the state.
+        conditions: entries of the parameters' vector.
+        width: of the three hidden layers.
+        dt: seconds of the step that the sizes of increments will be told for.
+        integrator: a method for a field that is not separable.
+    """
+
+    rate: Tensor
+
+    def __init__(
+        self,
+        bodies: int,
+        space: int,
+        conditions: int,
+        width: int,
+        dt: float,
+        integrator: Integrator = rk4,
+    ) -> None:
         super().__init__()
-        self.bodies, self.space, self.dt = bodies, space, dt
-        size = 2 * bodies * space
-        self.network = MLP((size + conditions, width, width, width, size), SILU)
-        self.register_buffer("scale", torch.ones(size))
+        self.told_for, self.integrator = dt, integrator
+        self.network = _state_network(bodies, space, conditions, width)
+        self.register_buffer("rate", torch.ones(2))
 
     def set_scale(self, q: float, p: float) -> None:
         """Set the sizes of one step's increments, world units and momentum units."""
-        half = self.bodies * self.space
-        self.scale = torch.cat([torch.full((half,), q), torch.full((half,), p)]).to(self.scale)
+        self.rate = (torch.tensor([q, p]) / self.told_for).to(self.rate)
+
+    def slopes(self, state: PhaseState, params: Parameters) -> tuple[Tensor, Tensor]:
+        """(dq/dt, dp/dt)."""
+        found = _answer(self.network, state, params)
+        return self.rate[0] * found.q, self.rate[1] * found.p
 
     def advance(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
     ) -> tuple[PhaseState, Memory]:
-        """One step.
-
-        Raises:
-            ValueError: ``dt`` is not the one that the map was trained for.
-        """
-        if abs(dt - self.dt) > 1e-9:
-            raise ValueError(
-                f"ResidualMap: trained for dt = {self.dt:g} s, cannot step by {dt:g} s; "
-                "roll it at its own dt"
-            )
-        x = state.flat
-        x = x + self.scale * self.network(torch.cat([x, params.flat], -1))
-        return PhaseState.from_flat(x, self.bodies, self.space), memory
+        field = VectorField.joint(lambda q, p: self.slopes(PhaseState(q, p), params))
+        return self.integrator.advance(field, state, dt, memory)
 
     def force(self, state: PhaseState, params: Parameters) -> Tensor:
-        """The momentum that one step adds, per second: the map's effective force."""
-        after, _ = self.advance(state, params, self.dt)
-        return (after.p - state.p) / self.dt
+        return self.slopes(state, params)[1]
+
+
+def _state_network(bodies: int, space: int, conditions: int, width: int) -> MLP:
+    size = 2 * bodies * space
+    return MLP((size + conditions, width, width, width, size), SILU)
+
+
+def _answer(network: MLP, state: PhaseState, params: Parameters) -> PhaseState:
+    """The network's output in the form of a state."""
+    out = network(torch.cat([state.flat, params.flat], -1))
+    return PhaseState.from_flat(out, state.q.shape[-2], state.q.shape[-1])
