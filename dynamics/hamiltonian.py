@@ -70,6 +70,10 @@ class Hamiltonian(Head):
             state = PhaseState(state.q, cast(Port, port).kick(state, params, dt))
         return state
 
+    def check(self, params: Parameters) -> None:
+        for port in self.ports:
+            cast(Port, port).check(params)
+
     def force(self, state: PhaseState, params: Parameters) -> Tensor:
         """dp/dt of the conservative part at a state, ``(..., n, d)``."""
         return self.potential.force(state.q, params)

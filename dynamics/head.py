@@ -30,5 +30,12 @@ class Head(nn.Module, ABC):
     def force(self, state: PhaseState, params: Parameters) -> Tensor:
         """dp/dt of the conservative part; of a map, all that it adds to p per second."""
 
+    def check(self, params: Parameters) -> None:
+        """Refuse parameters under which the model means nothing; a rollout asks before it starts.
+
+        Raises:
+            ValueError: what is impossible, and what to do.
+        """
+
     def set_scale(self, q: float, p: float) -> None:
         """Be told the sizes of one step's increments; most heads have no use for them."""

@@ -20,6 +20,9 @@ class Port(nn.Module):
         """Momenta after ``dt`` seconds of this port alone, ``(..., n, d)``."""
         raise NotImplementedError
 
+    def check(self, params: Parameters) -> None:
+        """Refuse parameters under which the port means nothing, with ``ValueError``."""
+
 
 class LinearFriction(Port):
     """dp/dt = -gamma p, stepped exactly: p <- p exp(-gamma dt) (inventory I6, M28).
