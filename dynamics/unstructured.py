@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dynamics.angles import Harmonics
 from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, rk4
 from dynamics.maps import TransitionMap
@@ -20,14 +21,29 @@ class ResidualMap(TransitionMap):
         conditions: entries of the parameters' vector.
         width: of the three hidden layers (139,020 parameters at 256, three bodies in a plane).
         dt: seconds that one application stands for.
+        angles: whether q are joint angles, which the network then sees as harmonics.
     """
 
-    def __init__(self, bodies: int, space: int, conditions: int, width: int, dt: float) -> None:
+    def __init__(
+        self,
+        bodies: int,
+        space: int,
+        conditions: int,
+        width: int,
+        dt: float,
+        angles: bool = False,
+    ) -> None:
         super().__init__(dt)
-        self.network = _state_network(bodies, space, conditions, width)
+        self.harmonics = Harmonics(bodies * space) if angles else None
+        extra = self.harmonics.size - bodies * space if self.harmonics else 0
+        self.network = _state_network(bodies, space, conditions + extra, width)
 
     def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
-        return _answer(self.network, state, params)
+        if self.harmonics is None:
+            return _answer(self.network, state, params)
+        q, p = self.harmonics(state.q.flatten(-2)), state.p.flatten(-2)
+        out = self.network(torch.cat([q, p, params.flat], -1))
+        return PhaseState.from_flat(out, state.q.shape[-2], state.q.shape[-1])
 
 
 class NeuralODE(Head):

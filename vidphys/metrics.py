@@ -47,6 +47,11 @@ def median(values: Tensor) -> Summary:
     return _over_finite(values, lambda x: x.median())
 
 
+def mean(values: Tensor) -> Summary:
+    """Mean over the finite values of ``(b,)``."""
+    return _over_finite(values, lambda x: x.mean())
+
+
 def worst(values: Tensor) -> Summary:
     """Largest value over the finite episodes of ``(b,)``."""
     return _over_finite(values, lambda x: x.max())
@@ -63,6 +68,27 @@ def _over_finite(values: Tensor, reduce) -> Summary:  # noqa: ANN001 (a tensor f
     if lost == len(values):
         return Summary(None, FAILED, len(values), lost)
     return Summary(float(reduce(values[finite])), OK, len(values), lost)
+
+
+def slope(curves: Tensor, duration: float) -> Tensor:
+    """Least-squares slope of each curve ``(..., t)`` against time, per unit of ``duration``."""
+    time = torch.linspace(0, duration, curves.shape[-1], dtype=curves.dtype)
+    time = time - time.mean()
+    return (curves @ time) / time.square().sum()
+
+
+RESAMPLES = 400
+
+
+def median_slope_interval(curves: Tensor, duration: float) -> tuple[float, float]:
+    """Bootstrap 95 % interval, over episodes, of the slope of the median of curves ``(b, t)``."""
+    rng = torch.Generator().manual_seed(0)
+    slopes = []
+    for _ in range(RESAMPLES):
+        chosen = torch.randint(len(curves), (len(curves),), generator=rng)
+        slopes.append(slope(curves[chosen].median(0).values, duration))
+    found = torch.stack(slopes)
+    return float(found.quantile(0.025)), float(found.quantile(0.975))
 
 
 def nmse(prediction: PhaseState, reference: PhaseState) -> Summary:

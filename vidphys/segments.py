@@ -86,7 +86,8 @@ class Scale:
 
     Args:
         q, p: standard deviations.
-        p_small: size below which only a twentieth of the bodies' momentum increments lie.
+        p_small: size below which only a twentieth of the bodies' momentum increments lie; those
+            of bodies on which no force acts at all are not counted.
     """
 
     q: float
@@ -101,27 +102,39 @@ def scale_of(segments: Segments) -> Scale:
         return Scale(q, 1.0, 1.0)
     first = segments.p[:, 0]
     sizes = first.norm(dim=-1).flatten().sort().values
+    sizes = sizes[sizes > 0]
+    if not len(sizes):
+        return Scale(q, 1.0, 1.0)
     return Scale(q, float(first.std()), float(sizes[len(sizes) // 20]))
 
 
 def segment_loss(head: Head, scale: Scale) -> Callable[[Segments], Tensor]:
-    """Mean squared standardised error of the rolled-out increments, one step or k steps.
+    """Mean squared standardised error of the rolled-out increments, one step or k steps."""
+
+    def loss(batch: Segments) -> Tensor:
+        return increment_error(predict(head, batch), batch, scale)
+
+    return loss
+
+
+def predict(head: Head, batch: Segments) -> PhaseState:
+    """The head's states at the stored steps, ``(m, k, n, d)``."""
+    return roll(head, batch.start, batch.params, batch.q.shape[-3], batch.dt, batch.every)
+
+
+def increment_error(states: PhaseState, batch: Segments, scale: Scale) -> Tensor:
+    """Standardised error of predicted states against a batch's increments.
 
     Momentum errors are relative to each body's own increment (or to a small one, where its
     own is smaller): otherwise a few encounters would outweigh the whole far field, which is what
     long rollouts need.
     """
-
-    def loss(batch: Segments) -> Tensor:
-        states = roll(head, batch.start, batch.params, batch.q.shape[1], batch.dt, batch.every)
-        start = batch.start.map(lambda x: x.unsqueeze(1))
-        total = (((states.q - start.q) - batch.q) / scale.q).square().mean()
-        if batch.p is not None:
-            size = batch.p.square().sum(-1, keepdim=True) + scale.p_small**2
-            total = total + (((states.p - start.p) - batch.p).square() / size).mean()
-        return total
-
-    return loss
+    start = batch.start.map(lambda x: x.unsqueeze(-3))
+    total = (((states.q - start.q) - batch.q) / scale.q).square().mean()
+    if batch.p is not None:
+        size = batch.p.square().sum(-1, keepdim=True) + scale.p_small**2
+        total = total + (((states.p - start.p) - batch.p).square() / size).mean()
+    return total
 
 
 def roll(

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Generator
 
-from dynamics import Head, Terms
+from dynamics import Head, Rollout, Terms
 from vidphys.experiments.members import Examples, MemberLoss, one_step, train_members
 from vidphys.experiments.scoring import (
     Question,
@@ -27,23 +27,36 @@ HORIZON = 20  # steps of a training trajectory (the study, C4)
 OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, and its grid
 
 
-def true_segments(scene: Scene, trajectories: int, seed: int) -> tuple[Segments, Segments]:
-    """One-step examples from short reference trajectories: (train, held out).
+def true_segments(
+    scene: Scene, trajectories: int, seed: int, k: int = 1, both_signs: bool = False
+) -> tuple[Segments, Segments]:
+    """Examples of ``k`` steps from short reference trajectories: (train, held out)."""
+    trajectory = true_trajectories(scene, trajectories, seed, both_signs)
+    # Whole trajectories are held out, so that no held-out step has a neighbour in training.
+    kept = HORIZON + 1 - k
+    return from_trajectory(trajectory, k).split(kept * max(1, trajectories // 16))
 
-    Only the forward law is sampled, G > 0 (C3). Each trajectory starts from a state that is up
-    to ``OLDEST`` steps old, so that encounters and bodies that have flown apart are seen as often
-    as rollouts meet them.
+
+def true_trajectories(
+    scene: Scene, trajectories: int, seed: int, both_signs: bool = False
+) -> Rollout:
+    """Reference trajectories of ``HORIZON`` steps for training.
+
+    Only the forward law is sampled, G > 0 (C3), unless both signs are asked for (T11). Each
+    trajectory starts from a state that is up to ``OLDEST`` steps old, so that encounters and
+    bodies that have flown apart are seen as often as rollouts meet them.
     """
     rng = Generator().manual_seed(derive(seed, "train"))
     start, params = scene.sample(trajectories, rng)
     if not bool((params.coupling > 0).all()):
-        raise ValueError("true_segments: training data must have G > 0")
+        raise ValueError("true_trajectories: training data must have G > 0")
+    if both_signs:
+        sign = 1 - 2 * (torch.arange(trajectories) % 2)
+        params = params.with_coupling(sign * params.coupling)
     past = scene.simulate(start, params, OLDEST, OLDEST // AGES).states
     age = torch.randint(AGES + 1, (trajectories,), generator=rng)
     start = past[torch.arange(trajectories), age]
-    trajectory = scene.simulate(start, params, HORIZON)
-    # Whole trajectories are held out, so that no held-out step has a neighbour in training.
-    return from_trajectory(trajectory, k=1).split(HORIZON * max(1, trajectories // 16))
+    return scene.simulate(start, params, HORIZON)
 
 
 def train_on_states(
@@ -56,14 +69,19 @@ def train_on_states(
     device: str = "cpu",
     save_to: Path | None = None,
     progress: Progress | None = None,
+    k: int = 1,
+    both_signs: bool = False,
 ) -> dict[int, Head]:
-    """Build a head for each seed and train them on one-step increments, side by side.
+    """Build a head for each seed and train them on ``k``-step increments, side by side.
+
+    See :func:`true_segments` for the data.
 
     Returns:
         The heads by seed, without those whose training was lost.
     """
     examples = {
-        seed: Examples(*true_segments(scene, sizes.trajectories, seed)) for seed in recorders
+        seed: Examples(*true_segments(scene, sizes.trajectories, seed, k, both_signs))
+        for seed in recorders
     }
     return train_members(
         name,

@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
+from vidphys.experiments.tables import gravity, sweeps
 from vidphys.experiments.tables.base import Table
-from vidphys.experiments.tables.gravity import INVERSION, STABILITY
 
-TABLES: dict[str, Table] = {table.name: table for table in (STABILITY, INVERSION)}
+TABLES: dict[str, Table] = {
+    table.name: table
+    for table in (
+        gravity.STABILITY,
+        gravity.INVERSION,
+        gravity.DISSOCIATION,
+        gravity.GRAPH_NETS,
+        gravity.BASELINES,
+        gravity.EXTRAPOLATION,
+        sweeps.CAPACITY,
+        sweeps.DATA,
+        sweeps.SENSITIVITY,
+    )
+}

@@ -1,0 +1,61 @@
+"""What the study's baselines add to the one-step loss: an energy penalty, noise on the input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from dynamics import Head, PhaseState
+from vidphys.experiments.members import MemberLoss
+from vidphys.scenes import Scene
+from vidphys.segments import Scale, Segments, increment_error, predict
+
+PENALTIES = ("squared", "absolute")  # the study states both; squared is its formula
+
+
+def energy_penalised(scene: Scene, weight: float, form: str = "squared") -> MemberLoss:
+    """The one-step loss plus ``weight`` times the change of the scene's *true* energy (M2).
+
+    Args:
+        scene: whose exact energy is used; it is not learned.
+        weight: lambda.
+        form: ``squared`` or ``absolute`` difference of the energies.
+
+    Raises:
+        ValueError: another form.
+    """
+    if form not in PENALTIES:
+        raise ValueError(f"energy_penalised: unknown form '{form}'; use one of {PENALTIES}")
+
+    def loss(head: Head, batch: Segments, scale: Scale) -> Tensor:
+        states = predict(head, batch)
+        law = batch.params.map(lambda x: x.unsqueeze(1))
+        before = scene.law.energy(batch.start, batch.params).unsqueeze(-1)
+        change = scene.law.energy(states, law) - before
+        penalty = change.square() if form == "squared" else change.abs()
+        return increment_error(states, batch, scale) + weight * penalty.mean()
+
+    return loss
+
+
+def noisy(fraction: float) -> MemberLoss:
+    """The one-step loss from a start with noise; the target stays the noise-free next state (T12).
+
+    Args:
+        fraction: standard deviation of the noise, as a part of the batch's own in q and in p.
+    """
+
+    def loss(head: Head, batch: Segments, scale: Scale) -> Tensor:
+        start = batch.start.map(lambda x: x + fraction * x.std() * torch.randn_like(x))
+        shift = PhaseState(start.q - batch.start.q, start.p - batch.start.p)
+        moved = replace(
+            batch,
+            start=start,
+            q=batch.q - shift.q.unsqueeze(-3),
+            p=None if batch.p is None else batch.p - shift.p.unsqueeze(-3),
+        )
+        return increment_error(predict(head, moved), moved, scale)
+
+    return loss
