@@ -1,0 +1,241 @@
+"""Stochastic heads on true states: what they learn from, what they learn by, what they are asked.
+
+Training is by the likelihood of one-step increments: exact under the model's own bath, Gaussian
+(Euler-Maruyama) for a neural SDE, and squared error for a model without noise. A bath has few
+numbers; after the network's training they are set to their maximum likelihood on all data.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Generator, Tensor
+
+from dynamics import Hamiltonian, Head, Parameters, PhaseState, Rollout, Terms, rollout
+from dynamics.bath import Bath, DiagonalBath, NoSteadyState
+from dynamics.stochastic import HalfSteps, NeuralSDE, half_steps
+from vidphys.experiments.members import Examples, train_members
+from vidphys.experiments.tables.base import CellTask
+from vidphys.records import Recorder
+from vidphys.scenes.langevin import BathScene
+from vidphys.seeding import derive
+from vidphys.segments import Scale, Segments, from_trajectory
+from vidphys.thermal import Measured, kinetic_temperature, measure_temperature
+
+OBSERVED = 2_000_000  # reference steps of training data, over all trajectories
+LONGEST = 1000  # steps of one training trajectory
+THIN = 4  # the network learns from every fourth step; the bath's numbers from all
+
+WALKERS = 16  # independent walkers for each held-out episode of the preset, in each setting
+BURN_IN, MEASURED = 20.0, 60.0  # seconds: ten relaxation times of the slowest bath, and then
+EVERY = 5  # steps between stored states
+BLOCK = 16  # stored states: 4 s
+
+
+def bath_trajectory(scene: BathScene, trajectories: int, seed: int) -> Rollout:
+    """Training trajectories: from hot starts through the relaxation into the steady state."""
+    rng = Generator().manual_seed(derive(seed, "train"))
+    start, params = scene.sample(trajectories, rng)
+    steps = max(THIN, min(LONGEST, OBSERVED // trajectories))
+    return scene.simulate(start, params, steps, seed=derive(seed, "train", "noise"))
+
+
+def bath_examples(trajectory: Rollout) -> Examples:
+    """One-step examples of it; whole trajectories are held out."""
+    trajectories, states = trajectory.states.q.shape[:2]
+    starts = len(range(0, states - 1, THIN))
+    segments = from_trajectory(trajectory, k=1, step=THIN)
+    return Examples(*segments.split(starts * max(1, trajectories // 16)))
+
+
+def likelihood(head: Head, batch: Segments, scale: Scale) -> Tensor:
+    """The loss of every stochastic head; see the module's first lines."""
+    assert batch.p is not None
+    step = PhaseState(batch.q.squeeze(-3), batch.p.squeeze(-3))
+    if isinstance(head, NeuralSDE):
+        return head.nll(batch.start, step, batch.params, batch.dt).mean()
+    assert isinstance(head, Hamiltonian)
+    halves = half_steps(head, batch.start, step, batch.params, batch.dt)
+    bath = bath_of(head)
+    if bath is None:
+        return halves.squared_error().mean() / scale.p**2
+    return halves.nll(bath, batch.params, batch.dt).mean()
+
+
+def bath_of(head: Hamiltonian) -> Bath | None:
+    """The bath among a model's ports."""
+    return next((port for port in head.ports if isinstance(port, Bath)), None)
+
+
+def refine(head: Head, trajectory: Rollout) -> None:
+    """Set a diagonal bath's numbers to their maximum likelihood on every step of a trajectory.
+
+    The potential is held. Of an episode only the sums of squares of the half steps count, so that
+    all data costs one pass.
+    """
+    bath = bath_of(head) if isinstance(head, Hamiltonian) else None
+    if not isinstance(bath, DiagonalBath):
+        return
+    assert isinstance(head, Hamiltonian)
+    with torch.no_grad():
+        sums = [s.double() for s in _squares(head, trajectory)]
+    count, params = 2 * (trajectory.states.q.shape[1] - 1), trajectory.params.map(Tensor.double)
+    bath.double()
+    optimiser = torch.optim.LBFGS(bath.parameters(), max_iter=100, line_search_fn="strong_wolfe")
+
+    def loss() -> Tensor:
+        optimiser.zero_grad()
+        before, across, after = sums
+        decay, variance = bath.moments(params, trajectory.dt / 2)
+        error = (after - 2 * decay * across + decay.square() * before) / variance
+        total = 0.5 * (error + count * variance.log().expand_as(before)).sum() / count / len(before)
+        total.backward()
+        return total
+
+    optimiser.step(loss)
+    bath.float()
+
+
+def _squares(head: Hamiltonian, trajectory: Rollout) -> tuple[Tensor, Tensor, Tensor]:
+    """Per episode, sums over both half steps of before^2, before * after, after^2, ``(b, n, d)``."""
+    parts = []
+    for episodes in torch.arange(len(trajectory.states.q)).split(256):
+        states = trajectory.states[episodes]
+        start = states[:, :-1].map(Tensor.float)
+        step = PhaseState(states.q.diff(dim=1).float(), states.p.diff(dim=1).float())
+        params = trajectory.params[episodes].map(lambda x: x.float().unsqueeze(1))
+        parts.append(_sums(half_steps(head, start, step, params, trajectory.dt)))
+    first, second, third = (torch.cat(x) for x in zip(*parts, strict=True))
+    return first, second, third
+
+
+def _sums(halves: HalfSteps) -> tuple[Tensor, Tensor, Tensor]:
+    pairs = [(halves.start.double(), halves.first.double())]
+    pairs.append((halves.second.double(), halves.end.double()))
+    before = sum((a.square().sum(1) for a, _ in pairs), torch.zeros(()))
+    across = sum(((a * b).sum(1) for a, b in pairs), torch.zeros(()))
+    after = sum((b.square().sum(1) for _, b in pairs), torch.zeros(()))
+    return before, across, after
+
+
+def train_stochastic(
+    name: str,
+    terms: Terms,
+    scene: BathScene,
+    task: CellTask,
+    recorders: Mapping[int, Recorder],
+    noise: float = 0.0,
+) -> dict[int, Head]:
+    """Train a head of these terms for each seed on the scene's trajectories.
+
+    Args:
+        name: of the head.
+        terms: of the model.
+        scene: gives the data.
+        task: gives sizes, device and the folder.
+        recorders: by seed.
+        noise: of what is observed: standard deviation as a part of the state's own.
+    """
+    seen = {
+        s: observed(bath_trajectory(scene, task.sizes.trajectories, s), noise, s) for s in recorders
+    }
+    heads = train_members(
+        name,
+        lambda: scene.build(terms),
+        {seed: bath_examples(trajectory) for seed, trajectory in seen.items()},
+        task.sizes,
+        recorders,
+        likelihood,
+        task.device,
+        task.checkpoint(f"fit-{name}-{noise:g}"),
+        task.progress,
+    )
+    for seed, head in heads.items():
+        refine(head, seen[seed])
+    return heads
+
+
+def observed(trajectory: Rollout, noise: float, seed: int) -> Rollout:
+    """The same trajectory as a sensor with independent noise would report it."""
+    if not noise:
+        return trajectory
+    rng = Generator().manual_seed(derive(seed, "measurement"))
+
+    def blurred(x: Tensor) -> Tensor:
+        return x + noise * x.std() * torch.randn(x.shape, generator=rng, dtype=x.dtype)
+
+    states = trajectory.states.map(blurred)
+    return Rollout(states, trajectory.params, trajectory.dt, trajectory.first_bad, trajectory.seed)
+
+
+Setting = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Walkers:
+    """Independent starts, ``each`` for every setting, one after the other.
+
+    Args:
+        start: hot states.
+        params: with the settings' strengths.
+        each: walkers of one setting.
+        settings: strengths by name.
+    """
+
+    start: PhaseState
+    params: Parameters
+    each: int
+    settings: tuple[Setting, ...]
+
+    def of(self, index: int) -> slice:
+        """Those of one setting."""
+        return slice(index * self.each, (index + 1) * self.each)
+
+
+def walkers(scene: BathScene, settings: Sequence[Setting], each: int, seed: int) -> Walkers:
+    """Fresh walkers that no training saw."""
+    rng = Generator().manual_seed(derive(seed, "walkers"))
+    start, params = scene.sample(len(settings) * each, rng)
+    for name in settings[0]:
+        values = torch.tensor([setting[name] for setting in settings], dtype=torch.float64)
+        params = params.with_scalar(name, values.repeat_interleave(each))
+    return Walkers(start, params, each, tuple(settings))
+
+
+def follow(head: Head, scene: BathScene, crowd: Walkers, seconds: float, seed: int) -> Rollout:
+    """Roll all walkers in the head's own dtype, storing each ``EVERY``-th step."""
+    dtype = next((p.dtype for p in head.parameters()), torch.float64)
+    start, params = crowd.start.map(lambda x: x.to(dtype)), crowd.params.map(lambda x: x.to(dtype))
+    steps = EVERY * round(seconds / scene.dt / EVERY)
+    with warnings.catch_warnings():
+        # Whoever follows walkers asks `flags` first, and records the answer.
+        warnings.simplefilter("ignore", NoSteadyState)
+        return rollout(head, start, params, steps, scene.dt, EVERY, derive(seed, "follow"))
+
+
+def temperature_series(rolled: Rollout) -> Tensor:
+    """Kinetic temperature ``(walkers, t)``; NaN throughout for a walker that was lost."""
+    series = kinetic_temperature(rolled.states, rolled.params.mass)
+    return torch.where(rolled.finite.unsqueeze(1), series, torch.nan)
+
+
+def temperatures(
+    head: Head, scene: BathScene, crowd: Walkers, seed: int
+) -> tuple[list[Measured], Tensor]:
+    """The measured temperature of each setting, and each walker's own, ``(walkers,)``."""
+    rolled = follow(head, scene, crowd, BURN_IN + MEASURED, seed)
+    late = temperature_series(rolled)[:, round(BURN_IN / rolled.dt) + 1 :]
+    rng = Generator().manual_seed(derive(seed, "bootstrap"))
+    settings = range(len(crowd.settings))
+    return [measure_temperature(late[crowd.of(i)], BLOCK, rng) for i in settings], late.mean(1)
+
+
+def flags(head: Head, params: Parameters) -> bool:
+    """Whether a head says by name that these parameters have no steady state."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        head.check(params)
+    return any(issubclass(warning.category, NoSteadyState) for warning in caught)
