@@ -110,7 +110,7 @@ class DiagonalBath(Bath):
 
 
 class ExactBath(DiagonalBath):
-    """The true bath: friction, and drive where the scene has one, as the parameters say (S8, S10)."""
+    """The true bath (S8, S10): friction, and drive where there is one, as the parameters say."""
 
     def friction(self, params: Parameters) -> Tensor:
         return _spread(params.scalar("friction"))

@@ -82,8 +82,8 @@ class HalfSteps:
 
     def nll(self, bath: Bath, params: Parameters, dt: float) -> Tensor:
         """Exact negative log density of the step, up to a constant, ``(...)``."""
-        before = bath.nll(self.start, self.first, params, dt / 2)
-        return before + bath.nll(self.second, self.end, params, dt / 2)
+        before = torch.stack([self.start, self.second])
+        return bath.nll(before, torch.stack([self.first, self.end]), params, dt / 2).sum(0)
 
     def squared_error(self) -> Tensor:
         """What the forces alone leave unexplained, ``(...)``."""
@@ -92,9 +92,14 @@ class HalfSteps:
 
 
 def half_steps(
-    head: Hamiltonian, start: PhaseState, step: PhaseState, params: Parameters, dt: float
+    head: Hamiltonian,
+    start: PhaseState,
+    step: PhaseState,
+    params: Parameters,
+    dt: float,
+    forces: tuple[Tensor, Tensor] | None = None,
 ) -> HalfSteps:
-    """Undo one step of bath, leapfrog, bath: the noise of each half follows from (q, p) to (q', p').
+    """Undo one step of bath, leapfrog, bath: its two ends tell the noise of both halves.
 
     The position tells the first half's momentum, so that the density of the whole step is a
     product of two of the bath's own: no bias of order dt, at any dt.
@@ -105,14 +110,17 @@ def half_steps(
         step: its increments of q and p.
         params: of the episode.
         dt: seconds.
+        forces: at both ends, where they are known already.
 
     Raises:
         ValueError: another kinetic energy or integrator.
     """
-    if not isinstance(head.kinetic, FixedKinetic) or head.integrator is not leapfrog:
+    if not isinstance(head.kinetic, FixedKinetic) or head.integrator != leapfrog:
         raise ValueError("half_steps: needs the kinetic energy |p|^2 / 2m and leapfrog")
-    opening = head.force(start, params)
-    closing = head.force(PhaseState(start.q + step.q, start.p), params)
+    if forces is None:
+        after = PhaseState(start.q + step.q, start.p + step.p)
+        forces = head.force(start, params), head.force(after, params)
+    opening, closing = forces
     first = params.mass.unsqueeze(-1) * step.q / dt - 0.5 * dt * opening
     second = first + 0.5 * dt * (opening + closing)
     return HalfSteps(start.p, first, second, start.p + step.p)

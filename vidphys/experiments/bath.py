@@ -7,15 +7,13 @@ numbers; after the network's training they are set to their maximum likelihood o
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Hamiltonian, Head, Parameters, PhaseState, Rollout, Terms, rollout
-from dynamics.bath import Bath, DiagonalBath, NoSteadyState
+from dynamics import Hamiltonian, Head, PhaseState, Rollout, Terms
+from dynamics.bath import Bath, DiagonalBath
 from dynamics.stochastic import HalfSteps, NeuralSDE, half_steps
 from vidphys.experiments.members import Examples, train_members
 from vidphys.experiments.tables.base import CellTask
@@ -23,23 +21,23 @@ from vidphys.records import Recorder
 from vidphys.scenes.langevin import BathScene
 from vidphys.seeding import derive
 from vidphys.segments import Scale, Segments, from_trajectory
-from vidphys.thermal import Measured, kinetic_temperature, measure_temperature
 
-OBSERVED = 2_000_000  # reference steps of training data, over all trajectories
-LONGEST = 1000  # steps of one training trajectory
+SHORTEST, LONGEST = 200, 1000  # steps of a training trajectory
 THIN = 4  # the network learns from every fourth step; the bath's numbers from all
 
-WALKERS = 16  # independent walkers for each held-out episode of the preset, in each setting
-BURN_IN, MEASURED = 20.0, 60.0  # seconds: ten relaxation times of the slowest bath, and then
-EVERY = 5  # steps between stored states
-BLOCK = 16  # stored states: 4 s
 
+def bath_trajectory(scene: BathScene, trajectories: int, seed: int, observed: int) -> Rollout:
+    """Training trajectories: from hot starts through the relaxation into the steady state.
 
-def bath_trajectory(scene: BathScene, trajectories: int, seed: int) -> Rollout:
-    """Training trajectories: from hot starts through the relaxation into the steady state."""
+    Args:
+        scene: gives the truth.
+        trajectories: how many.
+        seed: of starts and noise.
+        observed: steps that all of them should have together: it bounds how well a rate is known.
+    """
     rng = Generator().manual_seed(derive(seed, "train"))
     start, params = scene.sample(trajectories, rng)
-    steps = max(THIN, min(LONGEST, OBSERVED // trajectories))
+    steps = max(SHORTEST, min(LONGEST, observed // trajectories))
     return scene.simulate(start, params, steps, seed=derive(seed, "train", "noise"))
 
 
@@ -100,14 +98,16 @@ def refine(head: Head, trajectory: Rollout) -> None:
 
 
 def _squares(head: Hamiltonian, trajectory: Rollout) -> tuple[Tensor, Tensor, Tensor]:
-    """Per episode, sums over both half steps of before^2, before * after, after^2, ``(b, n, d)``."""
+    """Per episode, sums over all half steps of before^2, before * after, after^2."""
     parts = []
     for episodes in torch.arange(len(trajectory.states.q)).split(256):
         states = trajectory.states[episodes]
         start = states[:, :-1].map(Tensor.float)
         step = PhaseState(states.q.diff(dim=1).float(), states.p.diff(dim=1).float())
         params = trajectory.params[episodes].map(lambda x: x.float().unsqueeze(1))
-        parts.append(_sums(half_steps(head, start, step, params, trajectory.dt)))
+        force = head.force(states.map(Tensor.float), params)
+        ends = force[:, :-1], force[:, 1:]
+        parts.append(_sums(half_steps(head, start, step, params, trajectory.dt, ends)))
     first, second, third = (torch.cat(x) for x in zip(*parts, strict=True))
     return first, second, third
 
@@ -127,6 +127,7 @@ def train_stochastic(
     scene: BathScene,
     task: CellTask,
     recorders: Mapping[int, Recorder],
+    observed: int,
     noise: float = 0.0,
 ) -> dict[int, Head]:
     """Train a head of these terms for each seed on the scene's trajectories.
@@ -137,10 +138,12 @@ def train_stochastic(
         scene: gives the data.
         task: gives sizes, device and the folder.
         recorders: by seed.
-        noise: of what is observed: standard deviation as a part of the state's own.
+        observed: steps of training data, see :func:`bath_trajectory`.
+        noise: of what a sensor reports: standard deviation as a part of the state's own.
     """
     seen = {
-        s: observed(bath_trajectory(scene, task.sizes.trajectories, s), noise, s) for s in recorders
+        seed: blurred(bath_trajectory(scene, task.sizes.trajectories, seed, observed), noise, seed)
+        for seed in recorders
     }
     heads = train_members(
         name,
@@ -158,84 +161,14 @@ def train_stochastic(
     return heads
 
 
-def observed(trajectory: Rollout, noise: float, seed: int) -> Rollout:
+def blurred(trajectory: Rollout, noise: float, seed: int) -> Rollout:
     """The same trajectory as a sensor with independent noise would report it."""
     if not noise:
         return trajectory
     rng = Generator().manual_seed(derive(seed, "measurement"))
 
-    def blurred(x: Tensor) -> Tensor:
+    def noisy(x: Tensor) -> Tensor:
         return x + noise * x.std() * torch.randn(x.shape, generator=rng, dtype=x.dtype)
 
-    states = trajectory.states.map(blurred)
+    states = trajectory.states.map(noisy)
     return Rollout(states, trajectory.params, trajectory.dt, trajectory.first_bad, trajectory.seed)
-
-
-Setting = Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Walkers:
-    """Independent starts, ``each`` for every setting, one after the other.
-
-    Args:
-        start: hot states.
-        params: with the settings' strengths.
-        each: walkers of one setting.
-        settings: strengths by name.
-    """
-
-    start: PhaseState
-    params: Parameters
-    each: int
-    settings: tuple[Setting, ...]
-
-    def of(self, index: int) -> slice:
-        """Those of one setting."""
-        return slice(index * self.each, (index + 1) * self.each)
-
-
-def walkers(scene: BathScene, settings: Sequence[Setting], each: int, seed: int) -> Walkers:
-    """Fresh walkers that no training saw."""
-    rng = Generator().manual_seed(derive(seed, "walkers"))
-    start, params = scene.sample(len(settings) * each, rng)
-    for name in settings[0]:
-        values = torch.tensor([setting[name] for setting in settings], dtype=torch.float64)
-        params = params.with_scalar(name, values.repeat_interleave(each))
-    return Walkers(start, params, each, tuple(settings))
-
-
-def follow(head: Head, scene: BathScene, crowd: Walkers, seconds: float, seed: int) -> Rollout:
-    """Roll all walkers in the head's own dtype, storing each ``EVERY``-th step."""
-    dtype = next((p.dtype for p in head.parameters()), torch.float64)
-    start, params = crowd.start.map(lambda x: x.to(dtype)), crowd.params.map(lambda x: x.to(dtype))
-    steps = EVERY * round(seconds / scene.dt / EVERY)
-    with warnings.catch_warnings():
-        # Whoever follows walkers asks `flags` first, and records the answer.
-        warnings.simplefilter("ignore", NoSteadyState)
-        return rollout(head, start, params, steps, scene.dt, EVERY, derive(seed, "follow"))
-
-
-def temperature_series(rolled: Rollout) -> Tensor:
-    """Kinetic temperature ``(walkers, t)``; NaN throughout for a walker that was lost."""
-    series = kinetic_temperature(rolled.states, rolled.params.mass)
-    return torch.where(rolled.finite.unsqueeze(1), series, torch.nan)
-
-
-def temperatures(
-    head: Head, scene: BathScene, crowd: Walkers, seed: int
-) -> tuple[list[Measured], Tensor]:
-    """The measured temperature of each setting, and each walker's own, ``(walkers,)``."""
-    rolled = follow(head, scene, crowd, BURN_IN + MEASURED, seed)
-    late = temperature_series(rolled)[:, round(BURN_IN / rolled.dt) + 1 :]
-    rng = Generator().manual_seed(derive(seed, "bootstrap"))
-    settings = range(len(crowd.settings))
-    return [measure_temperature(late[crowd.of(i)], BLOCK, rng) for i in settings], late.mean(1)
-
-
-def flags(head: Head, params: Parameters) -> bool:
-    """Whether a head says by name that these parameters have no steady state."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        head.check(params)
-    return any(issubclass(warning.category, NoSteadyState) for warning in caught)

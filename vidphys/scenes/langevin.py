@@ -32,6 +32,12 @@ POSITION_STD, START_TEMPERATURE = 1.0, 3.0
 class BathScene(Scene):
     """A scene whose truth is stochastic: its rollouts take a seed."""
 
+    @property
+    def exact(self) -> Hamiltonian:
+        """The law as a head that can be rolled like a learned one."""
+        assert isinstance(self.law, Hamiltonian)
+        return self.law
+
     def simulate(
         self,
         start: PhaseState,
@@ -41,9 +47,8 @@ class BathScene(Scene):
         seed: int | None = None,
     ) -> Rollout:
         """The reference rollout in float64, its noise drawn under ``seed``."""
-        assert isinstance(self.law, Hamiltonian)
         start, params = start.map(torch.Tensor.double), params.map(torch.Tensor.double)
-        return rollout(self.law, start, params, steps, self.dt, every, seed)
+        return rollout(self.exact, start, params, steps, self.dt, every, seed)
 
 
 def langevin(baths: Sequence[tuple[float, float]] = BATHS, bodies: int = 3) -> BathScene:
