@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
 from dynamics import Parameters, PhaseState
 from vidphys.scenes.scene import Scene
@@ -25,12 +25,17 @@ def lyapunov_time(
         ``(b,)``; infinity where the error did not grow.
     """
     x, size = start.flat.double(), SEPARATION
-    offset = torch.ones_like(x) * (size / x.shape[-1] ** 0.5)
+    # In no symmetric direction: a shift of all bodies alike is a motion of the centre, which never
+    # grows, however chaotic the bodies are among themselves.
+    offset = torch.randn(x.shape[-1], generator=Generator().manual_seed(0), dtype=x.dtype)
+    offset = (offset * size / offset.norm()).expand_as(x)
     log_growth = torch.zeros(x.shape[0], dtype=torch.float64)
     settled = rounds // 4
     for index in range(rounds):
         ends = [
-            scene.simulate(PhaseState.from_flat(y, scene.bodies), params, steps, steps).at(-1)
+            scene.simulate(
+                PhaseState.from_flat(y, scene.bodies, scene.space), params, steps, steps
+            ).at(-1)
             for y in (x, x + offset)
         ]
         x, difference = ends[0].flat, ends[1].flat - ends[0].flat
