@@ -59,3 +59,17 @@ def noisy(fraction: float) -> MemberLoss:
         return increment_error(predict(head, moved), moved, scale)
 
     return loss
+
+
+def floored(share: float) -> MemberLoss:
+    """The one-step loss, with momentum errors relative to no less than ``share`` of their spread.
+
+    Where forces cancel, between charges of both signs or out of a contact's range, a body's own
+    increment is a needless small measure: the rest of the batch would not be heard beside it.
+    """
+
+    def loss(head: Head, batch: Segments, scale: Scale) -> Tensor:
+        least = replace(scale, p_small=max(scale.p_small, share * scale.p))
+        return increment_error(predict(head, batch), batch, least)
+
+    return loss

@@ -9,7 +9,17 @@ from typing import Any, Protocol
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Head, Parameters, PhaseState, Rollout, Terms, build, rollout
+from dynamics import (
+    Head,
+    PairLaw,
+    Parameters,
+    PhaseState,
+    Rollout,
+    Terms,
+    ballistic,
+    build,
+    rollout,
+)
 
 Sampler = Callable[[int, Generator], tuple[PhaseState, Parameters]]
 
@@ -41,6 +51,9 @@ class Scene:
         space: dimensions of space.
         max_drift: largest energy drift of a reference episode, relative to K + |V| of its start,
             with which it is certified.
+        box: side of a periodic box, over which distances are taken; ``None`` for open space.
+        least_distance: what two bodies must keep for an episode to be certified; for disks that
+            may not overlap.
     """
 
     name: str
@@ -51,6 +64,8 @@ class Scene:
     settings: dict[str, Any] = field(default_factory=dict)
     space: int = 2
     max_drift: float = 0.1
+    box: float | None = None
+    least_distance: float = 0.0
 
     @property
     def conditions(self) -> int:
@@ -76,6 +91,12 @@ class Scene:
             every,
         )
 
+    def straight_lines(
+        self, start: PhaseState, params: Parameters, steps: int, every: int
+    ) -> Rollout:
+        """What the bodies would do without any force, against which skill is measured."""
+        return rollout(ballistic(), start, params, steps // every, every * self.dt)
+
     def energy(self, states: PhaseState, params: Parameters) -> Tensor:
         """True energy of states ``(b, t, n, d)`` under per-episode parameters, ``(b, t)``."""
         params = params.map(lambda x: x.double().unsqueeze(1))
@@ -100,6 +121,7 @@ class Certificate:
         closest: smallest distance between two bodies, world units; infinite for a single body.
         in_frame: bodies stay inside the viewport, if one was asked for.
         max_drift: the scene's bound.
+        least_distance: the scene's bound.
     """
 
     finite: Tensor
@@ -107,11 +129,13 @@ class Certificate:
     closest: Tensor
     in_frame: Tensor
     max_drift: float
+    least_distance: float = 0.0
 
     @property
     def passed(self) -> Tensor:
-        """Finite, in the frame, and the reference is as good as its bound says."""
-        return self.finite & self.in_frame & ~(self.drift >= self.max_drift)
+        """Finite, in the frame, apart, and the reference is as good as its bound says."""
+        sound = self.finite & self.in_frame & (self.closest >= self.least_distance)
+        return sound & ~(self.drift >= self.max_drift)
 
 
 def certify(
@@ -134,12 +158,20 @@ def certify(
     inside = torch.ones(len(q), dtype=torch.bool)
     if half_extent is not None:
         inside = q.abs().amax((-3, -2, -1)) < half_extent
-    return Certificate(trajectory.finite, drift, _closest(q), inside, scene.max_drift)
+    return Certificate(
+        trajectory.finite,
+        drift,
+        _closest(q, scene.box),
+        inside,
+        scene.max_drift,
+        scene.least_distance,
+    )
 
 
-def _closest(q: Tensor) -> Tensor:
+def _closest(q: Tensor, box: float | None) -> Tensor:
     bodies = q.shape[-2]
     if bodies < 2:
         return torch.full((len(q),), torch.inf, dtype=q.dtype)
     i, j = torch.triu_indices(bodies, bodies, offset=1)
-    return (q[..., i, :] - q[..., j, :]).norm(dim=-1).amin((-2, -1))
+    apart = PairLaw(box=box).nearest(q[..., i, :] - q[..., j, :])
+    return apart.norm(dim=-1).amin((-2, -1))
