@@ -14,6 +14,7 @@ COUPLINGS: dict[str, Callable[[Tensor], Tensor]] = {
     "linear": lambda g: g,
     "even": torch.abs,
     "quadratic": torch.square,
+    "cubic": lambda g: g**3,
 }
 
 
@@ -46,7 +47,8 @@ class PairLaw:
     Args:
         source: what s is: ``mass`` (with G), ``charge`` (with the scalar ``electric``, like
             charges repelling an attractive phi) or ``alike`` (1 for every body, with G).
-        coupling: the function c: ``linear``, ``even`` (the size of G) or ``quadratic`` (G squared).
+        coupling: the function c: ``linear``, ``even`` (the size of G), ``quadratic`` (G squared) or
+            ``cubic``.
         box: side of a periodic box in world units, over which displacements are wrapped to the
             nearest image; ``None`` for open space.
 

@@ -49,8 +49,11 @@ class MLP(nn.Module):
             x = value(layer(x))
         return last(x).reshape(*batch, last.out_features)
 
-    def gradient(self, x: Tensor) -> Tensor:
-        """Gradient of the (single) output with respect to the input, shape of ``x``."""
+    def gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
+        """Gradient with respect to the input, shape of ``x``.
+
+        Of the single output, or of the sum of several with ``weights``, ``(..., sizes[-1])``.
+        """
         value, slope = _ACTIVATIONS[self.activation]
         hidden, last = self._split()
         shape, x = x.shape, _rows(x)
@@ -59,10 +62,21 @@ class MLP(nn.Module):
             pre = layer(x)
             x = value(pre)
             slopes.append(slope(pre, x))
-        gradient = last.weight[0]
+        gradient = last.weight[0] if weights is None else _rows(weights) @ last.weight
         for layer, s in zip(reversed(hidden), reversed(slopes), strict=True):
             gradient = (gradient * s) @ layer.weight
         return gradient.reshape(shape)
+
+    def pushforward(self, x: Tensor, direction: Tensor) -> Tensor:
+        """Rate of the outputs while the input moves along ``direction``, ``(..., sizes[-1])``."""
+        value, slope = _ACTIVATIONS[self.activation]
+        hidden, last = self._split()
+        batch, x, rate = x.shape[:-1], _rows(x), _rows(direction)
+        for layer in hidden:
+            pre = layer(x)
+            x = value(pre)
+            rate = (rate @ layer.weight.T) * slope(pre, x)
+        return (rate @ last.weight.T).reshape(*batch, last.out_features)
 
 
 def _rows(x: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""H1-H3: the statistics that the study's claims rest on."""
+"""H1-H7: the statistics that the study's claims rest on."""
 
 from __future__ import annotations
 
@@ -76,3 +76,80 @@ def normal_interval(values: Sequence[float]) -> Interval:
         return Interval(mean, None, None)
     error = NORMAL_95 * float(np.std(values, ddof=1)) / math.sqrt(len(values))
     return Interval(mean, mean - error, mean + error)
+
+
+def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
+    """H7: mean of first - second over pairs, with its interval.
+
+    Raises:
+        ValueError: unequal or empty samples.
+    """
+    if len(first) != len(second) or not len(first):
+        raise ValueError(f"paired_difference: got {len(first)} and {len(second)} values")
+    return normal_interval((np.asarray(first, float) - np.asarray(second, float)).tolist())
+
+
+def spearman(first: Sequence[float], second: Sequence[float]) -> float:
+    """H4: rank correlation of two samples, pooled over everything that was evaluated.
+
+    Raises:
+        ValueError: fewer than three pairs, a value that is not finite, or a sample that is
+            constant, which has no ranks.
+    """
+    x, y = np.asarray(first, float), np.asarray(second, float)
+    if len(x) != len(y) or len(x) < MIN_FOR_RANKS:
+        raise ValueError(f"spearman: need three or more pairs, got {len(x)} and {len(y)}")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise ValueError("spearman: a value is not finite; count it as a failure, do not rank it")
+    if np.ptp(x) == 0 or np.ptp(y) == 0:
+        raise ValueError("spearman: a sample is constant and has no ranks")
+    return float(stats.spearmanr(x, y).statistic)
+
+
+MIN_FOR_RANKS = 3
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """In how many seeds one number was strictly below the other, and how likely by chance."""
+
+    ordered: int
+    seeds: int
+    p: float
+
+
+def ordering(lower: Sequence[float], higher: Sequence[float]) -> Ordering:
+    """H5: seeds in which ``lower < higher``, with the exact binomial p; a tie does not count.
+
+    Raises:
+        ValueError: unequal or empty samples.
+    """
+    if len(lower) != len(higher) or not len(lower):
+        raise ValueError(f"ordering: got {len(lower)} and {len(higher)} values")
+    count = sum(a < b for a, b in zip(lower, higher, strict=True))
+    return Ordering(count, len(lower), binomial_p(count, len(lower)))
+
+
+@dataclass(frozen=True)
+class RatioBar:
+    """H6: a ratio fixed before a run, which every seed has to reach.
+
+    Args:
+        at_least: the ratio, > 0.
+    """
+
+    at_least: float
+
+    def __post_init__(self) -> None:
+        if not self.at_least > 0:
+            raise ValueError(f"RatioBar: at_least must be > 0, got {self.at_least}")
+
+    def holds(self, above: Sequence[float], below: Sequence[float]) -> bool:
+        """Whether ``above / below`` reaches the bar in every seed; a NaN never does.
+
+        Raises:
+            ValueError: unequal or empty samples.
+        """
+        if len(above) != len(below) or not len(above):
+            raise ValueError(f"RatioBar: got {len(above)} and {len(below)} values")
+        return all(a >= self.at_least * b for a, b in zip(above, below, strict=True))
