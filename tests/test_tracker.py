@@ -458,10 +458,9 @@ def test_the_rungs_are_listed():
 def test_every_rung_gives_the_same_tracks_again(name, clips, tmp_path):
     task = FitTask(clips, SIZES, 0, "factored", tmp_path)
     fitted = GROUNDINGS[name].fit(task)
-    tracks = fitted.perception.tracks(clips)
+    tracks = fitted.tracks(clips)
     again = GROUNDINGS[name].fit(FitTask(clips, SIZES, 0, "factored"))
-    assert torch.equal(again.perception.tracks(clips).positions, tracks.positions)
-    assert (fitted.head is not None) == GROUNDINGS[name].joint
+    assert torch.equal(again.tracks(clips).positions, tracks.positions)
     error = (relabel(tracks, clips.states.q).positions - clips.states.q).norm(dim=-1)
     assert float(error.median()) < 1e-3  # a tenth of a percent of a pixel's width, most of the time
 
@@ -469,7 +468,7 @@ def test_every_rung_gives_the_same_tracks_again(name, clips, tmp_path):
 def test_the_hand_made_rung_is_detector_and_binder(clips):
     tracks = GROUNDINGS["anonymous-hand"].fit(FitTask(clips, SIZES, 0, "factored"))
     expected = bind_by_acceleration(detections_of(clips))
-    assert torch.equal(tracks.perception.tracks(clips).positions, expected.positions)
+    assert torch.equal(tracks.tracks(clips).positions, expected.positions)
 
 
 def test_the_true_law_keeps_every_name(plain):

@@ -4,16 +4,17 @@ Two ways, one for each readout of the ladder:
 
 ``differencing`` is the study's: momentum from central differences, then one frame ahead.
 
-``shooting`` starts each short window from the state that the head itself carries from its first
-frame to its second, and compares positions in the frames after. No difference of frames enters,
-so that encounters shorter than a frame interval are learned too.
+``shooting`` goes on from there: it starts each short window from the state that the head itself
+carries from its first frame to its second, and compares positions in the frames after. No
+difference of frames enters, so that encounters shorter than a frame interval are learned too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,17 +27,14 @@ from vidphys.perception.aim import PRECISE, surprise
 from vidphys.perception.base import model_step
 from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
 from vidphys.train import (
+    Batches,
     FitResult,
     FitSettings,
+    Loss,
     Progress,
     choose_learning_rate,
     fit,
 )
-
-FRAME_BATCH, WINDOW_BATCH = 256, 256
-FRAME_RATES = (3e-3, 1e-3)
-PROBE = 0.1
-WINDOW_RATE, WINDOW_CLIP = 1e-2, 1.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ class TrackTask:
         tracks: perceived positions of the training clips.
         params: the law of each clip.
         interval: seconds between frames.
-        steps: optimiser steps.
+        steps: optimiser steps in all.
         seed: of the batch order.
         ahead: frames that are predicted after the two that start a window.
         precise: position errors below it count by their square, above by their logarithm.
@@ -83,30 +81,63 @@ def tell_scale(head: Head, task: TrackTask) -> None:
 def train_by_differencing(head: Head, task: TrackTask) -> FitResult:
     """One frame ahead from central-difference states, in (q, p)."""
     data = task.differences()
-    train, held_out = data.split(max(1, len(data) // 16))
-    scale = scale_of(train)
-    probe = FitSettings(max(1, int(PROBE * task.steps)), FRAME_BATCH, 0.0)
-    choice = choose_learning_rate(
-        head,
-        lambda candidate: segment_loss(candidate, scale),
-        train,
-        held_out[slice(0, 4096)],
-        FRAME_RATES,
-        probe,
-        task.seed,
-    )
-    settings = FitSettings(task.steps, FRAME_BATCH, choice.chosen, clip=10.0)
-    loss = segment_loss(head, scale)
-    return fit(
-        head, loss, train, settings, task.seed, task.checkpoint("differencing"), task.progress
-    )
+    scale = scale_of(data)
+    return _fit(head, lambda candidate: segment_loss(candidate, scale), data, FRAMES, task)
 
 
 def train_by_shooting(head: Head, task: TrackTask) -> FitResult:
-    """Windows of frames, each started so that the head meets its second frame."""
-    settings = FitSettings(task.steps, WINDOW_BATCH, WINDOW_RATE, WINDOW_CLIP)
-    data, loss = TrackWindows(task), window_loss(head, task)
-    return fit(head, loss, data, settings, task.seed, task.checkpoint("shooting"), task.progress)
+    """As by differencing for half of the steps, then windows that start by aiming.
+
+    The differences tell a head without structure what a momentum is; the windows then let go of
+    their truncation error.
+    """
+    half = replace(task, steps=task.steps // 2)
+    train_by_differencing(head, half)
+    return _fit(head, lambda candidate: window_loss(candidate, task), Windows(half), WINDOWS, half)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """How one kind of examples is trained on: its checkpoint's name, batch, rates and clipping."""
+
+    name: str
+    batch: int
+    rates: tuple[float, ...]
+    clip: float
+
+
+FRAMES = Stage("differencing", 256, (3e-3, 1e-3), 10.0)
+WINDOWS = Stage("shooting", 256, (1e-2, 1e-3), 1.0)
+PROBE = 0.1  # share of the steps that each learning rate is tried for
+HELD_OUT = 4096  # examples at most that a learning rate is chosen on
+
+
+def _fit(
+    head: Head, loss: Callable[[Head], Loss], data: Batches, stage: Stage, task: TrackTask
+) -> FitResult:
+    """Choose the learning rate on held-out examples, then train."""
+    held_out = max(1, min(HELD_OUT, len(data) // 16))
+    train = First(data, len(data) - held_out)
+    probe = FitSettings(max(1, int(PROBE * task.steps)), stage.batch, 0.0, stage.clip)
+    last = data[torch.arange(len(train), len(data))]
+    choice = choose_learning_rate(head, loss, train, last, stage.rates, probe, task.seed)
+    settings = FitSettings(task.steps, stage.batch, choice.chosen, stage.clip)
+    save_to = task.checkpoint(stage.name)
+    return fit(head, loss(head), train, settings, task.seed, save_to, task.progress)
+
+
+@dataclass(frozen=True)
+class First:
+    """The first ``count`` examples of some data."""
+
+    data: Batches
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, index: Tensor) -> Any:
+        return self.data[index]
 
 
 @dataclass(frozen=True)
@@ -118,7 +149,7 @@ class TrackBatch:
     params: Parameters
 
 
-class TrackWindows:
+class Windows:
     """Every window of ``ahead + 2`` neighbouring frames in some tracks, in float32."""
 
     def __init__(self, task: TrackTask) -> None:

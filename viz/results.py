@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from viz.cells import chip, number, numeric
-from viz.page import contents, page, paragraph, section
+from viz.figures import DRIFT_CAP, save_svg
+from viz.margins import drift_curves, margin_figure
+from viz.page import contents, inline_svg, page, paragraph, section
 
 TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
 COLUMNS = ("id", "what", "the study", "ours", "over seeds", "bar", "verdict")
@@ -27,7 +29,9 @@ def write_results(run: Path) -> Path:
         tables = json.loads((run / "verdicts.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
-    sections = [_short(about, tables), *(_table(n, t) for n, t in tables.items()), _bars(about)]
+    drawn: set[str] = set()
+    parts = [_table(run, name, table, drawn) for name, table in tables.items()]
+    sections = [_short(about, tables), *parts, _bars(about)]
     body = "\n".join(
         [
             "<h1>Conservation, factoring and counterfactuals: the tables</h1>",
@@ -77,12 +81,37 @@ def _said(row: Mapping[str, Any]) -> str:
     return f"{row['row']['what']}: {value}{bar}{why}"
 
 
-def _table(name: str, table: Mapping[str, Any]) -> str:
+def _table(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> str:
     head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
     body = "".join(map(_row, table["rows"]))
     lead = paragraph(f"{table['about']} ({table['ids']})")
     html = f'<div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div>'
-    return section(_anchor(name), table["title"], lead, html)
+    return section(_anchor(name), table["title"], lead, html, *_figures(run, name, table, drawn))
+
+
+def _figures(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> list[str]:
+    """The margins of a table, and the drift of its records where no table before showed it."""
+    import pyarrow.parquet as pq
+
+    found = {"margins": margin_figure(table["rows"])}
+    source = table["records_of"]
+    if source not in drawn:
+        drawn.add(source)
+        wanted = [("experiment", "==", source), ("metric", "==", "energy_drift_median")]
+        rows = pq.read_table(run / "records.parquet", filters=wanted).to_pylist()
+        found["drift"] = drift_curves(rows)
+    captions = {
+        "margins": "How far each number is from its bar, in decades.",
+        "drift": f"Drift of the true energy; values above {DRIFT_CAP:g} are drawn there.",
+    }
+    parts = []
+    for kind, figure in found.items():
+        if figure is not None:
+            path = run / "figures" / f"{name}-{kind}.svg"
+            save_svg(figure, path)
+            label = f"{table['title']}: {kind}"
+            parts.append(inline_svg(path.read_text(encoding="utf-8"), label, captions[kind]))
+    return parts
 
 
 def _row(found: Mapping[str, Any]) -> str:

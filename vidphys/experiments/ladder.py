@@ -207,16 +207,15 @@ def _run_pixels(
     grounding = GROUNDINGS[unit.grounding]
     report(f"{unit.grounding} seed {unit.seed}: rendering", 0, 1)
     seen = draw(scene, grounding, sizes, unit.seed)
-    shared = None
+    perceived = None
     for name in heads:
         part = unit.part(name)
         recorder = Recorder(_origin(unit, name, scene, grounding.encoder, grounding.binder))
-        if shared is None or grounding.joint:
-            eyes = run.checkpoints(part if grounding.joint else f"{unit.grounding}-s{unit.seed}")
+        if perceived is None or grounding.joint:
+            folder = run.checkpoints(part if grounding.joint else f"{unit.grounding}-s{unit.seed}")
             progress = _stage(report, f"{part}: seeing")
-            fitted = fit_perception(grounding, seen, sizes, unit.seed, name, eyes, progress)
-            shared = fitted, perceive(fitted, seen)
-        fitted, perceived = shared
+            perception = fit_perception(grounding, seen, sizes, unit.seed, name, folder, progress)
+            perceived = perceive(perception, seen)
         for readout in TRAINERS:
             reading = recorder.reading(readout)
             folder = run.checkpoints(part) / readout
@@ -228,7 +227,6 @@ def _run_pixels(
                     scene,
                     seen,
                     perceived,
-                    fitted.head,
                     sizes,
                     unit.seed,
                     reading,

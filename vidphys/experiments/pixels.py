@@ -5,7 +5,6 @@ Each rung is scored with both readouts, on the same tracks and with a head train
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from vidphys import metrics
 from vidphys.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
 from vidphys.initial_state import READOUTS
-from vidphys.perception.base import HEAD_DT, FitTask, Fitted, Grounding
+from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.records import Recorder
@@ -59,10 +58,10 @@ class Perceived:
     test: Tracks
 
 
-def perceive(fitted: Fitted, seen: Seen) -> Perceived:
+def perceive(perception: Perception, seen: Seen) -> Perceived:
     """Run a fitted perception over the clips of a rung."""
-    test = fitted.perception.tracks(seen.test)
-    return Perceived(fitted.perception.tracks(seen.train), relabel(test, seen.test.states.q))
+    test = perception.tracks(seen.test)
+    return Perceived(perception.tracks(seen.train), relabel(test, seen.test.states.q))
 
 
 def fit_perception(
@@ -73,7 +72,7 @@ def fit_perception(
     head: str,
     folder: Path | None,
     progress: Progress | None,
-) -> Fitted:
+) -> Perception:
     """Fit a rung's perception; a joint one through a head of the given name."""
     task_seed = derive(seed, "perception", grounding.name)
     torch.manual_seed(task_seed)
@@ -86,7 +85,6 @@ def train_and_score(
     scene: Scene,
     seen: Seen,
     perceived: Perceived,
-    warm: Head | None,
     sizes: PixelSizes,
     seed: int,
     recorder: Recorder,
@@ -95,6 +93,7 @@ def train_and_score(
 ) -> tuple[Head, Question]:
     """One readout of one cell: train the head on the tracks, read the start at t0, score."""
     torch.manual_seed(derive(seed, "init", head_name))
+    head = build(HEADS[head_name], scene.bodies, HEAD_DT)
     task = TrackTask(
         perceived.train,
         seen.train.params,
@@ -104,11 +103,7 @@ def train_and_score(
         save_to=folder,
         progress=progress,
     )
-    if warm is None:
-        head = build(HEADS[head_name], scene.bodies, HEAD_DT)
-        tell_scale(head, task)
-    else:  # trained along with the perception: it keeps the scale that it learned under
-        head = copy.deepcopy(warm)
+    tell_scale(head, task)
     result = TRAINERS[readout](head, task)
     recorder.add_value("training_loss", result.final_loss)
     start = READOUTS[readout](head, perceived.test, seen.test.params, seen.test.interval)

@@ -65,8 +65,8 @@ def surprise(
         log(1 + e^2 / precise^2) of each frame after the second, ``(..., frames - 2, n)``: one
         lost body does not outweigh the others' precision.
     """
-    here, there = positions[..., 0, :, :], positions[..., 1, :, :]
-    start = aim(head, here, there, params, dt, every)
+    first, second = positions[..., 0, :, :], positions[..., 1, :, :]
+    start = aim(head, first, second, params, dt, every)
     seen = roll(head, start, params, positions.shape[-3] - 1, dt, every).q[..., 1:, :, :]
     error = (seen - positions[..., 2:, :, :]).square().sum(-1)
     return (error / precise**2).log1p()

@@ -26,7 +26,7 @@ from binders.tracker import (
 from dynamics import Head, Parameters
 from vidphys.clips import Clips
 from vidphys.perception.aim import PRECISE, motion_under, surprise
-from vidphys.perception.base import HEAD_DT, FitTask, Fitted, Grounding
+from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
 from vidphys.perception.detections import (
     WINDOW,
     Windows,
@@ -85,13 +85,13 @@ class LearnedBinding:
         )
 
 
-def fit_hand(task: FitTask) -> Fitted:
+def fit_hand(task: FitTask) -> Perception:
     """Nothing to fit."""
     anonymous_world(task.clips)
-    return Fitted(HandBinding())
+    return HandBinding()
 
 
-def fit_twostage(task: FitTask) -> Fitted:
+def fit_twostage(task: FitTask) -> Perception:
     """Train the tracker to decide at once as the smoothest tracks do in hindsight, then freeze it.
 
     The untrained tracker follows many histories of each clip to its end, and the smoothest is
@@ -108,10 +108,10 @@ def fit_twostage(task: FitTask) -> Fitted:
         return hindsight_loss(tracker, batch.detections)
 
     _train(task, name, tracker, loss, data)
-    return Fitted(LearnedBinding(tracker.eval(), hypotheses=1))
+    return LearnedBinding(tracker.eval(), hypotheses=1)
 
 
-def fit_end_to_end(task: FitTask) -> Fitted:
+def fit_end_to_end(task: FitTask) -> Perception:
     """Train tracker and head by one decode-free loss: tracks that the head predicts.
 
     Raises:
@@ -127,7 +127,7 @@ def fit_end_to_end(task: FitTask) -> Fitted:
 
     data = windows_of(detections_of(task.clips, task.folder), task.clips.params)
     _train(task, name, nn.ModuleList([tracker, head]), loss, data)
-    return Fitted(LearnedBinding(tracker.eval(), head.eval()), head)
+    return LearnedBinding(tracker.eval(), head.eval())
 
 
 def hindsight_loss(tracker: Tracker, teacher: Detections) -> Tensor:

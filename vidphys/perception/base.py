@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Protocol
 
 from binders import Tracks
-from dynamics import Head
 from vidphys.clips import Clips
 from vidphys.presets import PixelSizes
 from vidphys.train import Progress
@@ -56,14 +55,6 @@ class FitTask:
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A fitted perception, and the head it was trained through if there was one."""
-
-    perception: Perception
-    head: Head | None = None
-
-
-@dataclass(frozen=True)
 class Grounding:
     """One rung of the ladder.
 
@@ -80,4 +71,4 @@ class Grounding:
     encoder: str
     binder: str
     joint: bool
-    fit: Callable[[FitTask], Fitted]
+    fit: Callable[[FitTask], Perception]

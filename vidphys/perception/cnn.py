@@ -14,7 +14,7 @@ from readouts.soft_argmax import SoftArgmax
 from renderers import Camera
 from vidphys.clips import Clips
 from vidphys.errors import InputError
-from vidphys.perception.base import FitTask, Fitted
+from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.windows import FrameBatches
 from vidphys.seeding import derive
 from vidphys.train import Batches, FitSettings, fit
@@ -75,7 +75,7 @@ class CnnPerception(nn.Module):
 P = TypeVar("P", bound=CnnPerception)
 
 
-def fit_supervised(task: FitTask) -> Fitted:
+def fit_supervised(task: FitTask) -> Perception:
     """Train on true positions: the rung that asks nothing of perception but capacity."""
     perception = new_perception(task, "cnn-supervised", CnnPerception)
     frames = task.clips.frames.flatten(0, 1)
@@ -91,7 +91,7 @@ def fit_supervised(task: FitTask) -> Fitted:
         sizes.perception_steps, sizes.perception_batch, LEARNING_RATE, LARGEST_GRADIENT
     )
     train(task, "cnn-supervised", perception, loss, data, settings)
-    return Fitted(perception.eval())
+    return perception.eval()
 
 
 def position_loss(error: Tensor, pixel: float) -> Tensor:

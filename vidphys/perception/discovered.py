@@ -14,7 +14,7 @@ from dynamics import HEADS, Head, PhaseState, build
 from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
 from vidphys.errors import InputError
-from vidphys.perception.base import HEAD_DT, FitTask, Fitted
+from vidphys.perception.base import HEAD_DT, FitTask, Perception
 from vidphys.perception.cnn import CnnPerception, new_perception, train
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
 from vidphys.presets import PixelSizes
@@ -67,7 +67,7 @@ class Discovery(nn.Module):
         return error.square().mean() / _blurred(truth, *blur).square().mean()
 
 
-def fit_discovered(task: FitTask) -> Fitted:
+def fit_discovered(task: FitTask) -> Perception:
     """Train encoder and head by predicting future frames.
 
     Raises:
@@ -87,7 +87,7 @@ def fit_discovered(task: FitTask) -> Fitted:
     discovery = Discovery(perception, head, world, every, steps)
     data = WindowBatches(task.clips, SEEN + FUTURE)
     train(task, name, discovery, discovery.loss, data, joint_settings(task.sizes))
-    return Fitted(perception.eval(), head.eval())
+    return perception.eval()
 
 
 def joint_settings(sizes: PixelSizes) -> FitSettings:

@@ -19,7 +19,7 @@ from encoders.jepa import EmaTarget, variance_floor
 from readouts.differencing import central_difference
 from renderers import centroids
 from vidphys.clips import Clips
-from vidphys.perception.base import HEAD_DT, FitTask, Fitted
+from vidphys.perception.base import HEAD_DT, FitTask, Perception
 from vidphys.perception.cnn import CHUNK, CnnPerception, new_perception, train
 from vidphys.perception.discovered import FUTURE, SEEN, joint_settings, new_head
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
@@ -84,17 +84,17 @@ def distance(predicted: PhaseState, target: PhaseState, interval: float) -> Tens
     return q + interval**2 * (predicted.p - target.p).square().mean()
 
 
-def fit_jepa(task: FitTask) -> Fitted:
+def fit_jepa(task: FitTask) -> Perception:
     """No anchor: the objective alone (the study's negative result, N64)."""
     return _fit(task, "jepa", None)
 
 
-def fit_jepa_centroid(task: FitTask) -> Fitted:
+def fit_jepa_centroid(task: FitTask) -> Perception:
     """Label-free anchor: the centre of each channel's light (E4, N61)."""
     return _fit(task, "jepa-centroid", light_centres(task.clips))
 
 
-def fit_jepa_exact(task: FitTask) -> Fitted:
+def fit_jepa_exact(task: FitTask) -> Perception:
     """Control: the true positions as anchor (E5, N62)."""
     return _fit(task, "jepa-exact", task.clips.states.q.float())
 
@@ -105,7 +105,7 @@ def light_centres(clips: Clips) -> Tensor:
     return torch.cat([centroids(clips.images(i), clips.world.camera)[0] for i in chunks])
 
 
-def _fit(task: FitTask, grounding: str, targets: Tensor | None) -> Fitted:
+def _fit(task: FitTask, grounding: str, targets: Tensor | None) -> Perception:
     name = f"{grounding}-{task.head}"
     perception = new_perception(task, name, JepaPerception)
     head = new_head(task, name)
@@ -114,4 +114,4 @@ def _fit(task: FitTask, grounding: str, targets: Tensor | None) -> Fitted:
     train(task, name, jepa, jepa.loss, data, joint_settings(task.sizes))
     perception.eval()
     perception.variance_floor = variance_floor(perception.tracks(task.clips).positions)
-    return Fitted(perception, head.eval())
+    return perception

@@ -13,7 +13,7 @@ from binders import Tracks
 from renderers import ChannelWorld, centroids
 from vidphys.clips import Clips
 from vidphys.errors import InputError
-from vidphys.perception.base import FitTask, Fitted
+from vidphys.perception.base import FitTask, Perception
 
 ROUNDS = 12
 SETTLED = 1e-3  # pixels: a smaller step ends the fit of a body
@@ -44,9 +44,9 @@ class Synthesis:
         return Tracks(positions, confidence, clips.times)
 
 
-def fit_synthesis(task: FitTask) -> Fitted:
+def fit_synthesis(task: FitTask) -> Perception:
     """There is nothing to fit: the renderer is given."""
-    return Fitted(Synthesis())
+    return Synthesis()
 
 
 def fit_positions(world: ChannelWorld, frames: Tensor) -> tuple[Tensor, Tensor]:
