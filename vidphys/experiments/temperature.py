@@ -94,33 +94,38 @@ def temperatures(
     return [measure_temperature(late[crowd.of(i)], BLOCK, rng) for i in settings], late.mean(1)
 
 
+def simulated(scene: BathScene, crowd: Walkers, seed: int) -> list[Measured]:
+    """What the simulator shows in each setting, measured as a head is."""
+    return temperatures(scene.exact, scene, crowd, derive(seed, "truth"))[0]
+
+
+def known(values: Sequence[float]) -> list[Measured]:
+    """Temperatures that are not measured but derived."""
+    return [Measured(value, 0.0, 0, 0) for value in values]
+
+
 def score_temperatures(
     whole: Recorder,
     parts: Sequence[tuple[Recorder, float | None]],
     head: Head,
     scene: BathScene,
     crowd: Walkers,
-    expected: Sequence[float] | None = None,
+    truth: Sequence[Measured],
 ) -> None:
     """K11 in each setting and the worst of them.
 
-    The error is relative to what the simulator itself shows, measured alike; its own standard
-    error is that of both measurements.
+    The error is relative to what the simulator itself shows; its standard error is that of both
+    measurements.
 
     Args:
         whole: gets the worst, the least, and the largest standard error.
         parts: for each setting, the recorder and what its column ``coupling`` says.
         head: is measured.
-        scene: gives the simulator.
+        scene: gives the step.
         crowd: the settings' walkers.
-        expected: temperatures known beforehand, instead of the simulator's.
+        truth: the temperature of each setting, see :func:`simulated` and :func:`known`.
     """
-    seed = whole.origin.seed
-    found, each = temperatures(head, scene, crowd, derive(seed, "head"))
-    if expected is None:
-        truth, _ = temperatures(scene.exact, scene, crowd, derive(seed, "truth"))
-    else:
-        truth = [Measured(value, 0.0, 0, 0) for value in expected]
+    found, each = temperatures(head, scene, crowd, derive(whole.origin.seed, "head"))
     against = [_against(mine, true) for mine, true in zip(found, truth, strict=True)]
     for index, (recorder, label) in enumerate(parts):
         mine, true, (error, spread) = found[index], truth[index], against[index]
@@ -186,8 +191,8 @@ def score_injection(recorder: Recorder, head: Head, scene: BathScene, crowd: Wal
         "injection_share": abs(mean / true),
         "injection_error": abs(mean / true - 1),
     }.items():
-        known = None if lost else value
-        recorder.add(name, _summary(known, len(rate), lost), INVERTED, INVERSION_STEPS)
+        shown = None if lost else value
+        recorder.add(name, _summary(shown, len(rate), lost), INVERTED, INVERSION_STEPS)
     recorder.add_episodes("injection_rate", rate, INVERTED, INVERSION_STEPS)
 
 
@@ -225,8 +230,8 @@ def score_growth(
         ratio = float(series[-quarter:].mean() / series[:quarter].mean())
         grown.append(not ratio <= GROWN)  # a number that is none has grown
         lost = int((~rolled.finite[crowd.of(index)]).sum())
-        known = ratio if abs(ratio) < float("inf") else None
-        recorder.add("temperature_growth", _summary(known, crowd.each, lost), setting["drive"])
+        shown = ratio if abs(ratio) < float("inf") else None
+        recorder.add("temperature_growth", _summary(shown, crowd.each, lost), setting["drive"])
     recorder.add_value("diverged_fraction", sum(grown) / len(grown))
     for name, group in {"flagged_fraction": crowd, "false_flag_fraction": stable}.items():
         told = [flags(head, group.params[group.of(i)]) for i in range(len(group.settings))]

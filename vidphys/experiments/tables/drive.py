@@ -14,8 +14,10 @@ from vidphys.experiments.temperature import (
     WALKERS,
     Setting,
     Walkers,
+    known,
     score_growth,
     score_temperatures,
+    simulated,
     walkers,
 )
 from vidphys.scenes.langevin import DRIVEN_BATH, BathScene, driven
@@ -53,7 +55,8 @@ def drive_cell(name: str) -> Cell:
         for seed, head in heads.items():
             steady, beyond = _crowds(task, scene, seed)
             parts = [(recorders[seed], drive) for drive in ASKED]
-            score_temperatures(recorders[seed], parts, head, scene, steady)
+            truth = simulated(scene, steady, seed)
+            score_temperatures(recorders[seed], parts, head, scene, steady, truth)
             score_growth(recorders[seed], head, scene, beyond, steady)
 
     return run
@@ -65,7 +68,7 @@ def simulator(task: CellTask) -> None:
     for seed in task.seeds:
         recorder = task.recorder(seed, scene, "simulator")
         steady, beyond = _crowds(task, scene, seed)
-        theory = steady_temperature(steady.params)[:: steady.each].tolist()
+        theory = known(steady_temperature(steady.params)[:: steady.each].tolist())
         parts = [(recorder, drive) for drive in ASKED]
         score_temperatures(recorder, parts, scene.exact, scene, steady, theory)
         score_growth(recorder, scene.exact, scene, beyond, steady)

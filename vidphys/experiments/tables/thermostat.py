@@ -15,13 +15,16 @@ from vidphys.experiments.temperature import (
     WALKERS,
     Setting,
     Walkers,
+    known,
     score_injection,
     score_temperatures,
+    simulated,
     walkers,
 )
 from vidphys.records import Recorder
 from vidphys.scenes import certify, lyapunov_time
 from vidphys.scenes.langevin import BATHS, TRAP, BathScene, langevin
+from vidphys.thermal import Measured
 
 WIDTH = 16
 OBSERVED = 500_000  # steps of training data over all trajectories
@@ -50,25 +53,49 @@ def part_name(setting: Setting) -> str:
     return f"gamma{setting['friction']:g}-T{setting['temperature']:g}"
 
 
-def thermostat_cell(name: str) -> Cell:
-    """A cell that trains one head in all baths and asks for temperature and injection."""
+def bath_cell(name: str, noise: float = 0.0) -> Cell:
+    """A cell that trains one head in all baths and asks for temperature and injection.
+
+    Args:
+        name: of the head.
+        noise: with which the states are seen that it learns from, as a part of their spread.
+    """
 
     def run(task: CellTask) -> None:
         scene = langevin()
         recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
-        heads = train_stochastic(name, TERMS[name], scene, task, recorders, OBSERVED)
+        heads = train_stochastic(name, TERMS[name], scene, task, recorders, OBSERVED, noise)
         for seed, head in heads.items():
-            score_temperatures(
-                recorders[seed], _parts(task, seed, name), head, scene, _crowd(task, scene, seed)
-            )
-            score_injection(recorders[seed], head, scene, _settling(task, scene, seed))
+            truth = simulated(scene, _crowd(task, scene, seed), seed)
+            ask(task, recorders[seed], head, scene, truth)
 
     return run
 
 
-def _parts(task: CellTask, seed: int, name: str) -> list[tuple[Recorder, float | None]]:
+def simulator(task: CellTask) -> None:
+    """The reference itself: its temperature against T, its injection, its certificates."""
     scene = langevin()
-    return [(task.recorder(seed, scene, name, part_name(s)), None) for s in SETTINGS]
+    theory = known([setting["temperature"] for setting in SETTINGS])
+    for seed in task.seeds:
+        recorder = task.recorder(seed, scene, "simulator")
+        ask(task, recorder, scene.exact, scene, theory)
+        certify_bath(recorder, scene, _settling(task, scene, seed))
+
+
+def ask(
+    task: CellTask, recorder: Recorder, head: Head, scene: BathScene, truth: Sequence[Measured]
+) -> None:
+    """Temperature in each bath, injection, and the friction that was learned."""
+    seed, crowd = recorder.origin.seed, _crowd(task, scene, recorder.origin.seed)
+    names = [part_name(setting) for setting in SETTINGS]
+    parts = [(task.recorder(seed, scene, recorder.origin.head, name), None) for name in names]
+    score_temperatures(recorder, parts, head, scene, crowd, truth)
+    score_injection(recorder, head, scene, _settling(task, scene, seed))
+    bath = bath_of(head) if isinstance(head, Hamiltonian) else None
+    if isinstance(bath, DiagonalBath):
+        true = crowd.params.scalar("friction")[:, None, None]
+        ratio = bath.friction(crowd.params).detach() / true
+        recorder.add_value("friction_ratio", float(ratio.mean()))
 
 
 def _crowd(task: CellTask, scene: BathScene, seed: int) -> Walkers:
@@ -77,20 +104,6 @@ def _crowd(task: CellTask, scene: BathScene, seed: int) -> Walkers:
 
 def _settling(task: CellTask, scene: BathScene, seed: int) -> Walkers:
     return walkers(scene, INVERTED_FROM, task.sizes.held_out, seed)
-
-
-def simulator(task: CellTask) -> None:
-    """The reference itself: its temperature against T, its injection, its certificates."""
-    scene = langevin()
-    for seed in task.seeds:
-        recorder = task.recorder(seed, scene, "simulator")
-        expected = [setting["temperature"] for setting in SETTINGS]
-        crowd = _crowd(task, scene, seed)
-        score_temperatures(
-            recorder, _parts(task, seed, "simulator"), scene.exact, scene, crowd, expected
-        )
-        score_injection(recorder, scene.exact, scene, _settling(task, scene, seed))
-        certify_bath(recorder, scene, _settling(task, scene, seed))
 
 
 CERTIFIED_STEPS = 200
@@ -115,35 +128,6 @@ def certify_bath(recorder: Recorder, scene: BathScene, crowd: Walkers) -> None:
     recorder.add_value("lyapunov_time", float(time.median()))
 
 
-def noise_cell(name: str, levels: Sequence[float] = NOISES) -> Cell:
-    """A cell that trains one head on states seen with noise and asks for its temperature."""
-
-    def run(task: CellTask) -> None:
-        scene = langevin()
-        for level in levels:
-            part = f"noise{level:g}"
-            recorders = {seed: task.recorder(seed, scene, name, part) for seed in task.seeds}
-            heads = train_stochastic(name, TERMS[name], scene, task, recorders, OBSERVED, level)
-            for seed, head in heads.items():
-                recorder, crowd = recorders[seed], _crowd(task, scene, seed)
-                parts = [
-                    (task.recorder(seed, scene, name, f"{part}/{part_name(s)}"), None)
-                    for s in SETTINGS
-                ]
-                score_temperatures(recorder, parts, head, scene, crowd)
-                recorder.add_value("friction_ratio", friction_ratio(head, crowd))
-
-    return run
-
-
-def friction_ratio(head: Head, crowd: Walkers) -> float:
-    """Learned friction over the true one, averaged over walkers and coordinates."""
-    bath = bath_of(head) if isinstance(head, Hamiltonian) else None
-    assert isinstance(bath, DiagonalBath)
-    true = crowd.params.scalar("friction")[:, None, None]
-    return float((bath.friction(crowd.params).detach() / true).mean())
-
-
 THERMOSTAT = Table(
     name="thermostat",
     title="Thermostat: which structures come to the right temperature, and which can inject?",
@@ -154,7 +138,7 @@ THERMOSTAT = Table(
         "and temperature; the energy is not conserved, so there is no drift column."
     ),
     ids="N44",
-    cells={"simulator": simulator, **{name: thermostat_cell(name) for name in TERMS}},
+    cells={"simulator": simulator, **{name: bath_cell(name) for name in TERMS}},
     settings={
         "scene": langevin().settings,
         "heads": {name: to_config(terms) for name, terms in TERMS.items()},
@@ -169,6 +153,10 @@ MEASUREMENT_NOISE = Table(
         "spread. Beside the temperature stands what it hides: the friction that was learned."
     ),
     ids="N45",
-    cells={name: noise_cell(name) for name in ("guarantee", "untied")},
-    settings={"noises": list(NOISES), "observed_steps": OBSERVED},
+    cells={
+        f"{name}/noise{level:g}": bath_cell(name, level)
+        for name in ("guarantee", "untied")
+        for level in NOISES
+    },
+    settings={"observed_steps": OBSERVED},
 )
