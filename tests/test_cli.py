@@ -55,6 +55,11 @@ def test_no_verb_and_an_unknown_verb(capsys):
         (["ladder", "--seeds", "0"], "at least one seed"),
         (["ladder", "--workers", "0"], "at least one process"),
         (["ladder", "--device", "cuda"], "--device cuda"),
+        (["reproduce"], "name a table, or all"),
+        (["reproduce", "invertion"], "did you mean 'inversion'"),
+        (["reproduce", "inversion", "--seeds", "0"], "at least one seed"),
+        (["reproduce", "inversion", "--workers", "0"], "at least one process"),
+        (["reproduce", "inversion", "--device", "cuda"], "--device cuda"),
     ],
 )
 def test_wrong_input_is_one_line_and_leaves_nothing(arguments, words, capsys, tmp_path):

@@ -232,6 +232,26 @@ def test_a_cell_of_the_stability_table_leaves_records_of_every_seed(cell, hasty)
     assert {"inversion_nmse", "ballistic_skill", "force_cosine"} <= names
     wanted = "lyapunov_time" if cell == "truth" else "held_out_one_step_error"
     assert wanted in names and len(episodes) > 0
+    if cell != "truth":
+        assert_medians_come_from_the_episodes(rows, episodes.to_pylist())
+
+
+def assert_medians_come_from_the_episodes(rows, episodes):
+    """The study's table of drifts can be made from the raw record alone (C25)."""
+    summaries = [r for r in rows if r["metric"] == "energy_drift_median"]
+    assert {r["horizon"] for r in summaries} == {100, 500, 1000, 2000}
+    for row in summaries:
+        raw = [
+            e["value"]
+            for e in episodes
+            if e["metric"] == "energy_drift"
+            and (e["horizon"], e["seed"]) == (row["horizon"], row["seed"])
+        ]
+        assert len(raw) == row["episodes"] == TINY.held_out
+        finite = [v for v in raw if v is not None]
+        assert row["nonfinite"] == len(raw) - len(finite)
+        if finite:
+            assert row["value"] == torch.tensor(finite, dtype=torch.float64).median()
 
 
 @pytest.mark.parametrize("name", ["factored/32", "unstructured/32", "symplectic/ring/softplus/128"])

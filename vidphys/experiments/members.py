@@ -57,8 +57,8 @@ def train_members(
         make: builds an untrained head from torch's global generator.
         examples: by seed; equally many for each.
         sizes: steps, batch and grid.
-        recorders: by seed; get ``learning_rate``, ``held_out_one_step_error`` and
-            ``training_failed``.
+        recorders: by seed; get ``learning_rate`` and the trials' errors, summed over seeds,
+            ``held_out_one_step_error`` and ``training_failed``.
         loss: of one member, one batch and the sizes of the increments.
         device: where to compute.
         save_to: JSON path of the checkpoint; ``None`` keeps none.
@@ -100,6 +100,8 @@ def train_members(
     for seed, head, error in zip(seeds, ensemble.to("cpu").members(), errors, strict=True):
         lost = not all(bool(torch.isfinite(p).all()) for p in head.parameters())
         recorders[seed].add_value("learning_rate", choice.chosen)
+        for rate, tried in choice.errors.items():
+            recorders[seed].add_value(f"trial_error_at_rate_{rate:g}", tried)
         recorders[seed].add_value("training_failed", float(lost))
         if not lost:
             recorders[seed].add_value("held_out_one_step_error", error)
