@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from typing import Any, Literal, TypeVar
 
+from dynamics.angles import AnglePotential
 from dynamics.attention import SetTransformer
+from dynamics.bath import BATHS
+from dynamics.contact import FreeImpulse, KnotPotential, Restitution
+from dynamics.coupling_maps import GAIN, MAPS, MappedPotential
 from dynamics.couplings import PairLaw
+from dynamics.events import HardDisks
+from dynamics.friction import FRICTIONS, Friction
+from dynamics.generalised import GeneralisedHamiltonian, Lagrangian
 from dynamics.graph import GraphNetwork
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head
+from dynamics.hybrid import Shortcut
 from dynamics.integrators import INTEGRATORS
 from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic, Kinetic
+from dynamics.metric import CholeskyMetric
 from dynamics.mlp import TANH
 from dynamics.ports import LinearFriction, Port
 from dynamics.potentials import (
     DisplacementPotential,
     FreePotential,
     HarmonicTrap,
+    NoPotential,
     Potential,
     RadialPotential,
     SumPotential,
 )
+from dynamics.stochastic import NeuralSDE
+from dynamics.triples import LearnedTriple
 from dynamics.unstructured import NeuralODE, ResidualMap
 
 T = TypeVar("T")
@@ -36,6 +49,7 @@ class Sizes:
     space: int
     conditions: int
     dt: float
+    box: float | None = None
 
     @property
     def coordinates(self) -> int:
@@ -49,34 +63,76 @@ class HamiltonianTerms:
 
     Args:
         kinetic: ``fixed`` (|p|^2 / 2m), ``body`` (one learned function of each body) or ``free``.
-        potential: of each pair, ``displacement`` or ``radial``; ``free`` imposes nothing.
+        potential: of each pair, ``displacement``, ``radial`` or ``knots`` (a force of finite
+            range, linear between learned distances); ``none``; of all positions, ``linear``,
+            ``localised`` or ``gain`` in the coupling (:mod:`dynamics.coupling_maps`); ``free``
+            imposes nothing.
         sources: what the pair laws act on, see :class:`dynamics.couplings.PairLaw`; one learned
             pair function for each.
-        coupling: how the strength enters: ``linear``, ``even`` or ``quadratic``.
+        coupling: how the strength enters a pair law: ``linear``, ``even``, ``quadratic`` or
+            ``cubic``.
         box: side of a periodic box in world units, or ``None``.
+        reach: world units; distance up to which knots are spread at first.
+        shortcut: whether a free force between pairs stands beside the potential.
         trap: stiffness of a known harmonic confinement, or ``None``.
         width, activation: of the networks.
         integrator: of :data:`dynamics.INTEGRATORS`.
         ports: of :data:`PORTS`, in the order in which they act.
+        triples: whether a learned function of each three bodies stands beside the pairs.
     """
 
     kinetic: Literal["fixed", "body", "free"] = "fixed"
-    potential: Literal["displacement", "radial", "free"] = "displacement"
+    potential: Literal[
+        "displacement", "radial", "knots", "linear", "localised", "gain", "free", "none"
+    ] = "displacement"
     sources: tuple[str, ...] = ("mass",)
     coupling: str = "linear"
     box: float | None = None
+    reach: float = 1.0
+    shortcut: bool = False
     trap: float | None = None
     width: int = 64
     activation: str = TANH
     integrator: str = "leapfrog"
     ports: tuple[str, ...] = ()
+    triples: bool = False
+
+
+@dataclass(frozen=True)
+class HardDiskTerms:
+    """Hard disks on a torus of side ``box``, moved from collision to collision."""
+
+    box: float = 4.0
 
 
 @dataclass(frozen=True)
 class ResidualTerms:
-    """A transition map without structure."""
+    """A transition map without structure; ``angles`` tells it that positions are joint angles."""
 
     width: int = 256
+    angles: bool = False
+
+
+@dataclass(frozen=True)
+class GeneralisedTerms:
+    """Joints with a learned metric M(q) and potential.
+
+    Args:
+        formalism: ``hamiltonian`` or ``lagrangian`` (DeLaN, stepped in (q, dq/dt)).
+        metric: what is learned by its Cholesky factor: the ``mass`` matrix or its ``inverse``.
+        factored: V = G U(q); otherwise one network of q and all parameters.
+        width, activation: of the networks.
+        integrator: of :data:`dynamics.INTEGRATORS`, for a field that is not separable.
+        ports: friction of :data:`PORTS`.
+    """
+
+    formalism: Literal["hamiltonian", "lagrangian"] = "hamiltonian"
+    metric: Literal["mass", "inverse"] = "mass"
+    factored: bool = True
+    width: int = 64
+    activation: str = TANH
+    integrator: str = "tao"
+    ports: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,6 +140,13 @@ class FlowTerms:
     """A vector field without structure (a neural ODE)."""
 
     width: int = 256
+
+
+@dataclass(frozen=True)
+class DiffusionTerms:
+    """A drift and a diffusion without structure (a neural SDE)."""
+
+    width: int = 128
 
 
 @dataclass(frozen=True)
@@ -101,7 +164,16 @@ class AttentionTerms:
     width: int = 96
 
 
-Terms = HamiltonianTerms | ResidualTerms | FlowTerms | GraphTerms | AttentionTerms
+Terms = (
+    HamiltonianTerms
+    | GeneralisedTerms
+    | HardDiskTerms
+    | ResidualTerms
+    | FlowTerms
+    | DiffusionTerms
+    | GraphTerms
+    | AttentionTerms
+)
 
 HEADS: dict[str, Terms] = {
     "factored": HamiltonianTerms(),
@@ -116,8 +188,20 @@ HEADS: dict[str, Terms] = {
 }
 
 
+def _bath(made: Callable[[int, int], Port], sizes: Sizes) -> Port:
+    return made(sizes.bodies, sizes.space)
+
+
+def _friction(name: str, sizes: Sizes) -> Friction:
+    return Friction(*FRICTIONS[name])
+
+
 PORTS: dict[str, Callable[[Sizes], Port]] = {
     "linear-friction": lambda sizes: LinearFriction(),
+    **{name: partial(_friction, name) for name in FRICTIONS},
+    "restitution": lambda sizes: Restitution(sizes.box),
+    "free-impulse": lambda sizes: FreeImpulse(sizes.box),
+    **{name: partial(_bath, made) for name, made in BATHS.items()},
 }
 
 
@@ -144,12 +228,34 @@ def build(
     return _pick("kind of terms", BUILDERS, type(terms))(terms, sizes)
 
 
+def _hard_disks(terms: HardDiskTerms, sizes: Sizes) -> Head:
+    # Learning approaches the diameter from above, where every collision that was seen can be.
+    return HardDisks(terms.box, 0.4 * terms.box, learned=True)
+
+
 def _residual(terms: ResidualTerms, sizes: Sizes) -> Head:
-    return ResidualMap(sizes.bodies, sizes.space, sizes.conditions, terms.width, sizes.dt)
+    size = sizes.bodies, sizes.space, sizes.conditions
+    return ResidualMap(*size, terms.width, sizes.dt, terms.angles)
+
+
+def _generalised(terms: GeneralisedTerms, sizes: Sizes) -> Head:
+    joints, network = sizes.coordinates, (terms.width, terms.activation)
+    formalisms = {"hamiltonian": GeneralisedHamiltonian, "lagrangian": Lagrangian}
+    return _pick("formalism", formalisms, terms.formalism)(
+        CholeskyMetric(joints, *network, terms.metric),
+        AnglePotential(joints, 0 if terms.factored else sizes.conditions, *network),
+        _pick("integrator", INTEGRATORS, terms.integrator),
+        sizes.dt,
+        [Friction(*_pick("joint friction", FRICTIONS, name)) for name in terms.ports],
+    )
 
 
 def _flow(terms: FlowTerms, sizes: Sizes) -> Head:
     return NeuralODE(sizes.bodies, sizes.space, sizes.conditions, terms.width, sizes.dt)
+
+
+def _diffusion(terms: DiffusionTerms, sizes: Sizes) -> Head:
+    return NeuralSDE(sizes.bodies, sizes.space, sizes.conditions, terms.width, sizes.dt)
 
 
 def _graph(terms: GraphTerms, sizes: Sizes) -> Head:
@@ -168,6 +274,7 @@ def _hamiltonian(terms: HamiltonianTerms, sizes: Sizes) -> Head:
             sizes.coordinates, sizes.conditions, terms.width, terms.activation
         ),
     }
+    sizes = replace(sizes, box=terms.box)
     return Hamiltonian(
         _pick("kinetic energy", kinetics, terms.kinetic)(),
         _potential(terms, sizes),
@@ -182,30 +289,47 @@ def _potential(terms: HamiltonianTerms, sizes: Sizes) -> Potential:
             sizes.space, terms.width, terms.activation, law
         ),
         "radial": lambda law: RadialPotential(terms.width, terms.activation, law),
+        "knots": lambda law: KnotPotential(terms.width, terms.reach, law),
     }
     parts: list[Potential]
     if terms.potential == "free":
         parts = [FreePotential(sizes.coordinates, sizes.conditions, terms.width, terms.activation)]
+    elif terms.potential in (*MAPS, GAIN):
+        size, map_name = (sizes.coordinates, terms.width, terms.activation), terms.potential
+        parts = [MappedPotential(*size, map_name)]
+    elif terms.potential == "none":
+        parts = [NoPotential()]
     else:
         pair = _pick("potential energy", pairs, terms.potential)
         parts = [pair(PairLaw(source, terms.coupling, terms.box)) for source in terms.sources]
+    if terms.triples:
+        parts.append(LearnedTriple(terms.width, terms.activation, terms.coupling))
     if terms.trap is not None:
         parts.append(HarmonicTrap(terms.trap))
-    return parts[0] if len(parts) == 1 else SumPotential(parts)
+    whole = parts[0] if len(parts) == 1 else SumPotential(parts)
+    if terms.shortcut:
+        return Shortcut(whole, sizes.space, terms.width, terms.box)
+    return whole
 
 
 # One line for each family of models.
 BUILDERS: dict[type, Callable[[Any, Sizes], Head]] = {
     HamiltonianTerms: _hamiltonian,
+    HardDiskTerms: _hard_disks,
+    GeneralisedTerms: _generalised,
     ResidualTerms: _residual,
     FlowTerms: _flow,
+    DiffusionTerms: _diffusion,
     GraphTerms: _graph,
     AttentionTerms: _attention,
 }
 KINDS = {
     "hamiltonian": HamiltonianTerms,
+    "hard-disks": HardDiskTerms,
+    "generalised": GeneralisedTerms,
     "residual": ResidualTerms,
     "flow": FlowTerms,
+    "diffusion": DiffusionTerms,
     "graph": GraphTerms,
     "attention": AttentionTerms,
 }

@@ -441,7 +441,7 @@ def test_tao_turns_the_difference_of_its_copies() -> None:
     after, copy = tao.advance(zero, now, 0.013, shadow)
     apart = torch.complex(now.q - shadow.q, now.p - shadow.p)
     turned = torch.complex(after.q - copy.q, after.p - copy.p)
-    turn = cmath.exp(-1j * 2 * 20 * 0.013)  # dq/dt = dH_C/dp: clockwise
+    turn = cmath.exp(-1j * 2 * 100 * 0.013)  # dq/dt = dH_C/dp: clockwise
     assert largest(turned - turn * apart) < 1e-15
     assert largest(after.flat + copy.flat - now.flat - shadow.flat) < 1e-15
 

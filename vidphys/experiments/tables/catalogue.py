@@ -2,7 +2,22 @@
 
 from __future__ import annotations
 
-from vidphys.experiments.tables import gravity, sweeps
+from vidphys.experiments.tables import (
+    contacts,
+    drag,
+    drive,
+    engine,
+    factorial,
+    families,
+    gravity,
+    maps,
+    misspecification,
+    planning,
+    selection,
+    sweeps,
+    thermostat,
+    transport,
+)
 from vidphys.experiments.tables.base import Table
 
 TABLES: dict[str, Table] = {
@@ -17,5 +32,26 @@ TABLES: dict[str, Table] = {
         sweeps.CAPACITY,
         sweeps.DATA,
         sweeps.SENSITIVITY,
+        contacts.CONTACTS,
+        families.COULOMB,
+        families.MIXED,
+        thermostat.THERMOSTAT,
+        thermostat.MEASUREMENT_NOISE,
+        drive.DRIVE,
+        drive.NO_STEADY_STATE,
+        factorial.FACTORIAL,
+        factorial.CURL_TABLE,
+        maps.MAPS,
+        misspecification.MISSPECIFICATION,
+        selection.SELECTION,
+        transport.TRANSPORT,
+        planning.PLANNING,
+        planning.NOISE,
+        engine.ENGINE,
+        engine.FORMALISMS,
+        engine.DISSIPATION,
+        engine.ANTI_FRICTION,
+        engine.REVERSAL,
+        drag.DRAG,
     )
 }

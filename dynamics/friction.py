@@ -1,0 +1,121 @@
+"""Friction that opposes velocity, stepped by exact flows, for free bodies and for joints.
+
+dp_i/dt = -gamma phi(dq_i/dt) with phi(v) = v (linear) or |v| v (square), for a body's velocity
+vector or a joint's rate. No step size can make a gamma >= 0 add energy: each flow is exact, and
+coupled joints are done one at a time, each at the rate that the others leave it.
+Inventory S6, S9, M11, M28, M29, I6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from dynamics.ports import SLOW, Port
+from dynamics.state import Parameters, PhaseState
+
+
+def _linear(rate: Tensor, speed: Tensor) -> Tensor:
+    """Fraction by which a speed has changed after rate = gamma t / m."""
+    return torch.expm1(-rate).expand_as(rate * speed)
+
+
+def _square(rate: Tensor, speed: Tensor) -> Tensor:
+    """The same under |v| v; a negative gamma drives any speed to infinity in finite time."""
+    left = 1 + rate * speed
+    return torch.where(left > 0, 1 / left - 1, torch.inf)
+
+
+FLOWS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {"linear": _linear, "square": _square}
+
+TOLD = ("factored", "guaranteed", "known")
+STRENGTHS = ("positive", "free", *TOLD)
+# name of a port -> (law, strength)
+FRICTIONS: dict[str, tuple[str, str]] = {
+    f"{law}-drag-{strength}": (law, strength) for law in FLOWS for strength in STRENGTHS
+}
+
+
+class Friction(Port):
+    """Friction of one law and one coefficient.
+
+    Args:
+        law: ``linear`` or ``square``.
+        strength: what gamma is: a learned number that is ``positive`` by construction (M28) or
+            ``free`` in sign (M29); a learned positive multiple of the scalar ``friction`` that the
+            episode is told (``factored``); the same, refusing a negative one (``guaranteed``);
+            or that scalar itself, nothing learned (``known``).
+
+    Raises:
+        ValueError: an unknown law or strength.
+    """
+
+    def __init__(self, law: str = "linear", strength: str = "positive") -> None:
+        super().__init__()
+        for what, known, name in (("law", FLOWS, law), ("strength", STRENGTHS, strength)):
+            if name not in known:
+                raise ValueError(f"Friction: unknown {what} '{name}'; use {', '.join(known)}")
+        self.law, self.strength = law, strength
+        if strength != "known":
+            start = 0.0 if strength == "free" else SLOW
+            self.raw = nn.Parameter(torch.tensor(start))
+
+    def coefficient(self, params: Parameters) -> Tensor:
+        """The coefficient gamma of each episode, ``(...)``, or ``()`` where all have the same."""
+        if self.strength == "free":
+            return self.raw
+        if self.strength == "positive":
+            return nn.functional.softplus(self.raw)
+        told = params.scalar("friction")
+        if self.strength == "known":
+            return told
+        if self.strength == "guaranteed":
+            told = told.clamp_min(0)
+        return nn.functional.softplus(self.raw) * told
+
+    def check(self, params: Parameters) -> None:
+        """Refuse what the guarantee cannot mean.
+
+        Raises:
+            ValueError: a guaranteed port is told of a negative friction.
+        """
+        if self.strength == "guaranteed" and bool((params.scalar("friction") < 0).any()):
+            lowest = float(params.scalar("friction").min())
+            raise ValueError(
+                f"Friction: a guaranteed port can only take energy, but is told friction = "
+                f"{lowest:g} < 0; use a factored or a sign-free port for anti-friction"
+            )
+
+    def force(self, velocity: Tensor, params: Parameters) -> Tensor:
+        """-gamma phi(v), ``(..., n, d)``."""
+        pull = -self.coefficient(params)[..., None, None] * velocity
+        return pull if self.law == "linear" else pull * velocity.norm(dim=-1, keepdim=True)
+
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+        """Momenta after ``dt`` seconds, of bodies whose velocity is p / m, ``(..., n, d)``."""
+        mobility = 1 / params.mass.unsqueeze(-1)
+        rate = self.coefficient(params)[..., None, None] * mobility * dt
+        speed = (state.p * mobility).norm(dim=-1, keepdim=True)
+        return state.p + state.p * FLOWS[self.law](rate, speed)
+
+    def resist(self, p: Tensor, mobility: Tensor, params: Parameters, dt: float) -> Tensor:
+        """Momenta of coupled joints after ``dt`` seconds at a fixed configuration, ``(..., n)``.
+
+        Args:
+            p: ``(..., n)``.
+            mobility: M(q)^-1, ``(..., n, n)``.
+            params: as for :meth:`kick`.
+            dt: seconds.
+        """
+        gamma, joints = self.coefficient(params), p.shape[-1]
+        units = torch.eye(joints, dtype=p.dtype, device=p.device)
+        # There and back, half a step each: symmetric in time, hence of second order.
+        for joint in (*range(joints - 1), joints - 1, *reversed(range(joints - 1))):
+            share = dt if joint == joints - 1 else dt / 2
+            own = mobility[..., joint, joint]
+            v = (mobility[..., joint, :] * p).sum(-1)
+            change = v * FLOWS[self.law](gamma * own * share, v.abs())
+            p = p + (change / own).unsqueeze(-1) * units[joint]
+        return p

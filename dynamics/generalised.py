@@ -1,0 +1,141 @@
+"""Models in generalised coordinates: a learned metric M(q) and a potential, in two formalisms.
+
+The state is (q, p) with p = M(q) dq/dt in both. Sources: the study's appendix B (generalised
+HNN with Tao's integrator, M9/M10; SymODEN, M8; DeLaN, M7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+from torch import Tensor, nn
+
+from dynamics.angles import AnglePotential
+from dynamics.friction import Friction
+from dynamics.head import Head
+from dynamics.integrators import Integrator, Memory, VectorField, tao, tao_gate
+from dynamics.metric import CholeskyMetric
+from dynamics.state import Parameters, PhaseState
+
+
+class Generalised(Head):
+    """What both formalisms share: metric, potential, joint friction and the step.
+
+    Args:
+        metric: of the kinetic energy.
+        potential: of the joint angles.
+        integrator: a method for a field that is not separable.
+        dt: seconds of the model's step, which is also the one that Tao's gate is held at.
+        ports: joint friction; half acts before the integrator's step and half after.
+
+    Raises:
+        ValueError: the integrator needs a separable field, or Tao's gate fails at ``dt``.
+    """
+
+    def __init__(
+        self,
+        metric: CholeskyMetric,
+        potential: AnglePotential,
+        integrator: Integrator,
+        dt: float,
+        ports: Sequence[Friction] = (),
+    ) -> None:
+        super().__init__()
+        if integrator.needs_separable:
+            raise ValueError(f"{type(self).__name__}: {integrator.name} needs a separable field")
+        if integrator is tao:
+            tao_gate(dt)
+        self.metric, self.potential = metric, potential
+        self.integrator, self.told_for = integrator, dt
+        self.ports = nn.ModuleList(ports)
+
+    def set_scale(self, q: float, p: float) -> None:
+        """Be told the sizes of one step's increments, radians and momentum units."""
+        self.potential.set_scale(p / self.told_for)
+
+    def velocity(self, state: PhaseState) -> Tensor:
+        """dq/dt = M(q)^-1 p, ``(..., n, 1)``."""
+        return self.metric.velocity(state.q.flatten(-2), state.p.flatten(-2)).unsqueeze(-1)
+
+    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+        """H of each state, shape of the batch."""
+        kinetic = 0.5 * (self.velocity(state) * state.p).sum((-2, -1))
+        return kinetic + self.potential.energy(state.q, params)
+
+    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+        return self._hamilton(state, params)[1]
+
+    def slopes(self, state: PhaseState, params: Parameters) -> tuple[Tensor, Tensor]:
+        """(dq/dt, dp/dt) with friction, ``(..., n, 1)`` each.
+
+        dp/dt = dL/dq + friction, which Hamilton and Euler-Lagrange agree on.
+        """
+        velocity, force = self._hamilton(state, params)
+        for port in self.ports:
+            force = force + cast(Friction, port).force(velocity, params)
+        return velocity, force
+
+    def _hamilton(self, state: PhaseState, params: Parameters) -> tuple[Tensor, Tensor]:
+        velocity, bent = self.metric.hamilton(state.q.flatten(-2), state.p.flatten(-2))
+        force = bent.unsqueeze(-1) + self.potential.force(state.q, params)
+        return velocity.unsqueeze(-1), force
+
+    def check(self, params: Parameters) -> None:
+        for port in self.ports:
+            cast(Friction, port).check(params)
+
+    def advance(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
+    ) -> tuple[PhaseState, Memory]:
+        if not self.ports:
+            return self._conserve(state, params, dt, memory)
+        state = self._resisted(list(self.ports), state, params, dt / 2)
+        # The ports have moved p, so that nothing of the last step can be used again.
+        state, _ = self._conserve(state, params, dt, None)
+        return self._resisted(list(self.ports)[::-1], state, params, dt / 2), None
+
+    def _resisted(
+        self, ports: Sequence[nn.Module], state: PhaseState, params: Parameters, dt: float
+    ) -> PhaseState:
+        mobility = self.metric.inverse(state.q.flatten(-2))
+        for port in ports:
+            p = cast(Friction, port).resist(state.p.squeeze(-1), mobility, params, dt)
+            state = PhaseState(state.q, p.unsqueeze(-1))
+        return state
+
+    def _conserve(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory
+    ) -> tuple[PhaseState, Memory]:
+        raise NotImplementedError
+
+
+class GeneralisedHamiltonian(Generalised):
+    """H = p^T M(q)^-1 p / 2 + V(q, c) by Hamilton's equations."""
+
+    def _conserve(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory
+    ) -> tuple[PhaseState, Memory]:
+        def slopes(q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:
+            return self._hamilton(PhaseState(q, p), params)
+
+        return self.integrator.advance(VectorField.joint(slopes), state, dt, memory)
+
+
+class Lagrangian(Generalised):
+    """L = v^T M(q) v / 2 - V(q, c) by the Euler-Lagrange equations, stepped in (q, dq/dt)."""
+
+    def _conserve(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory
+    ) -> tuple[PhaseState, Memory]:
+        def slopes(q: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
+            turn, rate = q.flatten(-2), v.flatten(-2)
+            force = self.potential.force(q, params).flatten(-2)
+            push = force + self.metric.coriolis(turn, rate)
+            return v, self.metric.velocity(turn, push).unsqueeze(-1)
+
+        moving = PhaseState(state.q, self.velocity(state))
+        field = VectorField.joint(slopes)
+        moving, memory = self.integrator.advance(field, moving, dt, memory)
+        momentum = self.metric.momentum(moving.q.flatten(-2), moving.p.flatten(-2))
+        return PhaseState(moving.q, momentum.unsqueeze(-1)), memory

@@ -1,0 +1,169 @@
+"""A double pendulum in MuJoCo: the engine gives trajectories, mass matrix, momenta and energy.
+
+The engine is imported when it is first used, never with this module.
+"""
+
+from __future__ import annotations
+
+import copy
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dynamics import Parameters, PhaseState
+
+EARTH = 9.81  # m/s^2: what a coupling of 1 stands for
+ENGINE_STEP = 0.002  # seconds of one RK4 step of the engine
+JOINTS = 2
+MODEL = f"""
+<mujoco>
+  <option timestep="{ENGINE_STEP}" integrator="RK4" gravity="0 0 -{EARTH}">
+    <flag contact="disable" constraint="disable" autoreset="disable"/>
+  </option>
+  <worldbody>
+    <body>
+      <joint type="hinge" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05" mass="1"/>
+      <body pos="0 0 -1">
+        <joint type="hinge" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05" mass="1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+CHUNK = 256  # episodes that the engine keeps all steps of at once
+NUDGE = 1e-4  # radians, of central differences
+
+
+@lru_cache(maxsize=1)
+def _engine() -> tuple[Any, Any, Any]:
+    """The module, the model and its working memory; one of each in a process."""
+    import mujoco
+
+    # An episode that is lost is counted in its record; the engine would write a file about it.
+    mujoco.set_mju_user_warning(lambda message: None)
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    return mujoco, model, mujoco.MjData(model)
+
+
+def simulate(
+    start: PhaseState, params: Parameters, friction: str | None, steps: int, every: int
+) -> PhaseState:
+    """States at every ``every``-th of ``steps`` engine steps, ``(b, t, 2, 1)``, start included.
+
+    Args:
+        start: joint angles and momenta, ``(b, 2, 1)``, float64.
+        params: the coupling (units of 9.81 m/s^2), and the scalar ``friction`` where there is any.
+        friction: ``linear`` (N m s), ``square`` (N m s^2) or ``None``.
+        steps, every: engine steps.
+    """
+    from mujoco import rollout
+
+    _, _, data = _engine()
+    q = start.q.squeeze(-1)
+    first = torch.cat([torch.zeros(len(q), 1).double(), q, velocities(start)], -1).numpy()
+    parts = []
+    for begin in range(0, len(first), CHUNK):
+        chosen = slice(begin, begin + CHUNK)
+        models = _models(params[chosen], friction)
+        states, _ = rollout.rollout(models, data, first[chosen], nstep=steps)
+        whole = np.concatenate([first[chosen, None], states], 1)
+        parts.append(whole[:, ::every, 1:])
+    path = torch.from_numpy(np.concatenate(parts))
+    q, v = path[..., :JOINTS, None], path[..., JOINTS:, None]
+    return PhaseState(q, momenta(q, v))
+
+
+def _models(params: Parameters, friction: str | None) -> list[Any]:
+    """One engine model for each episode: its gravity and its joints' friction."""
+    _, model, _ = _engine()
+    damping = params.scalar("friction").tolist() if friction else [0.0] * len(params.coupling)
+    models = []
+    for gravity, amount in zip(params.coupling.tolist(), damping, strict=True):
+        own = copy.copy(model)
+        own.opt.gravity[2] = -EARTH * gravity
+        if friction == "linear":
+            own.dof_damping[:] = amount
+        elif friction == "square":
+            own.dof_dampingpoly[:, 0] = amount
+        models.append(own)
+    return models
+
+
+def momenta(q: Tensor, v: Tensor) -> Tensor:
+    """Momenta M(q) v by the engine, ``(..., 2, 1)``; NaN where a state is not finite."""
+    mujoco, model, data = _engine()
+    return _each(q, v, lambda x, out: mujoco.mj_mulM(model, data, out, x))
+
+
+def velocities(state: PhaseState) -> Tensor:
+    """dq/dt = M(q)^-1 p by the engine, ``(..., 2)``."""
+    mujoco, model, data = _engine()
+
+    def solve(x: np.ndarray, out: np.ndarray) -> None:
+        mujoco.mj_solveM(model, data, out[None], x[None])
+
+    return _each(state.q, state.p, solve).squeeze(-1)
+
+
+def _each(q: Tensor, x: Tensor, act: Any) -> Tensor:
+    """A function of the engine's mass matrix on each of many vectors."""
+    _, _, data = _engine()
+    angles, vectors = (_rows(y) for y in (q, x))
+    results = np.full_like(vectors, np.nan)
+    finite = np.isfinite(angles).all(1) & np.isfinite(vectors).all(1)
+    for row in np.flatnonzero(finite):
+        data.qpos[:] = angles[row]
+        _place()
+        act(vectors[row], results[row])
+    return torch.from_numpy(results).reshape(x.shape)
+
+
+def _rows(x: Tensor) -> np.ndarray:
+    """One contiguous row for each state, which is what the engine reads."""
+    return np.ascontiguousarray(x.double().reshape(-1, JOINTS).numpy())
+
+
+def _place() -> None:
+    """Everything of the engine that follows from the angles, M(q) included."""
+    mujoco, model, data = _engine()
+    mujoco.mj_fwdPosition(model, data)
+
+
+def energies(states: PhaseState) -> tuple[Tensor, Tensor]:
+    """Kinetic energy, and potential energy at a coupling of 1, of states; batch shape, joules."""
+    v = velocities(states).unsqueeze(-1)
+    kinetic = 0.5 * (states.p.double() * v).sum((-2, -1))
+    return kinetic, heights(states.q)
+
+
+def heights(q: Tensor) -> Tensor:
+    """Potential energy at a coupling of 1, by the engine; joules."""
+    mujoco, model, data = _engine()
+    angles = _rows(q)
+    found = np.full(len(angles), np.nan)
+    for row in np.flatnonzero(np.isfinite(angles).all(1)):
+        data.qpos[:] = angles[row]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_energyPos(model, data)
+        found[row] = data.energy[0]
+    return torch.from_numpy(found).reshape(q.shape[:-2])
+
+
+def force(state: PhaseState, params: Parameters) -> Tensor:
+    """dp/dt without friction: the gradient of K - V in q at a fixed velocity, ``(..., 2, 1)``.
+
+    By central differences of the engine's energies, good to about 1e-7.
+    """
+    v, parts = velocities(state).unsqueeze(-1), []
+    for unit in torch.eye(JOINTS, dtype=torch.float64).unsqueeze(-1):
+        ahead, behind = (state.q.double() + sign * NUDGE * unit for sign in (1, -1))
+        kinetic = 0.5 * (v * (momenta(ahead, v) - momenta(behind, v))).sum((-2, -1))
+        height = heights(ahead) - heights(behind)
+        parts.append((kinetic - params.coupling * height) / (2 * NUDGE))
+    return torch.stack(parts, -1).unsqueeze(-1)
