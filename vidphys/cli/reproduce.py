@@ -22,6 +22,7 @@ class ReproduceConfig:
     Args:
         tables: names of tables, or all.
         out: the run folder; the same command again goes on where it was.
+        cells: only these cells of the tables; all if none is named.
         preset: sizes and seeds; quick is minutes on two cores.
         seeds: number of seeds, instead of the preset's.
         workers: processes.
@@ -32,6 +33,7 @@ class ReproduceConfig:
 
     tables: Annotated[tuple[str, ...], tyro.conf.Positional]
     out: Path = Path("runs/reproduce")
+    cells: tuple[str, ...] = ()
     preset: Literal["quick", "standard", "paper"] = "quick"
     seeds: int | None = None
     workers: int = 2
@@ -72,8 +74,8 @@ def reproduce(config: ReproduceConfig) -> int:
         raise InputError(f"--seeds {seeds}: at least one seed is needed")
     check_cuda(config.device)
     tables = choose(config.tables)
-    units = units_of(tables, seeds)
-    settings = settings_of(config.preset, sizes, tables, seeds)
+    units = units_of(tables, seeds, config.cells)
+    settings = settings_of(config.preset, sizes, units, seeds)
     run = RunFolder.open(config.out, settings, config.overwrite)
     with run.locked(), Console(config.quiet, len(units), "reproduce") as console:
         tasks = [(run.path, unit, sizes, config.device) for unit in units]

@@ -52,16 +52,31 @@ def choose(names: Sequence[str]) -> tuple[Table, ...]:
     return tuple(t for name, t in TABLES.items() if ALL in names or name in names)
 
 
-def units_of(tables: Sequence[Table], seeds: int) -> list[Unit]:
-    """The cells that the tables need, each once, those of a table together."""
+def units_of(tables: Sequence[Table], seeds: int, cells: Sequence[str] = ()) -> list[Unit]:
+    """The cells that the tables need, each once, those of a table together.
+
+    Args:
+        tables: see :func:`choose`.
+        seeds: how many.
+        cells: only these; all if none is named.
+
+    Raises:
+        InputError: none of the tables has a cell of this name.
+    """
     sources = dict.fromkeys(table.records_of for table in tables)
+    pairs = [(name, cell) for name in sources for cell in TABLES[name].cells]
+    for cell in cells:
+        known = [c for _, c in pairs]
+        if cell not in known:
+            near = difflib.get_close_matches(cell, known, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise InputError(f"--cells {cell}: no such cell in {', '.join(sources)}{hint}")
     numbers = tuple(range(seeds))
-    return [Unit(name, cell, numbers) for name in sources for cell in TABLES[name].cells]
+    return [Unit(name, cell, numbers) for name, cell in pairs if not cells or cell in cells]
 
 
-def settings_of(preset_name: str, preset: Preset, tables: Sequence[Table], seeds: int) -> Any:
+def settings_of(preset_name: str, preset: Preset, units: Sequence[Unit], seeds: int) -> Any:
     """What makes a run this run; the hash of the bars is part of it."""
-    units = units_of(tables, seeds)
     return {
         "experiment": "reproduce",
         "preset": preset_name,
