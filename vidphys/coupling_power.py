@@ -16,7 +16,8 @@ from dynamics import PairLaw, PhaseState, Rollout
 from dynamics.couplings import COUPLINGS
 
 CANDIDATES = ("linear", "even", "quadratic", "cubic")
-SOFTENINGS = (0.1, 0.2, 0.4, 0.8, 1.6)  # world units, of the pair forces that are fitted
+SOFTENINGS = (0.1, 0.2, 0.4, 0.8, 1.6)  # world units, of the inverse-square forces fitted
+REACHES = (0.25, 0.5, 1.0, 2.0, 4.0)  # world units, of the forces of finite range fitted
 FOLDS = 5
 RIDGE = 1e-8  # over the mean squared size of a column
 WORST = 2.0  # relative error at which a miss is cut off: that of a force with the wrong sign
@@ -219,8 +220,15 @@ def _columns(forces: Forces, box: float | None) -> tuple[Tensor, Tensor]:
     squared = apart.square().sum(-1, keepdim=True)
     product = (forces.mass.unsqueeze(-1) * forces.mass.unsqueeze(-2))[:, None, :, :, None]
     pairs = []
-    for softening in SOFTENINGS:
-        pull = -apart * (squared + softening**2) ** -1.5
+    for shape in _shapes(squared):
+        pull = -apart * shape
         pairs += [(pull * product).sum(-2), pull.sum(-2)]
     velocity = forces.state.p / forces.mass[:, None, :, None]
     return torch.stack(pairs, -1), torch.stack([-q, -velocity], -1)
+
+
+def _shapes(squared: Tensor) -> list[Tensor]:
+    """Pair forces over the displacement, from its squared length: springs, and two families."""
+    near = [(squared + s**2) ** -1.5 for s in SOFTENINGS]
+    ranged = [torch.exp(-0.5 * squared / reach**2) for reach in REACHES]
+    return [torch.ones_like(squared), *near, *ranged]
