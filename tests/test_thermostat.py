@@ -227,6 +227,18 @@ def test_the_step_is_undone_into_the_noise_of_its_halves():
     assert abs(float((first * second).mean())) < 0.03
 
 
+def test_without_heat_the_halves_are_those_of_the_friction():
+    scene = langevin()
+    start, params = scene.sample(8, torch.Generator().manual_seed(0))
+    params = params.with_scalar("temperature", 0.0)
+    end = rollout(scene.exact, start, params, 1, 0.3).at(-1)
+    step = PhaseState(end.q - start.q, end.p - start.p)
+    halves = half_steps(scene.exact, start, step, params, 0.3)
+    decay, _ = ExactBath().moments(params, 0.15)
+    torch.testing.assert_close(halves.first, decay * halves.start)
+    torch.testing.assert_close(halves.end, decay * halves.second)
+
+
 def test_half_steps_refuse_what_is_not_leapfrog():
     scene = langevin()
     head = build(HamiltonianTerms(trap=1.0, integrator="yoshida4", ports=("bath",)), 3, 0.05)
