@@ -5,28 +5,38 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from dynamics.couplings import PairLaw
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.mlp import MLP, TANH
-from dynamics.potentials import Potential
+from dynamics.potentials import REACH, SPREAD, Potential, pair_indices
 from dynamics.state import Parameters, PhaseState
+
+# The factored force is a network's slope times its squashing's and the coupling: without a like
+# gain the shortcut would be the slower learner by its units alone.
+GAIN = 20.0
 
 
 class Shortcut(nn.Module):
-    """A factored potential, and any force at all of positions and parameters beside it.
+    """A factored potential, and beside it a force between pairs that may be anything.
 
-    The free force need be no gradient, so it has no energy; :meth:`energy` is the potential's.
+    The free force reads where two bodies are, their masses and the coupling; nothing says how the
+    coupling enters, and it need be no gradient, so it has no energy: :meth:`energy` is the
+    potential's.
 
     Args:
         factored: the potential that the coupling multiplies.
-        coordinates: entries of q.
-        conditions: entries of the parameters' vector.
+        space: dimensions of space.
         width: of the free force's network.
+        box: side of a periodic box in world units, or ``None``.
     """
 
-    def __init__(self, factored: Potential, coordinates: int, conditions: int, width: int) -> None:
+    def __init__(
+        self, factored: Potential, space: int, width: int, box: float | None = None
+    ) -> None:
         super().__init__()
         self.factored = factored
-        self.free = MLP((coordinates + conditions, width, width, coordinates), TANH)
+        self.law = PairLaw(box=box)
+        self.free = MLP((space + 3, width, width, space), TANH)
 
     def energy(self, q: Tensor, params: Parameters) -> Tensor:
         return self.factored.energy(q, params)
@@ -35,8 +45,17 @@ class Shortcut(nn.Module):
         return self.factored.force(q, params) + self.free_force(q, params)
 
     def free_force(self, q: Tensor, params: Parameters) -> Tensor:
-        """What the shortcut adds, shape of ``q``."""
-        return self.free(torch.cat([q.flatten(-2), params.flat], -1)).reshape(q.shape)
+        """What the shortcut adds, shape of ``q``; action and reaction are equal."""
+        i, j = pair_indices(q.shape[-2], q.device)
+        apart = self.law.nearest(q.index_select(-2, i) - q.index_select(-2, j))
+        u = SPREAD * apart / (REACH + (apart.square().sum(-1, keepdim=True) + 1e-6).sqrt())
+        m_i = params.mass.index_select(-1, i).unsqueeze(-1)
+        m_j = params.mass.index_select(-1, j).unsqueeze(-1)
+        strength = params.coupling[..., None, None].expand_as(m_i)
+        there = self.free(torch.cat([u, m_i, m_j, strength], -1))
+        back = self.free(torch.cat([-u, m_j, m_i, strength], -1))
+        push = 0.5 * GAIN * (there - back)
+        return torch.zeros_like(q).index_add(-2, i, push).index_add(-2, j, push, alpha=-1)
 
 
 def shortcut_of(head: nn.Module) -> Shortcut:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from dynamics import Head, PhaseState
+from dynamics.hybrid import shortcut_of
 from vidphys.experiments.members import MemberLoss
 from vidphys.scenes import Scene
 from vidphys.segments import Scale, Segments, increment_error, predict
@@ -71,5 +72,23 @@ def floored(share: float) -> MemberLoss:
     def loss(head: Head, batch: Segments, scale: Scale) -> Tensor:
         least = replace(scale, p_small=max(scale.p_small, share * scale.p))
         return increment_error(predict(head, batch), batch, least)
+
+    return loss
+
+
+def shortcut_penalised(weight: float, share: float) -> MemberLoss:
+    """:func:`floored` plus ``weight`` times the size of the shortcut's force (M14).
+
+    Args:
+        weight: lambda, on the squared momentum that the shortcut adds in one step over the spread
+            of what all forces add.
+        share: see :func:`floored`.
+    """
+    fit = floored(share)
+
+    def loss(head: Head, batch: Segments, scale: Scale) -> Tensor:
+        free = shortcut_of(head).free_force(batch.start.q, batch.params)
+        gained = free * batch.dt * batch.every / scale.p
+        return fit(head, batch, scale) + weight * gained.square().mean()
 
     return loss

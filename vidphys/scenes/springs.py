@@ -17,22 +17,26 @@ DT = 0.002  # seconds
 POSITION_STD, SPEED_STD = 0.7, 0.5
 
 
-def springs(bodies: int = 3) -> Scene:
+def springs(stiffness: Range = STIFFNESS, bodies: int = 3) -> Scene:
     """H = K + coupling sum_{i<j} (min(r, 1)^2 - 1) / 2: an attraction of finite range.
 
     The coupling is the stiffness, positive in training; a flipped one pushes bodies apart until
     the cutoff. The force ends with a jump there, at which a step of leapfrog loses or gains up
     to ``stiffness * cutoff * speed * dt`` of energy.
+
+    Args:
+        stiffness: uniform in this range; one value where its ends are equal.
+        bodies: N.
     """
 
     def sample(n: int, rng: Generator) -> tuple[PhaseState, Parameters]:
-        params = Parameters(uniform((n,), STIFFNESS, rng), uniform((n, bodies), MASS, rng))
+        params = Parameters(uniform((n,), stiffness, rng), uniform((n, bodies), MASS, rng))
         shape = (n, bodies, 2)
         q, v = normal(shape, POSITION_STD, rng), normal(shape, SPEED_STD, rng)
         return at_rest(q, v, params), params
 
     settings = {
-        "coupling": STIFFNESS,
+        "coupling": stiffness,
         "mass": MASS,
         "cutoff": CUTOFF,
         "position_std": POSITION_STD,

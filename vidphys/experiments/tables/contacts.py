@@ -11,11 +11,11 @@ from dynamics import HamiltonianTerms, Head, PhaseState, ResidualTerms, Terms
 from dynamics.build import HardDiskTerms, to_config
 from vidphys import metrics
 from vidphys.experiments.contact_training import collision_loss, stretches
+from vidphys.experiments.dissipation import record_certificate, score_retrace
 from vidphys.experiments.members import train_members
 from vidphys.experiments.oracle import AGES, OLDEST, train_on_states
-from vidphys.experiments.scoring import Question, score_changed_law, score_drift
+from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
-from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
@@ -33,6 +33,7 @@ HEADS: dict[str, Terms] = {
 }
 EVENTS = HardDiskTerms(BOX)
 RETRACE_STEPS = 1000
+STEPS, ROUNDS = DRIFT_STEPS[-1], 40  # of a certificate, and pieces of its Lyapunov time
 SCALARS_FASTER = 10  # a single number is learned at so many times a network's rate
 UNDEFINED = "undefined"
 
@@ -87,7 +88,7 @@ def truth_cell(level: str) -> Cell:
         scene = disks(level)
         for seed in task.seeds:
             question = aged_question(scene, task.sizes.held_out, seed)
-            score_truth(task.recorder(seed, scene, "truth"), question)
+            record_certificate(task.recorder(seed, scene, "truth"), question, STEPS, ROUNDS)
 
     return run
 
@@ -102,23 +103,6 @@ def aged_question(scene: Scene, episodes: int, seed: int) -> Question:
     return Question(scene, start, start, params)
 
 
-def score_retrace(recorder: Recorder, head: Head, question: Question, steps: int) -> None:
-    """K9: roll, turn the momenta round, roll back, and compare with the start.
-
-    A match is a pooled error below 0.1 (inventory 12.31).
-    """
-    there = question.ask(head, steps).at(-1).reversed
-    error = metrics.Summary(None, metrics.FAILED, len(there.q), len(there.q))
-    if bool(torch.isfinite(there.flat).all()):
-        back = replace(question, start=there).ask(head, steps).at(-1).reversed
-        start = question.start
-        error = metrics.nmse(*(s.map(lambda x: x.unsqueeze(1)) for s in (back, start)))
-    recorder.add("retrace_nmse", error, None, steps)
-    if error.value is not None:
-        match = metrics.Summary(float(error.value < 0.1), metrics.OK, error.episodes, 0)
-        recorder.add("retrace_match", match, None, steps)
-
-
 def _ask(
     task: CellTask,
     level: str,
@@ -131,7 +115,7 @@ def _ask(
         question = aged_question(scene, task.sizes.held_out, seed)
         rolled = score_drift(recorder, head, question)
         _score_momentum(recorder, rolled.states)
-        score_retrace(recorder, head, question, RETRACE_STEPS)
+        score_retrace(recorder, head, replace(question, steps=RETRACE_STEPS))
         _score_held_law(recorder, head, question)
         if level in STIFFNESS:
             flipped = question.params.with_coupling(-question.params.coupling)

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from dynamics import HamiltonianTerms, Parameters, ResidualTerms, Terms, ballistic
 from dynamics.build import to_config
+from vidphys.experiments.dissipation import record_certificate
 from vidphys.experiments.losses import floored
 from vidphys.experiments.oracle import held_out_question, train_on_states
 from vidphys.experiments.scoring import score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
-from vidphys.experiments.truth import score_truth
 from vidphys.scenes import Scene
 from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb
 
@@ -21,6 +21,7 @@ TWINS: dict[str, Terms] = {
     "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
     "unstructured": ResidualTerms(),
 }
+STEPS, ROUNDS = 2000, 40  # of a certificate, and pieces of its Lyapunov time
 FLOOR = 0.1  # of the momentum increments' spread: charges' forces often cancel
 
 
@@ -94,7 +95,7 @@ def truth_cell(scene: Callable[[], Scene], changes: Mapping[str, Change]) -> Cel
         world = scene()
         for seed in task.seeds:
             question = held_out_question(world, task.sizes.held_out, seed)
-            score_truth(task.recorder(seed, world, "truth"), question)
+            record_certificate(task.recorder(seed, world, "truth"), question, STEPS, ROUNDS)
             for name, change in changes.items():
                 part = task.recorder(seed, world, "ballistic", name)
                 score_changed_law(

@@ -1,0 +1,172 @@
+"""A free force beside the factored one: is it taken, and does a penalty send it back (N29, N30)?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+
+from dynamics import HamiltonianTerms, Head
+from dynamics.build import to_config
+from dynamics.hybrid import shortcut_share
+from vidphys.experiments.dissipation import record_certificate, score_shed
+from vidphys.experiments.losses import floored, shortcut_penalised
+from vidphys.experiments.members import MemberLoss
+from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.scoring import Question, score_changed_law, score_drift
+from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.scenes.drag import dragged_gravity
+from vidphys.scenes.springs import springs
+
+STEPS, ROUNDS = 2000, 40  # of a certificate, and pieces of its Lyapunov time
+FLOOR = 0.1  # of the momentum increments' spread: beyond the cutoff there is no force at all
+ONE = 5.0  # the stiffness where there is only one
+WEAK, STRONG = 1.0, 100.0  # weights of the penalty
+STRENGTH = "strong"  # of the drag
+
+SPRINGS = HamiltonianTerms(sources=("alike",))
+GRAVITY = HamiltonianTerms()
+PORT = ("linear-drag-positive",)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One model of these tables.
+
+    Args:
+        scene: where it is trained and asked.
+        terms: of the model.
+        weight: of the penalty on the shortcut; ``None`` for a model that has none.
+    """
+
+    scene: Callable[[], Scene]
+    terms: HamiltonianTerms
+    weight: float | None = None
+
+    @property
+    def loss(self) -> MemberLoss:
+        """What it is trained by."""
+        return floored(FLOOR) if self.weight is None else shortcut_penalised(self.weight, FLOOR)
+
+
+def one_stiffness() -> Scene:
+    """Springs of one stiffness: data in which nothing tells a coupling from a constant."""
+    return springs((ONE, ONE))
+
+
+def strong_drag() -> Scene:
+    """Gravity with drag of one strength."""
+    return dragged_gravity(STRENGTH)
+
+
+def _with_shortcut(terms: HamiltonianTerms) -> HamiltonianTerms:
+    return replace(terms, shortcut=True)
+
+
+SCREEN = {
+    "one-stiffness/no-shortcut": Recipe(one_stiffness, SPRINGS),
+    "one-stiffness/free": Recipe(one_stiffness, _with_shortcut(SPRINGS), 0.0),
+    "one-stiffness/weak-penalty": Recipe(one_stiffness, _with_shortcut(SPRINGS), WEAK),
+    "one-stiffness/strong-penalty": Recipe(one_stiffness, _with_shortcut(SPRINGS), STRONG),
+    "many-stiffnesses/free": Recipe(springs, _with_shortcut(SPRINGS), 0.0),
+}
+DRAGGED = replace(GRAVITY, ports=PORT)
+UNDER_DRAG = {
+    "port": Recipe(strong_drag, DRAGGED),
+    "port-and-shortcut": Recipe(strong_drag, _with_shortcut(DRAGGED), 0.0),
+    "port-and-penalty": Recipe(strong_drag, _with_shortcut(DRAGGED), STRONG),
+    "penalty-without-port": Recipe(strong_drag, _with_shortcut(GRAVITY), STRONG),
+}
+
+
+def hybrid_cell(recipe: Recipe) -> Cell:
+    """A cell that trains one model and asks for its shortcut's share and the flipped coupling."""
+
+    def run(task: CellTask) -> None:
+        scene = recipe.scene()
+        recorders = {seed: task.recorder(seed, scene, task.cell) for seed in task.seeds}
+        heads = train_on_states(
+            task.cell,
+            recipe.terms,
+            scene,
+            # A quarter of the preset's batch: two networks a model, and many models.
+            replace(task.sizes, batch=max(1, task.sizes.batch // 4)),
+            recorders,
+            recipe.loss,
+            task.device,
+            task.checkpoint("fit"),
+            task.progress,
+        )
+        for seed, head in heads.items():
+            question = held_out_question(scene, task.sizes.held_out, seed)
+            _ask(recorders[seed], head, recipe, question)
+
+    return run
+
+
+def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> None:
+    params = question.params
+    flipped = params.with_coupling(-params.coupling)
+    score_changed_law(recorder, head, question, flipped, params, -1.0)
+    if "friction" in params.scalars:
+        score_shed(recorder, head, question, params, STEPS, "shed")
+    else:
+        score_drift(recorder, head, question)
+    if recipe.terms.shortcut:
+        state, law = question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
+        with torch.no_grad():
+            recorder.add_value("shortcut_share", float(shortcut_share(head, state, law)))
+
+
+def truth_cell(scene: Callable[[], Scene]) -> Cell:
+    """The reference itself."""
+
+    def run(task: CellTask) -> None:
+        world = scene()
+        for seed in task.seeds:
+            question = held_out_question(world, task.sizes.held_out, seed)
+            record_certificate(task.recorder(seed, world, "truth"), question, STEPS, ROUNDS)
+
+    return run
+
+
+NECESSITY = Table(
+    name="necessity",
+    title="Necessity: a shortcut beside the factored force",
+    about=(
+        "Springs with a cutoff. A free force stands beside the factored one and starts as "
+        "strong. Where training shows one stiffness only, either may do the work; a penalty on "
+        "the free one decides."
+    ),
+    ids="N29",
+    cells={
+        "truth": truth_cell(one_stiffness),
+        **{name: hybrid_cell(recipe) for name, recipe in SCREEN.items()},
+    },
+    settings={
+        "scene": one_stiffness().settings,
+        "heads": {name: to_config(recipe.terms) for name, recipe in SCREEN.items()},
+        "weights": {name: recipe.weight for name, recipe in SCREEN.items()},
+    },
+)
+COMPOSITION = Table(
+    name="composition",
+    title="Composition: factored force, port and penalty at once",
+    about=(
+        "Gravity with strong drag. A friction port, a free force and a penalty on it stand in "
+        "one model: is the energy shed at the true rate, and is a flipped coupling answered?"
+    ),
+    ids="N30",
+    cells={
+        "truth": truth_cell(strong_drag),
+        **{name: hybrid_cell(recipe) for name, recipe in UNDER_DRAG.items()},
+    },
+    settings={
+        "scene": strong_drag().settings,
+        "heads": {name: to_config(recipe.terms) for name, recipe in UNDER_DRAG.items()},
+        "weights": {name: recipe.weight for name, recipe in UNDER_DRAG.items()},
+    },
+)
