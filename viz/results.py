@@ -13,6 +13,7 @@ from viz.cells import chip, number, numeric
 from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import drift_curves, margin_figure
 from viz.page import contents, inline_svg, page, paragraph, section
+from viz.summary import one_sided_p
 
 TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
 COLUMNS = ("id", "what", "the study", "ours", "over seeds", "bar", "verdict")
@@ -84,7 +85,10 @@ def _said(row: Mapping[str, Any]) -> str:
 def _table(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> str:
     head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
     body = "".join(map(_row, table["rows"]))
-    lead = paragraph(f"{table['about']} ({table['ids']})")
+    counts = Counter(row["verdict"] for row in table["rows"] if row["row"]["bar"])
+    said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    held = f" Of the rows with a bar: {said}." if said else ""
+    lead = paragraph(f"{table['about']} ({table['ids']}){held}")
     html = f'<div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div>'
     return section(_anchor(name), table["title"], lead, html, *_figures(run, name, table, drawn))
 
@@ -120,11 +124,19 @@ def _row(found: Mapping[str, Any]) -> str:
     verdict = chip(found["verdict"], TONES[found["verdict"]])
     why = f"<small>{escape(found['why'])}</small>" if found["why"] else ""
     seeds = list(found["values"].values())
+    matches = row["metric"].startswith("regime_match")
+    spread = _matches(seeds) if matches and seeds else _spread(seeds)
     return (
         f"<tr><td>{escape(row['id'])}</td><td class='said'>{escape(row['what'])}</td>"
-        f"<td>{escape(row['paper'])}</td>{numeric(value, ours)}<td class='num'>{_spread(seeds)}"
+        f"<td>{escape(row['paper'])}</td>{numeric(value, ours)}<td class='num'>{spread}"
         f"</td><td class='num'>{escape(row['bar'])}</td><td>{verdict}{why}</td></tr>"
     )
+
+
+def _matches(values: Sequence[float]) -> str:
+    """Seeds that match, with the exact one-sided binomial test against a fair coin."""
+    hits, total = round(sum(values)), len(values)
+    return f"{hits}/{total} seeds, p = {number(one_sided_p(hits, total))}"
 
 
 def _spread(values: Sequence[float]) -> str:

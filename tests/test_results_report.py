@@ -1,0 +1,99 @@
+"""The report of reproduce: rows, verdicts, margins and drift curves from what lies on disk."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from vidphys.records import RECORD_SCHEMA
+from viz.margins import DECADES, drift_curves, margin_figure
+from viz.results import write_results
+
+
+def found(value, verdict, metric="m", bar="<= 2e-3", why="", values=None):
+    row = {
+        "id": "N1",
+        "what": "a thing <of> note",
+        "cell": "a",
+        "metric": metric,
+        "paper": "> 1e4",
+        "bar": bar,
+        "over": "mean",
+    }
+    seeds = ({} if value is None else {"0": value}) if values is None else values
+    return {"row": row, "values": seeds, "value": value, "verdict": verdict, "why": why}
+
+
+def drift(cell, horizon, value, seed=0):
+    empty = dict.fromkeys(RECORD_SCHEMA.names)
+    named = {"experiment": "stability", "cell": cell, "metric": "energy_drift_median"}
+    return {**empty, **named, "seed": seed, "horizon": horizon, "value": value, "status": "ok"}
+
+
+@pytest.fixture
+def run(tmp_path):
+    rows = [
+        found(1e-3, "met"),
+        found(0.5, "missed", why="seed 1: failed"),
+        found(None, "no number", why="not recorded"),
+        found(1.0, "reported", "regime_match", "", values={str(s): 1.0 for s in range(10)}),
+    ]
+    table = {"title": "T", "about": "What.", "ids": "N1", "records_of": "stability", "rows": rows}
+    about = {
+        "code_version": "abc",
+        "created": "2020-01-01T00:00:00",
+        "settings": {"preset": "quick", "seeds": [0], "bars_sha256": "f00"},
+        "skipped": [{"cell": "stability/x", "reason": "failed: why"}],
+    }
+    (tmp_path / "run.json").write_text(json.dumps(about))
+    (tmp_path / "verdicts.json").write_text(json.dumps({"one": table, "two": table}))
+    records = [drift("factored", h, 1e-3) for h in (100, 500, 2000)]
+    pq.write_table(pa.Table.from_pylist(records, RECORD_SCHEMA), tmp_path / "records.parquet")
+    return tmp_path
+
+
+def test_the_report_says_every_row_and_lists_what_is_missed_first(run):
+    html = write_results(run).read_text()
+    assert html.count("a thing &lt;of&gt; note") >= 8
+    assert "10/10 seeds, p = 9.77e-4" in html
+    assert "Of the rows with a bar: 1 met, 1 missed, 1 no number." in html
+    assert html.index("Not met") < html.index('id="one"')
+    assert "stability/x: failed: why" in html and "f00" in html
+    assert "http" not in html.replace("http://www.w3.org", "")
+
+
+def test_a_drift_figure_stands_once_for_tables_that_share_records(run):
+    write_results(run)
+    names = {path.name for path in (run / "figures").iterdir()}
+    assert names == {"one-margins.svg", "one-drift.svg", "two-margins.svg"}
+
+
+def test_a_folder_without_verdicts_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="cannot be read"):
+        write_results(tmp_path)
+
+
+def test_margins_are_decades_from_the_bar():
+    rows = [
+        found(2e-4, "met"),
+        found(None, "no number"),
+        found(-1.0, "met"),
+        found(3.0, "met", bar=""),
+    ]
+    axes = margin_figure(rows).axes[0]
+    marks = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]
+    assert marks == pytest.approx([-1.0, -DECADES])
+    assert [t.get_text() for t in axes.texts] == [" no number"]
+    assert margin_figure([found(1.0, "met", bar="")]) is None
+    assert margin_figure([found(1.0, "met", bar=">= 0")]) is None
+
+
+def test_drift_is_drawn_for_cells_with_three_horizons_and_capped():
+    rows = [drift("a", h, v) for h, v in ((100, 1e-2), (500, 1.0), (2000, 1e9))]
+    rows += [drift("b", 100, 1.0), drift("b", 500, 1.0)]
+    axes = drift_curves(rows).axes[0]
+    curve = next(line for line in axes.lines if line.get_label() == "a")
+    assert list(curve.get_ydata()) == [1e-2, 1.0, 1e4]
+    assert not any(line.get_label() == "b" for line in axes.lines)
+    assert drift_curves(rows[3:]) is None
