@@ -7,7 +7,7 @@ study's Eq. 5 and Prop. 2), in every bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Protocol, cast, runtime_checkable
 
@@ -39,6 +39,24 @@ def pair_indices(bodies: int, device: torch.device) -> tuple[Tensor, Tensor]:
     return i, j
 
 
+PIECE = 2**16  # pairs at once: a network of width 64 then needs tens of megabytes, not gigabytes
+
+
+def _in_pieces(function: Callable[[Tensor], Tensor], displacement: Tensor, dim: int) -> Tensor:
+    """``function(displacement)``, over some pairs at a time where no gradient is recorded.
+
+    Args:
+        function: of displacements ``(..., pairs, d)``, independent of each other.
+        displacement: all of them.
+        dim: axis of the pairs in the result.
+    """
+    pairs = displacement.shape[-2]
+    if torch.is_grad_enabled() or displacement[..., 0].numel() <= PIECE:
+        return function(displacement)
+    size = max(1, PIECE * pairs // displacement[..., 0].numel())
+    return torch.cat([function(x) for x in displacement.split(size, -2)], dim)
+
+
 class PairPotential(nn.Module):
     """Sum over pairs of a function of the displacement; subclasses give the function.
 
@@ -63,12 +81,12 @@ class PairPotential(nn.Module):
     def energy(self, q: Tensor, params: Parameters) -> Tensor:
         strength, amount = self.law.strength(params)
         displacement, product = self._pairs(q, amount)
-        return strength * (product * self.pair_energy(displacement)).sum(-1)
+        return strength * (product * _in_pieces(self.pair_energy, displacement, -1)).sum(-1)
 
     def force(self, q: Tensor, params: Parameters) -> Tensor:
         strength, amount = self.law.strength(params)
         displacement, product = self._pairs(q, amount)
-        pull = product.unsqueeze(-1) * self.pair_gradient(displacement)
+        pull = product.unsqueeze(-1) * _in_pieces(self.pair_gradient, displacement, -2)
         i, j = pair_indices(q.shape[-2], q.device)
         total = torch.zeros_like(q).index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
         return strength[..., None, None] * total
