@@ -7,8 +7,6 @@ entries of L gentle functions: a chain's last joint has an inertia of its own.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import torch
 from torch import Tensor, nn
 
@@ -18,14 +16,12 @@ from dynamics.mlp import MLP
 SMALLEST = 1e-3  # of the factor's diagonal
 
 
-@lru_cache(maxsize=8)
 def _placing(joints: int) -> tuple[Tensor, Tensor]:
     """Where the network's outputs go in L: ``(entries, n * n)``, and which lie on the diagonal."""
-    with torch.inference_mode(False):
-        rows, columns = torch.tril_indices(joints, joints)
-        place = torch.zeros(len(rows), joints * joints)
-        place[torch.arange(len(rows)), rows * joints + columns] = 1.0
-        return place, (rows == columns).to(place)
+    rows, columns = torch.tril_indices(joints, joints)
+    place = torch.zeros(len(rows), joints * joints)
+    place[torch.arange(len(rows)), rows * joints + columns] = 1.0
+    return place, (rows == columns).to(place)
 
 
 class CholeskyMetric(nn.Module):
@@ -51,8 +47,8 @@ class CholeskyMetric(nn.Module):
         self.harmonics = Harmonics(joints)
         place, diagonal = _placing(joints)
         self.network = MLP((self.harmonics.size, width, width, len(place)), activation)
-        self.register_buffer("place", place.clone())
-        self.register_buffer("diagonal", diagonal.clone())
+        self.register_buffer("place", place)
+        self.register_buffer("diagonal", diagonal)
 
     def factor(self, q: Tensor) -> Tensor:
         """L, lower triangular, ``(..., n, n)``."""

@@ -146,6 +146,9 @@ def test_the_metric_is_positive_and_its_slopes_are_those_of_the_energy(form, joi
 
 
 def test_a_metric_of_another_form_is_refused():
+    q = torch.zeros(1, 2)
+    with pytest.raises(ValueError, match="need the form 'mass'"):
+        CholeskyMetric(2, 8, "tanh", "inverse").coriolis(q, q)
     with pytest.raises(ValueError, match="mass or inverse"):
         CholeskyMetric(2, 8, "tanh", "covariant")
 

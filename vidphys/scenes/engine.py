@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from dynamics import Parameters, PhaseState
+from vidphys.errors import InputError
 
 EARTH = 9.81  # m/s^2: what a coupling of 1 stands for
 ENGINE_STEP = 0.002  # seconds of one RK4 step of the engine
@@ -89,6 +90,11 @@ def _models(params: Parameters, friction: str | None) -> list[Any]:
         if friction == "linear":
             own.dof_damping[:] = amount
         elif friction == "square":
+            if not hasattr(own, "dof_dampingpoly"):
+                raise InputError(
+                    f"pendulum: MuJoCo {_engine()[0].__version__} has no squared joint friction; "
+                    "install a newer one"
+                )
             own.dof_dampingpoly[:, 0] = amount
         models.append(own)
     return models
