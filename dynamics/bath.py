@@ -2,8 +2,8 @@
 
 A bath is the Ornstein-Uhlenbeck process dp = -(friction - drive) p dt + sqrt(2 m noise T) dW, with
 rates per second and k_B = 1. Fluctuation and dissipation are tied by noise = friction (inventory
-I9), and one step of any length has the exact mean and variance (I5). Where a model says less,
-it says so: mobilities never depend on the state (I10).
+I9), and one step of any length has the exact mean and variance (I5). The mobility may depend on
+the parameters, never on the state (I10).
 """
 
 from __future__ import annotations

@@ -73,22 +73,18 @@ LEAST = 1e-3  # of the increments' size: noise below this is not resolved
 
 @dataclass(frozen=True)
 class HalfSteps:
-    """The momenta on both sides of the two half steps of a bath, ``(..., n, d)`` each."""
+    """The momenta before and after the two half steps of a bath, ``(2, ..., n, d)`` each."""
 
-    start: Tensor
-    first: Tensor
-    second: Tensor
-    end: Tensor
+    before: Tensor
+    after: Tensor
 
     def nll(self, bath: Bath, params: Parameters, dt: float) -> Tensor:
         """Exact negative log density of the step, up to a constant, ``(...)``."""
-        before = torch.stack([self.start, self.second])
-        return bath.nll(before, torch.stack([self.first, self.end]), params, dt / 2).sum(0)
+        return bath.nll(self.before, self.after, params, dt / 2).sum(0)
 
     def squared_error(self) -> Tensor:
         """What the forces alone leave unexplained, ``(...)``."""
-        error = (self.first - self.start).square() + (self.end - self.second).square()
-        return error.sum((-2, -1))
+        return (self.after - self.before).square().sum((0, -2, -1))
 
 
 def half_steps(
@@ -123,4 +119,4 @@ def half_steps(
     opening, closing = forces
     first = params.mass.unsqueeze(-1) * step.q / dt - 0.5 * dt * opening
     second = first + 0.5 * dt * (opening + closing)
-    return HalfSteps(start.p, first, second, start.p + step.p)
+    return HalfSteps(torch.stack([start.p, second]), torch.stack([first, start.p + step.p]))

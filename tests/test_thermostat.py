@@ -220,8 +220,7 @@ def test_the_step_is_undone_into_the_noise_of_its_halves():
     step = PhaseState(end.q - start.q, end.p - start.p)
     halves = half_steps(scene.exact, start, step, params, scene.dt)
     decay, variance = ExactBath().moments(params, scene.dt / 2)
-    first = (halves.first - decay * halves.start) / variance.sqrt()
-    second = (halves.end - decay * halves.second) / variance.sqrt()
+    first, second = (halves.after - decay * halves.before) / variance.sqrt()
     assert float(first.square().mean()) == pytest.approx(1, abs=0.03)
     assert float(second.square().mean()) == pytest.approx(1, abs=0.03)
     assert abs(float((first * second).mean())) < 0.03
@@ -235,8 +234,7 @@ def test_without_heat_the_halves_are_those_of_the_friction():
     step = PhaseState(end.q - start.q, end.p - start.p)
     halves = half_steps(scene.exact, start, step, params, 0.3)
     decay, _ = ExactBath().moments(params, 0.15)
-    torch.testing.assert_close(halves.first, decay * halves.start)
-    torch.testing.assert_close(halves.end, decay * halves.second)
+    torch.testing.assert_close(halves.after, decay * halves.before)
 
 
 def test_half_steps_refuse_what_is_not_leapfrog():

@@ -14,7 +14,7 @@ from torch import Generator, Tensor
 
 from dynamics import Hamiltonian, Head, PhaseState, Rollout, Terms
 from dynamics.bath import Bath, DiagonalBath
-from dynamics.stochastic import HalfSteps, NeuralSDE, half_steps
+from dynamics.stochastic import NeuralSDE, half_steps
 from vidphys.experiments.members import Examples, train_members
 from vidphys.experiments.tables.base import CellTask
 from vidphys.records import Recorder
@@ -79,14 +79,13 @@ def refine(head: Head, trajectory: Rollout) -> None:
         return
     assert isinstance(head, Hamiltonian)
     with torch.no_grad():
-        sums = [s.double() for s in _squares(head, trajectory)]
+        before, across, after = _squares(head, trajectory)
     count, params = 2 * (trajectory.states.q.shape[1] - 1), trajectory.params.map(Tensor.double)
     bath.double()
     optimiser = torch.optim.LBFGS(bath.parameters(), max_iter=100, line_search_fn="strong_wolfe")
 
     def loss() -> Tensor:
         optimiser.zero_grad()
-        before, across, after = sums
         decay, variance = bath.moments(params, trajectory.dt / 2)
         error = (after - 2 * decay * across + decay.square() * before) / variance
         total = 0.5 * (error + count * variance.log().expand_as(before)).sum() / count / len(before)
@@ -97,8 +96,8 @@ def refine(head: Head, trajectory: Rollout) -> None:
     bath.float()
 
 
-def _squares(head: Hamiltonian, trajectory: Rollout) -> tuple[Tensor, Tensor, Tensor]:
-    """Per episode, sums over all half steps of before^2, before * after, after^2."""
+def _squares(head: Hamiltonian, trajectory: Rollout) -> list[Tensor]:
+    """Sums over an episode's half steps of before^2, before * after, after^2, ``(b, n, d)``."""
     parts = []
     for episodes in torch.arange(len(trajectory.states.q)).split(256):
         states = trajectory.states[episodes]
@@ -107,18 +106,11 @@ def _squares(head: Hamiltonian, trajectory: Rollout) -> tuple[Tensor, Tensor, Te
         params = trajectory.params[episodes].map(lambda x: x.float().unsqueeze(1))
         force = head.force(states.map(Tensor.float), params)
         ends = force[:, :-1], force[:, 1:]
-        parts.append(_sums(half_steps(head, start, step, params, trajectory.dt, ends)))
-    first, second, third = (torch.cat(x) for x in zip(*parts, strict=True))
-    return first, second, third
-
-
-def _sums(halves: HalfSteps) -> tuple[Tensor, Tensor, Tensor]:
-    pairs = [(halves.start.double(), halves.first.double())]
-    pairs.append((halves.second.double(), halves.end.double()))
-    before = sum((a.square().sum(1) for a, _ in pairs), torch.zeros(()))
-    across = sum(((a * b).sum(1) for a, b in pairs), torch.zeros(()))
-    after = sum((b.square().sum(1) for _, b in pairs), torch.zeros(()))
-    return before, across, after
+        halves = half_steps(head, start, step, params, trajectory.dt, ends)
+        before, after = halves.before.double(), halves.after.double()
+        products = before * before, before * after, after * after
+        parts.append([x.sum((0, 2)) for x in products])
+    return [torch.cat(x) for x in zip(*parts, strict=True)]
 
 
 def train_stochastic(
