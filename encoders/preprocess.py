@@ -63,3 +63,11 @@ def normalise(frames: Float[Tensor, "f 3 H W"]) -> Float[Tensor, "f 3 H W"]:
     mean = frames.new_tensor(IMAGENET_MEAN)[:, None, None]
     std = frames.new_tensor(IMAGENET_STD)[:, None, None]
     return (frames - mean) / std
+
+
+def imagenet_clips(
+    clips: Float[Tensor, "n f c H W"], size: tuple[int, int], dtype: torch.dtype
+) -> Float[Tensor, "n f 3 h w"]:
+    """Clips as RGB of the network's size, with ImageNet's mean and deviation, cast last."""
+    flat = normalise(resize(to_rgb(clips.flatten(0, 1)), size))
+    return flat.to(dtype).unflatten(0, clips.shape[:2])

@@ -23,7 +23,7 @@ import torch
 
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
-from encoders.weights import file_sha256
+from encoders.release import file_sha256
 
 SCHEMA_VERSION = 1
 DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}

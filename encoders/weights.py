@@ -1,81 +1,31 @@
-"""Weights of frozen encoders: where they lie, whether they are the right ones, how to load them.
+"""Weights of frozen encoders: where they lie, whether they are the right ones, how to get them.
 
-Nothing is ever fetched silently. A file is looked for at the explicit path, else in the folder
-``VIDPHYS_WEIGHTS``, else in the user's cache; its SHA-256 must be one that the table below or the
-lock file beside it names.
+Nothing is ever fetched silently. Weights are looked for at the explicit path, else in the folder
+``VIDPHYS_WEIGHTS``, else in the user's cache; where they are not there but their revision is
+pinned, in the hub's own cache at that revision. Their SHA-256 must be one that the table of known
+weights or the lock file beside them names.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor, nn
+from encoders.known_weights import WeightsEntry, entry
+from encoders.release import (
+    CONFIG,
+    INDEX,
+    TENSORS,
+    WeightsFile,
+    WeightsMissing,
+    release_sha256,
+)
 
 FOLDER_VARIABLE = "VIDPHYS_WEIGHTS"
-
-
-@dataclass(frozen=True)
-class WeightsEntry:
-    """A public set of weights.
-
-    Args:
-        file: name in the weights folder.
-        sha256: the hashes of known files; others are accepted once locked.
-        licence: SPDX name.
-        hub: repository on the Hugging Face hub, and the file in it.
-        revision: commit of the hub repository; ``None`` is resolved and locked by the first fetch.
-        about: one line for people.
-    """
-
-    file: str
-    sha256: tuple[str, ...]
-    licence: str
-    hub: tuple[str, str]
-    revision: str | None
-    about: str
-
-
-KNOWN = {
-    "hiera": WeightsEntry(
-        file="sam2_hiera_tiny.safetensors",
-        sha256=("1783be247fa6b056d3dbaba07bcbf3dbe1652533d15cddf5749d5ee553dc2a75",),
-        licence="Apache-2.0",
-        hub=("timm/sam2_hiera_tiny.fb_r896", "model.safetensors"),
-        revision=None,
-        about="SAM 2 image trunk, Hiera-Tiny, 26.85 M parameters (arXiv:2408.00714)",
-    ),
-}
-
-
-class WeightsMissing(ValueError):
-    """The weights are not on this machine; the message names the command that gets them."""
-
-
-@dataclass(frozen=True)
-class WeightsFile:
-    """A file that was found and checked."""
-
-    path: Path
-    sha256: str
-
-
-def entry(name: str) -> WeightsEntry:
-    """The table's entry.
-
-    Raises:
-        ValueError: unknown name.
-    """
-    if name not in KNOWN:
-        raise ValueError(f"weights: unknown name {name!r}; known are {', '.join(KNOWN)}")
-    return KNOWN[name]
 
 
 def weights_folder(folder: Path | None = None) -> Path:
@@ -93,34 +43,44 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
 
     Args:
         name: a key of ``KNOWN``.
-        where: a folder, or the file itself; see :func:`weights_folder` for the default.
+        where: a weights folder, or the file or release folder itself; see :func:`weights_folder`
+            for the default.
 
     Raises:
-        WeightsMissing: there is no such file.
-        ValueError: unknown name, or a file with another hash than the known or locked ones.
+        WeightsMissing: they are not there, or not whole.
+        ValueError: unknown name, or another hash than the known or locked ones.
     """
     known = entry(name)
-    path = _path(known, where)
-    if not path.is_file():
+    place = weights_path(name, where)
+    locked = _locked(place)
+    path = place if place.exists() else _in_hub_cache(known, known.revision or locked["revision"])
+    if path is None or path.is_dir() != known.is_folder:
         raise WeightsMissing(
-            f"weights of {name!r}: no file {path}; get it with `vidphys weights fetch {name}`, or "
-            f"name its folder with --weights DIR or {FOLDER_VARIABLE}"
+            f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it "
+            f"with `vidphys weights fetch {name}`, or name its folder with --weights DIR or "
+            f"{FOLDER_VARIABLE}"
         )
-    digest = file_sha256(path)
-    locked = _locked(path).get("sha256")
-    accepted = (*known.sha256, locked) if locked else known.sha256
+    digest = release_sha256(path)
+    accepted = [sha256 for sha256 in (*known.sha256, locked["sha256"]) if sha256]
     if digest not in accepted:
         raise ValueError(
-            f"weights of {name!r}: {path} has sha256 {digest}, expected {' or '.join(accepted)}; "
-            f"it is damaged or another release: fetch it again, or accept it with "
-            f"`vidphys weights check --lock`"
+            f"weights of {name!r}: {path} has sha256 {digest}, expected "
+            f"{' or '.join(accepted) or 'one that was locked'}; it is damaged or another release: "
+            f"fetch it again, or accept it with `vidphys weights check {name} --lock`"
         )
     return WeightsFile(path, digest)
 
 
+def weights_path(name: str, where: Path | None = None) -> Path:
+    """Where the weights ``name`` should lie; see :func:`find_weights`."""
+    if where is not None and (where.suffix == ".safetensors" or (where / CONFIG).is_file()):
+        return where
+    return weights_folder(where) / entry(name).file
+
+
 def lock(path: Path, revision: str | None) -> str:
-    """Accept a file as it is: write its hash into the lock file beside it; return the hash."""
-    digest = file_sha256(path)
+    """Accept weights as they are: write their hash into the lock file beside; return the hash."""
+    digest = release_sha256(path)
     record = {"schema_version": 1, "sha256": digest, "revision": revision}
     _replace(_lock_path(path), json.dumps(record, indent=2).encode())
     return digest
@@ -130,88 +90,78 @@ def fetch(name: str, folder: Path | None = None) -> WeightsFile:
     """Download the weights ``name`` from the hub at the pinned (or then locked) revision.
 
     Raises:
-        ValueError: unknown name.
-        ConnectionError: the hub did not give the file.
+        ValueError: unknown name, or weights that no hub has.
+        ConnectionError: the hub did not give them.
     """
     known = entry(name)
-    repository, file = known.hub
     target = weights_folder(folder) / known.file
-    revision = known.revision or _locked(target).get("revision")
-    source, revision = _from_hub(repository, file, revision)
+    if known.hub is None:
+        raise ValueError(
+            f"weights of {name!r}: no hub has them; get {known.file} elsewhere and put it at "
+            f"{target}"
+        )
+    revision = known.revision or _locked(target)["revision"]
+    try:
+        if known.is_folder:
+            revision = _fetch_folder(known.hub, revision, target)
+        else:
+            source, revision = _from_hub(known.hub, TENSORS, revision)
+            _copy(source, target)
+    except FileNotFoundError as error:
+        raise ConnectionError(str(error)) from error
+    lock(target, revision)
+    return find_weights(name, folder)
+
+
+def _fetch_folder(repository: str, revision: str | None, target: Path) -> str:
+    config, commit = _from_hub(repository, CONFIG, revision)
+    sources = {CONFIG: config}
+    try:
+        sources[TENSORS], _ = _from_hub(repository, TENSORS, commit)
+    except FileNotFoundError:
+        sources[INDEX], _ = _from_hub(repository, INDEX, commit)
+        index = json.loads(sources[INDEX].read_text(encoding="utf-8"))
+        for shard in sorted(set(index["weight_map"].values())):
+            sources[shard], _ = _from_hub(repository, shard, commit)
+    for file, source in sources.items():
+        _copy(source, target / file)
+    return commit
+
+
+def _copy(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         shutil.copyfile(source, Path(scratch) / "weights")
         (Path(scratch) / "weights").replace(target)
-    lock(target, revision)
-    return find_weights(name, target)
 
 
 def _from_hub(repository: str, file: str, revision: str | None) -> tuple[Path, str]:
     """The file in the hub's own cache, and the commit it is of."""
     from huggingface_hub import HfApi, hf_hub_download
+    from huggingface_hub.errors import RemoteEntryNotFoundError
 
-    # the client raises errors of several libraries; all mean that there is no file
+    # the client raises errors of several libraries; all mean that the hub gave no file
     try:
         commit = revision or HfApi().model_info(repository).sha
         return Path(hf_hub_download(repository, file, revision=commit)), str(commit)
+    except RemoteEntryNotFoundError as error:
+        raise FileNotFoundError(f"{repository} has no {file}") from error
     except Exception as error:
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise ConnectionError(f"{repository}/{file}: {reason}") from error
 
 
-def load_strict(module: nn.Module, path: Path, unused: Iterable[str] = ()) -> None:
-    """Copy a safetensors file into ``module``, every key of one being in the other.
+def _in_hub_cache(known: WeightsEntry, revision: str | None) -> Path | None:
+    """The weights in the hub's own cache at a pinned revision; asks nobody."""
+    from huggingface_hub import try_to_load_from_cache
 
-    Args:
-        module: keeps its dtype and device.
-        path: the file.
-        unused: prefixes of keys that may be absent, or present and ignored (a classifier head).
-
-    Raises:
-        ValueError: not a safetensors file, missing or unknown keys, or another shape.
-    """
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
-    prefixes = tuple(unused)
-    try:
-        tensors = load_file(path)
-    except SafetensorError as error:
-        raise ValueError(f"weights: {path} is not a safetensors file ({error})") from error
-    wanted = module.state_dict()
-    used = {k: v for k, v in tensors.items() if not k.startswith(prefixes)}
-    _same_keys(path, wanted, used, prefixes)
-    module.load_state_dict({**wanted, **used})
-
-
-def _same_keys(
-    path: Path, wanted: dict[str, Tensor], got: dict[str, Tensor], unused: tuple[str, ...]
-) -> None:
-    missing = [k for k in wanted if k not in got and not k.startswith(unused)]
-    unknown = [k for k in got if k not in wanted]
-    if missing or unknown:
-        raise ValueError(
-            f"weights: {path} does not fit: {len(missing)} keys missing {missing[:3]}, "
-            f"{len(unknown)} unknown {unknown[:3]}; is it another model or layout?"
-        )
-    for key, value in got.items():
-        if value.shape != wanted[key].shape:
-            raise ValueError(
-                f"weights: {path}: {key} has shape {tuple(value.shape)}, expected "
-                f"{tuple(wanted[key].shape)}; it is another model"
-            )
-
-
-def file_sha256(path: Path) -> str:
-    """Hex digest of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _path(known: WeightsEntry, where: Path | None) -> Path:
-    if where is not None and where.suffix == ".safetensors":
-        return where
-    return weights_folder(where) / known.file
+    if known.hub is None or revision is None:
+        return None
+    file = CONFIG if known.is_folder else TENSORS
+    found = try_to_load_from_cache(known.hub, file, revision=revision)
+    if not isinstance(found, str):
+        return None
+    return Path(found).parent if known.is_folder else Path(found)
 
 
 def _lock_path(path: Path) -> Path:
@@ -219,9 +169,10 @@ def _lock_path(path: Path) -> Path:
 
 
 def _locked(path: Path) -> dict[str, Any]:
-    if not _lock_path(path).is_file():
-        return {}
-    return json.loads(_lock_path(path).read_text(encoding="utf-8"))
+    record: dict[str, Any] = {"sha256": None, "revision": None}
+    if _lock_path(path).is_file():
+        record |= json.loads(_lock_path(path).read_text(encoding="utf-8"))
+    return record
 
 
 def _replace(path: Path, data: bytes) -> None:

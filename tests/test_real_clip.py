@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen import HieraSettings, load_hiera
 from encoders.identity import EncoderIdentity
+from encoders.known_weights import KNOWN
 from encoders.store import FeatureStore
-from encoders.weights import KNOWN
 from vidphys.errors import InputError
 from vidphys.experiments.real_clip import (
     PerceivedClip,
@@ -25,7 +26,7 @@ from vidphys.experiments.real_clip import (
     perceive_clip,
     split_frames,
 )
-from vidphys.extraction import FRAMES_AT_ONCE, extract
+from vidphys.extraction import extract
 from vidphys.train import FitSettings
 from vidphys.video import ClipSelection, Video, read_video
 
@@ -40,9 +41,17 @@ class Cells:
     def __init__(self) -> None:
         self.frames = 0
 
-    def __call__(self, frames: Tensor, times: Tensor) -> FeatureMap:
+    def __call__(
+        self,
+        frames: Tensor,
+        times: Tensor,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FeatureMap:
+        assert frames.dtype == torch.uint8  # a long clip never exists in floats as a whole
         self.frames += frames.shape[1]
-        values = functional.avg_pool2d(frames[0], 8)[None]
+        values = functional.avg_pool2d(frames[0].float() / 255, 8)[None]
+        if progress is not None:
+            progress(frames.shape[1], frames.shape[1])
         return FeatureMap(values, (8.0, 8.0), times)
 
 
@@ -116,17 +125,16 @@ def test_steady_track_is_without_the_camera(perceived: PerceivedClip) -> None:
     assert isinstance(moved.steady_track, Tracks)
 
 
-def test_extraction_is_cached_and_chunked(video: Video, tmp_path: Path) -> None:
+def test_extraction_is_cached(video: Video, tmp_path: Path) -> None:
     encoder, store = Cells(), FeatureStore(tmp_path)
     calls: list[tuple[int, int]] = []
     first = extract(
         video, encoder, store, "float32", lambda done, total, _: calls.append((done, total))
     )
-    assert FRAMES > FRAMES_AT_ONCE  # or nothing is chunked
     assert encoder.frames == FRAMES and calls[-1] == (FRAMES, FRAMES) and not first.cached
     again = extract(video, encoder, store, "float32")
     assert again.cached and again.key == first.key and encoder.frames == FRAMES
-    whole = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None].float() / 255
+    whole = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None]
     expected = encoder(whole, torch.from_numpy(video.times))
     assert torch.equal(again.features.values, expected.values)
     assert torch.equal(again.features.times, expected.times)

@@ -13,8 +13,8 @@ from pyarrow import parquet
 from encoders import store as module
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
+from encoders.release import file_sha256
 from encoders.store import FeatureRequest, FeatureStore, StaleFeatures
-from encoders.weights import file_sha256
 
 IDENTITY = EncoderIdentity("fake", 1, "a" * 64, "none", "8", 128, "float32")
 

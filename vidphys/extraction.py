@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -14,17 +15,21 @@ from encoders.store import FeatureRequest, FeatureStore
 from vidphys.train import Progress
 from vidphys.video import Video
 
-FRAMES_AT_ONCE = 64
-
 StoredDtype = Literal["float16", "bfloat16", "float32"]
 
 
 class FrozenEncoder(Protocol):
-    """An encoder that can say what its features depend on."""
+    """An encoder that can say what its features depend on.
+
+    It is called with bytes, which it turns into floats a pass at a time, and reports its progress
+    as ``(frames done, frames)``.
+    """
 
     identity: EncoderIdentity
 
-    def __call__(self, frames: Tensor, times: Tensor) -> FeatureMap: ...
+    def __call__(
+        self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
+    ) -> FeatureMap: ...
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ def extract(
 
     Args:
         video: the decoded clip.
-        encoder: a frozen image encoder (frame by frame).
+        encoder: a frozen encoder of images or video.
         store: where they are kept.
         dtype: of the stored values.
         progress: called as ``(frames done, frames, 0.0)``.
@@ -72,14 +77,9 @@ def extract(
 
 
 def _encode(video: Video, encoder: FrozenEncoder, progress: Progress | None) -> FeatureMap:
-    """Encode a few frames at a time, so that a long clip never exists in floats as a whole."""
+    # bytes until a pass of the encoder: a long clip never exists in floats as a whole
+    frames = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None]
     times = torch.from_numpy(video.times)
-    parts = []
-    for start in range(0, len(video.frames), FRAMES_AT_ONCE):
-        part = slice(start, start + FRAMES_AT_ONCE)
-        frames = torch.from_numpy(video.frames[part]).permute(0, 3, 1, 2)[None].float() / 255
-        parts.append(encoder(frames, times[part]))
-        if progress is not None:
-            progress(min(part.stop, len(video.frames)), len(video.frames), 0.0)
-    values = torch.cat([p.values for p in parts], 1)
-    return FeatureMap(values, parts[0].stride, times)
+    if progress is None:
+        return encoder(frames, times)
+    return encoder(frames, times, lambda done, total: progress(done, total, 0.0))

@@ -1,4 +1,8 @@
-"""SAM 2's image trunk, Hiera-Tiny (Ravi et al., arXiv:2408.00714), frame by frame, frozen."""
+"""SAM 2's image trunk, Hiera-Tiny (Ravi et al., arXiv:2408.00714), frame by frame, frozen.
+
+One frame is enough; each frame is seen alone, so that any number of frames has as many feature
+frames, at the frames' own times.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.features import FeatureMap
+from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.windows import Windowing
 from encoders.identity import EncoderIdentity
-from encoders.preprocess import network_size, normalise, resize, to_rgb
-from encoders.weights import WeightsFile, find_weights, load_strict
+from encoders.preprocess import imagenet_clips, network_size
+from encoders.release import WeightsFile, load_strict
+from encoders.weights import find_weights
 
 NAME = "hiera"
 MODEL = "sam2_hiera_tiny.fb_r896"
@@ -22,7 +27,6 @@ CODE_VERSION = 1
 MULTIPLE = 32
 PREPROCESSING = "rgb, longer side to resolution, sides to multiples of 32, bilinear, imagenet"
 LAYERS = {4: 0, 8: 1, 16: 2, 32: 3}
-DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 
 
 @dataclass(frozen=True)
@@ -41,24 +45,28 @@ class HieraSettings:
 
     layer: Literal[4, 8, 16, 32] = 8
     resolution: int = 128
-    dtype: Literal["float32", "bfloat16", "float16"] = "float32"
+    dtype: Dtype = "float32"
     batch: int = 8
 
 
-class HieraEncoder:
-    """Frames to feature maps. One frame is enough; each frame is seen alone.
+class HieraEncoder(FrozenEncoder):
+    """Frames to feature maps of one stage.
 
     Args:
-        trunk: the timm model; frozen and put into evaluation mode here.
+        trunk: the timm model.
         settings: see :class:`HieraSettings`.
         weights: the file that the trunk was loaded from.
+
+    Raises:
+        ValueError: a stage or a resolution that the trunk does not have.
     """
 
     def __init__(self, trunk: nn.Module, settings: HieraSettings, weights: WeightsFile) -> None:
         network_size(1, 1, settings.resolution, MULTIPLE)
+        if settings.layer not in LAYERS:
+            raise ValueError(f"hiera: no layer {settings.layer!r}; it has 4, 8, 16 and 32")
         self.settings = settings
-        self.trunk = trunk.to(DTYPES[settings.dtype]).eval().requires_grad_(False)
-        self.identity = EncoderIdentity(
+        identity = EncoderIdentity(
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
@@ -67,52 +75,21 @@ class HieraEncoder:
             resolution=settings.resolution,
             dtype=settings.dtype,
         )
+        super().__init__(trunk, Windowing(), 1, settings.batch, identity)
 
-    def __call__(
-        self, frames: Float[Tensor, "b t c H W"], times: Float[Tensor, " t"]
-    ) -> FeatureMap:
-        """Encode frames with values in [0, 1], taken at ``times`` (seconds).
-
-        Returns:
-            A map whose stride is in pixels of ``frames``, so that its cell centres are those of
-            the given image even where the resizing changed the aspect ratio a little.
-
-        Raises:
-            ValueError: no frames, or values that are not finite.
-        """
-        b, t, _, height, width = frames.shape
-        if b * t == 0:
-            raise ValueError(f"hiera: needs at least one frame, got shape {tuple(frames.shape)}")
-        if not bool(torch.isfinite(frames).all()):
-            raise ValueError("hiera: frames must be finite; a pixel is NaN or infinite")
+    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+        height, width = clips.shape[-2:]
         size = network_size(height, width, self.settings.resolution, MULTIPLE)
-        flat = frames.flatten(0, 1)
-        with torch.inference_mode():
-            values = torch.cat([self._encode(part, size) for part in flat.split(self._batch)])
-        # leaving inference mode by a copy lets readouts be trained on the features
-        values = values.clone().unflatten(0, (b, t))
-        h, w = values.shape[-2:]
-        return FeatureMap(values, (height / h, width / w), times)
-
-    @property
-    def _batch(self) -> int:
-        return self.settings.batch
-
-    def _encode(self, frames: Tensor, size: tuple[int, int]) -> Tensor:
-        count = len(frames)
-        if count < self._batch:
-            frames = torch.cat([frames, frames[-1:].expand(self._batch - count, -1, -1, -1)])
-        weight = next(self.trunk.parameters())
-        pixels = normalise(resize(to_rgb(frames.to(weight.device).float()), size))
-        forward = cast(Callable[..., list[Tensor]], self.trunk.forward_intermediates)
+        pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
+        forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
         maps = forward(
-            pixels.to(weight.dtype),
+            pixels.flatten(0, 1),
             indices=[LAYERS[self.settings.layer]],
             intermediates_only=True,
             stop_early=True,
             output_fmt="NCHW",
         )
-        return maps[0][:count].float()
+        return maps[0].unflatten(0, clips.shape[:2])
 
 
 def build_trunk() -> nn.Module:

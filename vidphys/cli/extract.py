@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -14,8 +14,20 @@ from vidphys.errors import InputError
 from vidphys.video import ClipSelection, Video, read_video
 
 if TYPE_CHECKING:
-    from encoders.frozen import HieraEncoder
+    from encoders.frozen import FrozenEncoder
     from vidphys.train import Progress
+
+
+OPTIONS = (
+    "layer",
+    "resolution",
+    "frames",
+    "hop",
+    "frame_stride",
+    "predictor",
+    "dtype",
+    "batch",
+)
 
 
 @dataclass(frozen=True)
@@ -27,12 +39,19 @@ class ExtractConfig:
     Args:
         clips: video files.
         out: folder of the feature store; made if it is not there.
-        encoder: the frozen encoder.
+        encoder: the frozen encoder; `vidphys weights list` names them. The options from layer to
+            batch keep its own default where they are not given; one that it does not take is
+            refused.
         weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
-        layer: the stage that is read, by its stride in network pixels.
-        resolution: network pixels of the longer image side, a multiple of 32.
+        layer: what is read: hiera 4, 8, 16 or 32 (stride in network pixels); i3d a stage, such as
+            Mixed_4f; the transformers a number of blocks.
+        resolution: network pixels of the longer image side.
+        frames: in a window of a video encoder.
+        hop: frames from a window's start to the next one's.
+        frame_stride: let the encoder take each so-many-th of the frames.
+        predictor: read the predictor of V-JEPA 2 in place of its encoder.
         dtype: of the computation.
-        batch: frames per forward pass.
+        batch: frames, or windows of a video encoder, per forward pass.
         store_dtype: of the values on disk.
         start: first frame of each clip.
         stop: frame to stop before.
@@ -45,12 +64,16 @@ class ExtractConfig:
 
     clips: Annotated[tuple[Path, ...], tyro.conf.Positional]
     out: Path
-    encoder: Literal["hiera"] = "hiera"
+    encoder: str = "hiera"
     weights: Path | None = None
-    layer: Literal[4, 8, 16, 32] = 8
-    resolution: int = 128
-    dtype: Literal["float32", "bfloat16", "float16"] = "float32"
-    batch: int = 8
+    layer: int | str | None = None
+    resolution: int | None = None
+    frames: int | None = None
+    hop: int | None = None
+    frame_stride: int | None = None
+    predictor: Literal[True] | None = None
+    dtype: Literal["float32", "bfloat16", "float16"] | None = None
+    batch: int | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
     start: int = 0
     stop: int | None = None
@@ -64,6 +87,11 @@ class ExtractConfig:
     def selection(self) -> ClipSelection:
         """Which frames are read."""
         return ClipSelection(self.start, self.stop, self.stride, self.side, self.rate)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What the encoder is set to; ``None`` is its own default."""
+        return {name: getattr(self, name) for name in OPTIONS}
 
 
 def extract(config: ExtractConfig) -> None:
@@ -84,24 +112,24 @@ def extract(config: ExtractConfig) -> None:
         raise InputError(str(error)) from error
 
 
-def frozen_encoder(config: ExtractConfig) -> HieraEncoder:
+def frozen_encoder(config: ExtractConfig) -> FrozenEncoder:
     """The encoder that a configuration names.
 
     Raises:
         InputError: a device that is not there.
-        ValueError: weights that are missing or wrong.
+        ValueError: an unknown encoder, an option that it does not take, or weights that are missing
+            or wrong.
     """
     import torch
 
-    from encoders.frozen import HieraSettings, load_hiera
+    from encoders.frozen import load_encoder
 
     if config.device == "cuda" and not torch.cuda.is_available():
         raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")
-    settings = HieraSettings(config.layer, config.resolution, config.dtype, config.batch)
-    return load_hiera(settings, config.weights, config.device)
+    return load_encoder(config.encoder, config.options, config.weights, config.device)
 
 
-def _extract_all(config: ExtractConfig, encoder: HieraEncoder) -> None:
+def _extract_all(config: ExtractConfig, encoder: FrozenEncoder) -> None:
     from encoders.store import FeatureStore
     from vidphys import extraction
 

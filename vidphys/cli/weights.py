@@ -8,15 +8,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from encoders.weights import (
-    KNOWN,
-    WeightsMissing,
-    entry,
-    fetch,
-    find_weights,
-    lock,
-    weights_folder,
-)
+from encoders.known_weights import KNOWN, entry
+from encoders.release import WeightsMissing
+from encoders.weights import fetch, find_weights, lock, weights_path
 from vidphys.errors import InputError
 
 
@@ -61,8 +55,8 @@ def weights(config: WeightsConfig) -> None:
 
 def _list(name: str, config: WeightsConfig) -> str:
     known = entry(name)
-    path = weights_folder(config.weights) / known.file
-    where = str(path) if path.is_file() else f"not here: vidphys weights fetch {name}"
+    path = weights_path(name, config.weights)
+    where = str(path) if path.exists() else f"not here: vidphys weights fetch {name}"
     return f"{name}: {known.about}; {known.licence}; {where}"
 
 
@@ -72,15 +66,15 @@ def _fetch(name: str, config: WeightsConfig) -> str:
     except ConnectionError as error:
         raise InputError(
             f"weights fetch {name}: the hub did not give it ({error}); get it elsewhere, put it "
-            f"here as {weights_folder(config.weights) / entry(name).file} and run "
-            "`vidphys weights check --lock`"
+            f"here as {weights_path(name, config.weights)} and run "
+            f"`vidphys weights check {name} --lock`"
         ) from error
     return f"{name}: {found.path}, sha256 {found.sha256}"
 
 
 def _check(name: str, config: WeightsConfig) -> str:
-    path = weights_folder(config.weights) / entry(name).file
-    if config.lock and path.is_file():
+    path = weights_path(name, config.weights)
+    if config.lock and path.exists():
         return f"{name}: {path} locked, sha256 {lock(path, None)}"
     try:
         found = find_weights(name, config.weights)

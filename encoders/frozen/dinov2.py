@@ -1,0 +1,128 @@
+"""DINOv2 image transformers (Oquab et al., arXiv:2304.07193), frame by frame, frozen.
+
+Weights are the release folders of ``timm`` (small, base, large; patches of 14 pixels). One frame is
+enough; each frame is seen alone, so that any number of frames, odd or long, has as many feature
+frames, at the frames' own times. The position table is interpolated to the grid that is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.tokens import chosen_layer
+from encoders.frozen.windows import Windowing
+from encoders.identity import EncoderIdentity
+from encoders.preprocess import imagenet_clips, network_size
+from encoders.release import WeightsFile, load_strict, read_config
+from encoders.weights import find_weights
+
+CODE_VERSION = 1
+PATCH = 14
+PREPROCESSING = "rgb, longer side to resolution, sides to multiples of 14, bilinear, imagenet"
+ARCHITECTURES = {
+    f"dinov2-{size}": f"vit_{size}_patch14_dinov2" for size in ("small", "base", "large")
+}
+
+
+@dataclass(frozen=True)
+class DINOv2Settings:
+    """What is read, and at which cost.
+
+    Args:
+        layer: blocks that are run, from 1; all where not given, and then the final norm too. Later
+            blocks are not computed.
+        resolution: network pixels of the longer image side, a multiple of 14.
+        frame_stride: take each so-many-th frame.
+        dtype: of the computation.
+        batch: frames per forward pass.
+    """
+
+    layer: int | None = None
+    resolution: int = 224
+    frame_stride: int = 1
+    dtype: Dtype = "float32"
+    batch: int = 8
+
+
+class DINOv2Encoder(FrozenEncoder):
+    """Frames to maps of patch tokens.
+
+    Args:
+        network: the timm model, with positions for any image size.
+        settings: see :class:`DINOv2Settings`.
+        name: a key of ``ARCHITECTURES``.
+        weights: what the network was loaded from.
+
+    Raises:
+        ValueError: a layer or a resolution that the network does not have.
+    """
+
+    def __init__(
+        self, network: nn.Module, settings: DINOv2Settings, name: str, weights: WeightsFile
+    ) -> None:
+        network_size(1, 1, settings.resolution, PATCH)
+        self.settings = settings
+        self.depth = len(cast(nn.Sequential, network.blocks))
+        self.layer = chosen_layer(name, settings.layer, self.depth)
+        identity = EncoderIdentity(
+            name=name,
+            code_version=CODE_VERSION,
+            weights_sha256=weights.sha256,
+            preprocessing=f"each {settings.frame_stride}. frame, {PREPROCESSING}",
+            layer=str(self.layer),
+            resolution=settings.resolution,
+            dtype=settings.dtype,
+        )
+        super().__init__(network, Windowing(), settings.frame_stride, settings.batch, identity)
+
+    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+        height, width = clips.shape[-2:]
+        size = network_size(height, width, self.settings.resolution, PATCH)
+        pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
+        forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
+        maps = forward(
+            pixels.flatten(0, 1),
+            indices=[self.layer - 1],
+            norm=self.layer == self.depth,
+            intermediates_only=True,
+            stop_early=True,
+            output_fmt="NCHW",
+        )
+        return maps[0].unflatten(0, clips.shape[:2])
+
+
+def load_dinov2(
+    name: str, settings: DINOv2Settings, where: Path | None = None, device: str = "cpu"
+) -> DINOv2Encoder:
+    """The frozen encoder from its release folder, strictly.
+
+    Args:
+        name: a key of ``ARCHITECTURES``.
+        settings: see :class:`DINOv2Settings`.
+        where: weights folder or release folder; see :func:`find_weights`.
+        device: where the network runs and the features are left.
+
+    Raises:
+        WeightsMissing: the folder is not there.
+        ValueError: it is not the expected one.
+    """
+    import timm
+
+    weights = find_weights(name, where)
+    config = read_config(weights, {"architecture": ARCHITECTURES[name]})
+    network = timm.create_model(
+        ARCHITECTURES[name],
+        pretrained=False,
+        num_classes=0,
+        dynamic_img_size=True,
+        **config.get("model_args", {}),
+    )
+    load_strict(network, weights.path)
+    return DINOv2Encoder(network.to(device), settings, name, weights)

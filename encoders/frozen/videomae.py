@@ -1,0 +1,136 @@
+"""VideoMAE video transformers (Tong et al., arXiv:2203.12602), frozen.
+
+Weights are the release folders of ``transformers`` (small, base): of the encoder alone, or with the
+decoder or the classifier that it was trained with, which are left out. The position table fixes the
+input: 16 frames of 224 x 224 pixels, tubelets of 2 frames and 16 x 16 pixels; the whole image is
+resized to the square.
+
+Any number of frames is taken. One frame, or fewer than 16, are followed by copies of the last one;
+an odd number by one copy; feature frames that saw only copies are dropped. A long clip is seen in
+windows of 16 frames, side by side unless ``hop`` is less, and a last one that ends with the clip.
+A feature frame's time is the middle of the two frames that its tubelet covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
+from encoders.frozen.windows import Windowing
+from encoders.identity import EncoderIdentity
+from encoders.preprocess import imagenet_clips
+from encoders.release import WeightsFile, load_strict, read_config
+from encoders.weights import find_weights
+
+CODE_VERSION = 1
+NAMES = ("videomae-small", "videomae-base")
+PREPROCESSING = "rgb, the image to the square, bilinear, imagenet"
+UNUSED = (
+    "decoder.",
+    "encoder_to_decoder.",
+    "mask_token",
+    "position_embeddings",
+    "classifier.",
+    "fc_norm.",
+)
+
+
+@dataclass(frozen=True)
+class VideoMAESettings:
+    """What is read, and at which cost.
+
+    Args:
+        layer: blocks that are run, from 1; all where not given, and then the final norm too, where
+            the release has one. Later blocks are not computed.
+        hop: frames from a window's start to the next one's; the windows' 16 where not given.
+        frame_stride: take each so-many-th frame, before windows are made.
+        dtype: of the computation.
+        batch: windows per forward pass.
+    """
+
+    layer: int | None = None
+    hop: int | None = None
+    frame_stride: int = 1
+    dtype: Dtype = "float32"
+    batch: int = 1
+
+
+class VideoMAEEncoder(FrozenEncoder):
+    """Windows of frames to maps of tubelet tokens.
+
+    Args:
+        network: the ``VideoMAEModel``.
+        settings: see :class:`VideoMAESettings`.
+        name: one of ``NAMES``.
+        weights: what the network was loaded from.
+
+    Raises:
+        ValueError: a layer or a hop that the network does not have.
+    """
+
+    def __init__(
+        self, network: nn.Module, settings: VideoMAESettings, name: str, weights: WeightsFile
+    ) -> None:
+        config: Any = network.config
+        self.config = config
+        self.settings = settings
+        self.layer = chosen_layer(name, settings.layer, config.num_hidden_layers)
+        windowing = Windowing(config.num_frames, settings.hop, config.tubelet_size)
+        identity = EncoderIdentity(
+            name=name,
+            code_version=CODE_VERSION,
+            weights_sha256=weights.sha256,
+            preprocessing=f"{windowing_words(windowing, settings.frame_stride)}, {PREPROCESSING}",
+            layer=str(self.layer),
+            resolution=config.image_size,
+            dtype=settings.dtype,
+        )
+        super().__init__(network, windowing, settings.frame_stride, settings.batch, identity)
+
+    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+        network: Any = self.network
+        side, patch = self.config.image_size, self.config.patch_size
+        pixels = imagenet_clips(clips, (side, side), DTYPES[self.settings.dtype])
+        tokens = network.embeddings(pixels, None)
+        for block in network.encoder.layer[: self.layer]:
+            tokens = block(tokens)
+        if self.layer == self.config.num_hidden_layers and network.layernorm is not None:
+            tokens = network.layernorm(tokens)
+        grid = side // patch
+        return token_maps(tokens, clips.shape[1] // self.windowing.tubelet, grid, grid)
+
+
+def load_videomae(
+    name: str, settings: VideoMAESettings, where: Path | None = None, device: str = "cpu"
+) -> VideoMAEEncoder:
+    """The frozen encoder from its release folder, strictly.
+
+    Args:
+        name: one of ``NAMES``.
+        settings: see :class:`VideoMAESettings`.
+        where: weights folder or release folder; see :func:`find_weights`.
+        device: where the network runs and the features are left.
+
+    Raises:
+        WeightsMissing: the folder is not there.
+        ValueError: it is not the expected one.
+    """
+    from transformers import VideoMAEConfig, VideoMAEModel
+
+    weights = find_weights(name, where)
+    config = VideoMAEConfig.from_dict(read_config(weights, {"model_type": "videomae"}))
+    network: nn.Module = VideoMAEModel(config)
+    load_strict(network, weights.path, UNUSED, _renamed)
+    return VideoMAEEncoder(network.to(device), settings, name, weights)
+
+
+def _renamed(key: str) -> str:
+    """The release's key as the present library has it: without a prefix, with biases in layers."""
+    key = key.removeprefix("videomae.")
+    return key.replace(".q_bias", ".query.bias").replace(".v_bias", ".value.bias")

@@ -1,0 +1,166 @@
+"""V-JEPA 2 video transformers (Assran et al., arXiv:2506.09985), frozen.
+
+Weights are the release folders of ``transformers`` (ViT-L, H, g). Positions are rotary, so that any
+number of frames and any grid is taken: tubelets of 2 frames and 16 x 16 pixels. The predictor is
+loaded and run only where ``predictor`` asks for it; it then has all tokens for context and says all
+of them, which is what the library's own forward pass returns.
+
+One frame is repeated once; an odd number of frames is followed by a copy of the last one; a clip
+shorter than a window makes a shorter window. A long clip is seen in windows of ``frames`` frames,
+side by side unless ``hop`` is less, and a last one that ends with the clip. A feature frame's time
+is the middle of the two frames that its tubelet covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
+from encoders.frozen.windows import Windowing
+from encoders.identity import EncoderIdentity
+from encoders.preprocess import imagenet_clips, network_size
+from encoders.release import WeightsFile, load_strict, read_config
+from encoders.weights import find_weights
+
+CODE_VERSION = 1
+NAMES = ("vjepa2-l", "vjepa2-h", "vjepa2-g")
+PREPROCESSING = "rgb, longer side to resolution, sides to whole patches, bilinear, imagenet"
+
+
+@dataclass(frozen=True)
+class VJEPA2Settings:
+    """What is read, and at which cost.
+
+    Args:
+        layer: blocks that are run, from 1; all where not given, and then the final norm too. Later
+            blocks are not computed.
+        resolution: network pixels of the longer image side, a multiple of the patch (16).
+        frames: in a window, a multiple of the tubelet (2).
+        hop: frames from a window's start to the next one's; ``frames`` where not given.
+        frame_stride: take each so-many-th frame, before windows are made.
+        predictor: read the predictor's output in place of the encoder's.
+        dtype: of the computation.
+        batch: windows per forward pass.
+    """
+
+    layer: int | None = None
+    resolution: int = 256
+    frames: int = 16
+    hop: int | None = None
+    frame_stride: int = 1
+    predictor: bool = False
+    dtype: Dtype = "float32"
+    batch: int = 1
+
+
+class VJEPA2Encoder(FrozenEncoder):
+    """Windows of frames to maps of tubelet tokens.
+
+    Args:
+        network: the ``VJEPA2Encoder`` of the library and, where asked for, its predictor, by the
+            names ``encoder`` and ``predictor``.
+        config: the library's configuration, made for ``settings.resolution``.
+        settings: see :class:`VJEPA2Settings`.
+        name: one of ``NAMES``.
+        weights: what the network was loaded from.
+
+    Raises:
+        ValueError: a layer, a resolution or a window that the network does not have.
+    """
+
+    def __init__(
+        self,
+        network: nn.ModuleDict,
+        config: Any,
+        settings: VJEPA2Settings,
+        name: str,
+        weights: WeightsFile,
+    ) -> None:
+        network_size(1, 1, settings.resolution, config.patch_size)
+        if settings.predictor and settings.layer is not None:
+            raise ValueError(f"{name}: the predictor reads the last layer; leave out layer")
+        self.config = config
+        self.settings = settings
+        self.layer = chosen_layer(name, settings.layer, config.num_hidden_layers)
+        tubelet = config.tubelet_size
+        windowing = Windowing(settings.frames, settings.hop, tubelet, shortens=True)
+        identity = EncoderIdentity(
+            name=name,
+            code_version=CODE_VERSION,
+            weights_sha256=weights.sha256,
+            preprocessing=f"{windowing_words(windowing, settings.frame_stride)}, {PREPROCESSING}",
+            layer="predictor" if settings.predictor else str(self.layer),
+            resolution=settings.resolution,
+            dtype=settings.dtype,
+        )
+        super().__init__(network, windowing, settings.frame_stride, settings.batch, identity)
+
+    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+        networks: Any = self.network
+        patch = self.config.patch_size
+        height, width = clips.shape[-2:]
+        size = network_size(height, width, self.settings.resolution, patch)
+        pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
+        frames = clips.shape[1] // self.config.tubelet_size
+        rows, columns = size[0] // patch, size[1] // patch
+        encoder = networks["encoder"]
+        tokens = encoder.embeddings(pixels)
+        places = _places(frames, rows, columns, self.settings.resolution // patch, tokens)
+        for block in encoder.layer[: self.layer]:
+            tokens = block(tokens, places)[0]
+        if self.layer == self.config.num_hidden_layers:
+            tokens = encoder.layernorm(tokens)
+        if self.settings.predictor:
+            if rows != columns:
+                raise ValueError(
+                    f"{self.identity.name}: the predictor takes square frames, got "
+                    f"{height} x {width}; pad or crop them"
+                )
+            masks = [places.expand(len(tokens), -1)]
+            tokens = networks["predictor"](tokens, masks, masks).last_hidden_state
+        return token_maps(tokens, frames, rows, columns)
+
+
+def _places(
+    frames: int, height: int, width: int, side: int, like: Tensor
+) -> Float[Tensor, "1 tokens"]:
+    """Number of each token on the square grid of ``side`` that positions are computed from."""
+    t, y, x = (torch.arange(count, device=like.device) for count in (frames, height, width))
+    return (t[:, None, None] * side**2 + y[:, None] * side + x).reshape(1, -1)
+
+
+def load_vjepa2(
+    name: str, settings: VJEPA2Settings, where: Path | None = None, device: str = "cpu"
+) -> VJEPA2Encoder:
+    """The frozen encoder from its release folder, strictly.
+
+    Args:
+        name: one of ``NAMES``.
+        settings: see :class:`VJEPA2Settings`.
+        where: weights folder or release folder; see :func:`find_weights`.
+        device: where the network runs and the features are left.
+
+    Raises:
+        WeightsMissing: the folder is not there.
+        ValueError: it is not the expected one.
+    """
+    from transformers import VJEPA2Config, VJEPA2Model
+
+    weights = find_weights(name, where)
+    written = read_config(weights, {"model_type": "vjepa2"})
+    config = VJEPA2Config.from_dict({**written, "crop_size": settings.resolution})
+    # without memory until it is loaded: filling a thousand million weights at random is slow
+    with torch.device("meta"):
+        model = VJEPA2Model(config)
+    model.to_empty(device="cpu")
+    load_strict(model, weights.path)
+    parts = ("encoder", "predictor") if settings.predictor else ("encoder",)
+    network = nn.ModuleDict({part: getattr(model, part) for part in parts})
+    return VJEPA2Encoder(network.to(device), config, settings, name, weights)
