@@ -44,9 +44,9 @@ def run(tmp_path):
     return RunFolder.open(tmp_path / "run", settings_of("tiny", TINY, plan((), (), 1)))
 
 
-def test_the_whole_ladder_is_ten_rungs_and_the_twins():
+def test_the_whole_ladder_is_eleven_rungs_and_the_twins():
     units = plan((), (), 3).units
-    assert len(units) == 30 and {u.grounding for u in units} == set(RUNGS)
+    assert len(units) == 33 and {u.grounding for u in units} == set(RUNGS)
     heads = {u.grounding: u.heads for u in units}
     assert heads["oracle"] == heads["renderer"] == ALL_HEADS
     assert heads["jepa-centroid"] == TWINS

@@ -24,6 +24,7 @@ _GROUNDINGS = (
     "jepa",
     "jepa-centroid",
     "jepa-exact",
+    "rgb-tracked",
     "anonymous-hand",
     "anonymous-tracker",
     "anonymous-tracker-twostage",

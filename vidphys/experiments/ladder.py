@@ -56,6 +56,8 @@ STUDY = {
     "jepa-centroid/factored": 0.40,
     "jepa-centroid/unstructured": 0.68,
     "jepa-exact/factored": 0.405,
+    "rgb-tracked/factored": 0.45,
+    "rgb-tracked/unstructured": 0.82,
     "anonymous-hand/factored": 0.76,
     "anonymous-hand/unstructured": 0.76,
     "anonymous-tracker/factored": 0.15,
