@@ -209,6 +209,14 @@ def test_three_body_forces_are_gradients_and_push_nothing_as_a_whole(name):
 
 
 @pytest.mark.parametrize("name", TRIPLES)
+def test_three_body_forces_are_odd_in_the_coupling_bitwise(name):
+    q, params = states()
+    potential = TRIPLES[name]()
+    force = potential.force(q, params)
+    assert torch.equal(potential.force(q, params.with_coupling(-params.coupling)), -force)
+
+
+@pytest.mark.parametrize("name", TRIPLES)
 def test_exchanging_bodies_exchanges_three_body_forces(name):
     q, params = states()
     order = torch.tensor([3, 0, 4, 1, 2])

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import torch
 from torch import Tensor
+from torch.utils import _pytree as pytree
 
 from dynamics import HamiltonianTerms, Head, PhaseState, Terms, leapfrog
 from dynamics.build import parameter_count, to_config
@@ -55,7 +56,7 @@ def fit_networks(
         torch.manual_seed(derive(seed, "init", name))
         heads.append(scene.build(NETWORKS[name]))
         labels = _labels(scene, kind, task.sizes.trajectories, seed)
-        data.append(ForceLabels(labels.q.float(), _single(labels), labels.force.float()))
+        data.append(pytree.tree_map(lambda x: x.float().to(task.device), labels))
     count = HORIZON * max(1, task.sizes.trajectories // 16)
     train = Stacked([d[slice(count, None)] for d in data])
     held_out = stack([d[slice(0, count)] for d in data])
@@ -64,21 +65,23 @@ def fit_networks(
     def loss(head: Head, batch: ForceLabels) -> Tensor:
         return (response(head, batch.q, batch.params) - _coupled(batch)).square().mean() / size
 
-    ensemble, order = Ensemble(heads), derive(task.seeds[0], "order", name)
+    ensemble, order = Ensemble(heads).to(task.device), derive(task.seeds[0], "order", name)
     probe = FitSettings(max(1, int(PROBE * task.sizes.steps)), task.sizes.batch, 0.0)
     rates = task.sizes.learning_rates
     choice = choose_learning_rate(
         ensemble, lambda e: e.loss(loss), train, held_out, rates, probe, order
     )
     settings = FitSettings(task.sizes.steps, task.sizes.batch, choice.chosen)
-    fit(ensemble, ensemble.loss(loss), train, settings, order, task.checkpoint("fit"))
-    for recorder in recorders.values():
-        recorder.add_value("learning_rate", choice.chosen)
-    return dict(zip(task.seeds, ensemble.members(), strict=True))
-
-
-def _single(labels: ForceLabels):  # noqa: ANN202 (parameters in single precision)
-    return labels.params.map(torch.Tensor.float)
+    save_to, progress = task.checkpoint("fit"), task.progress
+    fit(ensemble, ensemble.loss(loss), train, settings, order, save_to, progress)
+    fitted: dict[int, Head] = {}
+    for seed, head in zip(task.seeds, ensemble.to("cpu").members(), strict=True):
+        lost = not all(bool(torch.isfinite(p).all()) for p in head.parameters())
+        recorders[seed].add_value("learning_rate", choice.chosen)
+        recorders[seed].add_value("training_failed", float(lost))
+        if not lost:
+            fitted[seed] = head
+    return fitted
 
 
 def _coupled(labels: ForceLabels) -> Tensor:
