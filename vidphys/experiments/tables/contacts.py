@@ -113,7 +113,7 @@ def _ask(
     for seed, head in heads.items():
         recorder = recorders[seed]
         question = aged_question(scene, task.sizes.held_out, seed)
-        rolled = score_drift(recorder, head, question)
+        rolled = score_drift(recorder, head, question, DRIFT_STEPS)
         _score_momentum(recorder, rolled.states)
         score_retrace(recorder, head, replace(question, steps=RETRACE_STEPS))
         _score_held_law(recorder, head, question)

@@ -10,7 +10,7 @@ from dynamics.build import to_config
 from vidphys.experiments.dissipation import record_certificate
 from vidphys.experiments.losses import floored
 from vidphys.experiments.oracle import held_out_question, train_on_states
-from vidphys.experiments.scoring import score_changed_law, score_drift
+from vidphys.experiments.scoring import DRIFT_STEPS, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.scenes import Scene
 from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb
@@ -21,7 +21,7 @@ TWINS: dict[str, Terms] = {
     "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
     "unstructured": ResidualTerms(),
 }
-STEPS, ROUNDS = 2000, 40  # of a certificate, and pieces of its Lyapunov time
+STEPS, ROUNDS = DRIFT_STEPS[-1], 40  # of a certificate, and pieces of its Lyapunov time
 FLOOR = 0.1  # of the momentum increments' spread: charges' forces often cancel
 
 
@@ -80,7 +80,7 @@ def family_cell(
         )
         for seed, trained in heads.items():
             question = held_out_question(world, task.sizes.held_out, seed)
-            score_drift(recorders[seed], trained, question)
+            score_drift(recorders[seed], trained, question, DRIFT_STEPS)
             for name, change in changes.items():
                 part = task.recorder(seed, world, head, name)
                 score_changed_law(part, trained, question, change(question.params), question.params)

@@ -14,14 +14,14 @@ from vidphys.experiments.dissipation import record_certificate, score_shed
 from vidphys.experiments.losses import floored, shortcut_penalised
 from vidphys.experiments.members import MemberLoss
 from vidphys.experiments.oracle import held_out_question, train_on_states
-from vidphys.experiments.scoring import Question, score_changed_law, score_drift
+from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.drag import dragged_gravity
 from vidphys.scenes.springs import springs
 
-STEPS, ROUNDS = 2000, 40  # of a certificate, and pieces of its Lyapunov time
+STEPS, ROUNDS = DRIFT_STEPS[-1], 40  # of a certificate, and pieces of its Lyapunov time
 FLOOR = 0.1  # of the momentum increments' spread: beyond the cutoff there is no force at all
 ONE = 5.0  # the stiffness where there is only one
 WEAK, STRONG = 1.0, 100.0  # weights of the penalty
@@ -114,7 +114,7 @@ def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> 
     if "friction" in params.scalars:
         score_shed(recorder, head, question, params, STEPS, "shed")
     else:
-        score_drift(recorder, head, question)
+        score_drift(recorder, head, question, DRIFT_STEPS)
     if recipe.terms.shortcut:
         state, law = question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
         with torch.no_grad():
