@@ -117,12 +117,7 @@ def load_dinov2(
 
     weights = find_weights(name, where)
     config = read_config(weights, {"architecture": ARCHITECTURES[name]})
-    network = timm.create_model(
-        ARCHITECTURES[name],
-        pretrained=False,
-        num_classes=0,
-        dynamic_img_size=True,
-        **config.get("model_args", {}),
-    )
+    arguments = {**config.get("model_args", {}), "num_classes": 0, "dynamic_img_size": True}
+    network = timm.create_model(ARCHITECTURES[name], pretrained=False, **arguments)
     load_strict(network, weights.path)
     return DINOv2Encoder(network.to(device), settings, name, weights)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
@@ -130,7 +130,7 @@ class VJEPA2Encoder(FrozenEncoder):
 
 def _places(
     frames: int, height: int, width: int, side: int, like: Tensor
-) -> Float[Tensor, "1 tokens"]:
+) -> Int[Tensor, "1 tokens"]:
     """Number of each token on the square grid of ``side`` that positions are computed from."""
     t, y, x = (torch.arange(count, device=like.device) for count in (frames, height, width))
     return (t[:, None, None] * side**2 + y[:, None] * side + x).reshape(1, -1)

@@ -47,7 +47,7 @@ class Windowing:
             )
         if not 0 < self.step <= self.frames or self.step % self.tubelet:
             raise ValueError(
-                f"encoder: hop {self.step} must be a multiple of {self.tubelet} from {self.tubelet} "
+                f"encoder: hop {self.step} must be a multiple of {self.tubelet}, {self.tubelet} "
                 f"to {self.frames} frames"
             )
 
