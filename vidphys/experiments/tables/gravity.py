@@ -15,7 +15,7 @@ from dynamics.build import to_config
 from vidphys import metrics
 from vidphys.experiments.losses import energy_penalised, noisy
 from vidphys.experiments.members import MemberLoss, one_step
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import (
     DRIFT_STEPS,
     INVERSION_STEPS,
@@ -26,7 +26,7 @@ from vidphys.experiments.scoring import (
     score_rollout_error,
 )
 from vidphys.experiments.tables.base import Cell, CellTask, Table
-from vidphys.presets import OracleSizes
+from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.records import Recorder
 from vidphys.scenes import certify, gravity, lyapunov_time
 
@@ -80,42 +80,22 @@ def recipe_cell(name: str, recipe: Recipe) -> Cell:
 
     def run(task: CellTask) -> None:
         scene = gravity()
-        recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
-        heads = train_on_states(
-            name,
-            recipe.terms,
-            scene,
-            _budget(task.sizes, recipe.k),
-            recorders,
-            recipe.loss,
-            task.device,
-            task.checkpoint("fit"),
-            task.progress,
-            recipe.k,
-            recipe.both_signs,
+        # As many force evaluations for k steps as for one.
+        sizes = smaller_batch(task.sizes, recipe.k)
+        trained = train_cell(
+            task, name, recipe.terms, scene, sizes, recipe.loss, recipe.k, recipe.both_signs
         )
-        for seed, head in heads.items():
+        for seed, head, recorder in trained:
             question = held_out_question(scene, task.sizes.held_out, seed)
-            score_inversion(recorders[seed], head, question)
-            score_short_inversion(recorders[seed], head, question)
-            rolled = score_drift(recorders[seed], head, question)
-            score_rollout_error(recorders[seed], question, rolled)
-            score_extrapolation(recorders[seed], head, question)
+            score_inversion(recorder, head, question)
+            score_short_inversion(recorder, head, question)
+            rolled = score_drift(recorder, head, question)
+            score_rollout_error(recorder, question, rolled)
+            score_extrapolation(recorder, head, question)
             if recipe.long:
-                score_long_drift(recorders[seed], head, question)
+                score_long_drift(recorder, head, question)
 
     return run
-
-
-def _budget(sizes: OracleSizes, k: int) -> OracleSizes:
-    """As many force evaluations for k steps as for one."""
-    return OracleSizes(
-        sizes.trajectories,
-        sizes.steps,
-        max(1, sizes.batch // k),
-        sizes.learning_rates,
-        sizes.held_out,
-    )
 
 
 def truth(task: CellTask) -> None:

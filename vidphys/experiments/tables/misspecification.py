@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from dynamics import HamiltonianTerms, Terms
 from dynamics.build import to_config
@@ -14,9 +13,10 @@ from vidphys.coupling_power import (
     coupling_power,
     measured_forces,
 )
-from vidphys.experiments.oracle import held_out_question, train_on_states, true_trajectories
+from vidphys.experiments.oracle import held_out_question, true_trajectories
 from vidphys.experiments.scoring import score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
@@ -44,28 +44,17 @@ SERIES = {
 
 
 def series_cell(world: str, prior: str) -> Cell:
-    """A cell that trains one prior in one world, after asking what the data support."""
+    """A cell that trains one prior in one world, and asks what the training data support."""
 
     def run(task: CellTask) -> None:
         scene, terms = WORLDS[world](), PRIORS[prior]
-        recorders = {seed: task.recorder(seed, scene, prior) for seed in task.seeds}
-        for seed, recorder in recorders.items():
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, recorder in train_cell(task, prior, terms, scene, sizes):
             ask_power(recorder, scene, terms.coupling, task.sizes.trajectories, seed)
-        heads = train_on_states(
-            prior,
-            terms,
-            scene,
-            replace(task.sizes, batch=max(1, task.sizes.batch // 2)),
-            recorders,
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        for seed, head in heads.items():
             question = held_out_question(scene, task.sizes.held_out, seed)
-            score_inversion(recorders[seed], head, question)
+            score_inversion(recorder, head, question)
             if prior == "factored":
-                score_truth(recorders[seed], question)
+                score_truth(recorder, question)
 
     return run
 

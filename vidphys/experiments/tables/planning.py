@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 from torch import Generator, Tensor
 
 from dynamics import HEADS, Head, Parameters, PhaseState, rollout
 from dynamics.build import to_config
 from vidphys import metrics
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.planning import KICKED, Plan, kicked, plan_impulse
 from vidphys.records import Recorder
@@ -33,25 +32,15 @@ def model_cell(name: str) -> Cell:
 
     def run(task: CellTask) -> None:
         scene = gravity()
-        recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
-        heads = train_on_states(
-            name,
-            HEADS[name],
-            scene,
-            replace(task.sizes, batch=max(1, task.sizes.batch // 2)),
-            recorders,
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        for seed, head in heads.items():
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, recorder in train_cell(task, name, HEADS[name], scene, sizes):
             question = held_out_question(scene, task.sizes.held_out, seed)
-            score_plans(recorders[seed], head, question, seed)
+            score_plans(recorder, head, question, seed)
             for noise in NOISES:
-                recorder = task.recorder(seed, scene, name, f"noise-{noise:g}")
-                score_noise(recorder, head, question, noise, seed)
+                noisy = task.recorder(seed, scene, name, f"noise-{noise:g}")
+                score_noise(noisy, head, question, noise, seed)
             if name == MODELS[0]:
-                score_truth(recorders[seed], question)
+                score_truth(recorder, question)
 
     return run
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynamics import HEADS, HamiltonianTerms, ResidualTerms, Terms
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import score_drift, score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import train_cell
 from vidphys.presets import OracleSizes
 from vidphys.scenes import gravity
 
@@ -26,22 +27,11 @@ def sweep_cell(
 
     def run(task: CellTask) -> None:
         scene = gravity(generator)
-        recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
         sizes = _sizes(task.sizes, trajectories)
-        heads = train_on_states(
-            name,
-            terms,
-            scene,
-            sizes,
-            recorders,
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        for seed, head in heads.items():
+        for seed, head, recorder in train_cell(task, name, terms, scene, sizes):
             question = held_out_question(scene, sizes.held_out, seed)
-            score_inversion(recorders[seed], head, question)
-            score_drift(recorders[seed], head, question)
+            score_inversion(recorder, head, question)
+            score_drift(recorder, head, question)
 
     return run
 
