@@ -11,10 +11,6 @@ from dynamics.mlp import MLP, TANH
 from dynamics.potentials import REACH, SPREAD, Potential, pair_indices
 from dynamics.state import Parameters, PhaseState
 
-# The factored force is a network's slope times its squashing's and the coupling: without a like
-# gain the shortcut would be the slower learner by its units alone.
-GAIN = 20.0
-
 
 class Shortcut(nn.Module):
     """A factored potential, and beside it a force between pairs that may be anything.
@@ -54,7 +50,7 @@ class Shortcut(nn.Module):
         strength = params.coupling[..., None, None].expand_as(m_i)
         there = self.free(torch.cat([u, m_i, m_j, strength], -1))
         back = self.free(torch.cat([-u, m_j, m_i, strength], -1))
-        push = 0.5 * GAIN * (there - back)
+        push = 0.5 * (there - back)
         return torch.zeros_like(q).index_add(-2, i, push).index_add(-2, j, push, alpha=-1)
 
 

@@ -40,16 +40,21 @@ class Recipe:
         scene: where it is trained and asked.
         terms: of the model.
         weight: of the penalty on the shortcut; ``None`` for a model that has none.
+        floor: least size that momentum errors are relative to, see
+            :func:`vidphys.experiments.losses.floored`; drag is seen in small increments.
     """
 
     scene: Callable[[], Scene]
     terms: HamiltonianTerms
     weight: float | None = None
+    floor: float = 0.0
 
     @property
     def loss(self) -> MemberLoss:
         """What it is trained by."""
-        return floored(FLOOR) if self.weight is None else shortcut_penalised(self.weight, FLOOR)
+        if self.weight is None:
+            return floored(self.floor)
+        return shortcut_penalised(self.weight, self.floor)
 
 
 def one_stiffness() -> Scene:
@@ -62,23 +67,24 @@ def strong_drag() -> Scene:
     return dragged_gravity(STRENGTH)
 
 
-def _with_shortcut(terms: HamiltonianTerms) -> HamiltonianTerms:
-    return replace(terms, shortcut=True)
+def _screen(scene: Callable[[], Scene], weight: float | None) -> Recipe:
+    terms = SPRINGS if weight is None else replace(SPRINGS, shortcut=True)
+    return Recipe(scene, terms, weight, FLOOR)
 
 
 SCREEN = {
-    "one-stiffness/no-shortcut": Recipe(one_stiffness, SPRINGS),
-    "one-stiffness/free": Recipe(one_stiffness, _with_shortcut(SPRINGS), 0.0),
-    "one-stiffness/weak-penalty": Recipe(one_stiffness, _with_shortcut(SPRINGS), WEAK),
-    "one-stiffness/strong-penalty": Recipe(one_stiffness, _with_shortcut(SPRINGS), STRONG),
-    "many-stiffnesses/free": Recipe(springs, _with_shortcut(SPRINGS), 0.0),
+    "one-stiffness/no-shortcut": _screen(one_stiffness, None),
+    "one-stiffness/free": _screen(one_stiffness, 0.0),
+    "one-stiffness/weak-penalty": _screen(one_stiffness, WEAK),
+    "one-stiffness/strong-penalty": _screen(one_stiffness, STRONG),
+    "many-stiffnesses/free": _screen(springs, 0.0),
 }
 DRAGGED = replace(GRAVITY, ports=PORT)
 UNDER_DRAG = {
     "port": Recipe(strong_drag, DRAGGED),
-    "port-and-shortcut": Recipe(strong_drag, _with_shortcut(DRAGGED), 0.0),
-    "port-and-penalty": Recipe(strong_drag, _with_shortcut(DRAGGED), STRONG),
-    "penalty-without-port": Recipe(strong_drag, _with_shortcut(GRAVITY), STRONG),
+    "port-and-shortcut": Recipe(strong_drag, replace(DRAGGED, shortcut=True), 0.0),
+    "port-and-penalty": Recipe(strong_drag, replace(DRAGGED, shortcut=True), STRONG),
+    "penalty-without-port": Recipe(strong_drag, replace(GRAVITY, shortcut=True), STRONG),
 }
 
 
@@ -89,11 +95,12 @@ def hybrid_cell(recipe: Recipe) -> Cell:
         scene = recipe.scene()
         recorders = {seed: task.recorder(seed, scene, task.cell) for seed in task.seeds}
         heads = train_on_states(
-            task.cell,
+            # One name for all: the models of a table start from the same weights.
+            "hybrid",
             recipe.terms,
             scene,
-            # A quarter of the preset's batch: two networks a model, and many models.
-            replace(task.sizes, batch=max(1, task.sizes.batch // 4)),
+            # Half of the preset's batch: there are two networks in a model.
+            replace(task.sizes, batch=max(1, task.sizes.batch // 2)),
             recorders,
             recipe.loss,
             task.device,
@@ -137,8 +144,8 @@ NECESSITY = Table(
     name="necessity",
     title="Necessity: a shortcut beside the factored force",
     about=(
-        "Springs with a cutoff. A free force stands beside the factored one and starts as "
-        "strong. Where training shows one stiffness only, either may do the work; a penalty on "
+        "Springs with a cutoff. A free force between pairs stands beside the factored one. "
+        "Where training shows one stiffness only, either may do the work; a penalty on "
         "the free one decides."
     ),
     ids="N29",
