@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 
 import torch
-from torch import Generator, Tensor
+from torch import Generator
 
 from dynamics import Hamiltonian, Parameters, PhaseState
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import SoftenedGravity
 from vidphys.errors import InputError
+from vidphys.scenes.draws import Range, at_rest, uniform
 from vidphys.scenes.scene import Sampler, Scene
 
 GENERATORS = ("gaussian", "ring")
@@ -22,8 +23,6 @@ SOFTENING = 0.1  # world units (the study)
 DT = 0.002  # seconds (the study)
 POSITION_STD, SPEED_STD = 1.0, 0.5
 RING_RADII, RING_WOBBLE = (0.9, 1.2), 0.2
-
-Range = tuple[float, float]
 
 
 def gravity(
@@ -62,7 +61,7 @@ def gravity(
 
 
 def _parameters(n: int, bodies: int, mass: Range, coupling: Range, rng: Generator) -> Parameters:
-    return Parameters(coupling=_uniform((n,), coupling, rng), mass=_uniform((n, bodies), mass, rng))
+    return Parameters(coupling=uniform((n,), coupling, rng), mass=uniform((n, bodies), mass, rng))
 
 
 def _gaussian(bodies: int, mass: Range, coupling: Range) -> Sampler:
@@ -70,7 +69,7 @@ def _gaussian(bodies: int, mass: Range, coupling: Range) -> Sampler:
         params = _parameters(n, bodies, mass, coupling, rng)
         q = POSITION_STD * torch.randn(n, bodies, 2, generator=rng, dtype=torch.float64)
         velocity = SPEED_STD * torch.randn(n, bodies, 2, generator=rng, dtype=torch.float64)
-        return _centred(q, velocity, params), params
+        return at_rest(q, velocity, params), params
 
     return sample
 
@@ -78,7 +77,7 @@ def _gaussian(bodies: int, mass: Range, coupling: Range) -> Sampler:
 def _ring(bodies: int, mass: Range, coupling: Range) -> Sampler:
     def sample(n: int, rng: Generator) -> tuple[PhaseState, Parameters]:
         params = _parameters(n, bodies, mass, coupling, rng)
-        radius = _uniform((n, 1, 1), RING_RADII, rng)
+        radius = uniform((n, 1, 1), RING_RADII, rng)
         phase = 2 * math.pi * torch.rand(n, 1, generator=rng, dtype=torch.float64)
         angle = phase + 2 * math.pi * torch.arange(bodies, dtype=torch.float64) / bodies
         q = radius * torch.stack([angle.cos(), angle.sin()], -1)
@@ -86,17 +85,6 @@ def _ring(bodies: int, mass: Range, coupling: Range) -> Sampler:
         speed = (inward.norm(dim=-1, keepdim=True) * radius).sqrt()
         tangent = torch.stack([-angle.sin(), angle.cos()], -1)
         wobble = 1 + RING_WOBBLE * torch.randn(n, bodies, 2, generator=rng, dtype=torch.float64)
-        return _centred(q, speed * tangent * wobble, params), params
+        return at_rest(q, speed * tangent * wobble, params), params
 
     return sample
-
-
-def _centred(q: Tensor, velocity: Tensor, params: Parameters) -> PhaseState:
-    """Remove the total momentum, so that the system stays where it is drawn."""
-    p = params.mass.unsqueeze(-1) * velocity
-    return PhaseState(q, p - p.mean(-2, keepdim=True))
-
-
-def _uniform(shape: tuple[int, ...], bounds: Range, rng: Generator) -> Tensor:
-    low, high = bounds
-    return low + (high - low) * torch.rand(*shape, generator=rng, dtype=torch.float64)

@@ -9,6 +9,7 @@ from torch import Generator
 
 from dynamics import HamiltonianTerms, Head, PhaseState, ResidualTerms, Terms
 from dynamics.build import HardDiskTerms, to_config
+from dynamics.events import HardDisks
 from vidphys import metrics
 from vidphys.experiments.contact_training import collision_loss, stretches
 from vidphys.experiments.dissipation import record_certificate, score_retrace
@@ -77,6 +78,7 @@ def event_cell(task: CellTask) -> None:
         task.progress,
     )
     for seed, head in heads.items():
+        assert isinstance(head, HardDisks)
         recorders[seed].add_value("diameter", float(head.diameter.detach()))
     _ask(task, "impulsive", scene, heads, recorders)
 
