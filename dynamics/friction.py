@@ -59,7 +59,8 @@ class Friction(Port):
                 raise ValueError(f"Friction: unknown {what} '{name}'; use {', '.join(known)}")
         self.law, self.strength = law, strength
         if strength != "known":
-            start = 0.0 if strength == "free" else SLOW
+            # A multiple of what is told starts near one, a rate of its own starts slow.
+            start = SLOW if strength == "positive" else 0.0
             self.raw = nn.Parameter(torch.tensor(start))
 
     def coefficient(self, params: Parameters) -> Tensor:

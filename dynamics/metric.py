@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from dynamics.angles import Harmonics
 from dynamics.mlp import MLP
 
-SMALLEST = 1e-3  # of the factor's diagonal
+# Of the factor's diagonal; far below it, a step of the optimiser makes velocities without bound.
+SMALLEST = 0.1
 
 
 def _placing(joints: int) -> tuple[Tensor, Tensor]:

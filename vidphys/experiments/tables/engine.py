@@ -66,7 +66,7 @@ CERTIFIED = ("free/hnn-factored", *(f"{law}/port" for law in LAWS))
 SPREAD = 0.5  # of the friction around its usual value, so that a told one can be learned
 SHED_STEPS, ANTI_STEPS, LOST_STEPS = 200, 50, 200
 FINE = 5  # steps of a field in a reference step, where anti-friction makes joints fast
-SMALLER, FASTER = 4, 6.0  # a field is matched on small batches, as many examples in all
+SMALLER, FASTER = 4, 4.0  # a field is matched on small batches, as many examples in all
 
 
 def examples(scene: Scene, terms: Terms, trajectories: int, seed: int) -> Examples:
