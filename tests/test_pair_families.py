@@ -56,8 +56,8 @@ def test_all_charges_alike_are_held_out_and_every_other_set_is_drawn():
     assert (charge.abs() == 1).all()
     sums = charge.sum(-1)
     assert set(sums.tolist()) == {-1.0, 1.0}
-    patterns = {tuple(row) for row in charge.tolist()}
-    assert len(patterns) == 6
+    _, counts = charge.unique(dim=0, return_counts=True)
+    assert len(counts) == 6 and int(counts.min()) > 270 and int(counts.max()) < 400
     _, params = draw(coulomb())
     assert (all_alike(params).charge == 1).all()
     assert (params.charge.sum(-1).abs() == 1).all()
