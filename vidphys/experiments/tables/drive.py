@@ -25,7 +25,7 @@ from vidphys.scenes.langevin import DRIVEN_BATH, BathScene, driven
 FRICTION, TEMPERATURE = DRIVEN_BATH
 ASKED = (-1.0, 0.0, 0.25, 0.5, 1.0, 1.4)  # A per second; 0, 0.5 and 1 are trained
 BEYOND = (2.0, 2.5, 3.0)  # A >= friction: no steady state
-OBSERVED = 2_000_000  # steps: T_eff at A = 1.4 shows an error of the drive 2.3 times over
+OBSERVED = 4_000_000  # steps: T_eff at A = 1.4 shows an error of the drive 2.3 times over
 
 TERMS: dict[str, Terms] = {
     "factored-drive": in_bath("driven-bath"),
