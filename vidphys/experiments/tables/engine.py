@@ -66,7 +66,7 @@ CERTIFIED = ("free/hnn-factored", *(f"{law}/port" for law in LAWS))
 SPREAD = 0.5  # of the friction around its usual value, so that a told one can be learned
 SHED_STEPS, ANTI_STEPS, LOST_STEPS = 200, 50, 200
 FINE = 5  # steps of a field in a reference step, where anti-friction makes joints fast
-SMALLER, FASTER = 4, 4.0  # a field is matched on small batches, as many examples in all
+SMALLER = 4  # a field is matched on small batches, as many examples in all
 
 
 def examples(scene: Scene, terms: Terms, trajectories: int, seed: int) -> Examples:
@@ -83,9 +83,8 @@ def sizes_for(terms: Terms, sizes: OracleSizes) -> OracleSizes:
     """A map's budget, or the same number of examples in small batches for a field."""
     if not isinstance(terms, GeneralisedTerms):
         return sizes
-    rates = tuple(FASTER * rate for rate in sizes.learning_rates)
     batch = max(1, sizes.batch // SMALLER)
-    return replace(sizes, steps=SMALLER * sizes.steps, batch=batch, learning_rates=rates)
+    return replace(sizes, steps=SMALLER * sizes.steps, batch=batch)
 
 
 Score = Callable[[Recorder, Head, Question], None]
