@@ -31,6 +31,10 @@ class WeightsEntry:
         """Whether the weights are a release folder."""
         return not self.file.endswith(".safetensors")
 
+    def how_to_get(self, name: str) -> str:
+        """What to do where the weights ``name`` are not here."""
+        return f"`vidphys weights fetch {name}`" if self.hub else "another way: no hub has them"
+
 
 def _released(name: str, hub: str, licence: str, about: str) -> WeightsEntry:
     """A release folder whose revision and hash are locked when it is first fetched."""

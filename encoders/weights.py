@@ -56,9 +56,8 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
     path = place if place.exists() else _in_hub_cache(known, known.revision or locked["revision"])
     if path is None or path.is_dir() != known.is_folder:
         raise WeightsMissing(
-            f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it "
-            f"with `vidphys weights fetch {name}`, or name its folder with --weights DIR or "
-            f"{FOLDER_VARIABLE}"
+            f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it by "
+            f"{known.how_to_get(name)}, or name its folder with --weights DIR or {FOLDER_VARIABLE}"
         )
     digest = release_sha256(path)
     accepted = [sha256 for sha256 in (*known.sha256, locked["sha256"]) if sha256]

@@ -263,7 +263,9 @@ def test_fetch_pins_what_it_got(
 
 def test_weights_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     weights(WeightsConfig("list", weights=tmp_path))
-    assert "Apache-2.0; not here: vidphys weights fetch hiera" in capsys.readouterr().out
+    assert (
+        "Apache-2.0; not here, get it by `vidphys weights fetch hiera`" in capsys.readouterr().out
+    )
     weights(WeightsConfig("check", weights=tmp_path))
     assert capsys.readouterr().out.startswith("hiera: not here\ni3d: not here\n")
     weights(WeightsConfig("check", ("hiera",), weights=folder))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -14,13 +15,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
+from torch.nn import functional
 
 from encoders import weights as weights_module
-from encoders.frozen import CATALOGUE, FrozenEncoder, I3DSettings, load_encoder, load_i3d
-from encoders.frozen.i3d_network import STAGES, I3DNetwork, field_centre, field_stride
+from encoders.frozen import (
+    CATALOGUE,
+    FrozenEncoder,
+    I3DEncoder,
+    I3DSettings,
+    load_encoder,
+    load_i3d,
+)
+from encoders.frozen.i3d_network import STAGES, I3DNetwork, field_centre, field_stride, pool
 from encoders.frozen.windows import Windowing, feature_times, windows
 from encoders.known_weights import KNOWN
-from encoders.release import WeightsMissing, release_sha256
+from encoders.release import WeightsFile, WeightsMissing, release_sha256
 from encoders.weights import fetch, find_weights, lock
 from vidphys.cli.extract import ExtractConfig, extract
 from vidphys.cli.weights import WeightsConfig, weights
@@ -469,7 +478,7 @@ def test_another_model_is_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"config\.json is not JSON"):
         load_encoder("videomae-base", {}, tmp_path / "moved")
     (tmp_path / "moved" / "config.json").unlink()
-    with pytest.raises(WeightsMissing, match=r"no folder .*videomae-base; get it with"):
+    with pytest.raises(WeightsMissing, match=r"no folder .*videomae-base; get it by"):
         load_encoder("videomae-base", {}, tmp_path / "elsewhere")
 
 
@@ -524,7 +533,7 @@ def test_weights_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     listed = capsys.readouterr().out
     assert all(f"{name}: " in listed for name in CATALOGUE)
     assert f"Apache-2.0; {folder / 'dinov2-small'}\n" in listed
-    assert "dinov2-large" in listed and "not here: vidphys weights fetch dinov2-large" in listed
+    assert "dinov2-large" in listed and "get it by `vidphys weights fetch dinov2-large`" in listed
     weights(WeightsConfig("check", ("vjepa2-l",), weights=folder))
     assert "is as expected" in capsys.readouterr().out
     copy_release(folder, "dinov2-small", tmp_path)
@@ -565,19 +574,56 @@ def test_extract_verb(
     assert "\n" not in str(caught.value)
 
 
-def test_fields_of_i3d_lie_where_the_formula_says() -> None:
-    """With weights of one the field is the support of the gradient; its middle is the centre."""
+def ones_network() -> I3DNetwork:
     network = I3DNetwork().double().eval()
     for parameter in network.parameters():
         nn.init.ones_(parameter)
-    x = (torch.rand(1, 3, 16, 32, 32) + 1).double().requires_grad_()
-    stage, cell = "Conv3d_2c_3x3", (4, 4)
-    values = network(x, stage)
-    (gradient,) = torch.autograd.grad(values[0, 0, cell[0], cell[1], cell[1]], x)
-    for axis, index in ((0, cell[0]), (1, cell[1])):
-        seen = gradient[0].abs().sum(0).movedim(axis, 0).flatten(1).sum(1).nonzero()[:, 0]
-        centre = field_stride(stage, axis) * index + field_centre(stage, axis)
-        assert abs(float(seen[0] + seen[-1]) / 2 - centre) <= (0.0 if axis == 0 else 1.0)
+    return network
+
+
+def field(maps: Callable[[Tensor], Tensor], shape: tuple[int, ...], axis: int) -> float:
+    """The middle of what a unit sees along an axis, both ends of the maxima counted."""
+    size = shape[axis]
+    ramp = (1 + torch.arange(size).double()).view([-1 if k == axis else 1 for k in range(5)])
+    seen = torch.zeros(size, dtype=torch.bool)
+    for values in (ramp, ramp.flip(axis)):
+        x = values.expand(shape).clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(maps(x), x)
+        seen |= gradient.abs().movedim(axis, 0).flatten(1).sum(1) > 0
+    inside = seen.nonzero()[:, 0]
+    return float(inside[0] + inside[-1]) / 2
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_fields_of_i3d_lie_where_the_formula_says(axis: int) -> None:
+    """With weights of one the field is the support of the gradient; its middle is the centre."""
+    network, stage = ones_network(), "Conv3d_2c_3x3"
+    found = field(lambda x: network(x, stage)[0, 0, 4, 7, 7], (1, 3, 16, 64, 64), 2 + axis)
+    assert found == field_stride(stage, axis) * (4, 7)[axis] + field_centre(stage, axis)
+
+
+def test_i3d_brings_its_fields_back_to_their_cells() -> None:
+    settings = I3DSettings(layer="Conv3d_2c_3x3", resolution=64, frames=4)
+    weights_file = WeightsFile(Path("none"), "0" * 64)
+    encoder = I3DEncoder(ones_network(), settings, weights_file)
+    found = field(
+        lambda x: encoder.encode(x.float() / 64)[0, 1, 0, 7, 9].double(), (1, 4, 3, 64, 64), 4
+    )
+    assert abs(found - (4 * (9 + 0.5) - 0.5)) == 0.5  # two pixels more if they were not
+
+
+@pytest.mark.parametrize(("kernel", "stride"), [((3, 3, 3), (2, 2, 2)), ((1, 3, 3), (1, 2, 2))])
+def test_pooling_axis_by_axis_is_pooling(
+    kernel: tuple[int, int, int], stride: tuple[int, int, int]
+) -> None:
+    x = torch.rand(2, 3, 5, 8, 7)
+    # "SAME": the larger part of an odd padding comes last
+    pads = [0, 0, 0, 0, 0, 0]
+    for k, (size, width, step) in enumerate(zip((5, 8, 7), kernel, stride, strict=True)):
+        missing = max((math.ceil(size / step) - 1) * step + width - size, 0)
+        pads[4 - 2 * k : 6 - 2 * k] = [missing // 2, missing - missing // 2]
+    expected = functional.max_pool3d(functional.pad(x, pads), kernel, stride)
+    assert torch.equal(pool(x, kernel, stride), expected)
 
 
 def test_i3d_stages(folder: Path) -> None:

@@ -63,7 +63,7 @@ class Mixed(nn.Module):
         self.b3b = Unit(channels, widths[5], one)
 
     def forward(self, x: Tensor) -> Tensor:
-        pooled = _pool(x, (3, 3, 3), (1, 1, 1))
+        pooled = pool(x, (3, 3, 3), (1, 1, 1))
         branches = [self.b0(x), self.b1b(self.b1a(x)), self.b2b(self.b2a(x)), self.b3b(pooled)]
         return torch.cat(branches, 1)
 
@@ -83,7 +83,7 @@ class I3DNetwork(nn.Module):
         """``(n, 3, t, h, w)`` in [-1, 1] to the maps of ``stage``; no later one is computed."""
         for name, module in self.named_children():
             if name in POOLS:
-                x = _pool(x, *POOLS[name])
+                x = pool(x, *POOLS[name])
             x = module(x)
             if name == stage:
                 return x
@@ -124,6 +124,17 @@ def _same(x: Tensor, kernel: tuple[int, ...], stride: tuple[int, ...]) -> Tensor
     return functional.pad(x, pads) if any(pads) else x
 
 
-def _pool(x: Tensor, kernel: Triple, stride: Triple) -> Tensor:
+def pool(x: Tensor, kernel: Triple, stride: Triple) -> Tensor:
+    """The maximum, one axis after the other: the same numbers, several times faster on a CPU.
+
+    Args:
+        x: ``(n, c, t, h, w)``, nowhere below zero.
+        kernel: along time, height, width.
+        stride: the same.
+    """
     # what is padded has passed a ReLU: zeros are never above the maximum
-    return functional.max_pool3d(_same(x, kernel, stride), kernel, stride)
+    x = _same(x, kernel, stride)
+    for axis, (width, step) in enumerate(zip(kernel, stride, strict=True), start=2):
+        if width > 1:
+            x = x.unfold(axis, width, step).amax(-1)
+    return x

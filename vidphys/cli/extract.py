@@ -71,7 +71,7 @@ class ExtractConfig:
     frames: int | None = None
     hop: int | None = None
     frame_stride: int | None = None
-    predictor: Literal[True] | None = None
+    predictor: bool = False
     dtype: Literal["float32", "bfloat16", "float16"] | None = None
     batch: int | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
@@ -91,7 +91,8 @@ class ExtractConfig:
     @property
     def options(self) -> dict[str, Any]:
         """What the encoder is set to; ``None`` is its own default."""
-        return {name: getattr(self, name) for name in OPTIONS}
+        given = {name: getattr(self, name) for name in OPTIONS}
+        return {**given, "predictor": self.predictor or None}
 
 
 def extract(config: ExtractConfig) -> None:

@@ -56,7 +56,7 @@ def weights(config: WeightsConfig) -> None:
 def _list(name: str, config: WeightsConfig) -> str:
     known = entry(name)
     path = weights_path(name, config.weights)
-    where = str(path) if path.exists() else f"not here: vidphys weights fetch {name}"
+    where = str(path) if path.exists() else f"not here, get it by {known.how_to_get(name)}"
     return f"{name}: {known.about}; {known.licence}; {where}"
 
 
