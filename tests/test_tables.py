@@ -11,12 +11,11 @@ from torch import Generator
 from dynamics import HEADS, rollout
 from vidphys.ensemble import Ensemble, Stacked, stack
 from vidphys.errors import InputError
-from vidphys.experiments import reproduce
+from vidphys.experiments import reproduce, truth
 from vidphys.experiments.losses import energy_penalised, noisy
 from vidphys.experiments.members import one_step
 from vidphys.experiments.oracle import true_segments
 from vidphys.experiments.tables import bars
-from vidphys.experiments.tables import gravity as gravity_tables
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.presets import OracleSizes, PixelSizes, Preset
@@ -215,9 +214,7 @@ def test_segments_of_several_steps_and_of_both_signs():
 @pytest.fixture
 def hasty(monkeypatch):
     """A Lyapunov time over a hundredth of the usual number of steps."""
-    monkeypatch.setattr(
-        gravity_tables, "lyapunov_time", lambda *x: lyapunov_time(*x, rounds=4, steps=25)
-    )
+    monkeypatch.setattr(truth, "lyapunov_time", lambda *x: lyapunov_time(*x[:3], 4, 25))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from vidphys import metrics
 from vidphys.experiments.scoring import Question
 from vidphys.metrics import FAILED, OK, Summary
 from vidphys.records import Recorder
-from vidphys.scenes import certify, lyapunov_time
 
 RETRACE_BELOW = 0.1  # return error that counts as a match (inventory 12.31)
 LOST_ENERGY = 1e6  # of the start's scale: an episode beyond it has diverged, finite or not
@@ -189,24 +188,3 @@ def _there_and_back(head: Head, question: Question) -> PhaseState:
 def _return_error(back: PhaseState, start: PhaseState) -> Summary:
     one_time = [x.map(lambda y: y.unsqueeze(1)) for x in (back, start)]
     return metrics.nmse(*one_time)
-
-
-def record_certificate(recorder: Recorder, question: Question, steps: int, rounds: int) -> None:
-    """What was checked of the reference episodes, and how long an error takes to grow by e.
-
-    Args:
-        recorder: gets ``certified_fraction``, ``closest_approach``, ``reference_drift`` and
-            ``lyapunov_time`` (seconds, medians).
-        question: gives scene and starts.
-        steps: reference steps that are checked, and over which the Lyapunov time is estimated.
-        rounds: in how many pieces; see :func:`vidphys.scenes.lyapunov_time`.
-    """
-    scene, conserving = question.scene, "friction" not in question.params.scalars
-    path = scene.simulate(question.truth, question.params, steps, question.every)
-    proof = certify(scene, path, conserving=conserving)
-    recorder.add_value("certified_fraction", float(proof.passed.double().mean()))
-    recorder.add_value("closest_approach", float(proof.closest.min()))
-    if conserving:
-        recorder.add_value("reference_drift", float(proof.drift.max()))
-    time = lyapunov_time(scene, question.truth, question.params, rounds, steps // rounds)
-    recorder.add_value("lyapunov_time", float(time.median()))

@@ -12,11 +12,13 @@ from dynamics.build import HardDiskTerms, to_config
 from dynamics.events import HardDisks
 from vidphys import metrics
 from vidphys.experiments.contact_training import collision_loss, stretches
-from vidphys.experiments.dissipation import record_certificate, score_retrace
+from vidphys.experiments.dissipation import score_retrace
 from vidphys.experiments.members import train_members
-from vidphys.experiments.oracle import AGES, OLDEST, train_on_states
+from vidphys.experiments.oracle import AGES, OLDEST
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import train_cell
+from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
@@ -34,7 +36,7 @@ HEADS: dict[str, Terms] = {
 }
 EVENTS = HardDiskTerms(BOX)
 RETRACE_STEPS = 1000
-STEPS, ROUNDS = DRIFT_STEPS[-1], 40  # of a certificate, and pieces of its Lyapunov time
+STEPS = DRIFT_STEPS[-1]
 SCALARS_FASTER = 10  # a single number is learned at so many times a network's rate
 UNDEFINED = "undefined"
 
@@ -44,18 +46,10 @@ def cell(level: str, head: str) -> Cell:
 
     def run(task: CellTask) -> None:
         scene = disks(level)
-        recorders = {seed: task.recorder(seed, scene, head) for seed in task.seeds}
-        heads = train_on_states(
-            head,
-            HEADS[head],
-            scene,
-            _budget(task.sizes),
-            recorders,
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        _ask(task, level, scene, heads, recorders)
+        for seed, trained, recorder in train_cell(
+            task, head, HEADS[head], scene, _budget(task.sizes)
+        ):
+            _ask(task, level, aged_question(scene, task.sizes.held_out, seed), trained, recorder)
 
     return run
 
@@ -80,7 +74,7 @@ def event_cell(task: CellTask) -> None:
     for seed, head in heads.items():
         assert isinstance(head, HardDisks)
         recorders[seed].add_value("diameter", float(head.diameter.detach()))
-    _ask(task, "impulsive", scene, heads, recorders)
+        _ask(task, "impulsive", aged_question(scene, sizes.held_out, seed), head, recorders[seed])
 
 
 def truth_cell(level: str) -> Cell:
@@ -90,7 +84,7 @@ def truth_cell(level: str) -> Cell:
         scene = disks(level)
         for seed in task.seeds:
             question = aged_question(scene, task.sizes.held_out, seed)
-            record_certificate(task.recorder(seed, scene, "truth"), question, STEPS, ROUNDS)
+            score_truth(task.recorder(seed, scene, "truth"), question, STEPS)
 
     return run
 
@@ -105,27 +99,18 @@ def aged_question(scene: Scene, episodes: int, seed: int) -> Question:
     return Question(scene, start, start, params)
 
 
-def _ask(
-    task: CellTask,
-    level: str,
-    scene: Scene,
-    heads: dict[int, Head],
-    recorders: dict[int, Recorder],
-) -> None:
-    for seed, head in heads.items():
-        recorder = recorders[seed]
-        question = aged_question(scene, task.sizes.held_out, seed)
-        rolled = score_drift(recorder, head, question, DRIFT_STEPS)
-        _score_momentum(recorder, rolled.states)
-        score_retrace(recorder, head, replace(question, steps=RETRACE_STEPS))
-        _score_held_law(recorder, head, question)
-        if level in STIFFNESS:
-            flipped = question.params.with_coupling(-question.params.coupling)
-            score_changed_law(recorder, head, question, flipped, question.params, -1.0)
-        else:
-            # Hard disks have no stiffness whose sign could be changed.
-            none = metrics.Summary(None, UNDEFINED, task.sizes.held_out, 0)
-            recorder.add("inversion_nmse", none, -1.0, question.steps)
+def _ask(task: CellTask, level: str, question: Question, head: Head, recorder: Recorder) -> None:
+    rolled = score_drift(recorder, head, question, DRIFT_STEPS)
+    _score_momentum(recorder, rolled.states)
+    score_retrace(recorder, head, replace(question, steps=RETRACE_STEPS))
+    _score_held_law(recorder, head, question)
+    if level in STIFFNESS:
+        flipped = question.params.with_coupling(-question.params.coupling)
+        score_changed_law(recorder, head, question, flipped, question.params, -1.0)
+    else:
+        # Hard disks have no stiffness whose sign could be changed.
+        none = metrics.Summary(None, UNDEFINED, task.sizes.held_out, 0)
+        recorder.add("inversion_nmse", none, -1.0, question.steps)
 
 
 def _score_held_law(recorder: Recorder, head: Head, question: Question) -> None:

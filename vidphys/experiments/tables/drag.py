@@ -6,9 +6,11 @@ from collections.abc import Mapping
 
 from dynamics import HEADS, HamiltonianTerms, Terms
 from dynamics.build import to_config
-from vidphys.experiments.dissipation import opposed, record_certificate, score_shed
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.dissipation import opposed, score_shed
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import train_cell
+from vidphys.experiments.truth import score_truth
 from vidphys.scenes.drag import STRENGTHS, dragged_gravity
 
 PORTS = {
@@ -33,25 +35,14 @@ def drag_cell(strength: str, head: str) -> Cell:
 
     def run(task: CellTask) -> None:
         world = dragged_gravity(strength)
-        recorders = {seed: task.recorder(seed, world, head) for seed in task.seeds}
-        heads = train_on_states(
-            task.cell,
-            HEADS_ASKED[head],
-            world,
-            task.sizes,
-            recorders,
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        for seed, trained in heads.items():
+        for seed, trained, recorder in train_cell(task, head, HEADS_ASKED[head], world):
             question = held_out_question(world, task.sizes.held_out, seed)
-            score_shed(recorders[seed], trained, question, question.params, STEPS, "shed")
+            score_shed(recorder, trained, question, question.params, STEPS, "shed")
             if head == "factored-port":
                 against = opposed(question.params)
-                score_shed(recorders[seed], trained, question, against, STEPS, "anti_shed")
+                score_shed(recorder, trained, question, against, STEPS, "anti_shed")
             if head == "port":
-                record_certificate(recorders[seed], question, STEPS, rounds=40)
+                score_truth(recorder, question, STEPS)
 
     return run
 

@@ -17,7 +17,6 @@ from dynamics.build import GeneralisedTerms, ResidualTerms, to_config
 from vidphys.experiments.derivatives import derivative_segments, match_slopes
 from vidphys.experiments.dissipation import (
     opposed,
-    record_certificate,
     score_divergence,
     score_refusal,
     score_retrace,
@@ -27,6 +26,7 @@ from vidphys.experiments.members import Examples, one_step, train_members
 from vidphys.experiments.oracle import HORIZON, held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
 from vidphys.scenes.pendulum import pendulum
@@ -122,7 +122,7 @@ def engine_cell(
             question = held_out_question(world, task.sizes.held_out, seed)
             score(recorders[seed], head, question)
             if certified:
-                record_certificate(recorders[seed], question, DRIFT_STEPS[-1], rounds=40)
+                score_truth(recorders[seed], question, DRIFT_STEPS[-1])
 
     return run
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from dynamics import HamiltonianTerms, Parameters, ResidualTerms, Terms, ballistic
 from dynamics.build import to_config
-from vidphys.experiments.dissipation import record_certificate
 from vidphys.experiments.losses import floored
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import smaller_batch, train_cell
+from vidphys.experiments.truth import score_truth
 from vidphys.scenes import Scene
 from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb
 
@@ -21,7 +21,7 @@ TWINS: dict[str, Terms] = {
     "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
     "unstructured": ResidualTerms(),
 }
-STEPS, ROUNDS = DRIFT_STEPS[-1], 40  # of a certificate, and pieces of its Lyapunov time
+STEPS = DRIFT_STEPS[-1]
 FLOOR = 0.1  # of the momentum increments' spread: charges' forces often cancel
 
 
@@ -66,21 +66,10 @@ def family_cell(
 
     def run(task: CellTask) -> None:
         world = scene()
-        recorders = {seed: task.recorder(seed, world, head) for seed in task.seeds}
-        heads = train_on_states(
-            head,
-            terms,
-            world,
-            replace(task.sizes, batch=max(1, task.sizes.batch // 2)),
-            recorders,
-            floored(FLOOR),
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        for seed, trained in heads.items():
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, trained, recorder in train_cell(task, head, terms, world, sizes, floored(FLOOR)):
             question = held_out_question(world, task.sizes.held_out, seed)
-            score_drift(recorders[seed], trained, question, DRIFT_STEPS)
+            score_drift(recorder, trained, question, DRIFT_STEPS)
             for name, change in changes.items():
                 part = task.recorder(seed, world, head, name)
                 score_changed_law(part, trained, question, change(question.params), question.params)
@@ -95,7 +84,7 @@ def truth_cell(scene: Callable[[], Scene], changes: Mapping[str, Change]) -> Cel
         world = scene()
         for seed in task.seeds:
             question = held_out_question(world, task.sizes.held_out, seed)
-            record_certificate(task.recorder(seed, world, "truth"), question, STEPS, ROUNDS)
+            score_truth(task.recorder(seed, world, "truth"), question, STEPS)
             for name, change in changes.items():
                 part = task.recorder(seed, world, "ballistic", name)
                 score_changed_law(

@@ -17,7 +17,6 @@ from vidphys.experiments.losses import energy_penalised, noisy
 from vidphys.experiments.members import MemberLoss, one_step
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import (
-    DRIFT_STEPS,
     INVERSION_STEPS,
     Question,
     score_drift,
@@ -27,8 +26,9 @@ from vidphys.experiments.scoring import (
 )
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
+from vidphys.experiments.truth import score_truth
 from vidphys.records import Recorder
-from vidphys.scenes import certify, gravity, lyapunov_time
+from vidphys.scenes import gravity
 
 NOISE = 3e-3  # of the state's standard deviation, the study's training-noise variant
 AHEAD = 5  # steps of the multi-step variant
@@ -105,15 +105,7 @@ def truth(task: CellTask) -> None:
         recorder = task.recorder(seed, scene, "ballistic")
         question = held_out_question(scene, task.sizes.held_out, seed)
         score_inversion(recorder, ballistic(), question)
-        steps, every = DRIFT_STEPS[-1], question.every
-        rolled = scene.simulate(question.truth, question.params, steps, every)
-        proof = certify(scene, rolled)
-        recorder.add_value("certified_fraction", float(proof.passed.double().mean()))
-        recorder.add("reference_drift_median", metrics.median(proof.drift), None, steps)
-        recorder.add("reference_drift_worst", metrics.worst(proof.drift), None, steps)
-        recorder.add_value("closest_approach", float(proof.closest.min()))
-        time = lyapunov_time(scene, question.start, question.params)
-        recorder.add_value("lyapunov_time", float(time.median()))
+        score_truth(recorder, question)
 
 
 def score_short_inversion(recorder: Recorder, head: Head, question: Question) -> None:

@@ -10,18 +10,20 @@ import torch
 from dynamics import HamiltonianTerms, Head
 from dynamics.build import to_config
 from dynamics.hybrid import shortcut_share
-from vidphys.experiments.dissipation import record_certificate, score_shed
+from vidphys.experiments.dissipation import score_shed
 from vidphys.experiments.losses import floored, shortcut_penalised
 from vidphys.experiments.members import MemberLoss
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import smaller_batch, train_cell
+from vidphys.experiments.truth import score_truth
 from vidphys.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.drag import dragged_gravity
 from vidphys.scenes.springs import springs
 
-STEPS, ROUNDS = DRIFT_STEPS[-1], 40  # of a certificate, and pieces of its Lyapunov time
+STEPS = DRIFT_STEPS[-1]
 FLOOR = 0.1  # of the momentum increments' spread: beyond the cutoff there is no force at all
 ONE = 5.0  # the stiffness where there is only one
 WEAK, STRONG = 1.0, 100.0  # weights of the penalty
@@ -93,23 +95,13 @@ def hybrid_cell(recipe: Recipe) -> Cell:
 
     def run(task: CellTask) -> None:
         scene = recipe.scene()
-        recorders = {seed: task.recorder(seed, scene, task.cell) for seed in task.seeds}
-        heads = train_on_states(
-            # One name for all: the models of a table start from the same weights.
-            "hybrid",
-            recipe.terms,
-            scene,
-            # Half of the preset's batch: there are two networks in a model.
-            replace(task.sizes, batch=max(1, task.sizes.batch // 2)),
-            recorders,
-            recipe.loss,
-            task.device,
-            task.checkpoint("fit"),
-            task.progress,
-        )
-        for seed, head in heads.items():
+        # There are two networks in a model; and the models of a table start alike.
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, recorder in train_cell(
+            task, task.cell, recipe.terms, scene, sizes, recipe.loss, start="hybrid"
+        ):
             question = held_out_question(scene, task.sizes.held_out, seed)
-            _ask(recorders[seed], head, recipe, question)
+            _ask(recorder, head, recipe, question)
 
     return run
 
@@ -135,7 +127,7 @@ def truth_cell(scene: Callable[[], Scene]) -> Cell:
         world = scene()
         for seed in task.seeds:
             question = held_out_question(world, task.sizes.held_out, seed)
-            record_certificate(task.recorder(seed, world, "truth"), question, STEPS, ROUNDS)
+            score_truth(task.recorder(seed, world, "truth"), question, STEPS)
 
     return run
 

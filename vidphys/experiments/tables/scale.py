@@ -9,10 +9,11 @@ import torch
 from dynamics import HEADS, HamiltonianTerms, Head, Terms
 from dynamics.build import to_config
 from vidphys import metrics
-from vidphys.experiments.dissipation import record_certificate
-from vidphys.experiments.oracle import held_out_question, train_on_states
+from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import smaller_batch, train_cell
+from vidphys.experiments.truth import score_truth
 from vidphys.records import Recorder
 from vidphys.scenes.crowd import FEW, crowd
 
@@ -38,18 +39,8 @@ def scale_cell(name: str) -> Cell:
 
     def run(task: CellTask) -> None:
         world = crowd(FEW)
-        recorders = {seed: task.recorder(seed, world, name) for seed in task.seeds}
-        heads = train_on_states(
-            name,
-            ASKED[name],
-            world,
-            replace(task.sizes, batch=max(1, task.sizes.batch // 2)),
-            recorders,
-            device=task.device,
-            save_to=task.checkpoint("fit"),
-            progress=task.progress,
-        )
-        for seed, head in heads.items():
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, _ in train_cell(task, name, ASKED[name], world, sizes):
             for bodies in LONG + (CURVE if name == FAR else ()):
                 scene = crowd(bodies)
                 episodes = episodes_of(bodies, task.sizes.held_out)
@@ -92,7 +83,7 @@ def truth(task: CellTask) -> None:
             episodes = episodes_of(bodies, task.sizes.held_out)
             question = held_out_question(scene, episodes, seed)
             recorder = task.recorder(seed, scene, "truth", str(bodies))
-            record_certificate(recorder, question, LONG_STEPS, rounds=40)
+            score_truth(recorder, question, LONG_STEPS)
 
 
 N_TRANSFER = Table(

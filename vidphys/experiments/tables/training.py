@@ -22,6 +22,7 @@ def train_cell(
     loss: MemberLoss = one_step,
     k: int = 1,
     both_signs: bool = False,
+    start: str | None = None,
 ) -> list[tuple[int, Head, Recorder]]:
     """Train a cell's heads side by side.
 
@@ -31,13 +32,15 @@ def train_cell(
         terms, scene: what is built, and on what it is trained.
         sizes: where they differ from the preset's.
         loss, k, both_signs: see :func:`vidphys.experiments.oracle.train_on_states`.
+        start: name that initial weights and batch order are drawn by, for models that are to
+            start alike; the head's own name by default.
 
     Returns:
         Seed, head and recorder of each training that was not lost; one that was has its record.
     """
     recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
     heads = train_on_states(
-        name,
+        name if start is None else start,
         terms,
         scene,
         task.sizes if sizes is None else sizes,
