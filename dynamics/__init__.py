@@ -1,6 +1,6 @@
 """Phase-space dynamics: states, integrators, energies, heads and rollouts. Knows no pixels."""
 
-from dynamics.build import HEADS, HamiltonianTerms, ResidualTerms, Terms, build
+from dynamics.build import build
 from dynamics.couplings import PairLaw
 from dynamics.hamiltonian import Hamiltonian, ballistic
 from dynamics.head import Head
@@ -17,6 +17,7 @@ from dynamics.integrators import (
 )
 from dynamics.rollout import Rollout, rollout
 from dynamics.state import Parameters, PhaseState
+from dynamics.terms import HEADS, HamiltonianTerms, ResidualTerms, Terms
 
 __all__ = [
     "HEADS",

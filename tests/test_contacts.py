@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from torch import Generator
 
 from dynamics import HamiltonianTerms, PairLaw, Parameters, PhaseState, rollout
-from dynamics.build import HardDiskTerms, from_config, to_config
 from dynamics.contact import FreeImpulse, ImpulsePort, KnotPotential, Restitution, SoftContact
 from dynamics.events import HardDisks, bounce
+from dynamics.terms import HardDiskTerms, from_config, to_config
 from vidphys.errors import InputError
 from vidphys.experiments.contact_training import (
     colliding_pair,

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from torch import Generator, Tensor
 
 from dynamics import Hamiltonian, HamiltonianTerms, Parameters, PhaseState, build
-from dynamics.build import GeneralisedTerms
 from dynamics.friction import FLOWS, Friction
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
+from dynamics.terms import GeneralisedTerms
 from vidphys.errors import InputError
 from vidphys.experiments.dissipation import (
     opposed,

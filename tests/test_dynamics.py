@@ -29,7 +29,7 @@ from dynamics import (
     rollout,
     yoshida4,
 )
-from dynamics.build import KINDS, from_config, parameter_count, to_config
+from dynamics.build import parameter_count
 from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic, Kinetic
 from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
 from dynamics.potentials import (
@@ -42,6 +42,7 @@ from dynamics.potentials import (
     SoftenedGravity,
     pair_indices,
 )
+from dynamics.terms import KINDS, from_config, to_config
 from dynamics.unstructured import ResidualMap
 
 ACTIVATIONS = (TANH, SOFTPLUS, SILU)

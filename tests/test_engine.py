@@ -9,9 +9,9 @@ from torch import Generator, Tensor
 
 from dynamics import Head, PhaseState, build, leapfrog, rk4, rollout
 from dynamics.angles import AnglePotential, Harmonics, frequencies
-from dynamics.build import GeneralisedTerms, ResidualTerms
 from dynamics.generalised import GeneralisedHamiltonian, Lagrangian
 from dynamics.metric import CholeskyMetric
+from dynamics.terms import GeneralisedTerms, ResidualTerms
 from vidphys.errors import InputError
 from vidphys.experiments.derivatives import REACH, derivative_segments, match_slopes
 from vidphys.experiments.dissipation import score_retrace

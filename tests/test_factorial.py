@@ -19,9 +19,10 @@ from dynamics import (
     rollout,
     yoshida4,
 )
-from dynamics.build import from_config, parameter_count, to_config
+from dynamics.build import parameter_count
 from dynamics.coupling_maps import MAPS, coupling_map
 from dynamics.stiffness import LinearField, QuadraticPotential, Stiffness
+from dynamics.terms import from_config, to_config
 from vidphys.errors import InputError
 from vidphys.experiments.linear_candidates import (
     REPRESENTATIONS,

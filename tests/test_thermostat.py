@@ -17,10 +17,10 @@ from dynamics.bath import (
     PassiveBath,
     UntiedBath,
 )
-from dynamics.build import DiffusionTerms
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from dynamics.stochastic import half_steps
+from dynamics.terms import DiffusionTerms
 from vidphys.ensemble import Ensemble, stack
 from vidphys.errors import InputError
 from vidphys.experiments import bath as training

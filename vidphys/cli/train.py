@@ -186,7 +186,7 @@ def _record(config: TrainConfig, seen: PerceivedClip, forecasts: dict[str, Forec
 
 def _keep(run: RunFolder, seen: PerceivedClip, forecasts: dict[str, Forecast]) -> None:
     """Checkpoints of the readouts and the heads."""
-    from dynamics.build import to_config
+    from dynamics.terms import to_config
     from vidphys import checkpoint
     from vidphys.experiments.clip_dynamics import HEADS
 

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from dynamics import HEADS, Head
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys import checkpoint
 from vidphys.errors import InputError
 from vidphys.experiments.oracle import OLDEST, held_out_question, score_oracle, train_on_states

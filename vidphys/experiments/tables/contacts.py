@@ -8,8 +8,8 @@ import torch
 from torch import Generator
 
 from dynamics import HamiltonianTerms, Head, PhaseState, ResidualTerms, Terms
-from dynamics.build import HardDiskTerms, to_config
 from dynamics.events import HardDisks
+from dynamics.terms import HardDiskTerms, to_config
 from vidphys import metrics
 from vidphys.experiments.contact_training import collision_loss, stretches
 from vidphys.experiments.dissipation import score_retrace

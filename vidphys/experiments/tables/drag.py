@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dynamics import HEADS, HamiltonianTerms, Terms
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys.experiments.dissipation import opposed, score_shed
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.tables.base import Cell, CellTask, Table

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dynamics import Terms
 from dynamics.bath import steady_temperature
-from dynamics.build import DiffusionTerms, to_config
+from dynamics.terms import DiffusionTerms, to_config
 from vidphys.experiments.bath import train_stochastic
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.thermostat import certify_bath, in_bath

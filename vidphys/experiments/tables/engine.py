@@ -13,7 +13,7 @@ from functools import partial
 from torch import Generator
 
 from dynamics import Head, Terms
-from dynamics.build import GeneralisedTerms, ResidualTerms, to_config
+from dynamics.terms import GeneralisedTerms, ResidualTerms, to_config
 from vidphys.experiments.derivatives import derivative_segments, match_slopes
 from vidphys.experiments.dissipation import (
     opposed,

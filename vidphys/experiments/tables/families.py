@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from dynamics import HamiltonianTerms, Parameters, ResidualTerms, Terms, ballistic
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys.experiments.losses import floored
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, score_changed_law, score_drift

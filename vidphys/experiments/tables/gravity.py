@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import torch
 
 from dynamics import HEADS, Head, PhaseState, Terms, ballistic
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys import metrics
 from vidphys.experiments.losses import energy_penalised, noisy
 from vidphys.experiments.members import MemberLoss, one_step

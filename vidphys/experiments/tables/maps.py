@@ -9,7 +9,8 @@ from torch import Tensor
 from torch.utils import _pytree as pytree
 
 from dynamics import HamiltonianTerms, Head, PhaseState, Terms, leapfrog
-from dynamics.build import parameter_count, to_config
+from dynamics.build import parameter_count
+from dynamics.terms import to_config
 from vidphys import metrics
 from vidphys.ensemble import Ensemble, Stacked, stack
 from vidphys.experiments.linear_candidates import (

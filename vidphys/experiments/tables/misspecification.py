@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dynamics import HamiltonianTerms, Terms
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys.coupling_power import (
     CONTRADICTED,
     SUPPORTED,

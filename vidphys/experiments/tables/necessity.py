@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import torch
 
 from dynamics import HamiltonianTerms, Head
-from dynamics.build import to_config
 from dynamics.hybrid import shortcut_share
+from dynamics.terms import to_config
 from vidphys.experiments.dissipation import score_shed
 from vidphys.experiments.losses import floored, shortcut_penalised
 from vidphys.experiments.members import MemberLoss

@@ -6,7 +6,7 @@ import torch
 from torch import Generator, Tensor
 
 from dynamics import HEADS, Head, Parameters, PhaseState, rollout
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys import metrics
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law

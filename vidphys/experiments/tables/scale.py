@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 
 from dynamics import HEADS, HamiltonianTerms, Head, Terms
-from dynamics.build import to_config
+from dynamics.terms import to_config
 from vidphys import metrics
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law, score_drift

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from dynamics import HamiltonianTerms, Head, Terms
 from dynamics.bath import DiagonalBath
-from dynamics.build import DiffusionTerms, to_config
 from dynamics.hamiltonian import Hamiltonian
+from dynamics.terms import DiffusionTerms, to_config
 from vidphys import metrics
 from vidphys.experiments.bath import bath_of, train_stochastic
 from vidphys.experiments.tables.base import Cell, CellTask, Table
