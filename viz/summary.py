@@ -28,6 +28,7 @@ _GROUNDINGS = (
     "anonymous-hand",
     "anonymous-tracker",
     "anonymous-tracker-twostage",
+    "hiera",
 )
 _READOUTS = ("none", "differencing", "shooting")
 _HEADS = ("factored", "factored-radial", "factored-learned-kinetic", "symplectic", TWIN)

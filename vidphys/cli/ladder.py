@@ -43,11 +43,13 @@ def ladder(config: LadderConfig) -> int:
     """Run what is left of the ladder, then write tables, report and recordings.
 
     Returns:
-        0, or 1 if a unit of work failed; what others found is kept.
+        0, or 1 if a unit of work failed; what others found is kept. A rung whose weights are not
+        on this machine is skipped and said so; that is no failure.
 
     Raises:
         InputError: see :func:`vidphys.experiments.ladder.plan` and the run folder.
     """
+    from encoders.release import WeightsMissing
     from vidphys.experiments.ladder import plan, run_unit, settings_of
     from vidphys.pool import run_all
     from vidphys.presets import preset
@@ -63,14 +65,18 @@ def ladder(config: LadderConfig) -> int:
     with run.locked(), Console(config.quiet, len(asked.units), "ladder") as console:
         tasks = [(run.path, unit, sizes) for unit in asked.units]
         failures = run_all(run_unit, tasks, config.workers, console.stage, console.done)
+        failed = 0
         for index, error in failures:
             unit = asked.units[index]
-            run.skip(f"{unit.grounding} seed {unit.seed}", f"failed: {error}")
-            console.warn(f"{unit.grounding} seed {unit.seed}: {type(error).__name__}: {error}")
+            absent = isinstance(error, WeightsMissing)
+            failed += not absent
+            word = "skipped" if absent else "failed"
+            run.skip(f"{unit.grounding} seed {unit.seed}", f"{word}: {error}")
+            console.warn(f"{unit.grounding} seed {unit.seed} {word}: {error}")
         run.join()
         report = publish(run)
         console.result(f"{len(asked.parts)} cells; report: {report}")
-    return 1 if failures else 0
+    return 1 if failed else 0
 
 
 def publish(run) -> Path:  # noqa: ANN001 (RunFolder, imported late)

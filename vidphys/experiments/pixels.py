@@ -45,7 +45,8 @@ class Seen:
 def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Seen:
     """Render the clips of a rung."""
     world = WORLDS[grounding.world](camera=Camera(height=sizes.image, width=sizes.image))
-    train = render_clips(scene, world, sizes.clips, sizes.frames, sizes.stride, seed, "train")
+    clips = max(2, sizes.clips // grounding.share)
+    train = render_clips(scene, world, clips, sizes.frames, sizes.stride, seed, "train")
     test = render_clips(scene, world, sizes.held_out, sizes.context, sizes.stride, seed, "test")
     return Seen(train, test)
 

@@ -64,6 +64,7 @@ class Grounding:
         encoder, binder: names for the record, ``none`` where there is none.
         joint: whether fitting involves the head, so that each head needs its own.
         fit: does it.
+        share: the rung is given the preset's training clips over this.
     """
 
     name: str
@@ -72,3 +73,4 @@ class Grounding:
     binder: str
     joint: bool
     fit: Callable[[FitTask], Perception]
+    share: int = 1

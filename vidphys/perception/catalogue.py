@@ -3,10 +3,17 @@
 from vidphys.perception.anonymous import ANONYMOUS_GROUNDINGS
 from vidphys.perception.base import Grounding
 from vidphys.perception.channel_groundings import CHANNEL_GROUNDINGS
+from vidphys.perception.frozen import FROZEN_GROUNDINGS
 from vidphys.perception.palette import PALETTE_GROUNDING
 
 GROUNDINGS: dict[str, Grounding] = {
-    g.name: g for g in (*CHANNEL_GROUNDINGS, PALETTE_GROUNDING, *ANONYMOUS_GROUNDINGS)
+    g.name: g
+    for g in (
+        *CHANNEL_GROUNDINGS,
+        PALETTE_GROUNDING,
+        *ANONYMOUS_GROUNDINGS,
+        *FROZEN_GROUNDINGS,
+    )
 }
 
 __all__ = ["GROUNDINGS", "Grounding"]

@@ -1,0 +1,103 @@
+"""The rungs over frozen encoders: features once, a trained readout, and skipped without weights."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from encoders.features import FeatureMap
+from encoders.identity import EncoderIdentity
+from encoders.release import WeightsMissing
+from renderers import Camera, RgbWorld
+from vidphys.cli import main
+from vidphys.clips import render_clips
+from vidphys.errors import InputError
+from vidphys.perception import frozen
+from vidphys.perception.base import FitTask
+from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.presets import PixelSizes
+from vidphys.runs import RunFolder
+from vidphys.scenes import gravity
+
+SIZES = PixelSizes(24, 9, 40, 7, 32, 150, 32, 0, 4)
+WORLD = RgbWorld(Camera(height=32, width=32), radius=0.6)
+
+
+class Blocks:
+    """Colour averaged over blocks of four pixels: features that anybody can check."""
+
+    identity = EncoderIdentity("blocks", 1, "0" * 64, "none", "0", 32, "float32")
+
+    def __init__(self):
+        self.calls = 0
+
+    def __call__(self, frames, times, progress=None):
+        self.calls += 1
+        light = frames.float().flatten(0, 1) / 255
+        values = torch.nn.functional.avg_pool2d(light, 4)
+        return FeatureMap(values.unflatten(0, frames.shape[:2]), (4.0, 4.0), times)
+
+
+@pytest.fixture
+def encoder(monkeypatch):
+    blocks = Blocks()
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: blocks)
+    return blocks
+
+
+@pytest.fixture(scope="module")
+def clips():
+    return render_clips(gravity(mass=(1.0, 1.0)), WORLD, 24, 9, 40, 0, "train")
+
+
+def test_the_readout_learns_where_bodies_are_and_features_are_made_once(encoder, clips, tmp_path):
+    task = FitTask(clips, SIZES, 0, "factored", tmp_path)
+    perception = frozen.fit_frozen("blocks", task)
+    assert encoder.calls == 1
+    tracks = perception.tracks(clips)
+    assert encoder.calls == 1
+    assert tracks.positions.shape == clips.states.q.shape
+    error = (tracks.positions - clips.states.q).norm(dim=-1)
+    nowhere = clips.states.q.norm(dim=-1)
+    assert float(error.median()) < 0.2 * float(nowhere.median())
+    unseen = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 4, 7, 40, 0, "test")
+    perception.tracks(unseen)
+    assert encoder.calls == 2
+
+
+def test_without_a_folder_nothing_is_kept(encoder, clips):
+    few = replace(clips, frames=clips.frames[:2], states=clips.states[:2], params=clips.params[:2])
+    features = frozen.encode_clips(encoder, few, None)
+    assert features.values.shape == (2, 9, 3, 8, 8)
+    want = few.frames.float().flatten(0, 1) / 255
+    want = torch.nn.functional.avg_pool2d(want, 4).unflatten(0, (2, 9))
+    torch.testing.assert_close(features.values.float(), want, atol=1e-3, rtol=0)
+
+
+def test_one_clip_is_too_few(encoder, clips):
+    one = replace(clips, frames=clips.frames[:1], states=clips.states[:1], params=clips.params[:1])
+    with pytest.raises(InputError, match="1 training clips"):
+        frozen.fit_frozen("blocks", FitTask(one, SIZES, 0, "factored"))
+
+
+def test_without_weights_the_rung_says_which_command_gets_them(clips, tmp_path, monkeypatch):
+    monkeypatch.setenv("VIDPHYS_WEIGHTS", str(tmp_path))
+    with pytest.raises(WeightsMissing, match="vidphys weights fetch hiera"):
+        GROUNDINGS["hiera"].fit(FitTask(clips, SIZES, 0, "factored"))
+
+
+def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypatch, capsys):
+    """The error crosses from the worker; the run says why, and is not a failed run."""
+    monkeypatch.setattr("vidphys.pool.run_all", _absent)
+    run = tmp_path / "run"
+    parts = RunFolder(run)
+    monkeypatch.setattr(RunFolder, "join", lambda self: None)
+    monkeypatch.setattr("vidphys.cli.ladder.publish", lambda run: run.path)
+    assert main(["ladder", "--cells", "hiera", "--out", str(run), "--quiet"]) == 0
+    (entry,) = parts.manifest()["skipped"]
+    assert entry == {"cell": "hiera seed 0", "reason": "skipped: no weights; fetch them"}
+    assert "skipped: no weights" in capsys.readouterr().err
+
+
+def _absent(work, tasks, workers, show, finished):
+    return [(0, WeightsMissing("no weights; fetch them"))]
