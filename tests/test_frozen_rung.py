@@ -38,6 +38,15 @@ class Blocks:
         return FeatureMap(values.unflatten(0, frames.shape[:2]), (4.0, 4.0), times)
 
 
+class Pairs(Blocks):
+    """One feature frame for two frames of the clip, their channels side by side."""
+
+    def __call__(self, frames, times, progress=None):
+        each = super().__call__(frames, times)
+        two = each.values.unflatten(1, (-1, 2)).flatten(2, 3)
+        return FeatureMap(two, each.stride, times.unflatten(0, (-1, 2)).mean(1))
+
+
 @pytest.fixture
 def encoder(monkeypatch):
     blocks = Blocks()
@@ -52,7 +61,7 @@ def clips():
 
 def test_the_readout_learns_where_bodies_are_and_features_are_made_once(encoder, clips, tmp_path):
     task = FitTask(clips, SIZES, 0, "factored", tmp_path)
-    perception = frozen.fit_frozen("blocks", task)
+    perception = frozen.fit_frozen("blocks", {}, task)
     assert encoder.calls == 1
     tracks = perception.tracks(clips)
     assert encoder.calls == 1
@@ -63,6 +72,49 @@ def test_the_readout_learns_where_bodies_are_and_features_are_made_once(encoder,
     unseen = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 4, 7, 40, 0, "test")
     perception.tracks(unseen)
     assert encoder.calls == 2
+
+
+def test_a_video_encoders_feature_frame_tells_where_bodies_are_in_each_of_its_frames(
+    monkeypatch, tmp_path
+):
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: Pairs())
+    clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 24, 8, 40, 0, "train")
+    perception = frozen.fit_frozen("pairs", {}, FitTask(clips, SIZES, 0, "factored", tmp_path))
+    tracks = perception.tracks(clips)
+    error = (tracks.positions - clips.states.q).norm(dim=-1)
+    assert float(error.median()) < 0.2 * float(clips.states.q.norm(dim=-1).median())
+    assert GROUNDINGS["i3d"].whole_context
+
+
+def test_what_is_read_of_a_feature_frame_goes_to_its_own_frames_and_bodies():
+    clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 3, 8, 40, 0, "train")
+
+    class Telling(Blocks):
+        """Its features are the true positions of two frames and three bodies."""
+
+        def __call__(self, frames, times, progress=None):
+            values = (clips.states.q / 4.0).float().unflatten(1, (-1, 2)).flatten(2)
+            return FeatureMap(values[..., None, None], (32.0, 32.0), times[::2])
+
+    class Reading:
+        def read(self, values, centres):
+            positions = values.float().reshape(len(values), 6, 2)
+            return positions, positions[..., 0]
+
+    tracks = frozen.FrozenPerception(Telling(), Reading(), 4.0, None).tracks(clips)
+    torch.testing.assert_close(tracks.positions, clips.states.q, atol=4e-3, rtol=0)
+    torch.testing.assert_close(tracks.confidence, clips.states.q[..., 0] / 4, atol=1e-3, rtol=0)
+
+
+def test_a_number_of_frames_that_feature_frames_do_not_divide_is_refused(monkeypatch, clips):
+    class Uneven(Blocks):
+        def __call__(self, frames, times, progress=None):
+            each = super().__call__(frames, times)
+            return FeatureMap(each.values[:, :4], each.stride, times[:4])
+
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: Uneven())
+    with pytest.raises(InputError, match="9 frames a clip give 4 feature frames"):
+        frozen.fit_frozen("uneven", {}, FitTask(clips, SIZES, 0, "factored"))
 
 
 def test_without_a_folder_nothing_is_kept(encoder, clips):
@@ -77,7 +129,7 @@ def test_without_a_folder_nothing_is_kept(encoder, clips):
 def test_one_clip_is_too_few(encoder, clips):
     one = replace(clips, frames=clips.frames[:1], states=clips.states[:1], params=clips.params[:1])
     with pytest.raises(InputError, match="1 training clips"):
-        frozen.fit_frozen("blocks", FitTask(one, SIZES, 0, "factored"))
+        frozen.fit_frozen("blocks", {}, FitTask(one, SIZES, 0, "factored"))
 
 
 def test_without_weights_the_rung_says_which_command_gets_them(clips, tmp_path, monkeypatch):

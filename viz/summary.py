@@ -29,6 +29,7 @@ _GROUNDINGS = (
     "anonymous-tracker",
     "anonymous-tracker-twostage",
     "hiera",
+    "i3d",
 )
 _READOUTS = ("none", "differencing", "shooting")
 _HEADS = ("factored", "factored-radial", "factored-learned-kinetic", "symplectic", TWIN)

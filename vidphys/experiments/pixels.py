@@ -47,7 +47,8 @@ def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Se
     world = WORLDS[grounding.world](camera=Camera(height=sizes.image, width=sizes.image))
     clips = max(2, sizes.clips // grounding.share)
     train = render_clips(scene, world, clips, sizes.frames, sizes.stride, seed, "train")
-    test = render_clips(scene, world, sizes.held_out, sizes.context, sizes.stride, seed, "test")
+    context = sizes.frames if grounding.whole_context else sizes.context
+    test = render_clips(scene, world, sizes.held_out, context, sizes.stride, seed, "test")
     return Seen(train, test)
 
 

@@ -65,6 +65,8 @@ class Grounding:
         joint: whether fitting involves the head, so that each head needs its own.
         fit: does it.
         share: the rung is given the preset's training clips over this.
+        whole_context: the clips that end at t0 are as long as the training clips, for encoders
+            that see a whole clip at once.
     """
 
     name: str
@@ -74,3 +76,4 @@ class Grounding:
     joint: bool
     fit: Callable[[FitTask], Perception]
     share: int = 1
+    whole_context: bool = False

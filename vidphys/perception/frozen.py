@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import torch
-from torch import Tensor
 
 from binders import Tracks
 from encoders.features import FeatureMap
@@ -36,10 +36,11 @@ STEPS = 4  # of the readout, over the preset's for a perception
 
 @dataclass(frozen=True)
 class FrozenPerception:
-    """A frozen image encoder and the readout that was trained over it.
+    """A frozen encoder and the readout that was trained over it.
 
     Args:
-        encoder: sees each frame alone.
+        encoder: of images or of video. A feature frame of a video encoder stands for several
+            frames of the clip; the readout has a query for each body in each of them.
         readout: positions in normalised image units.
         half_extent: world units of one such unit.
         folder: where features are kept; ``None`` keeps none.
@@ -55,54 +56,50 @@ class FrozenPerception:
         features = encode_clips(self.encoder, clips, self.folder)
         values = features.values.flatten(0, 1)
         positions, confidence = read_all(self.readout, values, features.cell_centres())
-        shape = clips.frames.shape[:2]
-        world = self.half_extent * positions.unflatten(0, shape)
-        return Tracks(world.double(), confidence.unflatten(0, shape).double(), clips.times)
+        shape = clips.states.q.shape
+        world = self.half_extent * positions.reshape(shape)
+        return Tracks(world.double(), confidence.reshape(shape[:-1]).double(), clips.times)
 
 
 def encode_clips(encoder: FrozenEncoder, clips: Clips, folder: Path | None) -> FeatureMap:
-    """Features of every frame, ``(b, t, c, h, w)``, from the folder's store where they lie there.
-
-    Frames are seen one by one, so that all clips are encoded as one long one.
-    """
-    frames = clips.frames.flatten(0, 1)
-    times = clips.interval * torch.arange(len(frames), dtype=torch.float64)
+    """Features of every clip, ``(b, t, c, h, w)``, from the folder's store where they lie there."""
+    b, t = clips.frames.shape[:2]
     request = FeatureRequest(
         encoder=encoder.identity,
-        source_sha256=hashlib.sha256(frames.numpy().tobytes()).hexdigest(),
-        frames=tuple(range(len(frames))),
-        times=tuple(times.tolist()),
-        frame_size=(frames.shape[-2], frames.shape[-1]),
+        source_sha256=hashlib.sha256(clips.frames.numpy().tobytes()).hexdigest(),
+        frames=tuple(range(b * t)),
+        times=tuple(clips.times.repeat(b).tolist()),
+        frame_size=(clips.frames.shape[-2], clips.frames.shape[-1]),
     )
-    if folder is None:
-        with TemporaryDirectory() as scratch:
-            return _encoded(encoder, request, frames, times, Path(scratch), clips)
-    return _encoded(encoder, request, frames, times, folder / "features", clips)
+
+    def encode() -> FeatureMap:
+        """All clips as one long episode, which is what a store holds."""
+        found = encoder(clips.frames, clips.times)
+        return FeatureMap(
+            found.values.flatten(0, 1).unsqueeze(0), found.stride, found.times.repeat(b)
+        )
+
+    with TemporaryDirectory() as scratch:
+        store = FeatureStore(Path(scratch) if folder is None else folder / "features")
+        found = store.get(request, "rendered clips", encode)
+    values = found.values[0].unflatten(0, (b, -1))
+    return FeatureMap(values, found.stride, found.times[: values.shape[1]])
 
 
-def _encoded(
-    encoder: FrozenEncoder,
-    request: FeatureRequest,
-    frames: Tensor,
-    times: Tensor,
-    store: Path,
-    clips: Clips,
-) -> FeatureMap:
-    found = FeatureStore(store).get(
-        request, "rendered clips", lambda: encoder(frames.unsqueeze(0), times)
-    )
-    values = found.values[0].unflatten(0, clips.frames.shape[:2])
-    return FeatureMap(values, found.stride, clips.times)
-
-
-def fit_frozen(encoder_name: str, task: FitTask) -> Perception:
+def fit_frozen(encoder_name: str, options: dict[str, Any], task: FitTask) -> Perception:
     """Encode the training clips, and train the readout on their true positions.
+
+    Args:
+        encoder_name: of ``encoders.frozen.catalogue``.
+        options: of its settings.
+        task: see :class:`FitTask`.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
-        InputError: too few clips to hold one out.
+        InputError: too few clips to hold one out, or a number of frames that its feature frames
+            do not divide.
     """
-    encoder = load_encoder(encoder_name, {})
+    encoder = load_encoder(encoder_name, options)
     clips, count = task.clips, len(task.clips)
     held_out = max(1, count // HELD_OUT)
     if count < 2:
@@ -110,8 +107,14 @@ def fit_frozen(encoder_name: str, task: FitTask) -> Perception:
             f"{encoder_name}: {count} training clips; one is held out, use two or more"
         )
     features = encode_clips(encoder, clips, task.folder)
+    frames, seen = clips.frames.shape[1], features.values.shape[1]
+    if frames % seen:
+        raise InputError(
+            f"{encoder_name}: {frames} frames a clip give {seen} feature frames, which do not "
+            "divide them; use another number of frames"
+        )
     half_extent = clips.world.camera.half_extent
-    targets = (clips.states.q / half_extent).float()
+    targets = (clips.states.q / half_extent).float().unflatten(1, (seen, -1)).flatten(2, 3)
     sure = torch.ones(targets.shape[:-1])
     train, kept = (
         labelled_frames(
@@ -131,5 +134,17 @@ def fit_frozen(encoder_name: str, task: FitTask) -> Perception:
 
 
 FROZEN_GROUNDINGS = [
-    Grounding("hiera", "rgb", "hiera", "none", False, partial(fit_frozen, "hiera"), share=SHARE),
+    Grounding(
+        "hiera", "rgb", "hiera", "none", False, partial(fit_frozen, "hiera", {}), share=SHARE
+    ),
+    Grounding(
+        "i3d",
+        "rgb",
+        "i3d",
+        "none",
+        False,
+        partial(fit_frozen, "i3d", {"layer": "Mixed_3c"}),
+        share=SHARE,
+        whole_context=True,
+    ),
 ]
