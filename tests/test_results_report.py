@@ -22,7 +22,15 @@ def found(value, verdict, metric="m", bar="<= 2e-3", why="", values=None):
         "over": "mean",
     }
     seeds = ({} if value is None else {"0": value}) if values is None else values
-    return {"row": row, "values": seeds, "value": value, "verdict": verdict, "why": why}
+    remark = "Because of this." if verdict == "missed" else ""
+    return {
+        "row": row,
+        "values": seeds,
+        "value": value,
+        "verdict": verdict,
+        "why": why,
+        "remark": remark,
+    }
 
 
 def drift(cell, horizon, value, seed=0):
@@ -59,6 +67,7 @@ def test_the_report_says_every_row_and_lists_what_is_missed_first(run):
     assert "10/10 seeds, p = 9.77e-4" in html
     assert "Of the rows with a bar: 1 met, 1 missed, 1 no number." in html
     assert html.index("Not met") < html.index('id="one"')
+    assert html.count("Because of this.") == 4  # in the list and in the row of both tables
     assert "stability/x: failed: why" in html and "f00" in html
     assert "http" not in html.replace("http://www.w3.org", "")
 

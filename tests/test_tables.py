@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import tomllib
 
 import pytest
 import torch
@@ -53,6 +54,17 @@ def test_every_table_has_rows_and_each_names_a_cell(name):
         for cell in (row.cell, row.divided_by or row.cell):
             owner = any(cell == c or cell.startswith(f"{c}/") for c in cells)
             assert owner, f"{name}: {row.id} {cell}"
+
+
+def test_every_remark_belongs_to_a_row_and_stands_only_where_a_bar_is_missed():
+    remarks = tomllib.loads(bars.REMARKS.read_text(encoding="utf-8"))
+    for table, entries in remarks.items():
+        rows = {row.what: row for row in bars.rows_of(table)}
+        for what, text in entries.items():
+            missed = bars.Verdict(rows[what], {0: 1.0}, 1.0, bars.MISSED)
+            assert bars.with_remark(table, missed).remark == text
+            met = bars.Verdict(rows[what], {0: 1.0}, 1.0, bars.MET)
+            assert bars.with_remark(table, met).remark == ""
 
 
 def test_a_table_that_reads_anothers_records_has_no_cells_of_its_own():

@@ -64,7 +64,7 @@ def _short(about: Mapping[str, Any], tables: Mapping[str, Any]) -> str:
         f"<li><a href='#{_anchor(name)}'>{escape(table['title'])}</a>: {escape(_said(row))}</li>"
         for name, table in tables.items()
         for row in table["rows"]
-        if row["verdict"] in ("missed", "no number")
+        if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
     ]
     callout = f'<div class="callout"><p>Not met:</p><ul>{"".join(missed)}</ul></div>'
     parts = [f'<ul class="tally">{tally}</ul>', paragraph(facts), callout if missed else ""]
@@ -79,7 +79,8 @@ def _said(row: Mapping[str, Any]) -> str:
     value = "no number" if row["value"] is None else number(row["value"])
     bar = f", bar {row['row']['bar']}" if row["row"]["bar"] else ""
     why = f" ({row['why']})" if row["why"] else ""
-    return f"{row['row']['what']}: {value}{bar}{why}"
+    remark = f". {row['remark']}" if row["remark"] else ""
+    return f"{row['row']['what']}: {value}{bar}{why}{remark}"
 
 
 def _table(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> str:
@@ -123,6 +124,8 @@ def _row(found: Mapping[str, Any]) -> str:
     ours = "–" if value is None else f"<b>{number(value)}</b> <small>{row['over']}</small>"
     verdict = chip(found["verdict"], TONES[found["verdict"]])
     why = f"<small>{escape(found['why'])}</small>" if found["why"] else ""
+    if found["remark"]:
+        why += f"<p class='note'>{escape(found['remark'])}</p>"
     seeds = list(found["values"].values())
     matches = row["metric"].startswith("regime_match")
     spread = _matches(seeds) if matches and seeds else _spread(seeds)

@@ -13,7 +13,7 @@ import torch
 
 from vidphys.atomic import write_json
 from vidphys.errors import InputError
-from vidphys.experiments.tables.bars import bars_hash, judge, rows_of
+from vidphys.experiments.tables.bars import bars_hash, judge, rows_of, with_remark
 from vidphys.experiments.tables.base import CellTask, Table
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.presets import Preset
@@ -135,7 +135,9 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
             "about": table.about,
             "ids": table.ids,
             "records_of": table.records_of,
-            "rows": [asdict(judge(row, mine)) for row in rows_of(table.name)],
+            "rows": [
+                asdict(with_remark(table.name, judge(row, mine))) for row in rows_of(table.name)
+            ],
         }
     write_json(run.path / "verdicts.json", found)
     return found

@@ -10,13 +10,14 @@ import hashlib
 import operator
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from vidphys.metrics import OK
 
 FOLDER = Path(__file__).parent / "bars"
+REMARKS = Path(__file__).parent / "remarks.toml"
 COMPARE: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
     ">=": operator.ge,
@@ -75,6 +76,7 @@ class Verdict:
         value: the seeds joined; ``None`` without a number.
         verdict: met, missed, reported, or ``no number``.
         why: what stands where the number should, or what happened to some seeds.
+        remark: what is known of why a bar is missed, from ``remarks.toml``.
     """
 
     row: Row
@@ -82,6 +84,7 @@ class Verdict:
     value: float | None
     verdict: str
     why: str = ""
+    remark: str = ""
 
 
 def rows_of(table: str) -> tuple[Row, ...]:
@@ -104,6 +107,17 @@ def rows_of(table: str) -> tuple[Row, ...]:
             raise ValueError(f"{path.name}: row {row.id}: over '{row.over}', bar '{row.bar}'")
         rows.append(row)
     return tuple(rows)
+
+
+def with_remark(table: str, verdict: Verdict) -> Verdict:
+    """A missed row with what is known of the reason; others as they are.
+
+    Remarks are written after runs and are no part of the bars or of their hash.
+    """
+    if verdict.verdict in (MET, REPORTED):
+        return verdict
+    remarks = tomllib.loads(REMARKS.read_text(encoding="utf-8")).get(table, {})
+    return replace(verdict, remark=remarks.get(verdict.row.what, ""))
 
 
 def bars_hash() -> str:
