@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.devices import check_cuda
 from vidphys.errors import InputError
 from vidphys.video import ClipSelection, Video, read_video
 
@@ -121,12 +122,9 @@ def frozen_encoder(config: ExtractConfig) -> FrozenEncoder:
         ValueError: an unknown encoder, an option that it does not take, or weights that are missing
             or wrong.
     """
-    import torch
-
     from encoders.frozen import load_encoder
 
-    if config.device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")
+    check_cuda(config.device)
     return load_encoder(config.encoder, config.options, config.weights, config.device)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from vidphys.cli.console import Console
+from vidphys.cli.devices import check_cuda
 from vidphys.errors import InputError
 
 
@@ -97,10 +98,6 @@ def check_device(device: str) -> None:
     Raises:
         InputError: CUDA is asked for and there is none, or the verb has no CUDA path.
     """
-    if device == "cpu":
-        return
-    import torch
-
-    if not torch.cuda.is_available():
-        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")
-    raise InputError("--device cuda: the ladder computes on the CPU; use --device cpu")
+    check_cuda(device)
+    if device == "cuda":
+        raise InputError("--device cuda: the ladder computes on the CPU; use --device cpu")

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.devices import check_cuda
 from vidphys.errors import InputError
 
 
@@ -90,15 +91,3 @@ def reproduce(config: ReproduceConfig) -> int:
         said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
         console.result(f"{len(tables)} tables: {said}; report: {report}")
     return 1 if failures else 0
-
-
-def check_cuda(device: str) -> None:
-    """Refuse a device that is not there.
-
-    Raises:
-        InputError: CUDA is asked for and there is none.
-    """
-    import torch
-
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")

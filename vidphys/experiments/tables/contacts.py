@@ -17,7 +17,7 @@ from vidphys.experiments.members import train_members
 from vidphys.experiments.oracle import AGES, OLDEST
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
-from vidphys.experiments.tables.training import train_cell
+from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
@@ -133,7 +133,7 @@ def _score_momentum(recorder: Recorder, states: PhaseState) -> None:
 
 def _budget(sizes: OracleSizes) -> OracleSizes:
     """A quarter of the preset's batch, for every model alike: there are many models."""
-    return replace(sizes, batch=max(1, sizes.batch // 4))
+    return smaller_batch(sizes, 4)
 
 
 def _cells() -> dict[str, Cell]:

@@ -26,6 +26,7 @@ from vidphys.experiments.members import Examples, one_step, train_members
 from vidphys.experiments.oracle import HORIZON, held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.training import smaller_batch
 from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
@@ -83,8 +84,7 @@ def sizes_for(terms: Terms, sizes: OracleSizes) -> OracleSizes:
     """A map's budget, or the same number of examples in small batches for a field."""
     if not isinstance(terms, GeneralisedTerms):
         return sizes
-    batch = max(1, sizes.batch // SMALLER)
-    return replace(sizes, steps=SMALLER * sizes.steps, batch=batch)
+    return replace(smaller_batch(sizes, SMALLER), steps=SMALLER * sizes.steps)
 
 
 Score = Callable[[Recorder, Head, Question], None]

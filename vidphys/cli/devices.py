@@ -1,0 +1,19 @@
+"""Whether a device that was asked for is there."""
+
+from __future__ import annotations
+
+from vidphys.errors import InputError
+
+
+def check_cuda(device: str) -> None:
+    """Refuse CUDA where there is none.
+
+    Raises:
+        InputError: CUDA is asked for and this machine has no such device.
+    """
+    if device != "cuda":
+        return
+    import torch
+
+    if not torch.cuda.is_available():
+        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")
