@@ -14,13 +14,13 @@ from vidphys.ensemble import Ensemble, Stacked, stack
 from vidphys.errors import InputError
 from vidphys.experiments import reproduce, truth
 from vidphys.experiments.losses import energy_penalised, noisy
-from vidphys.experiments.members import one_step
+from vidphys.experiments.members import Examples, one_step, train_members
 from vidphys.experiments.oracle import true_segments
 from vidphys.experiments.tables import bars
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.presets import OracleSizes, PixelSizes, Preset
-from vidphys.records import merged_tables
+from vidphys.records import Origin, Recorder, merged_tables
 from vidphys.runs import RunFolder
 from vidphys.scenes import gravity, lyapunov_time
 from vidphys.segments import roll, scale_of, segment_loss
@@ -160,6 +160,25 @@ def test_a_lost_member_does_not_take_the_others_along(examples):
     alive, lost = ensemble.members()
     assert all(bool(torch.isfinite(p).all()) for p in alive.parameters())
     assert not all(bool(torch.isfinite(p).all()) for p in lost.parameters())
+
+
+def test_a_rate_at_which_a_member_is_lost_is_not_chosen(examples):
+    """A lost member adds nothing to the loss in training; it must not look like a good score."""
+    heads = [gravity().build(HEADS["factored"]) for _ in examples]
+    train = {s: Examples(*examples[s]) for s in examples}
+
+    def diverging(head, batch, scale):
+        weight = head.potential.phi.layers[0].weight
+        return one_step(head, batch, scale) + torch.where(weight.abs().max() > 3, math.nan, 0.0)
+
+    recorders = {s: Recorder(Origin(*["x"] * 8, s, "cpu", "float32")) for s in examples}
+    sizes = OracleSizes(32, 20, 32, (5.0, 1e-3), 4)
+    make = iter(heads).__next__
+    found = train_members("factored", make, train, sizes, recorders, diverging)
+    rows = {r["metric"]: r for r in recorders[0].rows}
+    assert rows["learning_rate"]["value"] == 1e-3 and set(found) == set(examples)
+    assert rows["trial_error_at_rate_5"]["status"] == "failed"
+    assert math.isfinite(rows["trial_error_at_rate_0.001"]["value"])
 
 
 @pytest.mark.parametrize("name", ["factored", "factored-gns", "set-transformer"])

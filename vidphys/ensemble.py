@@ -98,10 +98,16 @@ class Ensemble(nn.Module, Generic[Member]):
         return singles
 
     def loss(self, function: Callable[[Member, Any], Tensor]) -> Callable[[Any], Tensor]:
-        """Sum of the members' losses; a member that is lost (not finite) does not stop the rest."""
+        """Sum of the members' losses.
+
+        In training, a member that is lost (not finite) does not stop the rest. Where no gradient
+        is recorded the loss is a score, and it is not finite if a member's is not.
+        """
 
         def total(batch: Any) -> Tensor:
             each = self.map(function, batch)
+            if not torch.is_grad_enabled():
+                return each.sum()
             return torch.where(torch.isfinite(each), each, torch.zeros_like(each)).sum()
 
         return total

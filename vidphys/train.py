@@ -219,7 +219,8 @@ def choose_learning_rate(
         try:
             fit(candidate, batch_loss, data, _with_rate(probe, rate), seed)
             with torch.no_grad():
-                errors[rate] = float(batch_loss(held_out))
+                error = float(batch_loss(held_out))
+            errors[rate] = error if math.isfinite(error) else math.inf
         except FloatingPointError:
             errors[rate] = math.inf
     return LearningRateChoice(errors, min(errors, key=lambda r: errors[r]))

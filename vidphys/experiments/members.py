@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from dynamics import Head
 from vidphys.ensemble import Ensemble, Stacked, stack
+from vidphys.metrics import FAILED, OK, Summary
 from vidphys.presets import OracleSizes
 from vidphys.records import Recorder
 from vidphys.seeding import derive
@@ -101,7 +103,9 @@ def train_members(
         lost = not all(bool(torch.isfinite(p).all()) for p in head.parameters())
         recorders[seed].add_value("learning_rate", choice.chosen)
         for rate, tried in choice.errors.items():
-            recorders[seed].add_value(f"trial_error_at_rate_{rate:g}", tried)
+            failed = Summary(None, FAILED, 0, 0)
+            summary = Summary(tried, OK, 0, 0) if math.isfinite(tried) else failed
+            recorders[seed].add(f"trial_error_at_rate_{rate:g}", summary)
         recorders[seed].add_value("training_failed", float(lost))
         if not lost:
             recorders[seed].add_value("held_out_one_step_error", error)
