@@ -297,7 +297,10 @@ def test_a_cell_of_a_sweep_runs(name):
 def test_an_unknown_table_is_refused_with_the_nearest_name():
     with pytest.raises(InputError, match="did you mean 'stability'"):
         reproduce.choose(["stabilty"])
-    assert reproduce.choose(["all"]) == tuple(TABLES.values())
+    everything, pictures = reproduce.choose(["all"]), reproduce.choose(["pixels"])
+    assert {t.name for t in everything}.isdisjoint(t.name for t in pictures)
+    assert reproduce.choose(["pixels", "all"]) == tuple(TABLES.values())
+    assert "stability" in {t.name for t in everything}
 
 
 def test_tables_that_share_models_train_them_once():
@@ -319,10 +322,13 @@ def test_a_run_is_judged_reported_and_resumed(tmp_path, hasty):
     said = []
     for unit in [reproduce.Unit("stability", cell, (0,)) for cell in ("truth", "unstructured")]:
         reproduce.run_unit(run.path, unit, preset, "cpu", lambda *x: said.append(x))
+    run.skip("stability/symplectic", "skipped: no weights; fetch them")
     verdicts = reproduce.write_verdicts(run, tables)
     rows = {row["row"]["what"]: row for row in verdicts["inversion"]["rows"]}
     assert rows["no force at all: error at G = -1"]["verdict"] == bars.REPORTED
-    assert rows["symplectic: force cosine at G = -1"]["verdict"] == bars.ABSENT
+    absent = rows["symplectic: force cosine at G = -1"]
+    assert (absent["verdict"], absent["why"]) == (bars.ABSENT, "skipped: no weights; fetch them")
+    assert rows["factored: force cosine at G = -1"]["why"] == "not recorded"
     report = write_results(run.path).read_text()
     assert "symplectic: force cosine" in report and settings["bars_sha256"] in report
     assert json.loads((run.path / "run.json").read_text())["settings"]["bars_sha256"]

@@ -1,4 +1,4 @@
-"""``vidphys reproduce``: the study's tables that need no pixels, row by row against their bars."""
+"""``vidphys reproduce``: the study's tables, row by row against their bars."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ReproduceConfig:
     Example: vidphys reproduce stability inversion --preset quick --out runs/tables
 
     Args:
-        tables: names of tables, or all.
+        tables: names of tables; all: those that need no pictures; pixels: those that do.
         out: the run folder; the same command again goes on where it was.
         cells: only these cells of the tables; all if none is named.
         preset: sizes and seeds; quick is minutes on two cores.
@@ -47,12 +47,14 @@ def reproduce(config: ReproduceConfig) -> int:
     """Run what is left of the tables' cells, then judge every row and write the report.
 
     Returns:
-        0, or 1 if a cell failed; what others found is kept.
+        0, or 1 if a cell failed; what others found is kept. A cell whose encoder's weights are
+        not on this machine is skipped, which is no failure.
 
     Raises:
         InputError: an unknown table, no seed or worker, a device that is not there, or a run
             folder that holds something else.
     """
+    from encoders.release import WeightsMissing
     from vidphys.experiments.reproduce import (
         choose,
         run_unit,
@@ -81,13 +83,17 @@ def reproduce(config: ReproduceConfig) -> int:
     with run.locked(), Console(config.quiet, len(units), "reproduce") as console:
         tasks = [(run.path, unit, sizes, config.device) for unit in units]
         failures = run_all(run_unit, tasks, config.workers, console.stage, console.done)
+        failed = 0
         for index, error in failures:
-            unit = units[index]
-            run.skip(f"{unit.table}/{unit.cell}", f"failed: {error}")
-            console.warn(f"{unit.table}/{unit.cell}: {type(error).__name__}: {error}")
+            name = f"{units[index].table}/{units[index].cell}"
+            absent = isinstance(error, WeightsMissing)
+            failed += not absent
+            word = "skipped" if absent else f"failed: {type(error).__name__}"
+            run.skip(name, f"{word}: {error}")
+            console.warn(f"{name} {word}: {error}")
         verdicts = write_verdicts(run, tables)
         report = write_results(run.path)
         counts = Counter(row["verdict"] for table in verdicts.values() for row in table["rows"])
         said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
         console.result(f"{len(tables)} tables: {said}; report: {report}")
-    return 1 if failures else 0
+    return 1 if failed else 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,21 @@ import torch
 
 from vidphys.atomic import write_json
 from vidphys.errors import InputError
-from vidphys.experiments.tables.bars import bars_hash, judge, rows_of, with_remark
+from vidphys.experiments.tables.bars import (
+    ABSENT,
+    Verdict,
+    bars_hash,
+    judge,
+    rows_of,
+    with_remark,
+)
 from vidphys.experiments.tables.base import CellTask, Table
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.presets import Preset
 from vidphys.records import merged_tables
 from vidphys.runs import RunFolder
 
-ALL = "all"
+ALL, PIXELS = "all", "pixels"  # the tables that need no pictures, and those that do
 
 
 @dataclass(frozen=True)
@@ -39,17 +46,23 @@ class Unit:
 
 
 def choose(names: Sequence[str]) -> tuple[Table, ...]:
-    """Tables by name, in the order of the catalogue; ``all`` means every one.
+    """Tables by name, in the order of the catalogue.
+
+    ``all`` means every table that needs no pictures, ``pixels`` every one that does.
 
     Raises:
         InputError: an unknown name; the nearest spelling is given.
     """
     for name in names:
-        if name != ALL and name not in TABLES:
+        if name not in (ALL, PIXELS, *TABLES):
             near = difflib.get_close_matches(name, TABLES, n=1)
             hint = f"; did you mean '{near[0]}'?" if near else ""
             raise InputError(f"reproduce {name}: no such table{hint} Known: {', '.join(TABLES)}")
-    return tuple(t for name, t in TABLES.items() if ALL in names or name in names)
+    return tuple(
+        table
+        for table in TABLES.values()
+        if table.name in names or (PIXELS if table.pixels else ALL) in names
+    )
 
 
 def units_of(tables: Sequence[Table], seeds: int, cells: Sequence[str] = ()) -> list[Unit]:
@@ -81,6 +94,7 @@ def settings_of(preset_name: str, preset: Preset, units: Sequence[Unit], seeds: 
         "experiment": "reproduce",
         "preset": preset_name,
         "sizes": asdict(preset.oracle),
+        "pixel_sizes": asdict(preset.pixel),
         "seeds": list(range(seeds)),
         "cells": sorted(f"{unit.table}/{unit.cell}" for unit in units),
         "bars_sha256": bars_hash(),
@@ -112,6 +126,7 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
         unit.cell,
         unit.seeds,
         preset.oracle,
+        preset.pixel,
         device,
         run.checkpoints(unit.part),
         lambda step, steps, _loss: report(name, step, steps),
@@ -125,8 +140,12 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
 
 
 def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
-    """Hold what was recorded to the rows of each table; kept as ``verdicts.json``."""
+    """Hold what was recorded to the rows of each table; kept as ``verdicts.json``.
+
+    A row of a cell that was skipped says why.
+    """
     records = run.join().to_pylist()
+    reasons = {entry["cell"]: entry["reason"] for entry in run.manifest()["skipped"]}
     found: dict[str, Any] = {}
     for table in tables:
         mine = [r for r in records if r["experiment"] == table.records_of]
@@ -136,8 +155,22 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
             "ids": table.ids,
             "records_of": table.records_of,
             "rows": [
-                asdict(with_remark(table.name, judge(row, mine))) for row in rows_of(table.name)
+                asdict(with_remark(table.name, _explained(judge(row, mine), table, reasons)))
+                for row in rows_of(table.name)
             ],
         }
     write_json(run.path / "verdicts.json", found)
     return found
+
+
+def _explained(verdict: Verdict, table: Table, reasons: Mapping[str, str]) -> Verdict:
+    """A row without a number, with the reason that its cell was not run."""
+    row = verdict.row
+    if verdict.verdict != ABSENT:
+        return verdict
+    for cell in TABLES[table.records_of].cells:
+        asked = any(f"{name}/".startswith(f"{cell}/") for name in (row.cell, row.divided_by or ""))
+        reason = reasons.get(f"{table.records_of}/{cell}")
+        if asked and reason:
+            return replace(verdict, why=reason)
+    return verdict

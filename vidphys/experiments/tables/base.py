@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vidphys.presets import OracleSizes
+from vidphys.presets import PRESETS, OracleSizes, PixelSizes
 from vidphys.records import Origin, Recorder
 from vidphys.scenes import Scene
 from vidphys.train import Progress
@@ -19,7 +19,8 @@ class CellTask:
     Args:
         table, cell: names.
         seeds: which; they train side by side.
-        sizes: of the preset.
+        sizes: of the preset, for training on true states.
+        pixel: of the preset, for pictures; the quick one's where not given.
         device: where to train and roll.
         folder: for checkpoints, or ``None``.
         progress: called as ``(step, steps, loss)``.
@@ -30,12 +31,22 @@ class CellTask:
     cell: str
     seeds: tuple[int, ...]
     sizes: OracleSizes
+    pixel: PixelSizes = PRESETS["quick"].pixel
     device: str = "cpu"
     folder: Path | None = None
     progress: Progress | None = None
     recorders: list[Recorder] = field(default_factory=list)
 
-    def recorder(self, seed: int, scene: Scene, head: str, part: str | None = None) -> Recorder:
+    def recorder(
+        self,
+        seed: int,
+        scene: Scene,
+        head: str,
+        part: str | None = None,
+        grounding: str = "oracle",
+        encoder: str = "none",
+        binder: str = "none",
+    ) -> Recorder:
         """A recorder of this cell, or of a named part of it, for one seed.
 
         Args:
@@ -43,14 +54,15 @@ class CellTask:
             scene: gives the system's name.
             head: name of the model.
             part: makes the cell ``cell/part``, for cells that compare several settings.
+            grounding, encoder, binder: what the states were perceived by.
         """
         origin = Origin(
             experiment=self.table,
             cell=self.cell if part is None else f"{self.cell}/{part}",
             system=scene.name,
-            grounding="oracle",
-            encoder="none",
-            binder="none",
+            grounding=grounding,
+            encoder=encoder,
+            binder=binder,
             readout="none",
             head=head,
             seed=seed,
@@ -79,6 +91,7 @@ class Table:
         cells: name -> the work; none where another table's records are read.
         settings: scenes and terms, for ``run.json``.
         source: the table whose records are read, where it is not this one.
+        pixels: whether its cells draw and see pictures; `all` leaves such tables out.
     """
 
     name: str
@@ -88,6 +101,7 @@ class Table:
     cells: Mapping[str, Cell] = field(default_factory=dict)
     settings: Mapping[str, object] = field(default_factory=dict)
     source: str = ""
+    pixels: bool = False
 
     @property
     def records_of(self) -> str:
