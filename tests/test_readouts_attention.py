@@ -13,6 +13,7 @@ from readouts.attention import AttentionReadout, _waves
 from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.readout_training import (
     LabelledFrames,
+    ReadoutSettings,
     Shifted,
     labelled_frames,
     position_rmse,
@@ -152,7 +153,7 @@ def test_attention_localises_far_below_a_cell_and_pooling_does_not() -> None:
     settings = FitSettings(steps=250, batch=16, learning_rate=1e-2)
     rmse = {}
     for name, module in (("attention", readout), ("pooled", control)):
-        train_readout(module, train, held_out, settings, seed=0)
+        train_readout(module, train, held_out, ReadoutSettings(settings), seed=0)
         positions, _ = read_all(module, test.values, test.centres)
         rmse[name] = position_rmse(positions, test.targets, test.weight)
     cell = 8 / 40
@@ -175,7 +176,9 @@ def test_the_best_held_out_weights_are_kept() -> None:
         if step % 2 == 0:
             seen.append(distance())
 
-    found = train_readout(readout, train, held_out, settings, seed=0, progress=watch)
+    found = train_readout(
+        readout, train, held_out, ReadoutSettings(settings), seed=0, progress=watch
+    )
     assert found.held_out_error == pytest.approx(min(seen), rel=1e-5)
     assert distance() == pytest.approx(min(seen), rel=1e-5)
     assert found.kept_step == 2 * (1 + seen.index(min(seen)))
@@ -191,7 +194,7 @@ def test_weight_zero_means_not_looked_at() -> None:
         data, readout = labelled(32), AttentionReadout(CHANNELS, 2, width=16)
         data.weight[:, 1] = 0
         data.targets[:, 1] += wrong
-        train_readout(readout, data, data, settings, seed=0)
+        train_readout(readout, data, data, ReadoutSettings(settings), seed=0)
         results.append(readout.state_dict())
     for key, value in results[0].items():
         assert torch.equal(value, results[1][key]), key
@@ -214,11 +217,15 @@ def test_shift_moves_features_and_targets_alike() -> None:
 
 def test_moves_are_repeatable_and_differ() -> None:
     data = labelled(8)
+    moved = Shifted(data, 3)
+    assert len(moved) == 8 * 7 * 7
     index = torch.arange(8)
-    first = [Shifted(data, 3, seed=4)[index].targets for _ in range(2)]
-    assert torch.equal(*first)
-    stream = Shifted(data, 3, seed=4)
-    assert len({float(stream[index].targets[0, 0, 0]) for _ in range(9)}) > 3
+    assert torch.equal(moved[index].targets, moved[index].targets)
+    still = moved[24 * 8 + index]  # the middle one of 49 moves
+    assert torch.equal(still.targets, data.targets) and torch.equal(still.values, data.values)
+    seen = {tuple(moved[8 * k + index].targets[0, 0].tolist()) for k in range(49)}
+    assert len(seen) == 49
+    assert torch.equal(Shifted(data, 0)[index].targets, data.targets)
 
 
 def test_bad_input() -> None:
@@ -228,7 +235,8 @@ def test_bad_input() -> None:
     data = labelled(4)
     none = data[torch.zeros(0, dtype=torch.int64)]
     with pytest.raises(ValueError, match="got 4 and 0"):
-        train_readout(PooledReadout(CHANNELS, 2, 4), data, none, FitSettings(1, 1, 1e-3), 0)
+        settings = ReadoutSettings(FitSettings(1, 1, 1e-3))
+        train_readout(PooledReadout(CHANNELS, 2, 4), data, none, settings, 0)
     with pytest.raises(ValueError, match="at least 2 x 2 cells"):
         shift(
             LabelledFrames(data.values[..., :1], data.centres[:, :1], data.targets, data.weight),

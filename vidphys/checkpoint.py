@@ -7,6 +7,7 @@ it points to a whole tensor file: the old one or the new one.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,12 @@ def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             "to train again"
         )
     return load_file(target), record["meta"]
+
+
+def under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors below ``prefix/``, without it."""
+    start = f"{prefix}/"
+    return {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
 
 
 def _tensor_file(path: Path) -> Path:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import copy
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol, cast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Protocol, TypeVar, cast
 
 import torch
-from torch import Generator, Tensor, nn
+from torch import Tensor, nn
 
 from encoders.features import FeatureMap
-from vidphys.seeding import derive
-from vidphys.train import FitSettings, Progress, fit
+from vidphys.early_stopping import BestWeights, StopSettings
+from vidphys.learner import FitSettings, Learner
+from vidphys.train import Progress, fit_together
 
-EVALUATIONS = 40
 SCORED_AT_ONCE = 64
 SOFTENING = 0.003  # normalised image units; the loss is quadratic below and linear above
 
@@ -54,33 +54,36 @@ class LabelledFrames:
 
 
 class Shifted:
-    """Labelled frames, each batch moved by a random whole number of cells with its targets.
+    """Labelled frames, each batch moved by a whole number of cells with its targets.
 
     Few labelled frames show few places; a frozen encoder's cells look alike everywhere, so moving
     the map teaches the others. Cells from beyond the border repeat the border; a target that
-    leaves the image loses its weight.
+    leaves the image loses its weight. An example is a frame under one of the moves, and a batch's
+    first example says which move all of it is given: the batch order alone decides what is seen.
 
     Args:
         frames: what is moved.
         cells: largest move, in cells, along both axes.
-        seed: of the moves.
     """
 
-    def __init__(self, frames: LabelledFrames, cells: int, seed: int) -> None:
+    def __init__(self, frames: LabelledFrames, cells: int) -> None:
         self.frames, self.cells = frames, cells
-        self.rng = Generator().manual_seed(derive(seed, "shift"))
 
     def __len__(self) -> int:
-        return len(self.frames)
+        return len(self.frames) * (2 * self.cells + 1) ** 2
 
     def __getitem__(self, index: Tensor) -> LabelledFrames:
-        batch = self.frames[index]
-        span = (-self.cells, self.cells + 1)
-        down, right = torch.randint(*span, (2,), generator=self.rng).tolist()
-        return shift(batch, down, right)
+        batch = self.frames[index % len(self.frames)]
+        if not self.cells:
+            return batch
+        down, right = divmod(int(index[0]) // len(self.frames), 2 * self.cells + 1)
+        return shift(batch, down - self.cells, right - self.cells)
 
 
-def shift(batch: LabelledFrames, down: int, right: int) -> LabelledFrames:
+Frames = TypeVar("Frames", bound=LabelledFrames)
+
+
+def shift(batch: Frames, down: int, right: int) -> Frames:
     """Move features and targets by whole cells."""
     h, w = batch.values.shape[-2:]
     rows = (torch.arange(h) - down).clamp(0, h - 1)
@@ -90,7 +93,7 @@ def shift(batch: LabelledFrames, down: int, right: int) -> LabelledFrames:
     border = batch.centres.abs().amax((0, 1)) + cell / 2
     inside = (targets.abs() <= border).all(-1)
     values = batch.values[:, :, rows][..., columns]
-    return LabelledFrames(values, batch.centres, targets, batch.weight * inside)
+    return replace(batch, values=values, targets=targets, weight=batch.weight * inside)
 
 
 def _cell(centres: Tensor) -> Tensor:
@@ -107,7 +110,7 @@ class ReadoutFit:
 
     Args:
         held_out_error: mean distance from the targets with the weights that were kept,
-            normalised image units.
+            normalised image units; infinite where the training was lost.
         kept_step: optimiser step at which they were the weights.
         steps: that were taken.
         train_loss: of the last batch.
@@ -117,6 +120,21 @@ class ReadoutFit:
     kept_step: int
     steps: int
     train_loss: float
+
+
+@dataclass(frozen=True)
+class ReadoutSettings:
+    """How readouts are trained.
+
+    Args:
+        fit: of the optimiser; each readout has a learning rate of its own.
+        cells: move training maps at random by up to so many cells; see :class:`Shifted`.
+        stop: when the held-out frames are looked at, and when they end the training.
+    """
+
+    fit: FitSettings
+    cells: int = 0
+    stop: StopSettings = StopSettings()
 
 
 def labelled_frames(features: FeatureMap, targets: Tensor, weight: Tensor) -> LabelledFrames:
@@ -138,47 +156,78 @@ def labelled_frames(features: FeatureMap, targets: Tensor, weight: Tensor) -> La
     )
 
 
-def train_readout(
-    readout: nn.Module,
+def train_readouts(
+    readouts: Mapping[str, nn.Module],
+    learning_rates: Mapping[str, float],
     train: LabelledFrames,
     held_out: LabelledFrames,
-    settings: FitSettings,
+    settings: ReadoutSettings,
     seed: int,
-    cells: int = 0,
+    save_to: Path | None = None,
     progress: Progress | None = None,
-) -> ReadoutFit:
-    """Fit a readout in place; the weights that are best on the held-out frames are kept.
+) -> dict[str, ReadoutFit]:
+    """Fit readouts in place, all on the same batches, each of which is read once.
+
+    Each is left with the weights that were its best on the held-out frames, and is what it would
+    have become alone.
 
     Args:
-        readout: a module that is a :class:`PositionReadout`.
+        readouts: modules that are a :class:`PositionReadout`, by name.
+        learning_rates: of each, in place of the settings'.
         train: frames to learn from; see :class:`LabelledFrames`.
         held_out: frames that decide which weights are kept.
-        settings: of the optimiser.
+        settings: see :class:`ReadoutSettings`.
         seed: of the batch order and the moves.
-        cells: move training maps at random by up to so many cells; see :class:`Shifted`.
+        save_to: JSON path of the checkpoint, from which an interrupted training goes on.
         progress: called as ``(step, steps, loss)``.
 
     Raises:
         ValueError: no frames to train on or to hold out.
+        FloatingPointError: every training was lost.
     """
     if len(train) == 0 or len(held_out) == 0:
         raise ValueError(
-            f"train_readout: needs frames to train on and to hold out, got {len(train)} and "
+            f"train_readouts: needs frames to train on and to hold out, got {len(train)} and "
             f"{len(held_out)}"
         )
-    reader = cast(PositionReadout, readout)
-    reader.fit_scale(train.values)
-    best = _Best(readout, held_out, every=max(1, settings.steps // EVALUATIONS))
+    learners = {}
+    for name, readout in readouts.items():
+        reader = cast(PositionReadout, readout)
+        reader.fit_scale(train.values)
+        error = partial(mean_distance, readout, held_out)
+        best = BestWeights(readout, error, settings.fit.steps, settings.stop)
+        own = replace(settings.fit, learning_rate=learning_rates[name])
+        learners[name] = Learner(readout, _loss(reader), own, best)
+    data = Shifted(train, settings.cells)
+    fit_together(list(learners.values()), data, seed, save_to, progress)
+    found = {}
+    for name, learner in learners.items():
+        assert learner.best is not None
+        learner.best.restore()
+        found[name] = ReadoutFit(learner.best.error, learner.best.step, learner.step, learner.loss)
+    return found
 
-    def follow(step: int, steps: int, loss: float) -> None:
-        best.look(step, last=step == steps)
-        if progress is not None:
-            progress(step, steps, loss)
 
-    data = Shifted(train, cells, seed) if cells else train
-    result = fit(readout, _loss(reader), data, settings, seed, progress=follow)
-    readout.load_state_dict(best.weights)
-    return ReadoutFit(best.error, best.step, result.steps, result.final_loss)
+def train_readout(
+    readout: nn.Module,
+    train: LabelledFrames,
+    held_out: LabelledFrames,
+    settings: ReadoutSettings,
+    seed: int,
+    progress: Progress | None = None,
+) -> ReadoutFit:
+    """Fit one readout in place; see :func:`train_readouts`."""
+    rate = {"": settings.fit.learning_rate}
+    return train_readouts({"": readout}, rate, train, held_out, settings, seed, progress=progress)[
+        ""
+    ]
+
+
+def mean_distance(readout: nn.Module, data: LabelledFrames) -> float:
+    """Mean weighted distance of a readout's positions from the targets, normalised image units."""
+    positions, _ = read_all(readout, data.values, data.centres)
+    distance = (positions - data.targets).norm(dim=-1)
+    return float((data.weight * distance).sum() / data.weight.sum())
 
 
 def read_all(readout: nn.Module, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
@@ -204,23 +253,3 @@ def _loss(reader: PositionReadout) -> Callable[[LabelledFrames], Tensor]:
         return (batch.weight * distance).sum() / batch.weight.sum().clamp_min(1e-12)
 
     return loss
-
-
-class _Best:
-    """The weights with the smallest held-out error so far."""
-
-    def __init__(self, readout: nn.Module, held_out: LabelledFrames, every: int) -> None:
-        self.readout, self.held_out, self.every = readout, held_out, every
-        self.error, self.step = math.inf, 0
-        self.weights = copy.deepcopy(readout.state_dict())
-
-    def look(self, step: int, last: bool) -> None:
-        if step % self.every and not last:
-            return
-        data = self.held_out
-        positions, _ = read_all(self.readout, data.values, data.centres)
-        distance = (positions - data.targets).norm(dim=-1)
-        error = float((data.weight * distance).sum() / data.weight.sum())
-        if error < self.error:
-            self.error, self.step = error, step
-            self.weights = copy.deepcopy(self.readout.state_dict())

@@ -6,7 +6,7 @@ import copy
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,6 +16,21 @@ import torch
 from torch import Generator, Tensor, nn
 
 from vidphys import checkpoint
+from vidphys.errors import InputError
+from vidphys.learner import FitSettings, Learner, Loss, one_cycle
+
+__all__ = [
+    "Batches",
+    "FitResult",
+    "FitSettings",
+    "Learner",
+    "Loss",
+    "Progress",
+    "choose_learning_rate",
+    "fit",
+    "fit_together",
+    "one_cycle",
+]
 
 
 class Batches(Protocol):
@@ -26,27 +41,7 @@ class Batches(Protocol):
     def __getitem__(self, index: Tensor) -> Any: ...
 
 
-Loss = Callable[[Any], Tensor]
 Progress = Callable[[int, int, float], None]
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How long and how fast.
-
-    Args:
-        steps: optimiser steps.
-        batch: examples a step, drawn with replacement.
-        learning_rate: peak of the one-cycle schedule of Adam.
-        clip: largest gradient norm; 0 clips nothing.
-        save_every: optimiser steps between checkpoints.
-    """
-
-    steps: int
-    batch: int
-    learning_rate: float
-    clip: float = 0.0
-    save_every: int = 500
 
 
 @dataclass(frozen=True)
@@ -84,82 +79,77 @@ def fit(
     Raises:
         FloatingPointError: the loss is not finite; nothing is updated by it.
     """
-    run = _Run(modules, settings, seed)
+    learner = Learner(modules, loss, settings)
+    fit_together([learner], data, seed, save_to, progress)
+    return FitResult(learner.step, learner.loss, settings.learning_rate)
+
+
+def fit_together(
+    learners: Sequence[Learner],
+    data: Batches,
+    seed: int,
+    save_to: Path | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Train several models on the same batches, each of which is read once; see :func:`fit`.
+
+    No learner knows of the others: each ends with the weights that it would have alone. One that
+    is lost (its loss is not finite) or has stopped early takes no further step.
+
+    Args:
+        learners: of the same steps, batch and checkpoints.
+        data, seed, save_to, progress: see :func:`fit`; the loss told is the learners' mean.
+
+    Raises:
+        FloatingPointError: all learners are lost.
+    """
+    plan = {(s.steps, s.batch, s.save_every) for s in (each.settings for each in learners)}
+    if len(plan) != 1:
+        raise ValueError(f"fit_together: needs one (steps, batch, save_every), got {sorted(plan)}")
+    ((steps, size, save_every),) = plan
+    rng = Generator().manual_seed(seed)
     if save_to is not None and save_to.exists():
-        run.load(save_to)
+        _load(save_to, learners, rng)
     with _finish_step_on_signal() as interrupted:
-        while run.step < settings.steps:
-            index = torch.randint(len(data), (settings.batch,), generator=run.rng)
-            run.update(loss(data[index]))
+        while live := [each for each in learners if not each.done]:
+            batch = data[torch.randint(len(data), (size,), generator=rng)]
+            for learner in live:
+                learner.update(batch)
+            if all(each.lost for each in learners):
+                step, loss = live[0].step, live[0].loss
+                raise FloatingPointError(f"training: the loss is {loss} at step {step}")
+            step = max(each.step for each in live)
             if progress is not None:
-                progress(run.step, settings.steps, run.loss)
-            due = run.step % settings.save_every == 0 or run.step == settings.steps
+                kept = [each.loss for each in live if not each.lost]
+                progress(step, steps, sum(kept) / len(kept) if kept else math.nan)
+            due = step % save_every == 0 or all(each.done for each in learners)
             if save_to is not None and (due or interrupted.is_set()):
-                run.save(save_to)
+                _save(save_to, learners, rng)
             if interrupted.is_set():
                 raise KeyboardInterrupt
-    return FitResult(run.step, run.loss, settings.learning_rate)
 
 
-class _Run:
-    """The whole state of a training run; what a checkpoint holds."""
+def _save(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
+    tensors = {"rng": rng.get_state()}
+    for i, learner in enumerate(learners):
+        tensors |= {f"{i}/{k}": v for k, v in learner.tensors().items()}
+    step = max(each.step for each in learners)
+    checkpoint.save(path, tensors, {"step": step, "learners": [each.meta() for each in learners]})
 
-    def __init__(self, modules: nn.Module, settings: FitSettings, seed: int) -> None:
-        self.modules, self.settings = modules, settings
-        self.parameters = [p for p in modules.parameters() if p.requires_grad]
-        self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate)
-        self.rng = Generator().manual_seed(seed)
-        self.step, self.loss = 0, math.nan
 
-    def update(self, loss: Tensor) -> None:
-        self.loss = float(loss.detach())
-        if not math.isfinite(self.loss):
-            raise FloatingPointError(f"training: the loss is {self.loss} at step {self.step}")
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.settings.learning_rate * one_cycle(self.step / self.settings.steps)
-        self.optimiser.zero_grad()
-        loss.backward()
-        if self.settings.clip:
-            nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
-        self.optimiser.step()
-        self.step += 1
-
-    def save(self, path: Path) -> None:
-        tensors = {f"model/{k}": v for k, v in self.modules.state_dict().items()}
-        for i, parameter in enumerate(self.parameters):
-            for name, value in self.optimiser.state[parameter].items():
-                tensors[f"adam/{i}/{name}"] = value
-        tensors["rng"] = self.rng.get_state()
-        meta = {"step": self.step, "loss": self.loss, "settings": asdict(self.settings)}
-        checkpoint.save(path, tensors, meta)
-
-    def load(self, path: Path) -> None:
-        tensors, meta = checkpoint.load(path)
-        if meta["settings"] != asdict(self.settings):
-            raise checkpoint.InputError(
-                f"checkpoint {path}: made with other settings {meta['settings']}; use another "
-                "--out, or delete it"
-            )
-        prefix = "model/"
-        self.modules.load_state_dict(
-            {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+def _load(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
+    tensors, meta = checkpoint.load(path)
+    if len(meta["learners"]) != len(learners):
+        raise InputError(
+            f"checkpoint {path}: made with other settings ({len(meta['learners'])} models, not "
+            f"{len(learners)}); use another --out, or delete it"
         )
-        for i, parameter in enumerate(self.parameters):
-            self.optimiser.state[parameter] = {
-                k.split("/")[2]: v for k, v in tensors.items() if k.startswith(f"adam/{i}/")
-            }
-        self.rng.set_state(tensors["rng"])
-        self.step, self.loss = meta["step"], meta["loss"]
-
-
-WARM_UP = 0.1
-
-
-def one_cycle(progress: float) -> float:
-    """Learning-rate factor: linear warm-up over the first tenth, then a cosine to zero."""
-    if progress < WARM_UP:
-        return 0.04 + 0.96 * progress / WARM_UP
-    return 0.5 * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP)))
+    for i, (learner, about) in enumerate(zip(learners, meta["learners"], strict=True)):
+        try:
+            learner.load(checkpoint.under(str(i), tensors), about)
+        except InputError as error:
+            raise InputError(f"checkpoint {path}: {error}") from error
+    rng.set_state(tensors["rng"])
 
 
 @contextmanager

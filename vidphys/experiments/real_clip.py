@@ -21,6 +21,7 @@ from vidphys.errors import InputError
 from vidphys.extraction import Extraction, FrozenEncoder, extract
 from vidphys.readout_training import (
     ReadoutFit,
+    ReadoutSettings,
     labelled_frames,
     position_rmse,
     read_all,
@@ -184,9 +185,8 @@ def train_readouts(
     train, held_out = frames[split.train], frames[split.held_out]
     trained = {}
     for name, module in modules.items():
-        fit = train_readout(
-            module, train, held_out, settings.fit, settings.seed, cells[name], progress
-        )
+        how = ReadoutSettings(settings.fit, cells[name])
+        fit = train_readout(module, train, held_out, how, settings.seed, progress)
         trained[name] = TrainedReadout(module, fit)
     return trained
 

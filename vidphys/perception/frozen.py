@@ -24,7 +24,12 @@ from vidphys.clips import Clips
 from vidphys.errors import InputError
 from vidphys.extraction import FrozenEncoder
 from vidphys.perception.base import FitTask, Grounding, Perception
-from vidphys.readout_training import labelled_frames, read_all, train_readout
+from vidphys.readout_training import (
+    ReadoutSettings,
+    labelled_frames,
+    read_all,
+    train_readout,
+)
 from vidphys.seeding import derive
 from vidphys.train import FitSettings
 
@@ -127,9 +132,9 @@ def fit_frozen(encoder_name: str, options: dict[str, Any], task: FitTask) -> Per
     torch.manual_seed(derive(task.seed, "init", encoder_name))
     readout = AttentionReadout(features.values.shape[2], targets.shape[2])
     steps = STEPS * task.sizes.perception_steps
-    settings = FitSettings(steps, task.sizes.perception_batch, LEARNING_RATE, CLIP)
+    fit = FitSettings(steps, task.sizes.perception_batch, LEARNING_RATE, CLIP)
     order = derive(task.seed, "order", encoder_name)
-    train_readout(readout, train, kept, settings, order, progress=task.progress)
+    train_readout(readout, train, kept, ReadoutSettings(fit), order, task.progress)
     return FrozenPerception(encoder, readout.eval(), half_extent, task.folder)
 
 

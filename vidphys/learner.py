@@ -1,0 +1,124 @@
+"""One model in training: its optimiser and schedule, when it ends, and what is kept of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from vidphys.checkpoint import under
+from vidphys.early_stopping import BestWeights
+from vidphys.errors import InputError
+
+Loss = Callable[[Any], Tensor]
+WARM_UP = 0.1
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How long and how fast.
+
+    Args:
+        steps: optimiser steps.
+        batch: examples a step, drawn with replacement.
+        learning_rate: peak of the one-cycle schedule of Adam.
+        clip: largest gradient norm; 0 clips nothing.
+        save_every: optimiser steps between checkpoints.
+    """
+
+    steps: int
+    batch: int
+    learning_rate: float
+    clip: float = 0.0
+    save_every: int = 500
+
+
+class Learner:
+    """A model with all that its training needs to be stopped and to go on.
+
+    Args:
+        modules: what is trained (group several in an ``nn.ModuleList``), in place.
+        loss: a scalar from one batch.
+        settings: see :class:`FitSettings`.
+        best: ends the training early and remembers the best weights; ``None`` does neither.
+    """
+
+    def __init__(
+        self,
+        modules: nn.Module,
+        loss: Loss,
+        settings: FitSettings,
+        best: BestWeights | None = None,
+    ) -> None:
+        self.modules, self.batch_loss, self.settings, self.best = modules, loss, settings, best
+        self.parameters = [p for p in modules.parameters() if p.requires_grad]
+        self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate)
+        self.step, self.loss = 0, math.nan
+        self.lost = False
+
+    @property
+    def done(self) -> bool:
+        """Whether no further step is to be taken: all were, none helps any more, or it is lost."""
+        stopped = self.best is not None and self.best.exhausted
+        return self.lost or stopped or self.step >= self.settings.steps
+
+    def update(self, batch: Any) -> None:
+        """One step; a loss that is not finite updates nothing and ends the training as lost."""
+        loss = self.batch_loss(batch)
+        self.loss = float(loss.detach())
+        if not math.isfinite(self.loss):
+            self.lost = True
+            return
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.settings.learning_rate * one_cycle(self.step / self.settings.steps)
+        self.optimiser.zero_grad()
+        loss.backward()
+        if self.settings.clip:
+            nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
+        self.optimiser.step()
+        self.step += 1
+        if self.best is not None:
+            self.best.look(self.step, last=self.step == self.settings.steps)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """What a checkpoint holds of it."""
+        kept = {f"model/{k}": v for k, v in self.modules.state_dict().items()}
+        for i, parameter in enumerate(self.parameters):
+            for name, value in self.optimiser.state[parameter].items():
+                kept[f"adam/{i}/{name}"] = value
+        best = {} if self.best is None else self.best.tensors()
+        return kept | {f"best/{k}": v for k, v in best.items()}
+
+    def meta(self) -> dict[str, Any]:
+        """Beside the tensors, as plain data."""
+        loss = None if self.lost else self.loss
+        return {"step": self.step, "loss": loss, "settings": asdict(self.settings)}
+
+    def load(self, tensors: Mapping[str, Tensor], meta: Mapping[str, Any]) -> None:
+        """Go on from a checkpoint.
+
+        Raises:
+            InputError: it was made with other settings.
+        """
+        if meta["settings"] != asdict(self.settings):
+            raise InputError(
+                f"made with other settings {meta['settings']}; use another --out, or delete it"
+            )
+        self.modules.load_state_dict(under("model", tensors))
+        for i, parameter in enumerate(self.parameters):
+            self.optimiser.state[parameter] = under(f"adam/{i}", tensors)
+        if self.best is not None:
+            self.best.load(under("best", tensors))
+        self.lost = meta["loss"] is None
+        self.step, self.loss = meta["step"], math.nan if self.lost else meta["loss"]
+
+
+def one_cycle(progress: float) -> float:
+    """Learning-rate factor: linear warm-up over the first tenth, then a cosine to zero."""
+    if progress < WARM_UP:
+        return 0.04 + 0.96 * progress / WARM_UP
+    return 0.5 * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP)))
