@@ -16,13 +16,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from binders.fit import Coverage, Light, Normal, fit
+from binders.fit import LIT, Coverage, Light, Normal, fit, spacing
 from binders.tracks import Detections
 
 WORK = 2**20  # pixels times bodies that are fitted together: their working set stays in cache
 EVIDENCE = 25  # a body must lower the squared error by this many noise variances (5 sigma)
-LIT = 0.01  # part of a body's peak light below which it counts as dark
-PER_REACH = 3  # samples within a body's reach: with two, one frame in a thousand goes wrong
 AFAR = 1e3  # reaches from the origin: where a body that was not found waits, out of every frame
 
 Proposal = Callable[[Tensor, Tensor], Tensor]
@@ -61,7 +59,7 @@ def detect(
     """
     _check(frames, times, bodies, xs, ys, noise)
     search = _Search.on_grid(coverage, xs.to(frames), ys.to(frames), noise)
-    samples = frames[:, :, 0, :: search.stride, :: search.stride].flatten(0, 1)
+    samples = search.light.sampled(frames[:, :, 0]).flatten(0, 1)
     chunk = max(1, WORK // max(1, bodies * samples.shape[1:].numel()))
     with torch.no_grad():
         found = [search.explain(part, bodies) for part in samples.split(chunk)]
@@ -79,28 +77,24 @@ class _Search:
         light: the model of a frame, on every ``stride``-th pixel.
         template: one body on that grid, odd sides, ``(m, m)``.
         places: the samples, where bodies are proposed; a fit can move them beyond the edge.
-        stride: pixels between samples.
         noise: rms pixel error that counts as explained.
     """
 
     light: Light
     template: Float[Tensor, "m m"]
     places: Float[Tensor, "samples 2"]
-    stride: int
     noise: float
 
     @classmethod
     def on_grid(cls, coverage: Coverage, xs: Tensor, ys: Tensor, noise: float) -> _Search:
         """Sample as sparsely as the size of a body allows."""
-        pixel = _spacing(xs, ys)
-        reach = _reach(coverage, xs, ys)
-        stride = max(1, int(reach / PER_REACH / pixel))
-        light = Light(coverage, xs[::stride], ys[::stride], reach)
-        step, half = pixel * stride, math.ceil(reach / pixel / stride)
+        light = Light.on_grid(coverage, xs, ys)
+        step = spacing(xs, ys) * light.stride
+        half = math.ceil(light.reach / step)
         offset = step * torch.arange(-half, half + 1).to(xs)
         template = coverage(offset.square() + offset.square().unsqueeze(-1))
         places = torch.cartesian_prod(light.ys, light.xs).flip(-1)
-        return cls(light, template, places, stride, noise)
+        return cls(light, template, places, noise)
 
     def explain(
         self, target: Float[Tensor, "k h w"], bodies: int
@@ -176,21 +170,6 @@ class _Search:
         confidence = self.noise / rms / (1 + (10 * error / self.light.reach).square())
         found = self.light.each(q).flatten(2).amax(-1) > LIT * self.template.max()
         return torch.where(found.unsqueeze(-1), q, 0), torch.where(found, confidence, 0)
-
-
-def _spacing(xs: Tensor, ys: Tensor) -> float:
-    """World units between pixels. A frame of one pixel has none, and any number will do."""
-    longer = xs if len(xs) >= len(ys) else ys
-    return float((longer[-1] - longer[0]).abs()) / (len(longer) - 1) if len(longer) > 1 else 1.0
-
-
-def _reach(coverage: Coverage, xs: Tensor, ys: Tensor) -> float:
-    """The distance, at most the frame's diagonal, beyond which a body counts as dark."""
-    pixel = _spacing(xs, ys)
-    diagonal = pixel * math.hypot(len(xs), len(ys))
-    distance = torch.linspace(0, diagonal, 1 + 8 * math.ceil(diagonal / pixel)).to(xs)
-    light = coverage(distance.square())
-    return max(float(distance[light > LIT * light.max()].max()), pixel)
 
 
 def _check(
