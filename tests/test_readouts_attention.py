@@ -202,29 +202,29 @@ def test_weight_zero_means_not_looked_at() -> None:
 
 def test_shift_moves_features_and_targets_alike() -> None:
     centres = feature_map(torch.zeros(1, 1, 1, *GRID)).cell_centres()
-    start = torch.stack([centres[4, 3], centres[5, 5]])[None]
-    frames = LabelledFrames(bumps(start, centres, 0.0), centres, start, torch.ones(1, 2))
-    moved = shift(frames, down=2, right=-1)
+    start = torch.stack([centres[4, 3], centres[5, 5]])[None].expand(4, -1, -1)
+    frames = LabelledFrames(bumps(start, centres, 0.0), centres, start, torch.ones(4, 2))
+    down, right = torch.tensor([0, 2, 0, -5]), torch.tensor([0, -1, 4, 0])
+    moved = shift(frames, down, right)
     expected = torch.stack([centres[6, 2], centres[7, 4]])[None]
-    torch.testing.assert_close(moved.targets, expected)
+    torch.testing.assert_close(moved.targets[1:2], expected)
     torch.testing.assert_close(
-        moved.values[:, :, 3:8, 1:6], bumps(expected, centres, 0.0)[:, :, 3:8, 1:6]
+        moved.values[1:2, :, 3:8, 1:6], bumps(expected, centres, 0.0)[:, :, 3:8, 1:6]
     )
-    assert moved.weight.tolist() == [[1, 1]]
-    assert shift(frames, down=0, right=4).weight.tolist() == [[1, 0]]
-    assert shift(frames, down=-5, right=0).weight.tolist() == [[0, 1]]
+    assert torch.equal(moved.values[0], frames.values[0])
+    assert torch.equal(moved.targets[0], frames.targets[0])
+    assert moved.weight.tolist() == [[1, 1], [1, 1], [1, 0], [0, 1]]
 
 
-def test_moves_are_repeatable_and_differ() -> None:
+def test_every_frame_of_a_batch_has_a_move_of_its_own() -> None:
     data = labelled(8)
     moved = Shifted(data, 3)
     assert len(moved) == 8 * 7 * 7
     index = torch.arange(8)
-    assert torch.equal(moved[index].targets, moved[index].targets)
     still = moved[24 * 8 + index]  # the middle one of 49 moves
     assert torch.equal(still.targets, data.targets) and torch.equal(still.values, data.values)
-    seen = {tuple(moved[8 * k + index].targets[0, 0].tolist()) for k in range(49)}
-    assert len(seen) == 49
+    seen = moved[8 * torch.arange(49)].targets[:, 0]
+    assert len({tuple(place) for place in seen.tolist()}) == 49
     assert torch.equal(Shifted(data, 0)[index].targets, data.targets)
 
 
@@ -240,6 +240,6 @@ def test_bad_input() -> None:
     with pytest.raises(ValueError, match="at least 2 x 2 cells"):
         shift(
             LabelledFrames(data.values[..., :1], data.centres[:, :1], data.targets, data.weight),
-            1,
-            0,
+            torch.ones(4, dtype=torch.int64),
+            torch.zeros(4, dtype=torch.int64),
         )

@@ -54,12 +54,11 @@ class LabelledFrames:
 
 
 class Shifted:
-    """Labelled frames, each batch moved by a whole number of cells with its targets.
+    """Labelled frames, each moved by a whole number of cells with its targets.
 
     Few labelled frames show few places; a frozen encoder's cells look alike everywhere, so moving
-    the map teaches the others. Cells from beyond the border repeat the border; a target that
-    leaves the image loses its weight. An example is a frame under one of the moves, and a batch's
-    first example says which move all of it is given: the batch order alone decides what is seen.
+    the map teaches the others. An example is a frame under one of the moves, so that the batch
+    order alone decides what is seen.
 
     Args:
         frames: what is moved.
@@ -76,24 +75,26 @@ class Shifted:
         batch = self.frames[index % len(self.frames)]
         if not self.cells:
             return batch
-        down, right = divmod(int(index[0]) // len(self.frames), 2 * self.cells + 1)
-        return shift(batch, down - self.cells, right - self.cells)
+        move, span = index // len(self.frames), 2 * self.cells + 1
+        return shift(batch, move // span - self.cells, move % span - self.cells)
 
 
-Frames = TypeVar("Frames", bound=LabelledFrames)
+def shift(batch: LabelledFrames, down: Tensor, right: Tensor) -> LabelledFrames:
+    """Move features and targets by whole cells, ``(f,)`` each.
 
-
-def shift(batch: Frames, down: int, right: int) -> Frames:
-    """Move features and targets by whole cells."""
+    Cells from beyond the border repeat the border; a target that leaves the image loses its
+    weight.
+    """
     h, w = batch.values.shape[-2:]
-    rows = (torch.arange(h) - down).clamp(0, h - 1)
-    columns = (torch.arange(w) - right).clamp(0, w - 1)
-    cell = _cell(batch.centres)
-    targets = batch.targets + cell * torch.tensor([right, -down], dtype=cell.dtype)
-    border = batch.centres.abs().amax((0, 1)) + cell / 2
+    rows = (torch.arange(h) - down[:, None]).clamp(0, h - 1)
+    columns = (torch.arange(w) - right[:, None]).clamp(0, w - 1)
+    frame = torch.arange(len(batch))[:, None, None]
+    cells = batch.values.movedim(1, -1)[frame, rows[:, :, None], columns[:, None, :]]
+    size = _cell(batch.centres)
+    targets = batch.targets + size * torch.stack([right, -down], -1).to(size)[:, None]
+    border = batch.centres.abs().amax((0, 1)) + size / 2
     inside = (targets.abs() <= border).all(-1)
-    values = batch.values[:, :, rows][..., columns]
-    return replace(batch, values=values, targets=targets, weight=batch.weight * inside)
+    return LabelledFrames(cells.movedim(-1, 1), batch.centres, targets, batch.weight * inside)
 
 
 def _cell(centres: Tensor) -> Tensor:
