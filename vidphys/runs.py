@@ -27,6 +27,15 @@ from vidphys.records import write_table
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")
+FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips")
+FILES = (
+    "run.json",
+    "records.parquet",
+    "episodes.parquet",
+    "report.html",
+    "dataset.json",
+    "rollout.npz",
+)
 PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
 
 
@@ -119,9 +128,9 @@ class RunFolder:
         """Remove what a run leaves, and nothing else."""
         import shutil
 
-        for name in ("parts", "checkpoints", "showcase", "recordings", "figures"):
+        for name in FOLDERS:
             shutil.rmtree(self.path / name, ignore_errors=True)
-        for name in ("run.json", "records.parquet", "episodes.parquet", "report.html"):
+        for name in FILES:
             (self.path / name).unlink(missing_ok=True)
 
     def abandon(self) -> None:

@@ -149,7 +149,7 @@ def _check_memory(path: Path, frames: list[np.ndarray]) -> None:
 
 def _declared(path: Path) -> tuple[float, int, Iterator[tuple[np.ndarray, float]]]:
     """The container's rate and frame count, and the decoded frames with their stamps (seconds)."""
-    cv2 = _cv2()
+    cv2 = opencv()
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise InputError(f"{path}: not a video that OpenCV can read; convert it (mp4, avi, ogv)")
@@ -169,7 +169,7 @@ def _declared(path: Path) -> tuple[float, int, Iterator[tuple[np.ndarray, float]
     return float(rate), int(count), decode()
 
 
-def _cv2() -> ModuleType:
+def opencv() -> ModuleType:
     """OpenCV, told not to write its own lines beside ours."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2
@@ -184,7 +184,7 @@ def _shrink(frame: np.ndarray, side: int | None) -> np.ndarray:
         return frame
     scale = side / max(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    cv2 = _cv2()
+    cv2 = opencv()
     return cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
 
 

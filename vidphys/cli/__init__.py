@@ -14,6 +14,7 @@ VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
     "reproduce": ("ReproduceConfig", "regenerate the study's tables, with their verdicts"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
+    "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
     "train": ("TrainConfig", "train a readout and a dynamics head on a clip"),
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),

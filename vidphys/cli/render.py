@@ -1,0 +1,73 @@
+"""``vidphys render``: clips of a scene, with the truth beside them, into a folder."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from vidphys.cli.console import Console
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Render clips of a scene, with positions and parameters beside them, to look at or train on.
+
+    Example: vidphys render --out clips --scene gravity --world rgb --clips 64
+
+    Args:
+        out: the folder; the same command again goes on where it was.
+        scene: the law and its generator.
+        world: a channel for each body, coloured disks that hide one another, or bodies that look
+            alike.
+        preset: how many clips, how long and how large.
+        clips: in place of the preset's.
+        frames: of a clip, in place of the preset's.
+        image: pixels on a side, in place of the preset's.
+        seed: of the episodes.
+        overwrite: give up another run that lies in the folder.
+        quiet: print nothing but the result.
+    """
+
+    out: Path
+    scene: Literal["gravity", "gravity-ring", "springs"] = "gravity"
+    world: Literal["rgb", "channels", "anonymous"] = "rgb"
+    preset: Literal["quick", "standard", "paper"] = "quick"
+    clips: int | None = None
+    frames: int | None = None
+    image: int | None = None
+    seed: int = 0
+    overwrite: bool = False
+    quiet: bool = False
+
+
+def render(config: RenderConfig) -> None:
+    """See :class:`RenderConfig`.
+
+    Raises:
+        InputError: sizes that make no sense, or another run in the folder.
+    """
+    from vidphys.presets import preset
+    from vidphys.rendered import RenderSettings, render_folder
+    from vidphys.runs import RunFolder
+
+    sizes = preset(config.preset).pixel
+    settings = RenderSettings(
+        config.scene,
+        config.world,
+        sizes.clips if config.clips is None else config.clips,
+        sizes.frames if config.frames is None else config.frames,
+        sizes.stride,
+        sizes.image if config.image is None else config.image,
+        config.seed,
+    )
+    about = {"experiment": "render", "cells": [], "seeds": [], **asdict(settings)}
+    run = RunFolder.open(config.out, about, config.overwrite)
+    with run.locked(), Console(config.quiet, 1, "render") as console:
+
+        def show(done: int, _clips: int, _: float) -> None:
+            console.stage(("clips", done, settings.clips))
+
+        manifest = render_folder(run, settings, show)
+        console.done(0)
+        console.result(f"{settings.clips} clips of {settings.frames} frames: {manifest}")

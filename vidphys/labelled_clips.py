@@ -1,0 +1,96 @@
+"""The clips of a data set, decoded one after the other, with where their bodies are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from binders.motion import MotionSettings, bind_motion
+from binders.tracks import Tracks
+from vidphys.dataset import ClipFile, Dataset
+from vidphys.errors import InputError
+from vidphys.labels import read_labels
+from vidphys.video import ClipSelection, Video, read_video, require_frames
+
+SAME_RATE = 0.02
+
+
+@dataclass(frozen=True)
+class LabelledClip:
+    """A decoded clip and where its bodies are.
+
+    Args:
+        file: on disk.
+        video: its frames.
+        tracks: normalised image units, one episode.
+        camera: displacement of the background ``(t, 2)``, normalised image units; zero where
+            tables tell the positions.
+    """
+
+    file: ClipFile
+    video: Video
+    tracks: Tracks
+    camera: Tensor
+
+
+def read_clips(
+    dataset: Dataset, selection: ClipSelection, motion: MotionSettings
+) -> Iterator[LabelledClip]:
+    """The clips one after the other, so that only one is in memory at a time.
+
+    Args:
+        dataset: from :func:`find_dataset`.
+        selection: the frames of each clip.
+        motion: of the binder that follows what moves, where there are no tables.
+
+    Raises:
+        InputError: a clip that cannot be read or is too short, one of another size, frame rate or
+            number of bodies than the first, labels that do not fit, or nothing that moves.
+    """
+    first: LabelledClip | None = None
+    for file in dataset.files:
+        video = read_video(file.path, selection)
+        require_frames(video)
+        clip = _labelled(file, video, dataset, selection, motion)
+        if first is not None:
+            _check_alike(first, clip)
+        first = first or clip
+        yield clip
+
+
+def _labelled(
+    file: ClipFile,
+    video: Video,
+    dataset: Dataset,
+    selection: ClipSelection,
+    motion: MotionSettings,
+) -> LabelledClip:
+    if file.labels is not None:
+        tracks = read_labels(file.labels, video, selection, dataset.half_extent)
+        return LabelledClip(file, video, tracks, torch.zeros(len(video.times), 2))
+    try:
+        found = bind_motion(video.frames, video.times, motion)
+    except ValueError as error:
+        raise InputError(f"{video.path}: {error}") from error
+    return LabelledClip(file, video, found.tracks, found.camera)
+
+
+def _check_alike(first: LabelledClip, clip: LabelledClip) -> None:
+    for what, a, b in (
+        ("frame size", first.video.size, clip.video.size),
+        ("number of bodies", *(c.tracks.positions.shape[2] for c in (first, clip))),
+    ):
+        if a != b:
+            raise InputError(
+                f"{clip.file.path}: {what} {b}, but {first.file.path.name} has {a}; the clips of a "
+                "data set are alike"
+            )
+    a, b = first.video.interval, clip.video.interval
+    if abs(b / a - 1) > SAME_RATE:
+        raise InputError(
+            f"{clip.file.path}: {1 / b:.4g} frames per second, but {first.file.path.name} has "
+            f"{1 / a:.4g}; convert it, or give the rate of all with --rate"
+        )

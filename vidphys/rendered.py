@@ -1,0 +1,171 @@
+"""Rendered clips as a folder that a user can look at and train on.
+
+::
+
+    OUT/run.json                the settings and versions; the same command goes on
+    OUT/clips/00000.avi         FFV1: every pixel is kept, and players know it
+    OUT/clips/00000.csv         times, and true positions in world units
+    OUT/dataset.json            written last; see :mod:`vidphys.dataset`
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from renderers import WORLDS, Camera
+from vidphys.atomic import sha256, write_json, write_with
+from vidphys.clips import Clips, render_clips
+from vidphys.dataset import MANIFEST, SCHEMA_VERSION
+from vidphys.errors import InputError
+from vidphys.labels import write_labels
+from vidphys.runs import RunFolder
+from vidphys.scenes import Scene, gravity
+from vidphys.scenes.springs import springs
+from vidphys.train import Progress
+from vidphys.video import opencv
+
+SCENES = {
+    # a disk's picture does not show its mass
+    "gravity": partial(gravity, mass=(1.0, 1.0)),
+    "gravity-ring": partial(gravity, "ring", mass=(1.0, 1.0)),
+    "springs": springs,
+}
+LOOKS = {"channels": "channel", "rgb": "rgb", "anonymous": "anonymous"}
+AT_ONCE = 16  # clips that are simulated side by side and come from one random stream
+CODEC = "FFV1"
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """What is drawn.
+
+    Args:
+        scene: of :data:`SCENES`.
+        world: of :data:`LOOKS`: a channel for each body (up to three: red, green and blue),
+            coloured disks that hide one another, or bodies that look alike.
+        clips, frames: how many, and how long.
+        stride: steps of the simulation from a frame to the next.
+        image: pixels on a side; even, because the codec rounds odd ones.
+        seed: of the episodes.
+    """
+
+    scene: str
+    world: str
+    clips: int
+    frames: int
+    stride: int
+    image: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        for name, value, least in (
+            ("clips", self.clips, 1),
+            ("frames", self.frames, 1),
+            ("stride", self.stride, 1),
+            ("image", self.image, 2),
+        ):
+            if value < least:
+                raise InputError(f"--{name} {value}: must be at least {least}")
+        if self.image % 2:
+            raise InputError(f"--image {self.image}: must be even; use {self.image + 1}")
+
+
+def render_folder(
+    run: RunFolder, settings: RenderSettings, progress: Progress | None = None
+) -> Path:
+    """Write the clips that are not there yet, then the manifest; returns its path.
+
+    A clip depends on the settings and its own number only.
+
+    Args:
+        run: an open folder.
+        settings: see :class:`RenderSettings`.
+        progress: called as ``(clips done, clips, 0.0)``.
+
+    Raises:
+        InputError: a scene that hardly ever keeps its bodies in the frame.
+    """
+    scene = SCENES[settings.scene]()
+    entries: list[dict[str, Any]] = []
+    for first in range(0, settings.clips, AT_ONCE):
+        drawn = _draw(scene, settings, first // AT_ONCE)
+        for k in range(min(AT_ONCE, settings.clips - first)):
+            entries.append(_write(run.path, first + k, drawn, k))
+            if progress is not None:
+                progress(first + k + 1, settings.clips, 0.0)
+    manifest = {
+        "schema_version": SCHEMA_VERSION,
+        "scene": scene.name,
+        "settings": scene.settings,
+        "world": settings.world,
+        "half_extent": drawn.world.camera.half_extent,
+        "interval_seconds": drawn.interval,
+        "identical": settings.world == "anonymous",
+        "conserving": True,
+        "clips": entries,
+    }
+    write_json(run.path / MANIFEST, manifest)
+    return run.path / MANIFEST
+
+
+def _draw(scene: Scene, settings: RenderSettings, block: int) -> Clips:
+    camera = Camera(height=settings.image, width=settings.image)
+    world = WORLDS[LOOKS[settings.world]](camera=camera)
+    return render_clips(
+        scene, world, AT_ONCE, settings.frames, settings.stride, settings.seed, f"render-{block}"
+    )
+
+
+def _write(folder: Path, number: int, drawn: Clips, k: int) -> dict[str, Any]:
+    """Write one clip with its labels, unless it is there; returns its entry."""
+    video = folder / "clips" / f"{number:05d}.avi"
+    table = video.with_suffix(".csv")
+    positions = drawn.states.q[k].numpy()
+    if not video.exists():
+        pictures = _pictures(drawn.frames[k].permute(0, 2, 3, 1).numpy())
+        write_with(video, lambda partial: write_video(partial, pictures, 1 / drawn.interval))
+    if not table.exists():
+        write_with(table, lambda partial: write_labels(partial, drawn.times.numpy(), positions))
+    return {
+        "file": f"clips/{video.name}",
+        "sha256": sha256(video),
+        "coupling": float(drawn.params.coupling[k]),
+        "mass": drawn.params.mass[k].tolist(),
+    }
+
+
+def _pictures(frames: np.ndarray) -> np.ndarray:
+    """``(t, H, W, c)`` as RGB: one channel is grey, two or three are red, green and blue."""
+    channels = frames.shape[-1]
+    if channels == 1:
+        return frames.repeat(3, -1)
+    if channels > 3:
+        raise InputError(f"render: {channels} channels do not fit into a video; use --world rgb")
+    return np.pad(frames, [(0, 0)] * 3 + [(0, 3 - channels)])
+
+
+def write_video(path: Path, frames: np.ndarray, rate: float) -> None:
+    """Write RGB ``frames (t, H, W, 3)``, bytes, as a video that loses no pixel.
+
+    Raises:
+        InputError: OpenCV was built without the codec.
+    """
+    cv2 = opencv()
+    size = frames.shape[2], frames.shape[1]
+    fourcc = cv2.VideoWriter.fourcc(*CODEC)
+    # the container is told by the name, which a file that is not finished does not have yet
+    target = path.with_name(f"{path.name}.avi")
+    writer = cv2.VideoWriter(str(target), cv2.CAP_FFMPEG, fourcc, rate, size)
+    if not writer.isOpened():
+        raise InputError(f"render: this OpenCV has no {CODEC} writer; use its wheel from the index")
+    try:
+        for frame in frames:
+            writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    finally:
+        writer.release()
+        target.replace(path)
