@@ -74,13 +74,25 @@ class AttentionReadout(nn.Module):
         The confidence is one minus the entropy of the attention over the cells, relative to that
         of attending everywhere alike.
         """
+        position, seen, _ = self.look(values, centres)
+        return position, _certainty(seen)
+
+    def look(
+        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n m"], Float[Tensor, "f n width"]]:
+        """Positions, where each query looks (sums to one over the cells), and what it sees there.
+
+        Args:
+            values: features of frames.
+            centres: of the cells, normalised image units.
+        """
         tokens = rearrange(values, "f c h w -> f c (h w)").to(self.query.dtype)
         cells = rearrange(centres, "h w d -> (h w) d").to(tokens.dtype)
         attention = self.attend(tokens, cells)
         attended = rearrange(self._values(attention, tokens), "f g n e -> f n (g e)")
         seen = torch.einsum("ng,fgnm->fnm", self.mix.softmax(-1), attention)
         position = seen @ cells + self.offset * torch.tanh(self.correct(attended))
-        return position, _certainty(seen)
+        return position, seen, attended
 
     def attend(
         self, tokens: Float[Tensor, "f c m"], cells: Float[Tensor, "m 2"]

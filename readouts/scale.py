@@ -6,9 +6,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+QUIET = 0.1  # of the channels' typical deviation: what is below it is magnified no further
+
 
 class FeatureScale(nn.Module):
     """Standardises each channel by the statistics of the training features.
+
+    A channel that hardly ever speaks in training counts as one of a tenth of the typical
+    deviation, so that it does not drown all others when it speaks later.
 
     Args:
         channels: of the features.
@@ -29,7 +34,9 @@ class FeatureScale(nn.Module):
         mean = torch.stack([m for m, _ in moments]).mean(0)
         square = torch.stack([s for _, s in moments]).mean(0)
         self.mean.copy_(mean)
-        self.deviation.copy_((square - mean**2).clamp_min(1e-12).sqrt())
+        variance = (square - mean**2).clamp_min(0)
+        floor = QUIET**2 * variance.mean()
+        self.deviation.copy_(torch.maximum(variance, floor).clamp_min(1e-12).sqrt())
 
     def forward(self, tokens: Float[Tensor, "*batch c"]) -> Float[Tensor, "*batch c"]:
         return (tokens.to(self.mean.dtype) - self.mean) / self.deviation

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol, TypeVar, cast
 
 import torch
 from torch import Tensor, nn
@@ -79,7 +79,10 @@ class Shifted:
         return shift(batch, move // span - self.cells, move % span - self.cells)
 
 
-def shift(batch: LabelledFrames, down: Tensor, right: Tensor) -> LabelledFrames:
+Frames = TypeVar("Frames", bound=LabelledFrames)
+
+
+def shift(batch: Frames, down: Tensor, right: Tensor) -> Frames:
     """Move features and targets by whole cells, ``(f,)`` each.
 
     Cells from beyond the border repeat the border; a target that leaves the image loses its
@@ -94,7 +97,8 @@ def shift(batch: LabelledFrames, down: Tensor, right: Tensor) -> LabelledFrames:
     targets = batch.targets + size * torch.stack([right, -down], -1).to(size)[:, None]
     border = batch.centres.abs().amax((0, 1)) + size / 2
     inside = (targets.abs() <= border).all(-1)
-    return LabelledFrames(cells.movedim(-1, 1), batch.centres, targets, batch.weight * inside)
+    values = cells.movedim(-1, 1)
+    return replace(batch, values=values, targets=targets, weight=batch.weight * inside)
 
 
 def _cell(centres: Tensor) -> Tensor:
