@@ -14,6 +14,7 @@ from vidphys.experiments.tables import (
     misspecification,
     necessity,
     planning,
+    probes,
     scale,
     selection,
     sweeps,
@@ -58,5 +59,6 @@ TABLES: dict[str, Table] = {
         engine.ANTI_FRICTION,
         engine.REVERSAL,
         drag.DRAG,
+        probes.PROBES,
     )
 }

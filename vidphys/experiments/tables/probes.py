@@ -1,0 +1,264 @@
+"""Whether reading momentum needs a temporal channel, and whoever provides it (N76, Q3, Q4).
+
+One probe, one budget, one labelled frame a clip. A video encoder's feature frame is read from the
+clip as it is, from as many copies of the labelled frame (no temporal channel), and from the clip
+with all other frames in disorder. An image encoder's is read alone; then its readout is given the
+channel: positions of neighbouring frames are differenced, or their features put side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import torch
+from torch import Generator, Tensor
+
+from dynamics import PhaseState
+from encoders.features import FeatureMap
+from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.catalogue import load_encoder
+from readouts.differencing import central_difference
+from readouts.probes import StateProbe, side_by_side
+from renderers import Camera, RgbWorld
+from vidphys.clips import Clips, render_clips
+from vidphys.experiments.ladder import pixel_scene
+from vidphys.experiments.pixels import score_state
+from vidphys.experiments.scoring import Question
+from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.perception.frozen import encode_clips
+from vidphys.probe_training import StateFrames, Units, train_probes
+from vidphys.seeding import derive
+from vidphys.train import FitSettings
+
+# name -> options; an encoder whose windows have more than one frame is one of video
+ENCODERS: dict[str, dict[str, Any]] = {
+    "i3d": {"layer": "Mixed_3c"},
+    "hiera": {},
+    "videomae-tiny": {},
+    "vjepa2-tiny": {},
+    "dino-tiny": {},
+    "vjepa2-l": {},
+    "dinov2-small": {},
+}
+DATA_SEED = 0  # all seeds' probes see the same clips, so that features are made once
+ENCODED_AT_ONCE = 32  # clips
+HELD_OUT = 8  # one clip in so many decides which weights are kept
+STEPS = 2  # of the probes, over the preset's for a perception
+BATCH, LEARNING_RATE, CLIP = 64, 3e-3, 1.0
+
+
+def as_it_is(frames: Tensor, centre: int) -> Tensor:
+    """The clip."""
+    return frames
+
+
+def repeated(frames: Tensor, centre: int) -> Tensor:
+    """Every frame is the labelled one: the same computation, and nothing moves."""
+    return frames[:, [centre] * frames.shape[1]]
+
+
+def shuffled(frames: Tensor, centre: int) -> Tensor:
+    """The labelled frame where it was, and all others in an order of each clip's own."""
+    rng = Generator().manual_seed(derive(DATA_SEED, "shuffle"))
+    others = [t for t in range(frames.shape[1]) if t != centre]
+    mixed = frames.clone()
+    for clip in range(len(frames)):
+        order = torch.randperm(len(others), generator=rng).tolist()
+        mixed[clip, others] = frames[clip, [others[i] for i in order]]
+    return mixed
+
+
+VIEWS: dict[str, Callable[[Tensor, int], Tensor]] = {
+    "clip": as_it_is,
+    "repeated": repeated,
+    "shuffled": shuffled,
+}
+
+
+class OneFrame:
+    """An encoder of which only the feature frame that belongs to one frame of the clip is kept.
+
+    Args:
+        encoder: of images or of video.
+        frame: of the clip.
+    """
+
+    def __init__(self, encoder: FrozenEncoder, frame: int) -> None:
+        self.encoder, self.frame = encoder, frame
+        layer = f"{encoder.identity.layer}, feature frame of frame {frame}"
+        self.identity = replace(encoder.identity, layer=layer)
+
+    def __call__(self, frames: Tensor, times: Tensor, progress: Any = None) -> FeatureMap:
+        """Feature maps ``(b, 1, c, h, w)``."""
+        parts = []
+        for some in frames.split(ENCODED_AT_ONCE):
+            found = self.encoder(some, times)
+            index = self.frame * found.values.shape[1] // frames.shape[1]
+            kept = slice(index, index + 1)
+            parts.append(FeatureMap(found.values[:, kept], found.stride, found.times[kept]))
+        values = torch.cat([part.values for part in parts])
+        return FeatureMap(values, parts[0].stride, parts[0].times)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One encoder's clips, and what is asked of them.
+
+    Args:
+        task: of the cell.
+        name: of the encoder.
+        encoder: frozen.
+        train, test: clips; the label is the true state at their middle frame.
+    """
+
+    task: CellTask
+    name: str
+    encoder: FrozenEncoder
+    train: Clips
+    test: Clips
+
+    @property
+    def centre(self) -> int:
+        """The labelled frame."""
+        return (self.train.frames.shape[1] - 1) // 2
+
+    @cached_property
+    def units(self) -> Units:
+        """Of the probes."""
+        return Units.of(self.train.states[:, self.centre], self.half_extent)
+
+    @property
+    def half_extent(self) -> float:
+        """World units."""
+        return self.train.world.camera.half_extent
+
+    def labelled_frame(self, clips: Clips, frames: Tensor) -> FeatureMap:
+        """Its features ``(b, 1, c, h, w)``, where it stands among such frames."""
+        one = OneFrame(self.encoder, self.centre)
+        return encode_clips(one, replace(clips, frames=frames), self.task.folder)
+
+    def neighbours(self, clips: Clips) -> FeatureMap:
+        """Features of the labelled frame and the two beside it, ``(b, 3, c, h, w)``."""
+        frames = clips.frames[:, self.centre - 1 : self.centre + 2]
+        return encode_clips(self.encoder, replace(clips, frames=frames), self.task.folder)
+
+    def probes(self, features: FeatureMap, values: Tensor, part: str) -> list[StateProbe]:
+        """A probe for each seed over feature frames ``(b, c, h, w)`` of the training clips."""
+        states = self.train.states[:, self.centre]
+        return self.fit(self.units.frames(values, features.cell_centres(), states), part)
+
+    def fit(self, frames: StateFrames, part: str) -> list[StateProbe]:
+        """A probe for each seed; the last clips decide which weights are kept."""
+        index = torch.arange(len(frames))
+        kept = max(1, len(frames) // HELD_OUT)
+        settings = FitSettings(STEPS * self.task.pixel.perception_steps, BATCH, LEARNING_RATE, CLIP)
+        name = f"{self.name}-{part}"
+        return train_probes(
+            frames[index[:-kept]],
+            frames[index[-kept:]],
+            self.task.seeds,
+            settings,
+            name,
+            self.task.checkpoint(f"probes-{part}"),
+            self.task.progress,
+        )
+
+    def score(self, part: str, states: list[PhaseState]) -> None:
+        """Errors of the test clips' states, one for each seed."""
+        truth = self.test.states[:, self.centre]
+        for seed, state in zip(self.task.seeds, states, strict=True):
+            scene = pixel_scene()
+            recorder = self.task.recorder(seed, scene, "none", part, self.name, self.name)
+            score_state(recorder.reading("probe"), Question(scene, state, truth, self.test.params))
+
+
+def encoder_cell(name: str, options: Mapping[str, Any]) -> Cell:
+    """A cell that encodes one encoder's clips once, and trains all seeds' probes over them."""
+
+    def run(task: CellTask) -> None:
+        encoder = load_encoder(name, dict(options))
+        study = Study(task, name, encoder, *draw_clips(task))
+        (study_video if encoder.windowing.frames > 1 else study_images)(study)
+
+    return run
+
+
+def draw_clips(task: CellTask) -> tuple[Clips, Clips]:
+    """Training and test clips of coloured disks, of the preset's sizes."""
+    sizes = task.pixel
+    world = RgbWorld(camera=Camera(height=sizes.image, width=sizes.image))
+    draw = partial(render_clips, pixel_scene(), world)
+    return (
+        draw(sizes.clips // 2, sizes.frames, sizes.stride, DATA_SEED, "train"),
+        draw(2 * sizes.held_out, sizes.frames, sizes.stride, DATA_SEED, "test"),
+    )
+
+
+def study_video(study: Study) -> None:
+    """The three temporal configurations of a video encoder."""
+    for part, view in VIEWS.items():
+        train, test = (
+            study.labelled_frame(clips, view(clips.frames, study.centre))
+            for clips in (study.train, study.test)
+        )
+        probes = study.probes(train, train.values[:, 0], part)
+        read = partial(study.units.read, values=test.values[:, 0], centres=test.cell_centres())
+        study.score(part, [read(probe) for probe in probes])
+
+
+def study_images(study: Study) -> None:
+    """One frame; positions of neighbours differenced; a window, told momenta or differences."""
+    train, test = (study.neighbours(clips) for clips in (study.train, study.test))
+    single = study.probes(train, train.values[:, 1], "single")
+    centres = test.cell_centres()
+    study.score("single", [study.units.read(p, test.values[:, 1], centres) for p in single])
+    study.score("differenced", [_differenced(study, p, test, study.test) for p in single])
+    taught = [_differenced(study, probe, train, study.train) for probe in single]
+    windows = side_by_side(train.values)
+    labels = {
+        "window": study.train.states[:, study.centre],
+        "window-taught-by-differences": _mean(taught),
+    }
+    for part, states in labels.items():
+        probes = study.fit(study.units.frames(windows, train.cell_centres(), states), part)
+        seen = side_by_side(test.values)
+        study.score(part, [study.units.read(probe, seen, centres) for probe in probes])
+
+
+def _differenced(study: Study, probe: StateProbe, features: FeatureMap, clips: Clips) -> PhaseState:
+    """The middle frame's state from one-frame positions of three frames (E10)."""
+    values, centres = features.values, features.cell_centres()
+    positions = [study.units.read(probe, values[:, t], centres).q for t in range(3)]
+    mass = clips.params.mass
+    return central_difference(torch.stack(positions, 1), mass, clips.interval)[:, 0]
+
+
+def _mean(states: list[PhaseState]) -> PhaseState:
+    return PhaseState(
+        torch.stack([s.q for s in states]).mean(0), torch.stack([s.p for s in states]).mean(0)
+    )
+
+
+PROBES = Table(
+    name="probes",
+    title="Probes: does momentum need a temporal channel, whoever provides it?",
+    about=(
+        "Positions and momenta read by one supervised probe from frozen encoders' features of one "
+        "frame: in the moving clip, in a clip of copies of that frame, in a clip in disorder; from "
+        "an image encoder's single frame, and from its neighbours' differences. Seeds are the "
+        "probes'; all see the same clips."
+    ),
+    ids="N76, Q3, Q4, E10",
+    cells={name: encoder_cell(name, options) for name, options in ENCODERS.items()},
+    settings={
+        "scene": pixel_scene().settings,
+        "encoders": ENCODERS,
+        "steps_over_preset": STEPS,
+        "batch": BATCH,
+        "learning_rate": LEARNING_RATE,
+    },
+    pixels=True,
+)
