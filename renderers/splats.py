@@ -9,10 +9,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderers.camera import Camera
+from renderers.reused import draw_disks, draw_gaussians
 
 
 def gaussians(
-    centres: Float[Tensor, "*b n 2"], camera: Camera, sigma: float
+    centres: Float[Tensor, "*b n 2"],
+    camera: Camera,
+    sigma: float,
+    out: Float[Tensor, "*b n H W"] | None = None,
 ) -> Float[Tensor, "*b n H W"]:
     """One isotropic Gaussian of peak 1 per body.
 
@@ -23,10 +27,16 @@ def gaussians(
         centres: (x, y) in world units. A body out of the frame leaves its tail, or nothing.
         camera: the pixel grid.
         sigma: standard deviation, world units.
+        out: memory to draw into, which several times speeds up what is larger than a cache; then
+            there are first derivatives only, and no backward pass once it is drawn over.
 
     Raises:
-        ValueError: a centre is not finite, or ``sigma`` is not positive.
+        ValueError: a centre is not finite, ``sigma`` is not positive, or ``out`` does not fit.
     """
+    if out is not None:
+        _check_positive("gaussians", "sigma", sigma)
+        _check_finite("gaussians", centres)
+        return draw_gaussians(centres, camera, sigma, out)
     across, down = _profiles(centres, camera, sigma)
     # as a matrix product: its backward makes no image-sized temporaries, a broadcast one's does
     return down.unsqueeze(-1) @ across.unsqueeze(-2)
@@ -51,14 +61,29 @@ def gaussian_sum(
 
 
 def disks(
-    centres: Float[Tensor, "*b n 2"], camera: Camera, radius: float, softness: float
+    centres: Float[Tensor, "*b n 2"],
+    camera: Camera,
+    radius: float,
+    softness: float,
+    out: Float[Tensor, "*b n H W"] | None = None,
 ) -> Float[Tensor, "*b n H W"]:
     """Coverage in (0, 1) of one soft-edged disk per body; see :func:`disk_coverage`.
 
+    Args:
+        centres: (x, y) in world units.
+        camera: the pixel grid.
+        radius, softness: world units.
+        out: memory to draw into; see :func:`gaussians`.
+
     Raises:
-        ValueError: a centre is not finite, or ``radius`` or ``softness`` is not positive.
+        ValueError: a centre is not finite, ``radius`` or ``softness`` is not positive, or ``out``
+            does not fit.
     """
     _check_finite("disks", centres)
+    if out is not None:
+        _check_positive("disks", "radius", radius)
+        _check_positive("disks", "softness", softness)
+        return draw_disks(centres, camera, radius, softness, out)
     dx = camera.xs(centres.dtype, centres.device) - centres[..., 0:1]
     dy = camera.ys(centres.dtype, centres.device) - centres[..., 1:2]
     squared = dy.square().unsqueeze(-1) + dx.square().unsqueeze(-2)

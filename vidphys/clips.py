@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Generator, Tensor
@@ -14,6 +14,7 @@ from vidphys.scenes import Scene, certify
 from vidphys.seeding import derive
 
 MAX_DRAWS = 20
+AT_ONCE = 4  # clips drawn at once: larger pictures are fresh memory, four times as slow
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,13 @@ class Clips:
     def images(self, index: Tensor | slice = slice(None)) -> Tensor:
         """Frames of some clips as float32 in [0, 1], ``(b, t, c, H, W)``."""
         return self.frames[index].float() / 255
+
+    def first(self, count: int) -> Clips:
+        """The first ``count`` clips, or all of them."""
+        few = slice(0, count)
+        return replace(
+            self, frames=self.frames[few], states=self.states[few], params=self.params[few]
+        )
 
     def until(self, frame: int) -> Clips:
         """The same clips cut before frame number ``frame``."""
@@ -97,7 +105,7 @@ def render_clips(
         torch.cat([r.params.coupling for r in kept])[:episodes],
         torch.cat([r.params.mass for r in kept])[:episodes],
     )
-    pictures = torch.cat([_bytes(world(q.float())) for q in states.q.split(64)])
+    pictures = torch.cat([_bytes(world(q.float())) for q in states.q.split(AT_ONCE)])
     return Clips(pictures, states, params, kept[0].dt, world, drawn - found)
 
 
