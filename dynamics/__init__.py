@@ -2,6 +2,15 @@
 
 from dynamics.build import build
 from dynamics.couplings import PairLaw
+from dynamics.findings import (
+    DomainWarning,
+    DynamicsWarning,
+    EnergyWarning,
+    FailureWarning,
+    Finding,
+    NoSteadyState,
+    StabilityWarning,
+)
 from dynamics.hamiltonian import Hamiltonian, ballistic
 from dynamics.head import Head
 from dynamics.integrators import (
@@ -9,7 +18,9 @@ from dynamics.integrators import (
     Integrator,
     VectorField,
     implicit_midpoint,
+    kahan_li8,
     leapfrog,
+    leapfrog_compensated,
     rk4,
     tao,
     tao_gate,
@@ -20,23 +31,32 @@ from dynamics.state import Parameters, PhaseState
 from dynamics.terms import HEADS, HamiltonianTerms, ResidualTerms, Terms
 
 __all__ = [
+    "DomainWarning",
+    "DynamicsWarning",
+    "EnergyWarning",
+    "FailureWarning",
+    "Finding",
     "HEADS",
     "INTEGRATORS",
     "Hamiltonian",
     "HamiltonianTerms",
     "Head",
     "Integrator",
+    "NoSteadyState",
     "PairLaw",
     "Parameters",
     "PhaseState",
     "ResidualTerms",
     "Rollout",
+    "StabilityWarning",
     "Terms",
     "VectorField",
     "ballistic",
     "build",
     "implicit_midpoint",
+    "kahan_li8",
     "leapfrog",
+    "leapfrog_compensated",
     "rk4",
     "rollout",
     "tao",

@@ -8,18 +8,14 @@ the parameters, never on the state (I10).
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
 
+from dynamics.findings import Finding, NoSteadyState, counted
 from dynamics.ports import Port
 from dynamics.state import Parameters, PhaseState
-
-
-class NoSteadyState(RuntimeWarning):
-    """Net damping is not positive: the energy of what is about to be rolled grows for ever."""
 
 
 class Bath(Port):
@@ -88,25 +84,19 @@ class DiagonalBath(Bath):
         error = (after - decay * before).square() / variance
         return 0.5 * (error + variance.log()).sum((-2, -1))
 
-    def check(self, params: Parameters) -> None:
-        """Refuse what has no covariance; warn of what has no steady state.
-
-        Raises:
-            ValueError: friction < 0 and temperature > 0 in some episode.
-        """
-        super().check(params)
+    def concerns(self, params: Parameters) -> list[Finding]:
         with torch.no_grad():
-            net, noise = (
-                self.net(params),
-                self.noise(params) * _spread(params.scalar("temperature")),
-            )
-            lost = (net < 0) | ((net == 0) & (noise > 0))
-        if bool(lost.any()):
-            warnings.warn(
-                f"{type(self).__name__}: no steady state: the drive is at least the friction",
-                NoSteadyState,
-                stacklevel=2,
-            )
+            net = self.net(params)
+            noise = self.noise(params) * _spread(params.scalar("temperature"))
+            lost = ((net < 0) | ((net == 0) & (noise > 0))).flatten(-2).any(-1)
+            lost = lost.expand(params.coupling.shape)
+        if not bool(lost.any()):
+            return []
+        text = (
+            f"{type(self).__name__}: no steady state in {counted(lost)}: the drive is at least "
+            "the friction, so that the energy grows for ever"
+        )
+        return [Finding(NoSteadyState, text, lost, term=type(self).__name__)]
 
 
 class ExactBath(DiagonalBath):
@@ -282,6 +272,16 @@ BATHS: dict[str, Callable[[int, int], Bath]] = {
     "constant-bath": ConstantBath,
     "state-dependent-bath": _state_dependent,
 }
+
+
+def relaxation_time(params: Parameters) -> Tensor:
+    """1 / (friction - drive), seconds in which a driven bath forgets its start, ``(...)``.
+
+    A temperature that is measured over less than about twenty of them says little; infinite where
+    there is no steady state.
+    """
+    net = params.scalar("friction") - params.scalars.get("drive", torch.zeros(()))
+    return torch.where(net > 0, 1 / net, torch.inf)
 
 
 def steady_temperature(params: Parameters) -> Tensor:

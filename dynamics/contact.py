@@ -7,8 +7,9 @@ from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
 from dynamics.mlp import MLP, TANH
+from dynamics.pairs import pair_indices
 from dynamics.ports import Port
-from dynamics.potentials import PairPotential, pair_indices
+from dynamics.potentials import PairPotential
 from dynamics.state import Parameters, PhaseState
 
 TINY = 1e-9  # world units: keeps the direction of two coinciding bodies finite

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -10,7 +11,7 @@ from torch import Tensor, nn
 from dynamics.couplings import PairLaw
 from dynamics.head import Head
 from dynamics.integrators import Memory
-from dynamics.potentials import pair_indices
+from dynamics.pairs import pair_indices
 from dynamics.state import Parameters, PhaseState, kinetic_energy
 
 MAX_EVENTS = 10_000  # of one piece of a step; more means that bodies are jammed
@@ -38,7 +39,6 @@ class HardDisks(Head):
                 f"HardDisks: needs 0 < diameter < box / 2 = {box / 2:g}, got {diameter}"
             )
         self.law = PairLaw("alike", box=box)
-        self.box = box
         start = math.log(diameter)
         if learned:
             self.raw_diameter: Tensor = nn.Parameter(torch.tensor(start))
@@ -49,6 +49,18 @@ class HardDisks(Head):
     def diameter(self) -> Tensor:
         """Distance at which two disks touch, world units; positive by construction."""
         return self.raw_diameter.exp()
+
+    @property
+    def box(self) -> float:
+        return float(cast(float, self.law.box))
+
+    @property
+    def conserves(self) -> bool:
+        return True
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return ()  # a diameter is all that is learned
 
     def energy(self, state: PhaseState, params: Parameters) -> Tensor:
         """The kinetic energy: disks that do not overlap have no other."""

@@ -12,6 +12,7 @@ from typing import cast
 from torch import Tensor, nn
 
 from dynamics.angles import AnglePotential
+from dynamics.domain import MOMENTUM
 from dynamics.friction import Friction
 from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, tao, tao_gate
@@ -57,6 +58,14 @@ class Generalised(Head):
     def velocity(self, state: PhaseState) -> Tensor:
         """dq/dt = M(q)^-1 p, ``(..., n, 1)``."""
         return self.metric.velocity(state.q.flatten(-2), state.p.flatten(-2)).unsqueeze(-1)
+
+    @property
+    def conserves(self) -> bool:
+        return not len(self.ports)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return (MOMENTUM,)  # the angles come back to where they were; the slopes do not
 
     def energy(self, state: PhaseState, params: Parameters) -> Tensor:
         """H of each state, shape of the batch."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dynamics.domain import FARTHEST, MOMENTUM, NEAREST
 from dynamics.maps import TransitionMap
 from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
@@ -29,6 +30,10 @@ class GraphNetwork(TransitionMap):
         told = 0 if factored else 1
         self.message = MLP((2 * space + 2 + told, width, width, width), SILU)
         self.update = MLP((space + 1 + told + width, width, width, 2 * space), SILU)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return (MOMENTUM, FARTHEST, NEAREST)
 
     def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
         q, p, mass = state.q, state.p, params.mass.unsqueeze(-1)

@@ -7,11 +7,13 @@ from typing import cast
 
 from torch import Tensor, nn
 
+from dynamics.domain import FARTHEST, MOMENTUM, NEAREST, ORIGIN
+from dynamics.findings import Finding
 from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
 from dynamics.kinetic import FixedKinetic, Kinetic
 from dynamics.ports import Port
-from dynamics.potentials import NoPotential, Potential
+from dynamics.potentials import NoPotential, PairPotential, Potential
 from dynamics.state import Parameters, PhaseState
 
 
@@ -39,6 +41,23 @@ class Hamiltonian(Head):
         self.potential = potential
         self.integrator = integrator
         self.ports = nn.ModuleList(ports)
+
+    @property
+    def conserves(self) -> bool:
+        return not len(self.ports) and getattr(self.potential, "conservative", True)
+
+    @property
+    def box(self) -> float | None:
+        return next((part.law.box for part in self._pair_laws()), None)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        where = (FARTHEST, NEAREST) if self._pair_laws() else (ORIGIN,)
+        return (*_if_learned(self.potential, where), *_if_learned(self.kinetic, (MOMENTUM,)))
+
+    def _pair_laws(self) -> list[PairPotential]:
+        parts = cast(nn.Module, self.potential).modules()
+        return [part for part in parts if isinstance(part, PairPotential)]
 
     def energy(self, state: PhaseState, params: Parameters) -> Tensor:
         """H of each state, shape of the batch."""
@@ -74,9 +93,17 @@ class Hamiltonian(Head):
         for port in self.ports:
             cast(Port, port).check(params)
 
+    def concerns(self, params: Parameters) -> list[Finding]:
+        return [said for port in self.ports for said in cast(Port, port).concerns(params)]
+
     def force(self, state: PhaseState, params: Parameters) -> Tensor:
         """dp/dt of the conservative part at a state, ``(..., n, d)``."""
         return self.potential.force(state.q, params)
+
+
+def _if_learned(part: object, names: tuple[str, ...]) -> tuple[str, ...]:
+    learned = next(cast(nn.Module, part).parameters(), None) is not None
+    return names if learned else ()
 
 
 def ballistic() -> Hamiltonian:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
+import torch
 from torch import Tensor, nn
 
+from dynamics.domain import EXTENTS, UNKNOWN, extents
+from dynamics.findings import Finding
 from dynamics.integrators import Memory
 from dynamics.state import Parameters, PhaseState
 
@@ -16,9 +20,15 @@ class Head(nn.Module, ABC):
     Attributes:
         dt: seconds of one application of a transition map, which has no other step; ``None``
             for a vector field, which may be stepped by any.
+        domain: the largest :func:`dynamics.domain.extents` of the states it was trained on.
     """
 
     dt: float | None = None
+    domain: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("domain", torch.full((len(EXTENTS),), UNKNOWN))
 
     @abstractmethod
     def advance(
@@ -37,5 +47,34 @@ class Head(nn.Module, ABC):
             ValueError: what is impossible, and what to do.
         """
 
+    def concerns(self, params: Parameters) -> list[Finding]:
+        """What must be said of a rollout under these parameters before it starts."""
+        return []
+
     def set_scale(self, q: float, p: float) -> None:
         """Be told the sizes of one step's increments; most heads have no use for them."""
+
+    @property
+    def conserves(self) -> bool:
+        """Whether the model's own energy is constant in time."""
+        return False
+
+    @property
+    def box(self) -> float | None:
+        """Side of the periodic box that its pair laws live in."""
+        return None
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """Which of :data:`dynamics.domain.EXTENTS` its learned parts are functions of."""
+        return EXTENTS
+
+    def see(self, states: PhaseState) -> None:
+        """Remember how far the states reach that it is trained on, ``(..., n, d)``."""
+        whole = extents(states, self.box).reshape(-1, len(EXTENTS))
+        self.domain = whole.amax(0).to(self.domain)
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
+        # Weights of before domains were kept: nothing is known of their training.
+        state_dict.setdefault(f"{prefix}domain", torch.full((len(EXTENTS),), UNKNOWN))
+        super()._load_from_state_dict(state_dict, prefix, *rest)

@@ -8,7 +8,8 @@ from torch import Tensor, nn
 from dynamics.couplings import PairLaw
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.mlp import MLP, TANH
-from dynamics.potentials import REACH, SPREAD, Potential, pair_indices
+from dynamics.pairs import pair_indices
+from dynamics.potentials import REACH, SPREAD, Potential
 from dynamics.state import Parameters, PhaseState
 
 
@@ -25,6 +26,8 @@ class Shortcut(nn.Module):
         width: of the free force's network.
         box: side of a periodic box in world units, or ``None``.
     """
+
+    conservative = False
 
     def __init__(
         self, factored: Potential, space: int, width: int, box: float | None = None

@@ -5,7 +5,8 @@ and also hands over what the next step can re-use (the last force for leapfrog, 
 for Tao's scheme), so that leapfrog costs one force evaluation a step.
 
 References: Hairer, Lubich & Wanner, *Geometric Numerical Integration* (2006) for leapfrog and the
-implicit midpoint rule; Yoshida, Phys. Lett. A 150 (1990); Tao, Phys. Rev. E 94, 043303 (2016).
+implicit midpoint rule; Yoshida, Phys. Lett. A 150 (1990); Kahan & Li, Math. Comp. 66 (1997) for the
+eighth order; Tao, Phys. Rev. E 94, 043303 (2016).
 """
 
 from __future__ import annotations
@@ -45,16 +46,23 @@ class VectorField:
         return cls(lambda q, p: both(q, p)[0], lambda q, p: both(q, p)[1], False, both)
 
 
+Advance = Callable[[VectorField, PhaseState, float, Memory], tuple[PhaseState, Memory]]
+
+
 @dataclass(frozen=True)
 class Integrator:
-    """A one-step method: its name, its declared order and what it preserves."""
+    """A one-step method: its name, its declared order and what it preserves.
+
+    ``restarts``: whether a step without the last one's memory is the same step.
+    """
 
     name: str
     order: int
     symplectic: bool
     forces_per_step: int
     needs_separable: bool
-    advance: Callable[[VectorField, PhaseState, float, Memory], tuple[PhaseState, Memory]]
+    advance: Advance
+    restarts: bool = True
 
     def __call__(self, field: VectorField, state: PhaseState, dt: float) -> PhaseState:
         """Advance ``state`` by ``dt`` seconds (negative runs time backwards)."""
@@ -88,15 +96,50 @@ YOSHIDA_WEIGHTS = (
     -_CUBE_ROOT / (2 - _CUBE_ROOT),
     1 / (2 - _CUBE_ROOT),
 )
+_KAHAN_LI_HALF = (
+    0.13020248308889008,
+    0.56116298177510838,
+    -0.38947496264484729,
+    0.15884190655515560,
+    -0.39590389413323758,
+    0.18453964097831571,
+    0.25837438768632205,
+    0.29501172360931030,
+)
+KAHAN_LI_WEIGHTS = (*_KAHAN_LI_HALF, 1 - 2 * sum(_KAHAN_LI_HALF), *_KAHAN_LI_HALF[::-1])
 
 
-def _yoshida4(
-    field: VectorField, state: PhaseState, dt: float, force: Memory
+def _composed(weights: tuple[float, ...]) -> Advance:
+    """Leapfrog steps whose lengths, the same from either end, cancel lower orders of the error."""
+
+    def advance(
+        field: VectorField, state: PhaseState, dt: float, force: Memory
+    ) -> tuple[PhaseState, Memory]:
+        for weight in weights:
+            state, force = _leapfrog(field, state, weight * dt, force)
+        return state, force
+
+    return advance
+
+
+def _compensated(
+    field: VectorField, state: PhaseState, dt: float, memory: Memory
 ) -> tuple[PhaseState, Memory]:
-    """Three leapfrog steps whose lengths cancel the third-order error."""
-    for weight in YOSHIDA_WEIGHTS:
-        state, force = _leapfrog(field, state, weight * dt, force)
-    return state, force
+    """Leapfrog whose sums carry along what rounding has cut off (Kahan)."""
+    none = torch.zeros_like(state.q)
+    force, lost_q, lost_p = memory or (field.force(state.q, state.p), none, none)
+    half, lost_p = _plus(state.p, 0.5 * dt * force, lost_p)
+    q, lost_q = _plus(state.q, dt * field.velocity(state.q, half), lost_q)
+    force = field.force(q, half)
+    p, lost_p = _plus(half, 0.5 * dt * force, lost_p)
+    return PhaseState(q, p), (force, lost_q, lost_p)
+
+
+def _plus(total: Tensor, change: Tensor, lost: Tensor) -> tuple[Tensor, Tensor]:
+    """``total + change`` with what the last sum lost, and what this one loses."""
+    change = change - lost
+    after = total + change
+    return after, (after - total) - change
 
 
 def _slopes(field: VectorField, q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:
@@ -187,12 +230,25 @@ def _tao(
 
 
 leapfrog = Integrator("leapfrog", 2, True, 1, True, _leapfrog)
-yoshida4 = Integrator("yoshida4", 4, True, 3, True, _yoshida4)
+leapfrog_compensated = Integrator("leapfrog_compensated", 2, True, 1, True, _compensated, False)
+yoshida4 = Integrator("yoshida4", 4, True, 3, True, _composed(YOSHIDA_WEIGHTS))
+kahan_li8 = Integrator("kahan_li8", 8, True, 17, True, _composed(KAHAN_LI_WEIGHTS))
 rk4 = Integrator("rk4", 4, False, 4, False, _rk4)
 implicit_midpoint = Integrator("implicit_midpoint", 2, True, 8, False, _implicit_midpoint)
-tao = Integrator("tao", 2, True, 4, False, _tao)
+tao = Integrator("tao", 2, True, 4, False, _tao, False)
 
-INTEGRATORS = {m.name: m for m in (leapfrog, yoshida4, rk4, implicit_midpoint, tao)}
+INTEGRATORS = {
+    m.name: m
+    for m in (
+        leapfrog,
+        leapfrog_compensated,
+        yoshida4,
+        kahan_li8,
+        rk4,
+        implicit_midpoint,
+        tao,
+    )
+}
 
 TAO_GATE = 1e-4
 TAO_GATE_STEPS = 2000

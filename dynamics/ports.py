@@ -8,6 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from dynamics.findings import Finding
 from dynamics.state import Parameters, PhaseState
 
 SLOW = -3.0  # raw start value: softplus(-3) is a rate of 0.05 per second
@@ -22,6 +23,10 @@ class Port(nn.Module):
 
     def check(self, params: Parameters) -> None:
         """Refuse parameters under which the port means nothing, with ``ValueError``."""
+
+    def concerns(self, params: Parameters) -> list[Finding]:
+        """What must be said of the port before it acts under these parameters."""
+        return []
 
 
 class LinearFriction(Port):

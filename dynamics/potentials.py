@@ -7,8 +7,7 @@ study's Eq. 5 and Prop. 2), in every bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, cast, runtime_checkable
 
 import torch
@@ -16,6 +15,7 @@ from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
 from dynamics.mlp import MLP
+from dynamics.pairs import pair_tiles
 from dynamics.state import Parameters
 
 
@@ -28,15 +28,6 @@ class Potential(Protocol):
 
     def force(self, q: Tensor, params: Parameters) -> Tensor:
         """-dV/dq, shape of ``q``."""
-
-
-@lru_cache(maxsize=64)
-def pair_indices(bodies: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Indices (i, j) of the pairs i < j, each ``(bodies * (bodies - 1) / 2,)``."""
-    # The cache outlives the caller: a tensor born in inference mode could not be trained through.
-    with torch.inference_mode(False):
-        i, j = torch.triu_indices(bodies, bodies, offset=1, device=device)
-    return i, j
 
 
 PIECE = 2**16  # pairs at once: a network of width 64 then needs tens of megabytes, not gigabytes
@@ -80,20 +71,26 @@ class PairPotential(nn.Module):
 
     def energy(self, q: Tensor, params: Parameters) -> Tensor:
         strength, amount = self.law.strength(params)
-        displacement, product = self._pairs(q, amount)
-        return strength * (product * _in_pieces(self.pair_energy, displacement, -1)).sum(-1)
+        parts = []
+        for i, j in self._tiles(q):
+            displacement, product = self._pairs(q, amount, i, j)
+            parts.append((product * _in_pieces(self.pair_energy, displacement, -1)).sum(-1))
+        return strength * (parts[0] if len(parts) == 1 else torch.stack(parts).sum(0))
 
     def force(self, q: Tensor, params: Parameters) -> Tensor:
         strength, amount = self.law.strength(params)
-        displacement, product = self._pairs(q, amount)
-        pull = product.unsqueeze(-1) * _in_pieces(self.pair_gradient, displacement, -2)
-        i, j = pair_indices(q.shape[-2], q.device)
-        total = torch.zeros_like(q).index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
+        total = torch.zeros_like(q)
+        for i, j in self._tiles(q):
+            displacement, product = self._pairs(q, amount, i, j)
+            pull = product.unsqueeze(-1) * _in_pieces(self.pair_gradient, displacement, -2)
+            total = total.index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
         return strength[..., None, None] * total
 
-    def _pairs(self, q: Tensor, amount: Tensor) -> tuple[Tensor, Tensor]:
+    def _tiles(self, q: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
+        return pair_tiles(q.shape[-2], q.shape[:-2].numel(), q.device)
+
+    def _pairs(self, q: Tensor, amount: Tensor, i: Tensor, j: Tensor) -> tuple[Tensor, Tensor]:
         """Displacements q_i - q_j ``(..., pairs, d)`` and products s_i s_j ``(..., pairs)``."""
-        i, j = pair_indices(q.shape[-2], q.device)
         displacement = self.law.nearest(q.index_select(-2, i) - q.index_select(-2, j))
         return displacement, amount.index_select(-1, i) * amount.index_select(-1, j)
 
@@ -132,17 +129,21 @@ class DisplacementPotential(PairPotential):
         super().__init__(law)
         self.phi = MLP((space, width, width, 1), activation)
 
+    def disk_energy(self, u: Tensor) -> Tensor:
+        """Phi of a squashed displacement, ``(..., d) -> (...)``."""
+        return 0.5 * (self.phi(SPREAD * u) + self.phi(-SPREAD * u)).squeeze(-1)
+
+    def disk_gradient(self, u: Tensor) -> Tensor:
+        """Gradient of :meth:`disk_energy`, ``(..., d) -> (..., d)``."""
+        both = self.phi.gradient(SPREAD * torch.stack([u, -u]))
+        return 0.5 * SPREAD * (both[0] - both[1])
+
     def pair_energy(self, displacement: Tensor) -> Tensor:
-        u = SPREAD * displacement / (REACH + _soft_length(displacement))
-        return 0.5 * (self.phi(u) + self.phi(-u)).squeeze(-1)
+        return self.disk_energy(displacement / (REACH + soft_length(displacement)))
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
-        r = _soft_length(displacement)
-        u = displacement / (REACH + r)
-        both = self.phi.gradient(SPREAD * torch.stack([u, -u]))
-        slope = 0.5 * SPREAD * (both[0] - both[1])
-        along = (u * slope).sum(-1, keepdim=True)
-        return slope / (REACH + r) - displacement * along / (r * (REACH + r))
+        r = soft_length(displacement)
+        return unsquashed(self.disk_gradient(displacement / (REACH + r)), displacement, r)
 
 
 class RadialPotential(PairPotential):
@@ -162,14 +163,21 @@ class RadialPotential(PairPotential):
         squashed = torch.cat([r / (self.NEAR + r), r / (self.FAR + r)], -1)
         return SPREAD * (2 * squashed - 1)
 
+    def distance_energy(self, r: Tensor) -> Tensor:
+        """Phi at a soft distance, ``(..., 1) -> (...)``."""
+        return self.phi(self._features(r)).squeeze(-1)
+
+    def slope(self, r: Tensor) -> Tensor:
+        """dphi/dr at a soft distance, ``(..., 1)`` to ``(..., 1)``."""
+        near, far = (2 * SPREAD * self.phi.gradient(self._features(r))).chunk(2, -1)
+        return near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
+
     def pair_energy(self, displacement: Tensor) -> Tensor:
-        return self.phi(self._features(_soft_length(displacement))).squeeze(-1)
+        return self.distance_energy(soft_length(displacement))
 
     def pair_gradient(self, displacement: Tensor) -> Tensor:
-        r = _soft_length(displacement)
-        near, far = (2 * SPREAD * self.phi.gradient(self._features(r))).chunk(2, -1)
-        slope = near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
-        return slope * displacement / r
+        r = soft_length(displacement)
+        return self.slope(r) * displacement / r
 
 
 SPREAD = 2.0  # the squashed inputs span (-2, 2), where tanh units resolve them well
@@ -177,9 +185,21 @@ REACH = 0.5  # world units: the distance that lands half-way out in the squashed
 CORE = 0.05  # world units: rounds the tip of the distance at r = 0; not a softening of the law
 
 
-def _soft_length(displacement: Tensor) -> Tensor:
+def soft_length(displacement: Tensor) -> Tensor:
     """sqrt(r^2 + CORE^2), smooth where two bodies coincide, ``(..., d) -> (..., 1)``."""
     return (displacement.square().sum(-1, keepdim=True) + CORE**2).sqrt()
+
+
+def unsquashed(slope: Tensor, displacement: Tensor, r: Tensor) -> Tensor:
+    """A gradient with respect to u = dq / (REACH + r), turned into one with respect to dq.
+
+    Args:
+        slope: with respect to u, ``(..., d)``.
+        displacement: dq, ``(..., d)``.
+        r: its soft length, ``(..., 1)``.
+    """
+    along = (displacement * slope).sum(-1, keepdim=True) / (REACH + r)
+    return slope / (REACH + r) - displacement * along / (r * (REACH + r))
 
 
 class FreePotential(nn.Module):

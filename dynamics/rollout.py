@@ -9,10 +9,16 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from dynamics import checks
+from dynamics.findings import Finding
 from dynamics.head import Head
 from dynamics.state import Parameters, PhaseState
+from dynamics.substeps import Substepper, watched
 
 NO_BAD_STEP = -1
+
+
+OK, WARNED, FAILED = "ok", "warned", "failed"
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,8 @@ class Rollout:
         dt: seconds between stored states.
         first_bad: per episode, index of the first stored state that is not finite, or -1.
         seed: of a stochastic head's noise, where one was given.
+        findings: what is wrong with it; each was also warned of.
+        pieces: steps of a part of ``dt`` that close encounters needed.
     """
 
     states: PhaseState
@@ -32,11 +40,20 @@ class Rollout:
     dt: float
     first_bad: Tensor
     seed: int | None = None
+    findings: tuple[Finding, ...] = ()
+    pieces: int = 0
 
     @property
     def finite(self) -> Tensor:
         """Which episodes stayed finite throughout, boolean, batch shape."""
         return self.first_bad == NO_BAD_STEP
+
+    @property
+    def status(self) -> str:
+        """``failed`` if an episode is not finite, ``warned`` if there is a finding, else ``ok``."""
+        if not bool(self.finite.all()):
+            return FAILED
+        return WARNED if self.findings else OK
 
     @property
     def times(self) -> Tensor:
@@ -56,6 +73,7 @@ def rollout(
     dt: float,
     every: int = 1,
     seed: int | None = None,
+    substeps: bool = True,
 ) -> Rollout:
     """Roll ``steps`` steps of ``dt`` seconds from ``start``, storing each ``every``-th state.
 
@@ -65,27 +83,51 @@ def rollout(
     Args:
         seed: of a stochastic head's noise, which is drawn from torch's global generator; that
             generator is left as it was. ``None`` draws on from where it is.
+        substeps: whether a step that does not resolve the fastest pair is taken in pieces
+            (:mod:`dynamics.substeps`); all others are the integrator's own, bit for bit.
 
     Raises:
-        ValueError: ``steps`` is not a multiple of ``every``, the start is not finite, or the head
-            refuses the parameters.
+        ValueError: ``steps`` is not a multiple of ``every``, a number is not finite, the state is
+            of less than single precision, or the head refuses the parameters.
+
+    Warns:
+        DynamicsWarning: one of its kinds for each finding, before the result is returned.
     """
     if steps < 0 or every < 1:
         raise ValueError(f"rollout: needs steps >= 0 and every >= 1, got {steps} and {every}")
     if steps % every:
         raise ValueError(f"rollout: steps = {steps} is not a multiple of every = {every}")
-    if not bool(torch.isfinite(start.flat).all()):
-        bad = torch.nonzero(~torch.isfinite(start.flat))[0].tolist()
-        raise ValueError(f"rollout: the start state is not finite (first at flat index {bad})")
+    checks.start(start, params, dt)
     head.check(params)
-    stored, state, memory = [start], start, None
+    findings = head.concerns(params)
     with torch.no_grad(), _noise(seed, start.q.device):
+        rates = watched(head, start, params, dt)
+        stepper = Substepper.of(head, rates, start) if substeps and rates else None
+        if rates and stepper is None:
+            findings += checks.fixed_step(rates, PhaseState.stack([start], -3), dt, every)
+        for finding in findings:
+            finding.warn()
+        advance = head.advance if stepper is None else stepper.advance
+        stored, state, memory = [start], start, None
         for step in range(1, steps + 1):
-            state, memory = head.advance(state, params, dt, memory)
+            state, memory = advance(state, params, dt, memory)
             if step % every == 0:
                 stored.append(state)
         states = PhaseState.stack(stored, -3)
-    return Rollout(states, params, dt * every, first_bad_step(states), seed)
+        first_bad = first_bad_step(states)
+        found = [
+            *checks.failure(head, states, params, first_bad, dt, every),
+            *checks.energy(head, states, params, every, bool(rates)),
+            *checks.domain(head, states, every),
+        ]
+        if stepper is not None:
+            found += stepper.findings()
+        elif rates and not findings:
+            found += checks.fixed_step(rates, states, dt, every)
+    for finding in found:
+        finding.warn()
+    pieces = stepper.pieces if stepper else 0
+    return Rollout(states, params, dt * every, first_bad, seed, (*findings, *found), pieces)
 
 
 @contextmanager

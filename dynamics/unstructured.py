@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from dynamics.angles import Harmonics
+from dynamics.domain import MOMENTUM, ORIGIN
 from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, rk4
 from dynamics.maps import TransitionMap
@@ -37,6 +38,10 @@ class ResidualMap(TransitionMap):
         self.harmonics = Harmonics(bodies * space) if angles else None
         extra = self.harmonics.size - bodies * space if self.harmonics else 0
         self.network = _state_network(bodies, space, conditions + extra, width)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return (ORIGIN, MOMENTUM) if self.harmonics is None else (MOMENTUM,)
 
     def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
         if self.harmonics is None:
@@ -76,6 +81,10 @@ class NeuralODE(Head):
     def set_scale(self, q: float, p: float) -> None:
         """Set the sizes of one step's increments, world units and momentum units."""
         self.rate = (torch.tensor([q, p]) / self.told_for).to(self.rate)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return (ORIGIN, MOMENTUM)
 
     def slopes(self, state: PhaseState, params: Parameters) -> tuple[Tensor, Tensor]:
         """(dq/dt, dp/dt)."""

@@ -150,6 +150,7 @@ def roll(
 
 
 def standardise(head: Head, segments: Segments) -> None:
-    """Tell a head the size of one step's increments."""
+    """Tell a head the size of one step's increments, and the states that it is trained on."""
     scale = scale_of(segments)
     head.set_scale(scale.q / segments.every, scale.p / segments.every)
+    head.see(segments.start)

@@ -9,7 +9,7 @@ from torch import Generator, Tensor
 
 from dynamics import Head
 from dynamics.events import HardDisks, bounce
-from dynamics.potentials import pair_indices
+from dynamics.pairs import pair_indices
 from vidphys.experiments.members import Examples
 from vidphys.experiments.oracle import HORIZON, true_trajectories
 from vidphys.scenes import Scene

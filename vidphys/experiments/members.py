@@ -75,6 +75,7 @@ def train_members(
         head = make()
         every = examples[seed].train.every
         head.set_scale(scale.q / every, scale.p / every)
+        head.see(examples[seed].train.start)
         heads.append(head)
     ensemble = Ensemble(heads).to(device)
     train = Stacked([examples[seed].train.to(device) for seed in seeds])

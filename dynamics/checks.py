@@ -1,0 +1,219 @@
+"""What is checked of a rollout: before it starts, and before its result can be believed."""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+import torch
+from torch import Tensor
+
+from dynamics.domain import EXTENTS, FAR, extents
+from dynamics.findings import (
+    DomainWarning,
+    EnergyWarning,
+    FailureWarning,
+    Finding,
+    StabilityWarning,
+    counted,
+    first,
+)
+from dynamics.head import Head
+from dynamics.potentials import Potential
+from dynamics.stability import Rates, flat_parameters, stiffest
+from dynamics.state import Parameters, PhaseState
+
+NOT_BELIEVED = 1.0  # omega * dt of a fixed step; a harmonic oscillator diverges at 2
+ENERGY_LOST = 1e-2  # relative drift from which on a conserving model is not believed
+NEAR_ZERO = 0.1  # of K + |V|: a smaller energy is not what drift is relative to
+SHARE = 50  # one state a so many steps is checked, or all of them while they are few
+FEW_STATES = 4096
+
+
+def start(start: PhaseState, params: Parameters, dt: float) -> None:
+    """Refuse what cannot be integrated.
+
+    Raises:
+        ValueError: ``dt`` or a number of the state or the parameters is not finite (which one is
+            said), or the state is of less than single precision.
+    """
+    if not math.isfinite(dt):
+        raise ValueError(f"rollout: dt must be a finite number of seconds, got {dt}")
+    for dtype in {start.q.dtype, start.p.dtype}:
+        if dtype not in (torch.float32, torch.float64):
+            raise ValueError(
+                f"rollout: a state of {dtype} is too coarse to integrate: a step's increments "
+                "vanish in its rounding; pass start.map(torch.Tensor.float)"
+            )
+    named = {"q": start.q, "p": start.p, "coupling": params.coupling, "mass": params.mass}
+    if params.charge is not None:
+        named["charge"] = params.charge
+    for name, value in {**named, **params.scalars}.items():
+        if not bool(torch.isfinite(value).all()):
+            where = tuple(torch.nonzero(~torch.isfinite(value))[0].tolist())
+            raise ValueError(
+                f"rollout: {name}{list(where) if where else ''} is not finite; repair or drop it"
+            )
+
+
+def fixed_step(rates: list[Rates], states: PhaseState, dt: float, every: int) -> list[Finding]:
+    """Stored states at which a whole step is too long for the fastest term.
+
+    Args:
+        rates: of the flat batch of episodes.
+        states: ``(..., t, n, d)``.
+        dt: seconds of a step.
+        every: steps between stored states.
+    """
+    batch, stored = states.q.shape[:-3], states.q.shape[-3]
+    who = torch.arange(batch.numel(), device=states.q.device).repeat_interleave(stored)
+    q = states.q.reshape(-1, *states.q.shape[-2:])
+    found = stiffest([rate.of(who) for rate in rates], q)
+    turn = (found.rate * abs(dt)).reshape(*batch, stored)
+    long = turn > NOT_BELIEVED
+    if not bool(long.any()):
+        return []
+    episodes = long.any(-1)
+    one = (*first(episodes), int(long[first(episodes)].int().argmax()))
+    pair = found.pair.reshape(*batch, stored, 2)[one].tolist()
+    text = (
+        f"omega * dt = {float(turn[one]):.3g} for {named(found.term, pair)} at step "
+        f"{one[-1] * every}, in {counted(episodes)}: a step of {dt:g} s does not resolve it "
+        f"(above 2 leapfrog diverges); use a dt below {abs(dt) / float(turn[one]):.2g} s"
+    )
+    body = pair[0] if pair[0] >= 0 else None
+    return [Finding(StabilityWarning, text, episodes, one[-1] * every, body, found.term)]
+
+
+def named(term: str, pair: list[int]) -> str:
+    """A term and its pair in words."""
+    return term if pair[0] < 0 else f"{term} of bodies {pair[0]} and {pair[1]}"
+
+
+def energy_drift(head: Head, states: PhaseState, params: Parameters) -> Tensor:
+    """|E - E_0| of a conserving model over |E_0|, or over a tenth of K + |V| where that is more.
+
+    Args:
+        head: has an energy.
+        states: ``(..., t, n, d)``, the start first.
+        params: of the episodes, ``(...)``.
+
+    Returns:
+        ``(..., t)``.
+    """
+    batch, stored = states.q.shape[:-3], states.q.shape[-3]
+    law, flat = flat_parameters(params, batch), states.map(lambda x: x.reshape(-1, *x.shape[-2:]))
+    who = torch.arange(batch.numel(), device=states.q.device)
+    energy = _energy(head, flat, law[who.repeat_interleave(stored)]).reshape(-1, stored)
+    start = PhaseState(flat.q[::stored], torch.zeros_like(flat.p[::stored]))
+    rest = _energy(head, start, law)
+    size = (energy[:, 0] - rest).abs() + rest.abs()
+    least = torch.finfo(size.dtype).tiny
+    size = torch.maximum(energy[:, 0].abs(), NEAR_ZERO * size).clamp_min(least).unsqueeze(-1)
+    return ((energy - energy[:, :1]).abs() / size).reshape(*batch, stored)
+
+
+def _energy(head: Head, state: PhaseState, params: Parameters) -> Tensor:
+    return cast(Tensor, head.energy(state, params))  # type: ignore[operator]
+
+
+def energy(
+    head: Head, states: PhaseState, params: Parameters, every: int, closely: bool
+) -> list[Finding]:
+    """Whether a conserving model kept its energy at the stored states, or at some of them.
+
+    Args:
+        head: of any kind.
+        states: ``(..., t, n, d)``.
+        params: of the episodes.
+        every: steps between stored states.
+        closely: look at all stored states, however many they are.
+    """
+    stored, batch = states.q.shape[-3], states.q.shape[:-3].numel()
+    if not head.conserves or not states.q.numel() or stored < 2:
+        return []
+    count = stored if closely or stored * batch <= FEW_STATES else 2 + stored * every // SHARE
+    looked = torch.linspace(0, stored - 1, min(count, stored)).round().long().to(states.q.device)
+    drift = energy_drift(head, states.map(lambda x: x.index_select(-3, looked)), params)
+    lost = drift > ENERGY_LOST
+    if not bool(lost.any()):
+        return []
+    episodes = lost.any(-1)
+    step = int(looked[int(lost[first(episodes)].int().argmax())]) * every
+    text = (
+        f"the energy of {type(head).__name__} drifts by {float(drift[lost].max()):.2g} of itself "
+        f"in {counted(episodes)}, first seen at step {step}, although the model conserves it; use "
+        "a smaller dt or an integrator of higher order (kahan_li8)"
+    )
+    return [Finding(EnergyWarning, text, episodes, step)]
+
+
+def domain(head: Head, states: PhaseState, every: int) -> list[Finding]:
+    """Whether a learned model came to states far from those that it was trained on."""
+    known = dict(zip(EXTENTS, head.domain.tolist(), strict=True))
+    watched = [name for name in head.depends_on if math.isfinite(known[name])]
+    if not watched or not states.q.numel():
+        return []
+    reached = extents(states, head.box)
+    for name in watched:
+        far = reached[..., EXTENTS.index(name)] > FAR * known[name]
+        if bool(far.any()):
+            episodes = far.any(-1)
+            step = int(far[first(episodes)].int().argmax()) * every
+            text = (
+                f"{type(head).__name__} is asked about a {name} more than {FAR:g} times the "
+                f"largest of its training ({known[name]:.3g}), in {counted(episodes)}, first at "
+                f"step {step}: what it says there was never checked"
+            )
+            return [Finding(DomainWarning, text, episodes, step)]
+    return []
+
+
+def failure(
+    head: Head, states: PhaseState, params: Parameters, first_bad: Tensor, dt: float, every: int
+) -> list[Finding]:
+    """Step, body and term of the first episode that is not finite.
+
+    Args:
+        head: of any kind.
+        states: ``(..., t, n, d)``.
+        params: of the episodes.
+        first_bad: index of the first bad stored state of each episode, or less than 0.
+        dt: seconds of a step.
+        every: steps between stored states.
+    """
+    episodes = first_bad >= 0
+    if not bool(episodes.any()):
+        return []
+    one = first(episodes)
+    index = int(first_bad[one])
+    last, law = states[one][index - 1], flat_parameters(params, first_bad.shape)
+    law = law[int(torch.arange(first_bad.numel()).reshape(first_bad.shape)[one])]
+    step, bad, memory = (index - 1) * every, last, None
+    with torch.no_grad(), torch.random.fork_rng([]):
+        for _ in range(every):
+            last, step = bad, step + 1
+            bad, memory = head.advance(last, law, dt, memory)
+            if not bool(torch.isfinite(bad.flat).all()):
+                break
+        else:  # it does not happen again: the noise was another, or the steps were
+            step, bad = index * every, states[one][index]
+    wrong = ~(torch.isfinite(bad.q) & torch.isfinite(bad.p)).all(-1)
+    body = int(wrong.int().argmax())
+    term = failing_term(head, [last, bad], law)
+    text = (
+        f"not finite at step {step}: body {body}, by {term}, in {counted(episodes)}; what was "
+        "stored before is kept, use a smaller dt or look at the parameters"
+    )
+    return [Finding(FailureWarning, text, episodes, step, body, term)]
+
+
+def failing_term(head: Head, states: list[PhaseState], params: Parameters) -> str:
+    """The innermost term of a model whose force is not finite at finite positions, or the model."""
+    places = [state.q for state in states if bool(torch.isfinite(state.q).all())]
+    for part in head.modules():
+        if part is head or not isinstance(part, Potential) or hasattr(part, "parts"):
+            continue
+        if not all(bool(torch.isfinite(part.force(q, params)).all()) for q in places):
+            return type(part).__name__
+    return type(head).__name__
