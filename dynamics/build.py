@@ -14,6 +14,7 @@ from dynamics.contact import FreeImpulse, KnotPotential, Restitution
 from dynamics.coupling_maps import GAIN, MAPS, MappedPotential
 from dynamics.couplings import PairLaw
 from dynamics.events import HardDisks
+from dynamics.fields import UniformField
 from dynamics.friction import FRICTIONS, Friction
 from dynamics.generalised import GeneralisedHamiltonian, Lagrangian
 from dynamics.graph import GraphNetwork
@@ -182,6 +183,8 @@ def _potential(terms: HamiltonianTerms, sizes: Sizes) -> Potential:
         parts = [pair(PairLaw(source, terms.coupling, terms.box)) for source in terms.sources]
     if terms.triples:
         parts.append(LearnedTriple(terms.width, terms.activation, terms.coupling))
+    if terms.uniform:
+        parts.append(UniformField(sizes.space))
     if terms.trap is not None:
         parts.append(HarmonicTrap(terms.trap))
     whole = parts[0] if len(parts) == 1 else SumPotential(parts)

@@ -1,8 +1,8 @@
 """Friction that opposes velocity, stepped by exact flows, for free bodies and for joints.
 
-dp_i/dt = -gamma phi(dq_i/dt) with phi(v) = v (linear) or |v| v (square), for a body's velocity
-vector or a joint's rate. No step size can make a gamma >= 0 add energy: each flow is exact, and
-coupled joints are done one at a time, each at the rate that the others leave it.
+dp_i/dt = -gamma phi(dq_i/dt) with phi(v) = v (linear), |v| v (square) or v / |v| (dry), for a
+body's velocity vector or a joint's rate. No step size can make a gamma >= 0 add energy: each flow
+is exact, and coupled joints are done one at a time, each at the rate that the others leave it.
 Inventory S6, S9, M11, M28, M29, I6.
 """
 
@@ -28,7 +28,17 @@ def _square(rate: Tensor, speed: Tensor) -> Tensor:
     return torch.where(left > 0, 1 / left - 1, torch.inf)
 
 
-FLOWS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {"linear": _linear, "square": _square}
+def _dry(rate: Tensor, speed: Tensor) -> Tensor:
+    """The same where the resistance does not depend on the speed: it stops a body for good."""
+    floor = torch.finfo(speed.dtype).tiny
+    return -(rate / speed.clamp_min(floor)).clamp(max=1.0)
+
+
+FLOWS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "linear": _linear,
+    "square": _square,
+    "dry": _dry,
+}
 
 TOLD = ("factored", "guaranteed", "known")
 STRENGTHS = ("positive", "free", *TOLD)
@@ -42,7 +52,7 @@ class Friction(Port):
     """Friction of one law and one coefficient.
 
     Args:
-        law: ``linear`` or ``square``.
+        law: ``linear``, ``square`` or ``dry``.
         strength: what gamma is: a learned number that is ``positive`` by construction (M28) or
             ``free`` in sign (M29); a learned positive multiple of the scalar ``friction`` that the
             episode is told (``factored``); the same, refusing a negative one (``guaranteed``);
@@ -92,7 +102,12 @@ class Friction(Port):
     def force(self, velocity: Tensor, params: Parameters) -> Tensor:
         """-gamma phi(v), ``(..., n, d)``."""
         pull = -self.coefficient(params)[..., None, None] * velocity
-        return pull if self.law == "linear" else pull * velocity.norm(dim=-1, keepdim=True)
+        if self.law == "linear":
+            return pull
+        speed = velocity.norm(dim=-1, keepdim=True)
+        if self.law == "square":
+            return pull * speed
+        return pull / speed.clamp_min(torch.finfo(speed.dtype).tiny)
 
     def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
         """Momenta after ``dt`` seconds, of bodies whose velocity is p / m, ``(..., n, d)``."""

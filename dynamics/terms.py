@@ -29,6 +29,7 @@ class HamiltonianTerms:
         reach: world units; distance up to which knots are spread at first.
         shortcut: whether a free force between pairs stands beside the potential.
         trap: stiffness of a known harmonic confinement, or ``None``.
+        uniform: whether a learned uniform field acts on every body.
         width, activation: of the networks.
         integrator: of :data:`dynamics.INTEGRATORS`.
         ports: of :data:`PORTS`, in the order in which they act.
@@ -45,6 +46,7 @@ class HamiltonianTerms:
     reach: float = 1.0
     shortcut: bool = False
     trap: float | None = None
+    uniform: bool = False
     width: int = 64
     activation: str = TANH
     integrator: str = "leapfrog"

@@ -1,0 +1,26 @@
+"""A uniform field, as gravity near the ground: the same acceleration for every body."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from dynamics.state import Parameters
+
+
+class UniformField(nn.Module):
+    """V = -sum_i m_i g . q_i with a learned g, which no coupling changes.
+
+    Args:
+        space: dimensions of space; ``acceleration`` starts at zero.
+    """
+
+    def __init__(self, space: int) -> None:
+        super().__init__()
+        self.acceleration = nn.Parameter(torch.zeros(space))
+
+    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+        return -(params.mass * (q @ self.acceleration.to(q.dtype))).sum(-1)
+
+    def force(self, q: Tensor, params: Parameters) -> Tensor:
+        return params.mass.unsqueeze(-1) * self.acceleration.to(q.dtype).expand_as(q)
