@@ -62,15 +62,17 @@ class LearnedBinding:
         head: foresees each next frame. Each clip is also followed by extrapolation, and keeps
             the tracks of greater score: a head that foresees badly does no harm.
         hypotheses: histories followed side by side.
+        detect: finds the bodies of each frame.
     """
 
     tracker: Tracker
     head: Head | None = None
     hypotheses: int = HYPOTHESES
+    detect: Callable[[Clips], Detections] = detections_of
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame, numbered as found in the first."""
-        found = detections_of(clips)
+        found = self.detect(clips)
         plain, score = follow(self.tracker, found, hypotheses=self.hypotheses)
         if self.head is None:
             return plain
@@ -97,9 +99,19 @@ def fit_twostage(task: FitTask) -> Perception:
     The untrained tracker follows many histories of each clip to its end, and the smoothest is
     the teacher. No label and no head is involved.
     """
-    name = "anonymous-tracker-twostage"
-    tracker = _new_tracker(task, name)
     found = detections_of(task.clips, task.folder)
+    return LearnedBinding(learn_hindsight(task, "anonymous-tracker-twostage", found), hypotheses=1)
+
+
+def learn_hindsight(task: FitTask, name: str, found: Detections) -> Tracker:
+    """A tracker that learned from the smoothest tracks through some detections.
+
+    Args:
+        task: see :class:`FitTask`.
+        name: of its random streams and checkpoint.
+        found: detections in the task's clips.
+    """
+    tracker = _new_tracker(task, name)
     smooth, _ = follow(tracker, found, hypotheses=MANY)
     teacher = Detections(smooth.positions, smooth.confidence, smooth.times)
     data = windows_of(teacher, task.clips.params)
@@ -108,7 +120,7 @@ def fit_twostage(task: FitTask) -> Perception:
         return hindsight_loss(tracker, batch.detections)
 
     _train(task, name, tracker, loss, data)
-    return LearnedBinding(tracker.eval(), hypotheses=1)
+    return tracker.eval()
 
 
 def fit_end_to_end(task: FitTask) -> Perception:

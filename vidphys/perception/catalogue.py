@@ -3,8 +3,10 @@
 from vidphys.perception.anonymous import ANONYMOUS_GROUNDINGS
 from vidphys.perception.base import Grounding
 from vidphys.perception.channel_groundings import CHANNEL_GROUNDINGS
+from vidphys.perception.composed import COMPOSED_GROUNDINGS
 from vidphys.perception.frozen import FROZEN_GROUNDINGS
 from vidphys.perception.palette import PALETTE_GROUNDING
+from vidphys.perception.slots import SLOT_GROUNDINGS
 
 GROUNDINGS: dict[str, Grounding] = {
     g.name: g
@@ -12,7 +14,9 @@ GROUNDINGS: dict[str, Grounding] = {
         *CHANNEL_GROUNDINGS,
         PALETTE_GROUNDING,
         *ANONYMOUS_GROUNDINGS,
+        *SLOT_GROUNDINGS,
         *FROZEN_GROUNDINGS,
+        *COMPOSED_GROUNDINGS,
     )
 }
 

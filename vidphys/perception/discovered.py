@@ -63,8 +63,8 @@ class Discovery(nn.Module):
         truth = window.frames[:, SEEN:]
         blur = blur_matrices(self.world.camera, blur_width(int(self.step) / self.steps))
         self.step += 1
-        error = _blurred(self.world(future.q) - truth, *blur)
-        return error.square().mean() / _blurred(truth, *blur).square().mean()
+        error = blurred(self.world(future.q) - truth, *blur)
+        return error.square().mean() / blurred(truth, *blur).square().mean()
 
 
 def fit_discovered(task: FitTask) -> Perception:
@@ -131,5 +131,6 @@ def _kernel(at: Tensor, width: float) -> Tensor:
     return weight / weight.sum(1).amax()
 
 
-def _blurred(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+def blurred(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Images ``(..., H, W)`` under the matrices of :func:`blur_matrices`."""
     return rows.to(images) @ images @ columns.to(images).T

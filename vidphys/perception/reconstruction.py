@@ -1,0 +1,135 @@
+"""Learning to see from the renderer alone: which positions, drawn, would give this frame?
+
+A fit of all centres to the pixels starts from the positions that a detector gave. Where it ends in
+an explained frame, its end is what the detector should have said; elsewhere the blurred picture
+says in which direction light is missing. No label and no other detector is involved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from binders import Tracks
+from binders.fit import Light, fit
+from renderers import AnonymousWorld
+from vidphys.perception.discovered import blur_matrices, blurred
+from vidphys.perception.relabel import relabel
+
+EXPLAINED = 6 / 255  # rms pixel error below which a frame counts as explained
+BLUR = 0.75  # world units, standard deviation: light is felt from half a body away
+FINE = 0.1  # pixels: position errors below it count as squares, above it as their logarithm
+FAINT = 1e-3  # squared light: pixel errors likewise
+LOST = 1.0  # world units: the error that an unexplained frame counts as
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Positions that the fit ended at, and in which frames they are to be believed.
+
+    Args:
+        positions: world units, ``(m, t, n, 2)``.
+        believed: ``(m, t)``.
+    """
+
+    positions: Tensor
+    believed: Tensor
+
+    def __getitem__(self, index: tuple[slice, slice]) -> Explained:
+        """Of some windows and frames."""
+        return Explained(self.positions[index], self.believed[index])
+
+
+def told(positions: Tensor, found: Tensor) -> Explained:
+    """Known positions, numbered in each window as what was found there.
+
+    Args:
+        positions, found: world units, ``(m, t, n, 2)``.
+    """
+    m, t, n, _ = positions.shape
+    known = Tracks(positions, torch.ones(m, t, n), torch.arange(float(t)))
+    return Explained(relabel(known, found).positions, torch.ones(m, t, dtype=torch.bool))
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """The fixed renderer as a teacher.
+
+    Args:
+        world: draws positions.
+        light: the same, on the grid of the fit.
+    """
+
+    world: AnonymousWorld
+    light: Light
+
+    @classmethod
+    def through(cls, world: AnonymousWorld) -> Reconstruction:
+        """Of a world's own frames."""
+        camera = world.camera
+        return cls(world, Light.on_grid(world.coverage, camera.xs(), camera.ys()))
+
+    @property
+    def fine(self) -> float:
+        """World units: errors below it hardly count."""
+        return FINE * self.world.camera.units_per_pixel
+
+    def explain(self, frames: Tensor, positions: Tensor) -> Explained:
+        """Fit positions to the frames, each from where it is.
+
+        A frame that its own positions do not lead to an explanation of is tried again from those
+        of an explained neighbour.
+
+        Args:
+            frames: in [0, 1], ``(m, t, 1, H, W)``.
+            positions: world units, ``(m, t, n, 2)``.
+        """
+        seen = self.light.sampled(frames[:, :, 0])
+        shape = seen.shape[:2]
+        with torch.no_grad():
+            q, error = self._fit(seen.flatten(0, 1), positions.flatten(0, 1))
+            q, error = q.unflatten(0, shape), error.unflatten(0, shape)
+            for here, there in _neighbours(shape[1]):
+                rows = torch.nonzero((error[:, here] > EXPLAINED) & (error[:, there] < EXPLAINED))
+                rows = rows.squeeze(-1)
+                again, better = self._fit(seen[rows, here], q[rows, there])
+                kept = better < error[rows, here]
+                q[rows[kept], here], error[rows[kept], here] = again[kept], better[kept]
+        return Explained(q, error < EXPLAINED)
+
+    def _fit(self, seen: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions and rms pixel errors of single frames."""
+        q, at = fit(self.light, seen, start)
+        return q, (at.error / seen.shape[1:].numel()).sqrt()
+
+    def error(self, positions: Tensor, truth: Explained, frames: Tensor) -> tuple[Tensor, Tensor]:
+        """What is wrong with some positions.
+
+        Args:
+            positions: world units, ``(m, r, t, n, 2)``; ``r`` for attempts at the same frames.
+            truth: of these frames.
+            frames: in [0, 1], ``(m, t, 1, H, W)``.
+
+        Returns:
+            What is to be minimised, ``(m, r, t, n)``: log(1 + e^2 / fine^2) of each body's error
+            where a frame is explained, and elsewhere the same of its blurred pixels; and the
+            first of them everywhere, with a frame that is not explained counted as lost.
+        """
+        far = (positions - truth.positions.unsqueeze(1)).square().sum(-1)
+        believed = truth.believed[:, None, :, None]
+        apart = (torch.where(believed, far, LOST**2) / self.fine**2).log1p()
+        clip, frame = torch.nonzero(~truth.believed, as_tuple=True)
+        rows, columns = blur_matrices(self.world.camera, BLUR)
+        drawn = self.world(positions[clip, :, frame])
+        light = blurred(drawn - frames[clip, frame].unsqueeze(1), rows, columns)
+        dim = (light.square().mean((-3, -2, -1)) / FAINT).log1p().unsqueeze(-1)
+        error = apart.transpose(1, 2).index_put((clip, frame), dim.expand(-1, -1, far.shape[-1]))
+        return error.transpose(1, 2), apart.detach()
+
+
+def _neighbours(frames: int) -> list[tuple[int, int]]:
+    """Pairs of a frame and the one before it, in order; then the one after it, backwards."""
+    forth = [(at, at - 1) for at in range(1, frames)]
+    return forth + [(at, at + 1) for at in reversed(range(frames - 1))]
