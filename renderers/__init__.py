@@ -1,5 +1,6 @@
 """Positions in, frames out: differentiable splats and the worlds made of them."""
 
+from renderers.antialias import supersampled
 from renderers.camera import Camera
 from renderers.centroid import centroids
 from renderers.splats import disk_coverage, disks, gaussian_sum, gaussians
@@ -18,4 +19,5 @@ __all__ = [
     "disks",
     "gaussian_sum",
     "gaussians",
+    "supersampled",
 ]

@@ -21,6 +21,7 @@ from renderers import (
     disks,
     gaussian_sum,
     gaussians,
+    supersampled,
 )
 
 SMALL = Camera(half_extent=1.5, height=5, width=7)
@@ -316,3 +317,22 @@ def test_centroid_gradient():
 def test_frames_of_another_size_are_refused():
     with pytest.raises(ValueError, match=r"frames of \(7, 5\) pixels"):
         centroids(torch.zeros(1, 7, 5), SMALL)
+
+
+# supersampling
+
+
+@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
+def test_supersampling_nears_the_mean_over_the_pixel(name, batch):
+    q = 0.3 * torch.randn(*batch, 2, 2, dtype=torch.float64)
+    world = world_of(name, Camera(1.5, 6, 8))
+    fine = supersampled(world, 16)(q)
+    assert fine.shape == world(q).shape
+    errors = [float((supersampled(world, f)(q) - fine).abs().mean()) for f in (1, 2, 4)]
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+
+
+def test_supersampling_less_than_once_is_refused():
+    with pytest.raises(ValueError, match="factor must be at least 1, got 0"):
+        supersampled(ChannelWorld(SMALL), 0)

@@ -1,0 +1,1 @@
+"""Speed against accuracy: measured on this machine, chosen from, and guarded."""

@@ -1,0 +1,132 @@
+"""What the fronts are measured on: sizes of a preset, and a head that several of them use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import torch
+from torch import Generator
+
+from dynamics import HEADS, Head
+from vidphys.errors import InputError
+from vidphys.experiments.oracle import true_segments
+from vidphys.scenes import Scene, gravity
+from vidphys.seeding import derive
+from vidphys.segments import Segments, scale_of, segment_loss, standardise
+from vidphys.train import FitSettings, fit
+
+
+@dataclass(frozen=True)
+class TradeSizes:
+    """How much is measured.
+
+    Args:
+        repeats: timed calls of each point.
+        episodes: of a rollout.
+        seconds: simulated, of a rollout.
+        most_bodies: of a force.
+        image_sizes: pixels of a side.
+        frames: drawn or encoded at once.
+        trainings: (trajectories, optimiser steps) of a head.
+        clips: held-out clips of the pipeline.
+        labelled: clips that position readouts learn from.
+        readout_steps: of their training.
+    """
+
+    repeats: int
+    episodes: int
+    seconds: float
+    most_bodies: int
+    image_sizes: tuple[int, ...]
+    frames: int
+    trainings: tuple[tuple[int, int], ...]
+    clips: int
+    labelled: int
+    readout_steps: int
+
+
+SIZES = {
+    "quick": TradeSizes(
+        3, 16, 0.4, 1024, (16, 32, 64), 32, ((128, 100), (512, 100), (512, 300)), 8, 16, 60
+    ),
+    "standard": TradeSizes(
+        7,
+        64,
+        1.0,
+        16384,
+        (16, 32, 64, 128, 224),
+        64,
+        ((128, 300), (512, 300), (2048, 300), (512, 1000), (2048, 1000)),
+        32,
+        64,
+        300,
+    ),
+}
+
+
+def trade_sizes(name: str) -> TradeSizes:
+    """Look a preset up.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    if name not in SIZES:
+        raise InputError(f"--preset {name}: unknown; use one of {', '.join(SIZES)}")
+    return SIZES[name]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a front is told.
+
+    Args:
+        sizes: see :class:`TradeSizes`.
+        seed: of all that is drawn.
+        device: where networks run.
+        weights: folder of encoders' weights; ``None`` for the usual places.
+        scratch: a folder for files that are measured on.
+    """
+
+    sizes: TradeSizes
+    seed: int
+    device: str
+    weights: Path | None
+    scratch: Path
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Softened gravity of three bodies, the study's first system."""
+        return gravity()
+
+    def rng(self, name: str) -> Generator:
+        """A random stream of its own."""
+        return Generator().manual_seed(derive(self.seed, "trade", name))
+
+    @cached_property
+    def head(self) -> Head:
+        """A head trained with the most of the preset's trainings."""
+        trajectories, steps = self.sizes.trainings[-1]
+        return train_head(self.scene, trajectories, steps, self.seed)
+
+
+def train_head(scene: Scene, trajectories: int, steps: int, seed: int) -> Head:
+    """A ``factored-radial`` head on short true trajectories."""
+    return fit_head(scene, true_segments(scene, trajectories, seed)[0], steps, seed)
+
+
+def fit_head(scene: Scene, examples: Segments, steps: int, seed: int) -> Head:
+    """The same on examples that are there already."""
+    torch.manual_seed(derive(seed, "init"))
+    head = scene.build(HEADS["factored-radial"])
+    standardise(head, examples)
+    batch = min(1024, len(examples))
+    fit(
+        head,
+        segment_loss(head, scale_of(examples)),
+        examples,
+        FitSettings(steps, batch, 1e-2),
+        seed,
+    )
+    return head.eval()

@@ -1,0 +1,1 @@
+"""The fronts: a file each, which yields jobs that are timed side by side."""
