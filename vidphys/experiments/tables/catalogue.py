@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vidphys.experiments.tables import (
     contacts,
+    diagnose,
     drag,
     drive,
     engine,
@@ -59,6 +60,7 @@ TABLES: dict[str, Table] = {
         engine.ANTI_FRICTION,
         engine.REVERSAL,
         drag.DRAG,
+        diagnose.DIAGNOSE,
         probes.PROBES,
     )
 }

@@ -1,0 +1,181 @@
+"""A switch in mid-clip: did the strengths of the terms change at some moment, and when?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, field_of
+from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.paths import Paths, integrated, smooth
+from vidphys.diagnose.regression import Normal, Rows, normal_equations, rows_of
+from vidphys.diagnose.structures import Structure
+from vidphys.diagnose.windows import Windows, windows_at
+
+PIECES = (8, 16)  # frames of the windows, at least and at most
+STRIDE = 2  # frames between the windows of the first search
+PRICE = 1.5  # as for terms: of each number, over Schwarz's half logarithm of the rows
+PICARD = 3
+
+
+@dataclass(frozen=True)
+class Switch:
+    """The moment at which strengths changed.
+
+    Args:
+        frame: the first of the second part.
+        time: seconds, of that frame in the first clip.
+        gain: of log likelihood by the switch, less its price.
+        before, after: coefficients by name, of the two parts.
+    """
+
+    frame: int
+    time: float
+    gain: float
+    before: dict[str, float]
+    after: dict[str, float]
+
+
+def find_switch(motion: Motion, inference: Inference) -> Switch | None:
+    """The likeliest moment of a switch, if one is likely at all.
+
+    Args:
+        motion: the clips; a switch happens at one frame of all.
+        inference: of the whole; gives the terms, to which a linear friction is added where there
+            is none.
+    """
+    frames = motion.positions.shape[1]
+    splits = np.arange(LEAST_FRAMES, frames - LEAST_FRAMES + 1)
+    terms = _terms(inference.structure)
+    size = int(np.clip(inference.windows.frames.shape[1], *PIECES))
+    splits = splits[(splits >= size) & (splits <= frames - size)]
+    if len(splits) < 2:
+        return None
+    sliding = _Sliding(motion, inference, terms, size)
+    coarse = np.array([sliding.misfit(split) for split in splits])
+    near = splits[int(coarse.argmin())]
+    fine = [s for s in range(near - 2, near + 3) if splits[0] <= s <= splits[-1]]
+    gains = {s: _exact_gain(motion, inference, terms, s, size) for s in fine}
+    best = max(gains, key=lambda s: gains[s][0])
+    gain, before, after = gains[best]
+    # One of many moments was picked: that choice has its price too.
+    gain -= float(np.log(len(splits)))
+    if gain <= 0:
+        return None
+    names = [f"{term.name}: {part}" for term in terms for part in term.coefficients]
+    return Switch(
+        int(best),
+        float(motion.times[0, best]),
+        gain,
+        dict(zip(names, before.tolist(), strict=True)),
+        dict(zip(names, after.tolist(), strict=True)),
+    )
+
+
+def _terms(structure: Structure) -> tuple[Term, ...]:
+    if structure.term(FRICTION) is not None:
+        kept = tuple(t for t in structure.terms if t.family != FRICTION)
+    else:
+        kept = structure.terms
+    return (*kept, FRICTIONS["linear"])
+
+
+def _path(windows: Windows, inference: Inference) -> Paths:
+    """Paths by the whole clip's model, corrected in each window by its own fit to the frames."""
+    paths = smooth(windows, inference.noise.sigma)
+    for _ in range(PICARD):
+        a = inference.structure.accelerations(field_of(windows, paths))
+        paths = integrated(windows, a)
+    return paths
+
+
+def _rows(windows: Windows, inference: Inference, terms: tuple[Term, ...]) -> Rows:
+    field = field_of(windows, _path(windows, inference))
+    return rows_of(windows, np.concatenate([term.columns(field) for term in terms], -1))
+
+
+class _Sliding:
+    """Normal equations of windows that begin at every frame, to try every split cheaply."""
+
+    def __init__(
+        self, motion: Motion, inference: Inference, terms: tuple[Term, ...], size: int
+    ) -> None:
+        self.size = size
+        firsts = np.arange(0, motion.positions.shape[1] - size + 1, STRIDE)
+        clip, first = np.meshgrid(np.arange(motion.clips), firsts, indexing="ij")
+        windows = windows_at(motion, clip.ravel(), first.ravel(), size)
+        rows = _rows(windows, inference, terms)
+        ratio = inference.kicks / inference.fitted.variance
+        begin = windows.first[rows.window]
+        self.parts = [normal_equations(rows, ratio, begin == f) for f in firsts]
+
+    def misfit(self, split: int) -> float:
+        """Mean square residual of two fits, of what ends before the split and begins after it."""
+        ended = (split - self.size) // STRIDE + 1
+        sides = [self.parts[:ended], self.parts[-(-split // STRIDE) :]]
+        left, rows = 0.0, 0
+        for parts in sides:
+            joined = _sum(parts)
+            everything = range(len(joined.moment))
+            left += joined.misfit(everything, joined.solve(everything))
+            rows += joined.count
+        return left / rows
+
+
+def _sum(parts: list[Normal]) -> Normal:
+    return Normal(
+        sum((p.gram for p in parts), np.zeros(())),
+        sum((p.moment for p in parts), np.zeros(())),
+        sum(p.power for p in parts),
+        sum(p.count for p in parts),
+        sum(p.log_weight for p in parts),
+    )
+
+
+def _exact_gain(
+    motion: Motion, inference: Inference, terms: tuple[Term, ...], split: int, size: int
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Gain of log likelihood less the price, in windows none of which holds the split."""
+    frames = motion.positions.shape[1]
+    firsts = [*range(split % size, split, size), *range(split, frames - size + 1, size)]
+    starts = np.array(firsts)
+    clip, first = np.meshgrid(np.arange(motion.clips), starts, indexing="ij")
+    windows = windows_at(motion, clip.ravel(), first.ravel(), size)
+    rows = _rows(windows, inference, terms)
+    ratio = inference.kicks / inference.fitted.variance
+    late = windows.first[rows.window] >= split
+    whole, after = normal_equations(rows, ratio), normal_equations(rows, ratio, late)
+    count = len(whole.moment)
+    unchanged = whole.solve(range(count))
+    start = whole.log_likelihood(whole.misfit(range(count), unchanged))
+    found = []
+    for columns in _may_change(terms):
+        both = _with_change(whole, after, columns)
+        everything = range(len(both.moment))
+        values = both.solve(everything)
+        apart = both.log_likelihood(both.misfit(everything, values)) - start
+        price = PRICE * 0.5 * np.log(whole.count) * (len(columns) + 1)
+        later = values[:count].copy()
+        later[columns] += values[count:]
+        found.append((float(apart - price), values[:count], later))
+    return max(found, key=lambda f: f[0])
+
+
+def _may_change(terms: tuple[Term, ...]) -> list[list[int]]:
+    """Columns that change together: those of one term, or all."""
+    ends = np.cumsum([len(term.coefficients) for term in terms])
+    each = [
+        list(range(end - len(term.coefficients), end))
+        for term, end in zip(terms, ends, strict=True)
+    ]
+    return [*each, list(range(int(ends[-1])))] if len(each) > 1 else each
+
+
+def _with_change(whole: Normal, after: Normal, columns: list[int]) -> Normal:
+    """Normal equations of all numbers, and of what is added to some after the switch."""
+    across = after.gram[:, columns]
+    gram = np.block([[whole.gram, across], [across.T, after.gram[np.ix_(columns, columns)]]])
+    moment = np.concatenate([whole.moment, after.moment[columns]])
+    return Normal(gram, moment, whole.power, whole.count, whole.log_weight)

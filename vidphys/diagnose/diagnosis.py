@@ -1,0 +1,116 @@
+"""The whole diagnosis: is there anything to see, which terms, did they change, and what is open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from vidphys.coupling_power import PowerVerdict
+from vidphys.diagnose.changes import Switch, find_switch
+from vidphys.diagnose.infer import Inference, infer
+from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.noise import Noise, measure_noise
+from vidphys.diagnose.power import infer_with_power
+
+SMOOTH = 2  # degree of the polynomials by which motion is told from noise
+STILL = 1e-12  # of the size of the positions, below which a change is rounding
+SURE = 1e-6  # chance that noise alone looks as smooth as this
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a recording says about its scene.
+
+    Args:
+        motion: what was looked at.
+        noise: of the positions.
+        refused: why no answer is given at all, or empty.
+        inference: which terms, of the whole recording.
+        switch: where the strengths change in mid-clip.
+        parts: the terms before and after the switch.
+        power: which powers of the coupling are possible, where couplings are known.
+    """
+
+    motion: Motion
+    noise: Noise
+    refused: str
+    inference: Inference | None = None
+    switch: Switch | None = None
+    parts: tuple[Inference, ...] = ()
+    power: PowerVerdict | None = None
+
+    @property
+    def explained(self) -> bool:
+        """Whether the menu explains the motion, with a switch if there is one."""
+        if self.parts:
+            return all(part.leftover.explained for part in self.parts)
+        return self.inference is not None and self.inference.leftover.explained
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of all terms that were found."""
+        found = self.parts or ((self.inference,) if self.inference else ())
+        return frozenset().union(*(part.kinds for part in found))
+
+    @property
+    def sure(self) -> bool:
+        """Whether the answer stands alone."""
+        found = self.parts or ((self.inference,) if self.inference else ())
+        return bool(found) and all(part.sure for part in found)
+
+
+def diagnose(motion: Motion, angles: bool = False) -> Diagnosis:
+    """Find what a scene requires.
+
+    Args:
+        motion: tracks of its bodies.
+        angles: whether the coordinates are joint angles in radians.
+    """
+    noise = measure_noise(motion)
+    refused = nothing_to_see(motion)
+    if refused:
+        return Diagnosis(motion, noise, refused)
+    inference, power = infer_with_power(motion, angles)
+    switch = find_switch(motion, inference)
+    if switch is not None:
+        halves = motion.cut(0, switch.frame), motion.cut(switch.frame)
+        parts = tuple(infer(half, angles) for half in halves)
+        if all(part.leftover.explained for part in parts):
+            return Diagnosis(motion, noise, "", inference, switch, parts, power)
+    return Diagnosis(motion, noise, "", inference, power=power)
+
+
+def nothing_to_see(motion: Motion) -> str:
+    """Why there is no motion to diagnose, or an empty string.
+
+    Noise has no memory: if slow polynomials explain no more of the positions in a stretch of a
+    clip than they would of noise, nothing moves, or frames are out of order.
+    """
+    frames = motion.positions.shape[1]
+    size = min(frames, 2 * LEAST_FRAMES)
+    spread = np.nanmax(np.nanstd(motion.positions, axis=1))
+    if not spread > STILL * np.nanmax(np.abs(motion.positions)):
+        return "nothing moves"
+    firsts = range(0, frames - size + 1, size)
+    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
+    told = rest = 0.0
+    pieces = 0
+    for first in firsts:
+        x = motion.positions[:, first : first + size].transpose(0, 2, 3, 1).reshape(-1, size)
+        x = x[np.isfinite(x).all(1)]
+        part = x @ basis
+        told += float((part[:, 1:] ** 2).sum())
+        rest += float((x**2).sum() - (part**2).sum())
+        pieces += len(x)
+    if pieces == 0:
+        return f"no body is seen in {size} frames in a row; a force cannot show"
+    many, left = pieces * SMOOTH, pieces * (size - SMOOTH - 1)
+    ratio = (told / many) / max(rest / left, np.finfo(float).tiny)
+    if stats.f.sf(ratio, many, left) > SURE:
+        return (
+            "nothing above the noise moves smoothly: the bodies are at rest, the noise hides "
+            "them, or the frames are out of order"
+        )
+    return ""

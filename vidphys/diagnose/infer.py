@@ -1,0 +1,254 @@
+"""From motion to terms: windows that grow as far as the model reaches, and what is left over.
+
+1. Smooth paths by polynomials in short windows; try every combination of the menu.
+2. Replace the paths by the best model's own, and try again; so noise leaves the columns.
+3. Look for random kicks; where there are any, weigh the rows by them.
+4. Lengthen the windows while the model explains them as well as the short ones.
+5. Fit the numbers of the winner without approximation, and try every combination once more.
+6. Ask whether anything is left that noise and kicks do not explain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from dynamics.couplings import COUPLINGS
+from vidphys.diagnose.menu import (
+    FRICTIONS,
+    PAIR,
+    Field,
+    Term,
+    external_terms,
+    field_of,
+    pair_terms,
+)
+from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.noise import Noise, measure_noise
+from vidphys.diagnose.paths import Paths, integrated, smooth, with_kicks
+from vidphys.diagnose.refine import Fitted, refine
+from vidphys.diagnose.regression import Rows, normal_equations, rows_of
+from vidphys.diagnose.residual import Leftover, leftover, random_kicks
+from vidphys.diagnose.structures import Menu, Structure, all_structures, chance, posterior
+from vidphys.diagnose.windows import Windows, cut_windows
+
+FIRST = 16  # frames of the windows from which the time scale is read
+SHORTEST, LONGEST = 8, 64  # frames
+REACH = 1.2  # of the first windows, over the time scale of the motion
+GROWTH = 1.6
+FARTHEST = 2.5  # of the last windows, over the time scale of the model's motion
+NO_WORSE = 0.03  # share by which the mean square residual may grow in longer windows
+CHANCE = 2.0  # or so many standard deviations of a mean square
+PICARD = 4
+KICKED = 8.0  # gain of log likelihood from which random kicks are believed
+NUMERICAL = 2e-5  # of the spread of the positions: what the integrals themselves may be wrong by
+UNSURE = 0.9  # probability of a structure under which the diagnosis says that it is not sure
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Which terms, and how sure.
+
+    Args:
+        fitted: the best structure with its numbers, their errors and the model's paths.
+        windows: the final ones.
+        noise: of the positions.
+        probability: of each set of kinds.
+        kicks: variance of random kicks per second, ``(world units / s)^2 / s``; 0 if there
+            are none.
+        kicks_gain: of log likelihood, by the kicks.
+        leftover: what is not explained.
+        structures: all that were tried, best first.
+    """
+
+    fitted: Fitted
+    windows: Windows
+    noise: Noise
+    probability: dict[frozenset[str], float]
+    kicks: float
+    kicks_gain: float
+    leftover: Leftover
+    structures: tuple[Structure, ...]
+
+    @property
+    def structure(self) -> Structure:
+        """The best structure."""
+        return self.fitted.structure
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of the terms, the bath among them."""
+        return self.structure.kinds | ({"bath"} if self.kicks > 0 else frozenset())
+
+    @property
+    def sure(self) -> bool:
+        """Whether the alternatives are unlikely and nothing is left unexplained."""
+        likely = self.probability.get(self.structure.kinds, 0.0) >= UNSURE
+        return likely and self.leftover.explained
+
+    def chance(self, kind: str) -> float:
+        """Probability that a kind of term is there."""
+        return chance(self.probability, kind)
+
+
+@dataclass(frozen=True)
+class _Round:
+    """One pass over all combinations."""
+
+    windows: Windows
+    paths: Paths
+    menu: Menu
+    rows: Rows
+    structures: list[Structure]
+    ratio: float
+
+    @property
+    def best(self) -> Structure:
+        return self.structures[0]
+
+
+def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Inference:
+    """Find the terms of a scene from its motion.
+
+    Args:
+        motion: tracks.
+        angles: whether positions are joint angles (a pendulum is then on the menu).
+        power: how forces of pairs go with the coupling, where it is known; of
+            :data:`dynamics.couplings.COUPLINGS`.
+    """
+    if motion.coupling is not None:
+        scaled = COUPLINGS[power](torch.from_numpy(motion.coupling)).numpy()
+        motion = replace(motion, coupling=scaled)
+    noise = measure_noise(motion)
+    floor = NUMERICAL * float(np.nanstd(motion.positions))
+    search = _Search(motion, angles, max(noise.sigma, floor), floor)
+    found = search.round(search.first_size(), None)
+    found = search.round(found.windows.frames.shape[1], found)
+    found = search.kicked(search.refined(found)[1])
+    return search.conclude(search.grown(found), noise)
+
+
+@dataclass(frozen=True)
+class _Search:
+    motion: Motion
+    angles: bool
+    sigma: float
+    floor: float
+
+    def first_size(self) -> int:
+        """Frames of the first windows: about the time in which velocities change."""
+        paths = smooth(cut_windows(self.motion, FIRST), self.sigma)
+        spread = np.sqrt(np.mean((paths.v - paths.v.mean((0, 1, 2))) ** 2))
+        change = np.sqrt(np.mean(paths.a**2)) + 1e-12
+        frames = REACH * spread / change / self.motion.interval
+        return int(np.clip(frames, SHORTEST, LONGEST))
+
+    def terms(self, field: Field, near: Term | None) -> list[Term]:
+        terms = external_terms(self.motion.space, self.angles) + list(FRICTIONS.values())
+        if self.motion.bodies > 1:
+            alike = bool(np.allclose(self.motion.mass, 1.0))
+            for source in ("alike",) if alike else ("mass", "alike"):
+                close = near if near is not None and near.source == source else None
+                terms += pair_terms(field.distance, source, close)
+        return terms
+
+    def round(self, frames: int, before: _Round | None) -> _Round:
+        """Try every combination in windows of this many frames, along the last best paths."""
+        windows = cut_windows(self.motion, frames)
+        paths = smooth(windows, self.sigma)
+        ratio = before.ratio if before else 0.0
+        if before is not None:
+            for _ in range(PICARD):
+                paths = integrated(windows, before.best.accelerations(field_of(windows, paths)))
+                if ratio:
+                    paths = with_kicks(windows, paths, ratio)
+        return self.tried(windows, paths, before.best if before else None, ratio)
+
+    def tried(self, windows: Windows, paths: Paths, last: Structure | None, ratio: float) -> _Round:
+        """Every combination along given paths."""
+        field = field_of(windows, paths)
+        menu = Menu(tuple(self.terms(field, last.term(PAIR) if last else None)))
+        rows = rows_of(windows, menu.columns(field))
+        return _Round(windows, paths, menu, rows, self.ranked(menu, rows, ratio), ratio)
+
+    def ranked(self, menu: Menu, rows: Rows, ratio: float) -> list[Structure]:
+        """All combinations, best first; kicks come with the linear friction that balances them."""
+        found = all_structures(menu, normal_equations(rows, ratio), self.floor)
+        if not ratio:
+            return found
+        bath = [s for s in found if "linear" in s.kinds]
+        return bath or found
+
+    def refined(self, found: _Round) -> tuple[Fitted, _Round]:
+        """The winner's numbers, and every combination once more along the paths that they give."""
+        fitted = refine(found.windows, found.paths, found.best, found.ratio)
+        if found.ratio:
+            kicked = with_kicks(found.windows, fitted.paths, found.ratio)
+            fitted = replace(fitted, paths=kicked)
+        again = self.tried(found.windows, fitted.paths, fitted.structure, found.ratio)
+        return fitted, again
+
+    def kicked(self, found: _Round) -> _Round:
+        """With random kicks, if they are believed.
+
+        Every friction and external force is left free: what a missing one leaves is no kick.
+        """
+        pair = found.best.term(PAIR)
+        free = [
+            place
+            for term, places in zip(found.menu.terms, found.menu.places, strict=True)
+            for place in places
+            if term.family != PAIR or term is pair
+        ]
+        kicks = random_kicks(found.rows, free, self.floor)
+        if kicks.gain <= KICKED:
+            return found
+        structures = self.ranked(found.menu, found.rows, kicks.ratio)
+        return replace(found, structures=structures, ratio=kicks.ratio)
+
+    def grown(self, found: _Round) -> _Round:
+        """Longer windows, as long as the residual stays and the weak form is near its best."""
+        while True:
+            size = found.windows.frames.shape[1]
+            longest = self.longest(found)
+            longer = min(longest, int(GROWTH * size) + 1)
+            if longer <= size:
+                return found
+            tried = self.round(longer, found)
+            if found.ratio:
+                tried = self.kicked(replace(tried, ratio=0.0))
+            if tried.windows.frames.shape[1] <= size:
+                return found
+            chance = CHANCE * np.sqrt(2 / len(tried.rows.y))
+            allowed = (1 + max(NO_WORSE, chance)) * found.best.misfit + self.floor**2
+            if tried.best.misfit > allowed:
+                return found
+            found = tried
+
+    def longest(self, found: _Round) -> int:
+        """Frames in which the best model's velocities change as often as windows may hold."""
+        field = field_of(found.windows, found.paths)
+        change = np.sqrt(np.mean(found.best.accelerations(field) ** 2)) + 1e-12
+        spread = np.sqrt(np.mean((field.v - field.v.mean((0, 1, 2))) ** 2))
+        frames = FARTHEST * spread / change / self.motion.interval
+        return int(min(frames, LONGEST, self.motion.positions.shape[1]))
+
+    def conclude(self, found: _Round, noise: Noise) -> Inference:
+        """Fit the winner's numbers; where the combinations then rank differently, once more."""
+        fitted, again = self.refined(found)
+        if again.best.kinds != fitted.structure.kinds:
+            fitted, again = self.refined(again)
+        rest = leftover(found.windows, fitted, found.ratio, self.sigma, self.floor)
+        kicks = found.ratio * fitted.variance
+        return Inference(
+            fitted,
+            found.windows,
+            noise,
+            posterior(again.structures),
+            kicks,
+            rest.kicks_gain if kicks else 0.0,
+            rest,
+            tuple(again.structures),
+        )

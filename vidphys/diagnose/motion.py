@@ -1,0 +1,105 @@
+"""Recorded motion: where bodies were, and when; what every question of a diagnosis starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+LEAST_FRAMES = 8
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions of bodies in one or several clips.
+
+    Args:
+        positions: ``(e, t, n, d)``, world units; NaN where a body was not seen.
+        times: seconds of each frame, ``(e, t)``, increasing.
+        mass: ``(e, n)``; ones where nothing is known.
+        coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
+
+    Raises:
+        ValueError: shapes that do not belong together, times that do not increase, or too few
+            frames to show a force.
+    """
+
+    positions: np.ndarray
+    times: np.ndarray
+    mass: np.ndarray
+    coupling: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        clips, frames, bodies, _ = self.positions.shape
+        if self.times.shape != (clips, frames) or self.mass.shape != (clips, bodies):
+            raise ValueError(
+                f"Motion: positions {self.positions.shape} need times ({clips}, {frames}) and "
+                f"mass ({clips}, {bodies}), got {self.times.shape} and {self.mass.shape}"
+            )
+        if frames < LEAST_FRAMES:
+            raise ValueError(
+                f"Motion: a force shows in {LEAST_FRAMES} frames or more, got {frames}; give a "
+                "longer recording"
+            )
+        if not (np.diff(self.times) > 0).all():
+            raise ValueError("Motion: times must increase within each clip")
+
+    @property
+    def clips(self) -> int:
+        """Number of clips."""
+        return self.positions.shape[0]
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies."""
+        return self.positions.shape[2]
+
+    @property
+    def space(self) -> int:
+        """Dimensions of space."""
+        return self.positions.shape[3]
+
+    @property
+    def interval(self) -> float:
+        """Median seconds between frames."""
+        return float(np.median(np.diff(self.times)))
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Which bodies were seen in which frame, ``(e, t, n)``."""
+        return np.isfinite(self.positions).all(-1)
+
+    def reversed(self) -> Motion:
+        """The same clips run backwards."""
+        return replace(self, positions=self.positions[:, ::-1], times=-self.times[:, ::-1].copy())
+
+    def cut(self, first: int, stop: int | None = None) -> Motion:
+        """Frames ``first`` to ``stop`` of every clip."""
+        return replace(
+            self, positions=self.positions[:, first:stop], times=self.times[:, first:stop]
+        )
+
+    def take(self, clips: np.ndarray) -> Motion:
+        """Some of the clips."""
+        coupling = None if self.coupling is None else self.coupling[clips]
+        return Motion(self.positions[clips], self.times[clips], self.mass[clips], coupling)
+
+
+def motion_of(
+    positions: np.ndarray,
+    interval: float,
+    mass: np.ndarray | None = None,
+    coupling: np.ndarray | None = None,
+) -> Motion:
+    """Motion from evenly spaced frames.
+
+    Args:
+        positions: ``(e, t, n, d)``.
+        interval: seconds between frames.
+        mass: ``(e, n)``.
+        coupling: ``(e,)``.
+    """
+    clips, frames, bodies, _ = positions.shape
+    times = np.tile(np.arange(frames) * interval, (clips, 1))
+    weight = np.ones((clips, bodies)) if mass is None else mass
+    return Motion(np.asarray(positions, float), times, weight, coupling)

@@ -1,0 +1,125 @@
+"""What a diagnosed scene requires, as data from which exactly that model is built, no term more."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynamics.terms import HamiltonianTerms, from_config, to_config
+from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.menu import EXTERNAL, FRICTION, PAIR
+from vidphys.errors import InputError
+
+SCHEMA_VERSION = 1
+PORTS = {
+    "linear": "linear-drag-positive",
+    "square": "square-drag-positive",
+    "dry": "dry-drag-positive",
+    "drive": "linear-drag-free",
+}
+BATH = "constant-bath"
+
+
+def terms_of(
+    kinds: frozenset[str], trap: float | None = None, reach: float = 1.0
+) -> HamiltonianTerms:
+    """The terms of a model that has these kinds.
+
+    Args:
+        kinds: see :attr:`vidphys.diagnose.infer.Inference.kinds`.
+        trap: stiffness of the trap, where there is one.
+        reach: of a contact, world units.
+    """
+    potential = "none"
+    if "pair" in kinds:
+        potential = "radial"
+    elif "contact" in kinds:
+        potential = "knots"
+    elif "pendulum" in kinds:
+        potential = "free"
+    ports = [PORTS[kind] for kind in sorted(kinds) if kind in PORTS]
+    if "bath" in kinds:
+        # The bath brings its own friction: fluctuation and dissipation are one term.
+        ports = [BATH]
+    return HamiltonianTerms(
+        potential=potential,
+        trap=trap if "trap" in kinds else None,
+        reach=reach,
+        uniform="uniform" in kinds,
+        ports=tuple(ports),
+    )
+
+
+def specification(inference: Inference, interval: float) -> dict[str, Any]:
+    """The scene as JSON: terms, what is known of their numbers, and where the origin lies.
+
+    Args:
+        inference: what was found.
+        interval: seconds between frames.
+    """
+    structure, fitted = inference.structure, inference.fitted
+    numbers, origin, trap, reach = {}, [0.0] * inference.windows.frames.shape[-1], None, 1.0
+    for family in (PAIR, EXTERNAL, FRICTION):
+        term = structure.term(family)
+        if term is None:
+            continue
+        at = fitted.place(term)
+        for k, name in enumerate(term.coefficients, at):
+            numbers[f"{term.kind}: {name}"] = [float(fitted.values[k]), float(fitted.errors[k])]
+        if term.scale is not None:
+            numbers[f"{term.kind}: length"] = [float(fitted.values[-1]), float(fitted.errors[-1])]
+        if term.kind == "trap":
+            trap, *pulls = (float(x) for x in structure.of(term))
+            origin = [pull / trap for pull in pulls]
+        if term.kind == "contact" and term.scale is not None:
+            reach = float(term.scale)
+    if inference.kicks > 0:
+        numbers["bath: temperature"] = [temperature(inference), float("nan")]
+    terms = terms_of(inference.kinds, trap, reach)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "bodies": inference.windows.frames.shape[2],
+        "space": inference.windows.frames.shape[-1],
+        "interval_seconds": interval,
+        "origin": origin,
+        "terms": to_config(terms),
+        "numbers": {name: _finite(value) for name, value in numbers.items()},
+        "explained": inference.leftover.explained,
+    }
+
+
+def _finite(pair: list[float]) -> dict[str, float | None]:
+    value, error = pair
+    return {"value": value, "standard_error": error if np.isfinite(error) else None}
+
+
+def temperature(inference: Inference) -> float:
+    """Temperature at which the kicks balance the friction (k_B = 1), of unit masses."""
+    friction = inference.structure.term(FRICTION)
+    rate = 0.0 if friction is None else float(inference.structure.of(friction)[0])
+    return inference.kicks / (2 * rate) if rate > 0 else float("inf")
+
+
+def read_specification(path: Path) -> tuple[HamiltonianTerms, Mapping[str, Any]]:
+    """Terms and the rest of a specification.
+
+    Raises:
+        InputError: not a specification, or of another version.
+    """
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        terms = from_config(held["terms"])
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: not a scene specification ({error}); `vidphys diagnose` writes one"
+        ) from error
+    if held.get("schema_version") != SCHEMA_VERSION or not isinstance(terms, HamiltonianTerms):
+        raise InputError(
+            f"{path}: version {held.get('schema_version')} of a scene specification, this program "
+            f"reads {SCHEMA_VERSION}; run `vidphys diagnose` again"
+        )
+    return terms, held
