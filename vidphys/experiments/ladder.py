@@ -23,9 +23,8 @@ from vidphys.experiments.pixels import (
     perceive,
     train_and_score,
 )
-from vidphys.experiments.scoring import INVERSION_STEPS, Question
+from vidphys.experiments.scoring import Question, score_lost
 from vidphys.experiments.showcase import write_showcase
-from vidphys.metrics import FAILED, Summary
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import Preset
 from vidphys.records import Origin, Recorder
@@ -63,6 +62,9 @@ STUDY = {
     "anonymous-tracker/factored": 0.15,
     "anonymous-tracker/unstructured": 0.64,
     "anonymous-tracker-twostage/factored": 0.16,
+    "anonymous-slots/factored": 0.92,
+    "anonymous-slots/unstructured": 0.93,
+    "composed/factored": 0.73,
 }
 
 
@@ -197,7 +199,7 @@ def _run_oracle(
             score_oracle(recorder, head, question)
             _keep(run, unit, name, head, question, folder)
         except FloatingPointError:
-            _failed(recorder, preset.oracle.held_out)
+            score_lost(recorder, preset.oracle.held_out)
         recorder.add_value("seconds", time.perf_counter() - began)
         run.finish(unit.part(name), *recorder.tables())
 
@@ -238,7 +240,7 @@ def _run_pixels(
                 # The last readout is the better one; its episode is the one shown.
                 _keep(run, unit, name, head, question, folder, seen.test, perceived.test)
             except FloatingPointError:
-                _failed(reading, sizes.held_out)
+                score_lost(reading, sizes.held_out)
             reading.add_value("seconds", time.perf_counter() - began)
         run.finish(part, *recorder.tables())
 
@@ -261,12 +263,6 @@ def _origin(unit: Unit, head: str, scene: Scene, encoder: str, binder: str) -> O
 
 def _stage(report: Report, name: str) -> Callable[[int, int, float], None]:
     return lambda step, steps, _loss: report(name, step, steps)
-
-
-def _failed(recorder: Recorder, episodes: int) -> None:
-    """A training that diverged has no number, and is counted."""
-    lost = Summary(None, FAILED, episodes, episodes)
-    recorder.add("inversion_nmse", lost, -1.0, INVERSION_STEPS)
 
 
 def _keep(

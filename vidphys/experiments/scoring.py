@@ -71,6 +71,12 @@ def score_inversion(recorder: Recorder, head: Head, question: Question) -> None:
     recorder.add("in_distribution_nmse", _in_distribution(head, question), None, question.steps)
 
 
+def score_lost(recorder: Recorder, episodes: int) -> None:
+    """A training that diverged has no number, and is counted."""
+    lost = metrics.Summary(None, metrics.FAILED, episodes, episodes)
+    recorder.add("inversion_nmse", lost, COUPLINGS[1], INVERSION_STEPS)
+
+
 def score_changed_law(
     recorder: Recorder,
     head: Head,

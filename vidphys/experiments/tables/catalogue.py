@@ -14,6 +14,8 @@ from vidphys.experiments.tables import (
     maps,
     misspecification,
     necessity,
+    perception_speed,
+    pixel_heads,
     planning,
     probes,
     scale,
@@ -62,5 +64,7 @@ TABLES: dict[str, Table] = {
         drag.DRAG,
         diagnose.DIAGNOSE,
         probes.PROBES,
+        pixel_heads.PIXEL_HEADS,
+        perception_speed.PERCEPTION_SPEED,
     )
 }
