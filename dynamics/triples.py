@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from dynamics.couplings import COUPLINGS
 from dynamics.mlp import MLP
-from dynamics.potentials import SPREAD, _soft_length
+from dynamics.potentials import SPREAD, soft_length
 from dynamics.state import Parameters
 
 REACH = 0.7  # world units: the distance that lands half-way
@@ -104,7 +104,7 @@ class LearnedTriple(TriplePotential):
         first, second, third = slope.split(1, -2)
         other, further = u.roll(1, -2), u.roll(-1, -2)
         along = first + second * (other + further) + third * other * further
-        r = _soft_length(sides)
+        r = soft_length(sides)
         return along * 2 * SPREAD * REACH / (REACH + r).square() * sides / r
 
     @staticmethod
@@ -116,5 +116,5 @@ class LearnedTriple(TriplePotential):
 
 def _squashed(sides: Tensor) -> Tensor:
     """Lengths in (-SPREAD, SPREAD), ``(..., 3, d) -> (..., 3, 1)``."""
-    r = _soft_length(sides)
+    r = soft_length(sides)
     return SPREAD * (2 * r / (REACH + r) - 1)
