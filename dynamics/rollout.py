@@ -11,7 +11,7 @@ from torch import Tensor
 
 from dynamics import checks
 from dynamics.findings import Finding
-from dynamics.head import Head
+from dynamics.head import Head, Trajectory, stepped
 from dynamics.state import Parameters, PhaseState
 from dynamics.substeps import Substepper, watched
 
@@ -33,6 +33,8 @@ class Rollout:
         seed: of a stochastic head's noise, where one was given.
         findings: what is wrong with it; each was also warned of.
         pieces: steps of a part of ``dt`` that close encounters needed.
+        backend: what computed it, see :class:`dynamics.head.Trajectory`.
+        fallbacks: pairs at which a compiled model asked its network, over all steps.
     """
 
     states: PhaseState
@@ -42,6 +44,8 @@ class Rollout:
     seed: int | None = None
     findings: tuple[Finding, ...] = ()
     pieces: int = 0
+    backend: str = "torch"
+    fallbacks: int = 0
 
     @property
     def finite(self) -> Tensor:
@@ -107,13 +111,11 @@ def rollout(
             findings += checks.fixed_step(rates, PhaseState.stack([start], -3), dt, every)
         for finding in findings:
             finding.warn()
-        advance = head.advance if stepper is None else stepper.advance
-        stored, state, memory = [start], start, None
-        for step in range(1, steps + 1):
-            state, memory = advance(state, params, dt, memory)
-            if step % every == 0:
-                stored.append(state)
-        states = PhaseState.stack(stored, -3)
+        if stepper is None:
+            path = head.trajectory(start, params, steps, dt, every)
+        else:
+            path = Trajectory(stepped(stepper.advance, start, params, steps, dt, every))
+        states = path.states
         first_bad = first_bad_step(states)
         found = [
             *checks.failure(head, states, params, first_bad, dt, every),
@@ -127,7 +129,9 @@ def rollout(
     for finding in found:
         finding.warn()
     pieces = stepper.pieces if stepper else 0
-    return Rollout(states, params, dt * every, first_bad, seed, (*findings, *found), pieces)
+    said = (*findings, *found)
+    ran = path.backend, path.fallbacks
+    return Rollout(states, params, dt * every, first_bad, seed, said, pieces, *ran)
 
 
 @contextmanager

@@ -1,0 +1,123 @@
+"""How fine a spline must be for a tolerance of its force, measured against the float64 network."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import max_pool1d
+
+from dynamics.compiled.spline import PairSpline, PlaneSpline, RadialSpline
+from dynamics.potentials import CORE, DisplacementPotential, PairPotential, RadialPotential
+
+RADIAL_RESOLUTIONS = range(2, 10)  # log2 of the cells of an octave
+PLANE_RESOLUTIONS = (16, 32, 64, 128, 256)  # cells along a side
+RADII, DIRECTIONS = 2000, 12  # at which the force is compared
+NEIGHBOURS = 51  # radii over which the size of the force is taken: a third up and down
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a spline was built for, and what it reached.
+
+    Args:
+        tolerance: of the force, as it was asked for.
+        error: as it was measured, see :class:`Sample`.
+        resolution: of the spline, see its class.
+        reach: world units up to which it stands for the network.
+        size: bytes of its table in the model's floating type.
+    """
+
+    tolerance: float
+    error: float
+    resolution: int
+    reach: float
+    size: int
+
+
+def pair_spline(
+    network: RadialPotential | DisplacementPotential, tolerance: float, reach: float
+) -> tuple[PairSpline, Report]:
+    """The coarsest spline whose force meets a tolerance, in the network's floating type.
+
+    Args:
+        network: trained.
+        tolerance: largest error, see :class:`Sample`.
+        reach: distance in world units up to which the spline stands for the network.
+
+    Raises:
+        ValueError: no spline that is tried meets it; what the finest reaches is said.
+    """
+    real = dtype_of(network)
+    exact = copy.deepcopy(network).double()
+    sample = Sample.of(exact, reach)
+    for resolution in _resolutions(network):
+        spline = _spline(exact, resolution, reach)
+        error = sample.error(spline)
+        if error <= tolerance:
+            size = spline.table.numel() * torch.finfo(real).bits // 8
+            return spline.to(real), Report(tolerance, error, resolution, reach, size)
+    raise ValueError(
+        f"compile_head: the finest spline ({resolution}) has a force error of {error:.1e}, not "
+        f"{tolerance:.1e}; ask for a larger tolerance, or for None to keep the network"
+    )
+
+
+def _resolutions(network: PairPotential) -> tuple[int, ...]:
+    radial = isinstance(network, RadialPotential)
+    return tuple(RADIAL_RESOLUTIONS) if radial else PLANE_RESOLUTIONS
+
+
+def _spline(
+    network: RadialPotential | DisplacementPotential, resolution: int, reach: float
+) -> PairSpline:
+    if isinstance(network, RadialPotential):
+        return RadialSpline(network, resolution, reach)
+    return PlaneSpline(network, resolution, reach)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A float64 network's pair forces, and what their errors are relative to.
+
+    The distances are spread evenly in their logarithm, from deep in the core to ``reach``, so that
+    a close encounter counts as much as the far field. The size is the largest force in any
+    direction within a third of the distance: a force that passes through zero has a size there.
+
+    Args:
+        places: displacements ``(radii, directions, 2)``.
+        forces: of the network there.
+        size: ``(radii,)``.
+    """
+
+    places: Tensor
+    forces: Tensor
+    size: Tensor
+
+    @classmethod
+    def of(cls, network: PairPotential, reach: float) -> Sample:
+        """Sample a network up to a distance in world units."""
+        radii = torch.logspace(math.log10(CORE / 8), math.log10(0.999 * reach), RADII).double()
+        directions = 1 if isinstance(network, RadialPotential) else DIRECTIONS
+        golden = math.pi * (math.sqrt(5) - 1)
+        turns = golden * torch.arange(RADII * directions).double().reshape(RADII, directions)
+        places = radii[:, None, None] * torch.stack([turns.cos(), turns.sin()], -1)
+        with torch.no_grad():
+            forces = torch.cat([network.pair_gradient(part) for part in places.split(500)])
+        largest = forces.norm(dim=-1).amax(-1)
+        size = max_pool1d(largest[None, None], NEIGHBOURS, 1, NEIGHBOURS // 2)[0, 0]
+        return cls(places, forces, size)
+
+    def error(self, potential: PairPotential) -> float:
+        """The largest relative error of another potential's force."""
+        with torch.no_grad():
+            wrong = potential.pair_gradient(self.places.to(dtype_of(potential))) - self.forces
+        return float((wrong.norm(dim=-1).amax(-1) / self.size).max())
+
+
+def dtype_of(potential: PairPotential) -> torch.dtype:
+    """The floating type of a potential's parameters."""
+    return next(potential.parameters()).dtype

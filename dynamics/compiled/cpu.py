@@ -1,0 +1,247 @@
+"""Fused rollouts on the CPU, by numba: all steps of a block of episodes before the next block.
+
+``LANES`` episodes are stepped side by side, innermost, so that the compiler turns every loop into
+vector instructions; a block's state never leaves the first-level cache, and each stored state is
+written once. Blocks run on as many threads as torch has been told to use.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dynamics.compiled.lanes import (
+    TILE,
+    Array,
+    Transposed,
+    Weights,
+    aligned,
+    inlined,
+    kernel,
+    transposed,
+    weights_of,
+)
+from dynamics.compiled.pairs import (
+    GX,
+    GY,
+    LANES,
+    RADIAL,
+    ROWS,
+    SPLINE,
+    ask_networks,
+    plane_spline,
+    radial_spline,
+)
+from dynamics.compiled.spline import PairSpline, RadialSpline
+from dynamics.potentials import CORE, DisplacementPotential, RadialPotential
+
+
+@kernel
+def _move(q: Array, p: Array, force: Array, mobility: Array, half: Any, dt: Any) -> None:
+    """Half a kick and a drift of all coordinates; the forces begin anew."""
+    for i in range(p.shape[0]):
+        kicked = p[i] + half * force[i]
+        p[i] = kicked
+        q[i] += dt * kicked * mobility[i]
+        force[i] = 0
+
+
+@kernel
+def _apart(here: Array, there: Array, box: Any, pair: Array) -> None:
+    """Displacement of two bodies ``(2 * LANES,)``, in a box to the nearest image."""
+    for i in range(2 * LANES):
+        pair[i] = here[i] - there[i]
+    if box > 0:
+        for i in range(2 * LANES):
+            pair[i] -= box * np.rint(pair[i] / box)
+
+
+@kernel
+def _pull(here: Array, there: Array, weight: Array, pair: Array) -> None:
+    """Add a pair's force to those of its bodies, ``(2 * LANES,)``."""
+    gradient = pair[GX * LANES : (GY + 1) * LANES]
+    for lane in range(LANES):
+        pull = weight[lane] * gradient[lane]
+        here[lane] -= pull
+        there[lane] += pull
+    for lane in range(LANES):
+        pull = weight[lane] * gradient[LANES + lane]
+        here[LANES + lane] -= pull
+        there[LANES + lane] += pull
+
+
+@inlined
+def of_body(rows: Array, body: int) -> Array:
+    """Both coordinates of a body side by side, ``(bodies * 2, LANES) -> (2 * LANES,)``."""
+    return rows[2 * body : 2 * body + 2].reshape(2 * LANES)
+
+
+@kernel
+def _kick(p: Array, force: Array, half: Any) -> None:
+    for i in range(p.shape[0]):
+        p[i] += half * force[i]
+
+
+@kernel
+def _roll(
+    kind: int,
+    cells: int,
+    first: int,
+    reach: Array,
+    table: Array,
+    integers: Array,
+    weights: Weights,
+    back: Transposed,
+    start: Array,
+    mobility: Array,
+    strength: Array,
+    dts: Array,
+    box: Any,
+    every: int,
+    out: Array,
+    blocks: tuple[int, int],
+) -> int:
+    """Leapfrog steps (kick, drift, kick) of all episodes.
+
+    Args:
+        kind: sum of ``RADIAL`` and ``SPLINE``, where it is that.
+        cells, first, reach, table, integers: see :func:`radial_spline`.
+        weights, back: of the network.
+        start: ``(2, bodies * 2, episodes)``, q and p.
+        mobility: 1 / m, ``(bodies, episodes)``.
+        strength: c(G) s_i s_j, ``(pairs, episodes)``.
+        dts: seconds of the parts of a step, in their order.
+        box: side of a periodic box, or 0.
+        every: steps between stored states.
+        out: ``(stored, 2, bodies * 2, episodes)``; the first of them is the start.
+        blocks: the first block of episodes, and the one after the last.
+
+    Returns:
+        Pairs at which a spline's network was asked.
+    """
+    bodies, pairs, episodes = mobility.shape[0], strength.shape[0], out.shape[3]
+    asked, parts = 0, dts.shape[0]
+    layers, units = weights.biases.shape
+    for block in range(blocks[0], blocks[1]):
+        begin = block * LANES
+        count = min(LANES, episodes - begin)
+        q = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
+        p = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
+        force = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
+        loose = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
+        weight = aligned(pairs * LANES, reach).reshape((pairs, LANES))
+        work = aligned(pairs * ROWS * LANES, reach).reshape((pairs, ROWS * LANES))
+        inputs, result = aligned(4 * TILE, reach), aligned(4 * TILE, reach)
+        scratch = aligned(2 * layers * units * TILE, reach).reshape((2 * layers, units * TILE))
+        inputs[:] = 0
+        force[:] = 0
+        work[:] = 1
+        for lane in range(LANES):
+            source = begin + min(lane, count - 1)  # lanes of no episode repeat the last one
+            for row in range(2 * bodies):
+                q[row, lane], p[row, lane] = start[0, row, source], start[1, row, source]
+                loose[row, lane] = mobility[row // 2, source]
+            for row in range(pairs):
+                weight[row, lane] = strength[row, source]
+        # Before the first step comes one of no length, which finds the first force.
+        for move in range((out.shape[0] - 1) * every * parts + 1):
+            dt = dts[(move - 1) % parts] if move > 0 else reach.dtype.type(0)
+            half = dt * reach.dtype.type(0.5)
+            _move(q.reshape(-1), p.reshape(-1), force.reshape(-1), loose.reshape(-1), half, dt)
+            pair, out_of_reach = 0, 0
+            for i in range(bodies):
+                for j in range(i + 1, bodies):
+                    _apart(of_body(q, i), of_body(q, j), box, work[pair])
+                    if kind == RADIAL + SPLINE:
+                        out_of_reach += radial_spline(
+                            cells, first, reach, table, integers, work[pair]
+                        )
+                    elif kind == SPLINE:
+                        out_of_reach += plane_spline(cells, reach, table, work[pair])
+                    pair += 1
+            if out_of_reach > 0 or not kind & SPLINE:
+                asked += ask_networks(kind, weights, back, work, count, inputs, scratch, result)
+            pair = 0
+            for i in range(bodies):
+                for j in range(i + 1, bodies):
+                    _pull(of_body(force, i), of_body(force, j), weight[pair], work[pair])
+                    pair += 1
+            _kick(p.reshape(-1), force.reshape(-1), half)
+            if move % (every * parts) == 0:
+                stored = move // (every * parts)
+                for row in range(2 * bodies):
+                    for lane in range(count):
+                        out[stored, 0, row, begin + lane] = q[row, lane]
+                        out[stored, 1, row, begin + lane] = p[row, lane]
+    return asked
+
+
+PairFunction = PairSpline | RadialPotential | DisplacementPotential
+Packed = tuple[int, int, int, Array, Array, Array, Weights, Transposed]
+
+
+def packed(potential: PairFunction, like: Tensor) -> Packed:
+    """A pair function as :func:`_roll` takes it, in the floating type of ``like``."""
+    real: Any = {torch.float32: np.float32, torch.float64: np.float64}[like.dtype]
+    integers = np.empty(0, np.int32 if real is np.float32 else np.int64)
+    network = potential.network if isinstance(potential, PairSpline) else potential
+    weights = weights_of(network.phi, real)
+    back = transposed(weights)
+    kind = RADIAL if isinstance(network, RadialPotential) else 0
+    if not isinstance(potential, PairSpline):
+        return kind, 0, 0, np.zeros(1, real), np.zeros(0, real), integers, weights, back
+    cells, first = potential.resolution, 0
+    if isinstance(potential, RadialSpline):
+        cells = np.finfo(real).nmant - potential.resolution
+        first = int(np.array([CORE**2], real).view(integers.dtype)[0]) >> cells
+    reach, table = np.array([potential.reach], real), potential.table.numpy().astype(real).ravel()
+    return kind + SPLINE, cells, first, reach, table, integers, weights, back
+
+
+def roll(
+    law: Packed,
+    box: float | None,
+    start: Tensor,
+    mass: Tensor,
+    strength: Tensor,
+    dts: list[float],
+    stored: int,
+    every: int,
+) -> tuple[Tensor, int]:
+    """Leapfrog steps of a pair potential.
+
+    Args:
+        law: see :func:`packed`.
+        box: side of a periodic box, or ``None``.
+        start: ``(2, bodies, 2, episodes)``, q and p.
+        mass: ``(bodies, episodes)``.
+        strength: c(G) s_i s_j of the pairs i < j, ``(pairs, episodes)``.
+        dts: seconds of the parts of a step.
+        stored: states that are stored after the start.
+        every: steps between them.
+
+    Returns:
+        States ``(stored + 1, 2, bodies, 2, episodes)``, and the number of pairs at which a
+        spline's network was asked.
+    """
+    bodies, episodes = mass.shape
+    first = start.contiguous().numpy().reshape(2, bodies * 2, episodes)
+    real = first.dtype.type
+    # From numpy, which asks for large pages: a fresh page costs more than what is written to it.
+    out = np.empty((stored + 1, 2, bodies * 2, episodes), real)
+    moved = ((1 / mass).contiguous().numpy(), strength.contiguous().numpy(), np.array(dts, real))
+    blocks = -(-episodes // LANES)
+    threads = min(torch.get_num_threads(), blocks)
+    ends = [blocks * thread // threads for thread in range(threads + 1)]
+
+    def part(which: tuple[int, int]) -> int:
+        return _roll(*law, first, *moved, real(box or 0), every, out, which)
+
+    with ThreadPoolExecutor(threads) as pool:
+        asked = sum(pool.map(part, pairwise(ends)))
+    return torch.from_numpy(out).reshape(stored + 1, 2, bodies, 2, episodes), asked

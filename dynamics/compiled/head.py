@@ -1,0 +1,187 @@
+"""From a trained model to one that rolls fast: a spline for its pair function, fused steps."""
+
+from __future__ import annotations
+
+import copy
+import os
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Literal, cast
+
+import torch
+from torch import Tensor
+
+from dynamics.compiled.build import Report, pair_spline
+from dynamics.compiled.spline import PairSpline
+from dynamics.hamiltonian import Hamiltonian
+from dynamics.head import Head, Trajectory
+from dynamics.integrators import YOSHIDA_WEIGHTS, leapfrog, yoshida4
+from dynamics.kinetic import FixedKinetic
+from dynamics.pairs import pair_indices
+from dynamics.potentials import DisplacementPotential, PairPotential, RadialPotential
+from dynamics.state import Parameters, PhaseState
+
+Backend = Literal["torch", "numba", "triton"]
+PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
+MOST_BODIES = 8  # in the Triton kernel, which holds all pairs of an episode in registers
+REACH = 1000.0  # world units
+
+
+class CompiledHead(Hamiltonian):
+    """A Hamiltonian model whose pair function is a spline or a frozen network, rolled fused.
+
+    It is what :func:`compile_head` makes. Stepped one by one, or where its close encounters need
+    shorter steps, it runs in plain torch, the twin of the fused loops.
+
+    Attributes:
+        report: what the spline was built for and what it reached; ``None`` for a network.
+        backend: what :meth:`trajectory` runs on; ``None`` for the best at hand.
+    """
+
+    def __init__(
+        self, head: Hamiltonian, potential: Any, report: Report | None, backend: Backend | None
+    ) -> None:
+        parts = copy.deepcopy([head.kinetic, *head.ports])
+        super().__init__(parts[0], potential, head.integrator, parts[1:])
+        self.domain = head.domain.clone()
+        self.report, self.backend = report, backend
+        self._packed: dict[tuple[str, torch.dtype], Any] = {}
+
+    def trajectory(
+        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
+    ) -> Trajectory:
+        """All steps, by the backend.
+
+        Raises:
+            ValueError: the backend cannot run this model here; why is said.
+        """
+        device, bodies = start.q.device, start.q.shape[-2]
+        name = best(self, device, bodies) if self.backend is None else self.backend
+        if trouble := refusal(self, name, device, bodies):
+            raise ValueError(f"compiled model: backend '{name}' {trouble}")
+        if name == "torch" or not start.q.numel() or bodies < 2:
+            return self._plain(start, params, steps, dt, every)
+        return self._fused(name, start, params, steps, dt, every)
+
+    def _plain(
+        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+    ) -> Trajectory:
+        spline = self.potential if isinstance(self.potential, PairSpline) else None
+        before = spline.outside if spline else 0
+        found = super().trajectory(start, params, steps, dt, every)
+        asked = spline.outside - before if spline else 0
+        return Trajectory(found.states, "torch", asked)
+
+    def _fused(
+        self, name: str, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+    ) -> Trajectory:
+        kernels = import_module("dynamics.compiled." + ("cpu" if name == "numba" else "cuda"))
+        key = name, start.q.dtype
+        if key not in self._packed:
+            self._packed[key] = kernels.packed(self.potential, start.q)
+        batch = start.q.shape[:-2]
+        potential = cast(PairPotential, self.potential)
+        mass, strength = episodes_last(potential.law, params, batch)
+        states, asked = kernels.roll(
+            self._packed[key],
+            potential.law.box,
+            torch.stack([start.q, start.p]).reshape(2, -1, *start.q.shape[-2:]).permute(0, 2, 3, 1),
+            mass,
+            strength,
+            [part * dt for part in PARTS[self.integrator.name]],
+            steps // every,
+            every,
+        )
+        # Episodes lie innermost in memory: what is handed out is a view.
+        q, p = states.permute(1, 4, 0, 2, 3).reshape(
+            2, *batch, *states.shape[:1], *start.q.shape[-2:]
+        )
+        return Trajectory(PhaseState(q, p), name, asked)
+
+
+def episodes_last(law: Any, params: Parameters, batch: torch.Size) -> tuple[Tensor, Tensor]:
+    """Masses ``(n, episodes)`` and c(G) s_i s_j ``(pairs, episodes)`` of a batch of episodes."""
+    strength, amount = law.strength(params)
+    i, j = pair_indices(params.mass.shape[-1], params.mass.device)
+    product = strength.unsqueeze(-1) * (amount[..., i] * amount[..., j])
+    wide = (x.expand(*batch, x.shape[-1]).reshape(-1, x.shape[-1]) for x in (params.mass, product))
+    mass, product = (x.T.contiguous() for x in wide)
+    return mass, product
+
+
+def compile_head(
+    head: Head,
+    tolerance: float | None = 1e-6,
+    reach: float = REACH,
+    backend: Backend | None = None,
+) -> CompiledHead:
+    """A trained model in a form that rolls fast, with frozen copies of all that it has learned.
+
+    Args:
+        head: a Hamiltonian whose potential is one learned pair law (``factored``,
+            ``factored-radial``, ``factored-learned-kinetic``).
+        tolerance: of the pair force, relative to the float64 network's, see
+            :class:`dynamics.compiled.build.Sample`; ``None`` keeps the network itself.
+        reach: world units; pairs that are farther apart are left to the network.
+        backend: ``torch``, ``numba`` (CPU) or ``triton`` (CUDA); ``None`` for the best that runs
+            the model where its states lie.
+
+    Raises:
+        ValueError: the model has no such pair law, the tolerance cannot be met, or the backend
+            cannot run the model.
+    """
+    if not isinstance(head, Hamiltonian) or not isinstance(head.potential, _COMPILED):
+        what = type(getattr(head, "potential", head)).__name__
+        raise ValueError(
+            f"compile_head: {what} is no function of one displacement: only a learned pair law "
+            "(displacement or radial) by itself can be compiled; roll this model as it is"
+        )
+    phi = head.potential
+    if isinstance(phi, DisplacementPotential) and phi.phi.layers[0].in_features != 2:
+        raise ValueError("compile_head: a law of displacements is compiled in a plane only")
+    report = None
+    if tolerance is None:
+        potential: Any = copy.deepcopy(phi).requires_grad_(False)
+    else:
+        potential, report = pair_spline(phi, tolerance, reach)
+    compiled = CompiledHead(head, potential, report, backend).requires_grad_(False)
+    place = next(phi.parameters()).device
+    if backend is not None and (trouble := refusal(compiled, backend, place, 2)):
+        raise ValueError(f"compile_head: backend '{backend}' {trouble}")
+    return compiled
+
+
+_COMPILED = (DisplacementPotential, RadialPotential)
+
+
+def refusal(head: CompiledHead, backend: str, device: torch.device, bodies: int) -> str | None:
+    """Why a backend cannot run a model; ``None`` where it can."""
+    if backend == "torch":
+        return None
+    if backend not in ("numba", "triton"):
+        return "is unknown; use torch, numba or triton"
+    if not isinstance(head.kinetic, FixedKinetic) or len(head.ports):
+        return "rolls |p|^2 / 2m and a pair law, with no ports and no learned kinetic energy"
+    if head.integrator.name not in PARTS:
+        return f"has no {head.integrator.name}; it has {', '.join(PARTS)}"
+    if backend == "triton" and not isinstance(head.potential, PairSpline):
+        return "evaluates splines only; give a tolerance"
+    if backend == "triton" and bodies > MOST_BODIES:
+        return f"holds at most {MOST_BODIES} bodies, got {bodies}"
+    wanted = "cpu" if backend == "numba" else "cuda"
+    if device.type != wanted and not (backend == "triton" and interpreted()):
+        return f"needs states on {wanted}, these are on {device.type}"
+    if find_spec(backend) is None:
+        return f"is not installed; install {backend}"
+    return None
+
+
+def best(head: CompiledHead, device: torch.device, bodies: int) -> Backend:
+    """The fastest backend that can run a model on a device."""
+    fused: Backend = "triton" if device.type == "cuda" else "numba"
+    return "torch" if refusal(head, fused, device, bodies) else fused
+
+
+def interpreted() -> bool:
+    """Whether Triton kernels run in its interpreter, on the CPU, which tests use."""
+    return os.environ.get("TRITON_INTERPRET") == "1"
