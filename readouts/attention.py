@@ -13,6 +13,9 @@ from encoders.features import FeatureMap
 from readouts.scale import FeatureScale
 
 FREQUENCIES = 6
+UNSURE = 0.1  # square root of a distance, normalised image units: what is expected before training
+NEAR, FAR = 0.01, 1.0  # normalised image units, of bodies from each other
+PRECISE = 0.005  # normalised image units; the distance at which a position is half sure
 
 
 class AttentionReadout(nn.Module):
@@ -28,6 +31,12 @@ class AttentionReadout(nn.Module):
         width: of queries, keys and values.
         heads: of the attention; must divide ``width``.
         offset: largest offset, normalised image units.
+        frames: of the clip that one feature frame stands for. The queries are those of the first
+            frame, then of the next; offsets are read anew for each, since what is attended to may
+            be the same.
+
+    Raises:
+        ValueError: counts that do not divide.
     """
 
     def __init__(
@@ -37,21 +46,29 @@ class AttentionReadout(nn.Module):
         width: int = 128,
         heads: int = 4,
         offset: float = 0.1,
+        frames: int = 1,
     ) -> None:
         super().__init__()
-        if width % heads:
-            raise ValueError(f"AttentionReadout: heads = {heads} must divide width = {width}")
-        self.heads, self.offset = heads, offset
+        for name, part, whole, total in (
+            ("heads", heads, "width", width),
+            ("frames", frames, "bodies", bodies),
+        ):
+            if total % part:
+                raise ValueError(f"AttentionReadout: {name} = {part} must divide {whole} = {total}")
+        self.heads, self.offset, self.frames = heads, offset, frames
         self.scale = FeatureScale(channels)
         self.query = nn.Parameter(torch.randn(bodies, width))
         self.key = nn.Linear(channels, width, bias=False)
         self.place = nn.Linear(4 * FREQUENCIES, width, bias=False)
         self.value = nn.Linear(channels, width)
         self.mix = nn.Parameter(torch.zeros(bodies, heads))
-        last = nn.Linear(width // 2, 2)
+        last = nn.Linear(width // 2, 2 * frames)
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
         self.correct = nn.Sequential(nn.Linear(width, width // 2), nn.GELU(), last)
+        self.doubt = nn.Sequential(
+            nn.Linear(width + 1, width // 2), nn.GELU(), nn.Linear(width // 2, 1), nn.Softplus()
+        )
 
     def fit_scale(self, values: Float[Tensor, "f c h w"]) -> None:
         """Standardise features from now on by the statistics of these."""
@@ -71,16 +88,19 @@ class AttentionReadout(nn.Module):
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
         """As :meth:`forward`, on frames without their clip.
 
-        The confidence is one minus the entropy of the attention over the cells, relative to that
-        of attending everywhere alike.
+        The confidence is :func:`confidence_at` the distance from the truth that is expected of
+        the position, judged by what is attended to and by how near the next body was found: bodies
+        that hide each other are read worst.
         """
-        position, seen, _ = self.look(values, centres)
-        return position, _certainty(seen)
+        position, attended = self.look(values, centres)
+        evidence = torch.cat([attended, _nearest(position)], -1).detach()
+        root = UNSURE * self.doubt(evidence).squeeze(-1)
+        return position, confidence_at(root.square())
 
     def look(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
-    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n m"], Float[Tensor, "f n width"]]:
-        """Positions, where each query looks (sums to one over the cells), and what it sees there.
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n width"]]:
+        """Positions, and what the query of each attends to.
 
         Args:
             values: features of frames.
@@ -91,8 +111,8 @@ class AttentionReadout(nn.Module):
         attention = self.attend(tokens, cells)
         attended = rearrange(self._values(attention, tokens), "f g n e -> f n (g e)")
         seen = torch.einsum("ng,fgnm->fnm", self.mix.softmax(-1), attention)
-        position = seen @ cells + self.offset * torch.tanh(self.correct(attended))
-        return position, seen, attended
+        position = seen @ cells + self.offset * torch.tanh(self._offsets(attended))
+        return position, attended
 
     def attend(
         self, tokens: Float[Tensor, "f c m"], cells: Float[Tensor, "m 2"]
@@ -107,6 +127,12 @@ class AttentionReadout(nn.Module):
         place = rearrange(self.place(_waves(cells)), "m (g e) -> g e m", g=self.heads)
         score = torch.einsum("gnc,fcm->fgnm", wanted, tokens) + query @ place
         return score.softmax(-1)
+
+    def _offsets(self, attended: Tensor) -> Tensor:
+        """Of each query, ``(f, n, 2)``, by the network of its frame."""
+        read = self.correct(attended).unflatten(-1, (self.frames, 2))
+        each = read.unflatten(1, (self.frames, -1))
+        return each.diagonal(dim1=1, dim2=3).movedim(-1, 1).flatten(1, 2)
 
     def _values(self, attention: Tensor, tokens: Tensor) -> Tensor:
         """The attended values; attention sums to one, so averaging first is the same."""
@@ -123,9 +149,22 @@ def _waves(cells: Float[Tensor, "m 2"]) -> Float[Tensor, "m k"]:
     return torch.cat([phase.sin(), phase.cos()], -1)
 
 
-def _certainty(attention: Float[Tensor, "f n m"]) -> Float[Tensor, "f n"]:
-    cells = attention.shape[-1]
-    if cells == 1:
-        return torch.ones_like(attention[..., 0])
-    entropy = -(attention * attention.clamp_min(1e-12).log()).sum(-1)
-    return (1 - entropy / math.log(cells)).clamp(0, 1)
+def confidence_at(distance: Tensor) -> Tensor:
+    """In (0, 1]: how much a position counts whose error is expected to be ``distance``.
+
+    Args:
+        distance: normalised image units, not negative.
+    """
+    return 1 / (1 + (distance / PRECISE).square())
+
+
+def distance_at(confidence: Tensor) -> Tensor:
+    """The expected distance that a confidence stands for; undoes :func:`confidence_at`."""
+    return PRECISE * (1 / confidence - 1).clamp_min(0).sqrt()
+
+
+def _nearest(position: Float[Tensor, "f n 2"]) -> Float[Tensor, "f n 1"]:
+    """Logarithm of the distance to the nearest other position; as of far ones for a single one."""
+    apart = torch.cdist(position, position)
+    apart = apart + FAR * torch.eye(position.shape[1], device=position.device)
+    return apart.amin(-1, keepdim=True).clamp(NEAR, FAR).log()

@@ -146,6 +146,23 @@ def test_heads_must_divide_the_width() -> None:
         AttentionReadout(CHANNELS, 1, width=16, heads=3)
 
 
+def test_each_frame_of_a_feature_frame_has_offsets_of_its_own() -> None:
+    """Queries of two frames may attend to the same cells; their positions still differ."""
+    readout = AttentionReadout(CHANNELS, 4, width=16, frames=2)
+    values, centres = torch.randn(3, CHANNELS, 5, 5), feature_map(torch.zeros(1, 1, CHANNELS, 5, 5))
+    centres = centres.cell_centres()
+    before = readout.read(values, centres)[0]
+    last = readout.correct[2]
+    with torch.no_grad():
+        last.bias[2:] = torch.tensor([0.3, -0.2])  # of the second frame
+    moved = readout.read(values, centres)[0] - before
+    wanted = readout.offset * torch.tensor([0.3, -0.2]).tanh()
+    torch.testing.assert_close(moved[:, :2], torch.zeros(3, 2, 2))
+    torch.testing.assert_close(moved[:, 2:], wanted.expand(3, 2, 2), atol=1e-6, rtol=0)
+    with pytest.raises(ValueError, match="frames = 2 must divide bodies = 3"):
+        AttentionReadout(CHANNELS, 3, frames=2)
+
+
 def test_attention_localises_far_below_a_cell_and_pooling_does_not() -> None:
     train, held_out, test = labelled(192), labelled(32), labelled(64)
     readout = AttentionReadout(CHANNELS, 2, width=32)
