@@ -1,0 +1,67 @@
+"""``python -m vidphys.pretraining NAME --out DIR``: make one of the tiny encoders anew."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import torch
+import tyro
+
+from vidphys.cli.devices import check_cuda
+from vidphys.errors import InputError
+from vidphys.pretraining.run import SHIPPED, TOY, pretrain
+
+EVERY = 50
+
+
+@dataclass(frozen=True)
+class PretrainConfig:
+    """Pretrain a tiny encoder on rendered clips, without labels, and write its release folder.
+
+    Example: python -m vidphys.pretraining dino-tiny --out weights/dino-tiny
+
+    Args:
+        name: which encoder.
+        out: its release folder; the same command goes on after an interruption.
+        preset: how long; `shipped` made the weights in the package.
+        seed: of initial weights, clips and order.
+        device: of the training.
+    """
+
+    name: Annotated[Literal["videomae-tiny", "vjepa2-tiny", "dino-tiny"], tyro.conf.Positional]
+    out: Path
+    preset: Literal["toy", "shipped"] = "shipped"
+    seed: int = 0
+    device: Literal["cpu", "cuda"] = "cpu"
+
+
+def _show(step: int, steps: int, loss: float) -> None:
+    if step % EVERY == 0 or step == steps:
+        print(f"step {step} of {steps}: loss {loss:.5f}", flush=True)
+
+
+def main() -> int:
+    """Returns the exit code: 0 done, 2 wrong input, 130 interrupted."""
+    config = tyro.cli(PretrainConfig, prog="python -m vidphys.pretraining")
+    torch.set_num_threads(1)
+    try:
+        check_cuda(config.device)
+        settings = SHIPPED[config.name] if config.preset == "shipped" else TOY
+        result = pretrain(config.name, settings, config.out, config.seed, config.device, _show)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    for when, watched in (("before", result.before), ("after", result.after)):
+        print(f"{when}: loss {watched.loss:.5f}, features' deviation {watched.deviation:.3f}")
+    print(f"{config.name}: {config.out}, sha256 {result.sha256}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""Clips without labels: bodies that move as in the scenes, drawn with a random look.
+
+Every example is a function of its number alone (look, window, visible tokens), so that a run that
+was interrupted goes on with exactly the examples it would have had.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Generator, Tensor
+
+from renderers import AnonymousWorld, Camera, RgbWorld
+from vidphys.scenes import gravity
+from vidphys.seeding import derive
+
+BODIES = (2, 3, 4, 6)
+STEPS_PER_FRAME = 40  # of the scenes, 0.002 s each: frames 0.08 s apart, as in the ladder
+LENGTH = 16  # frames of a simulated trajectory
+LOOKS = 4096  # examples drawn from one trajectory
+RADII = (0.25, 0.7)  # world units
+ZOOM = (0.8, 1.6)  # of positions
+SHIFT = 2.0  # world units, largest, of all bodies of a clip
+PLAIN = 0.5  # share of clips with the worlds' own colours over black, as the ladder draws them
+BACKGROUND = 0.4  # brightest
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What an example looks like to a transformer.
+
+    Args:
+        frames: of a clip.
+        side: pixels of its square frames.
+        patch: pixels of a token's side.
+        tubelet: frames of a token.
+        visible: share of the tokens that the student sees.
+        asked: share of the tokens that it is asked about, of those that it does not see.
+    """
+
+    frames: int
+    side: int
+    patch: int
+    tubelet: int
+    visible: float
+    asked: float
+
+    @property
+    def tokens(self) -> int:
+        return self.frames // self.tubelet * (self.side // self.patch) ** 2
+
+
+@dataclass(frozen=True)
+class Examples:
+    """A batch of clips and what is shown and asked of each.
+
+    Args:
+        frames: values in [0, 1], ``(b, t, 3, H, W)``.
+        visible, asked: token numbers in rising order, ``(b, v)`` and ``(b, m)``, none in both.
+    """
+
+    frames: Tensor
+    visible: Tensor
+    asked: Tensor
+
+    def to(self, device: str) -> Examples:
+        """The same on another device."""
+        return Examples(*(x.to(device) for x in (self.frames, self.visible, self.asked)))
+
+
+class RandomClips:
+    """Examples by number; see the module.
+
+    Args:
+        trajectories: simulated for each number of bodies.
+        layout: of an example.
+        seed: of trajectories and looks.
+        device: where batches are put.
+    """
+
+    def __init__(self, trajectories: int, layout: Layout, seed: int, device: str = "cpu") -> None:
+        self.layout, self.seed, self.device = layout, seed, device
+        self.camera = Camera(height=layout.side, width=layout.side)
+        self.paths = [_paths(bodies, trajectories, seed) for bodies in BODIES]
+        self.trajectories = trajectories
+
+    def __len__(self) -> int:
+        return len(BODIES) * self.trajectories * LOOKS
+
+    def __getitem__(self, index: Tensor) -> Examples:
+        drawn = [self._example(int(i)) for i in index]
+        frames, order = (torch.stack(part) for part in zip(*drawn, strict=True))
+        visible, asked = (
+            round(share * self.layout.tokens) for share in (self.layout.visible, self.layout.asked)
+        )
+        seen, unseen = order[:, :visible], order[:, visible : visible + asked]
+        return Examples(frames, seen.sort(1).values, unseen.sort(1).values).to(self.device)
+
+    def _example(self, number: int) -> tuple[Tensor, Tensor]:
+        """Frames ``(t, 3, H, W)`` and a random order of the tokens."""
+        rng = Generator().manual_seed(derive(self.seed, "look", str(number)))
+        paths = self.paths[number % len(BODIES)]
+        path = paths[number // len(BODIES) % self.trajectories]
+        first = int(torch.randint(LENGTH - self.layout.frames + 1, (1,), generator=rng))
+        q = _moved(path[first : first + self.layout.frames], rng)
+        return _drawn(q, self.camera, rng), torch.randperm(self.layout.tokens, generator=rng)
+
+
+def _paths(bodies: int, count: int, seed: int) -> Tensor:
+    """Positions of simulated bodies, world units, ``(count, t, n, 2)``; wild episodes dropped."""
+    scene = gravity(bodies=bodies, mass=(1.0, 1.0), coupling=(-1.5, 1.5))
+    rng = Generator().manual_seed(derive(seed, "paths", str(bodies)))
+    steps = (LENGTH - 1) * STEPS_PER_FRAME
+    rolled = scene.simulate(*scene.sample(2 * count, rng), steps, STEPS_PER_FRAME)
+    return rolled.states.q[rolled.finite][:count].float()
+
+
+def _moved(q: Tensor, rng: Generator) -> Tensor:
+    """Turned, mirrored, zoomed and shifted at random."""
+    angle, mirror, zoom, *_ = torch.rand(3, generator=rng).tolist()
+    cos, sin = math.cos(2 * math.pi * angle), math.sin(2 * math.pi * angle)
+    turn = q.new_tensor([[cos, -sin], [sin, cos]])
+    if mirror < 0.5:
+        turn = turn.flip(0)
+    shift = SHIFT * (2 * torch.rand(2, generator=rng) - 1)
+    return (ZOOM[0] + (ZOOM[1] - ZOOM[0]) * zoom) * q @ turn + shift
+
+
+def _drawn(q: Tensor, camera: Camera, rng: Generator) -> Tensor:
+    """Disks of a random radius, in random colours over a random background."""
+    plain, size = torch.rand(2, generator=rng).tolist()
+    hues = torch.rand(max(BODIES), 3, generator=rng).tolist()
+    background = BACKGROUND * torch.rand(3, 1, 1, generator=rng)
+    radius = RADII[0] + (RADII[1] - RADII[0]) * size
+    if plain < PLAIN:
+        return RgbWorld(camera, radius)(q)
+    palette = tuple(colorsys.hsv_to_rgb(h, 0.4 + 0.6 * s, 0.6 + 0.4 * v) for h, s, v in hues)
+    empty = 1 - AnonymousWorld(camera, radius)(q)
+    return (RgbWorld(camera, radius, palette=palette)(q) + empty * background).clamp(0, 1)
