@@ -9,6 +9,7 @@ from dynamics.findings import (
     FailureWarning,
     Finding,
     NoSteadyState,
+    OverlapWarning,
     StabilityWarning,
 )
 from dynamics.hamiltonian import Hamiltonian, ballistic
@@ -43,6 +44,7 @@ __all__ = [
     "Head",
     "Integrator",
     "NoSteadyState",
+    "OverlapWarning",
     "PairLaw",
     "Parameters",
     "PhaseState",

@@ -9,11 +9,14 @@ import torch
 from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
+from dynamics.domain import EXTENTS, NEAREST, extents
+from dynamics.findings import Finding, OverlapWarning, counted
 from dynamics.head import Head
 from dynamics.integrators import Memory
 from dynamics.pairs import pair_indices
 from dynamics.state import Parameters, PhaseState, kinetic_energy
 
+TOUCHING = 1e-6  # of the diameter: an overlap that rounding leaves after a bounce
 MAX_EVENTS = 10_000  # of one piece of a step; more means that bodies are jammed
 
 
@@ -61,6 +64,19 @@ class HardDisks(Head):
     @property
     def depends_on(self) -> tuple[str, ...]:
         return ()  # a diameter is all that is learned
+
+    def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
+        if start is None or start.q.shape[-2] < 2:
+            return []
+        closest = 1 / extents(start, self.box)[..., EXTENTS.index(NEAREST)]
+        episodes = closest < (1 - TOUCHING) * self.diameter
+        if not bool(episodes.any()):
+            return []
+        text = (
+            f"HardDisks: disks of diameter {float(self.diameter):.3g} overlap in "
+            f"{counted(episodes)}: they leave each other without a bounce"
+        )
+        return [Finding(OverlapWarning, text, episodes, 0, term="HardDisks")]
 
     def energy(self, state: PhaseState, params: Parameters) -> Tensor:
         """The kinetic energy: disks that do not overlap have no other."""

@@ -24,6 +24,10 @@ class DomainWarning(DynamicsWarning):
     """A learned model was asked about states far outside those it was trained on."""
 
 
+class OverlapWarning(DynamicsWarning):
+    """Hard bodies overlap at the start: their collisions are not defined."""
+
+
 class FailureWarning(DynamicsWarning):
     """A state is not finite; step, body and term are named."""
 

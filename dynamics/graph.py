@@ -11,6 +11,9 @@ from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
 
 
+MOST_MESSAGES = 2**22  # of one state: two gigabytes at width 128, and as much again in between
+
+
 class GraphNetwork(TransitionMap):
     """Each body's increment from its momentum, its mass and the sum of its neighbours' messages.
 
@@ -38,6 +41,11 @@ class GraphNetwork(TransitionMap):
     def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
         q, p, mass = state.q, state.p, params.mass.unsqueeze(-1)
         bodies = q.shape[-2]
+        if bodies**2 > MOST_MESSAGES:
+            raise ValueError(
+                f"GraphNetwork: {bodies} bodies exchange {bodies**2:,} messages at once, more than "
+                f"the {MOST_MESSAGES:,} that are held in memory; use fewer bodies"
+            )
         coupling = params.coupling[..., None, None]
         ahead = q.unsqueeze(-3) - q.unsqueeze(-2)  # (..., i, j, d): from i to j
         closing = (p / mass).unsqueeze(-3) - (p / mass).unsqueeze(-2)

@@ -93,7 +93,7 @@ class Hamiltonian(Head):
         for port in self.ports:
             cast(Port, port).check(params)
 
-    def concerns(self, params: Parameters) -> list[Finding]:
+    def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
         return [said for port in self.ports for said in cast(Port, port).concerns(params)]
 
     def force(self, state: PhaseState, params: Parameters) -> Tensor:

@@ -85,8 +85,8 @@ class Head(nn.Module, ABC):
             ValueError: what is impossible, and what to do.
         """
 
-    def concerns(self, params: Parameters) -> list[Finding]:
-        """What must be said of a rollout under these parameters before it starts."""
+    def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
+        """What must be said of a rollout under these parameters, from here, before it starts."""
         return []
 
     def set_scale(self, q: float, p: float) -> None:

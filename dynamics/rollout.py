@@ -103,7 +103,7 @@ def rollout(
         raise ValueError(f"rollout: steps = {steps} is not a multiple of every = {every}")
     checks.start(start, params, dt)
     head.check(params)
-    findings = head.concerns(params)
+    findings = head.concerns(params, start)
     with torch.no_grad(), _noise(seed, start.q.device):
         rates = watched(head, start, params, dt)
         stepper = Substepper.of(head, rates, start) if substeps and rates else None

@@ -24,7 +24,7 @@ from dynamics.potentials import HarmonicTrap, PairPotential
 from dynamics.state import Parameters, PhaseState
 from dynamics.stiffness import QuadraticPotential
 
-SHORTEST, LONGEST, PER_DECADE = 1e-8, 1e8, 16  # world units: distances at which K is tabulated
+SHORTEST, LONGEST, PER_DECADE = 1e-8, 1e8, 40  # world units: distances at which K is tabulated
 NUDGE = 1e-3  # relative step of the difference that gives a force's slope
 LEAST_CHANGE = 0.1  # of the force, over a factor of e in distance, for its slope to count
 

@@ -21,7 +21,7 @@ from dynamics.state import Parameters, PhaseState
 
 # omega * dt that an integrator of second order resolves everywhere to a percent; a model that can
 # never exceed it at this dt is not watched.
-RESOLVED = 0.2
+RESOLVED = 0.25
 LIMIT = {2: 0.05, 4: 0.1}  # order, or at least -> omega * dt of a step that is left whole
 MAX_PIECES = 1024  # of one step; an episode that needs more is left to fixed steps from then on
 MAX_HALVINGS = 45
@@ -60,8 +60,8 @@ class Substepper:
         self.head, self.rates, self.batch = head, rates, start.q.shape[:-2]
         # A port's flow has a direction in time: the fine method's backward steps are not for it.
         self.composed = head.integrator.needs_separable and not len(head.ports)
-        self.limit = LIMIT[min(head.integrator.order, 4)]
-        self.fine_limit = LIMIT[4] if self.composed else self.limit
+        self.limit = LIMIT[min(head.integrator.order, 4)] if self.composed else RESOLVED
+        self.fine_limit = LIMIT[4] if self.composed else RESOLVED
         self.pieces, self.left = 0, 0
         everyone = self.batch.numel()
         self.unresolved = torch.zeros(everyone, dtype=torch.bool, device=start.q.device)

@@ -52,7 +52,13 @@ def soft_argmax(
     Args:
         logits: of the heat; it is their softmax over the cells.
         centres: (x, y) of each cell, in the unit that the result is wanted in.
+
+    Raises:
+        ValueError: a logit is not finite.
     """
+    if not bool(torch.isfinite(logits).all()):
+        where = tuple(torch.nonzero(~torch.isfinite(logits))[0].tolist())
+        raise ValueError(f"soft_argmax: logit {where} is not finite; its heat has no place")
     log_heat = logits.flatten(-2).log_softmax(-1)
     heat = log_heat.exp()
     cells = heat.shape[-1]

@@ -26,7 +26,7 @@ def centroids(
         squared). A black channel has position 0 and mass 0, which says that nothing was seen.
 
     Raises:
-        ValueError: the frames' size is not the camera's.
+        ValueError: the frames' size is not the camera's, or a pixel is not finite.
     """
     if frames.shape[-2:] != (camera.height, camera.width):
         raise ValueError(
@@ -34,6 +34,9 @@ def centroids(
             f"camera of {(camera.height, camera.width)}; pass the camera that rendered them"
         )
     total = frames.sum((-2, -1))
+    if not bool(torch.isfinite(total).all()):
+        where = tuple(torch.nonzero(~torch.isfinite(total))[0].tolist())
+        raise ValueError(f"centroids: channel {where} has a pixel that is not finite; repair it")
     x = frames.sum(-2) @ camera.xs(frames.dtype, frames.device)
     y = frames.sum(-1) @ camera.ys(frames.dtype, frames.device)
     lit = total > 0

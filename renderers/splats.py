@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderers.camera import Camera
+from renderers.memory import check_fits
 from renderers.reused import draw_disks, draw_gaussians
 
 
@@ -38,6 +39,7 @@ def gaussians(
         _check_finite("gaussians", centres)
         return draw_gaussians(centres, camera, sigma, out)
     across, down = _profiles(centres, camera, sigma)
+    _check_fits("gaussians", centres, camera)
     # as a matrix product: its backward makes no image-sized temporaries, a broadcast one's does
     return down.unsqueeze(-1) @ across.unsqueeze(-2)
 
@@ -80,6 +82,7 @@ def disks(
             does not fit.
     """
     _check_finite("disks", centres)
+    _check_fits("disks", centres, camera)
     if out is not None:
         _check_positive("disks", "radius", radius)
         _check_positive("disks", "softness", softness)
@@ -124,6 +127,11 @@ def _profiles(centres: Tensor, camera: Camera, sigma: float) -> tuple[Tensor, Te
 def _check_positive(who: str, name: str, length: float) -> None:
     if not (math.isfinite(length) and length > 0):
         raise ValueError(f"{who}: {name} must be a positive length in world units, got {length}")
+
+
+def _check_fits(who: str, centres: Tensor, camera: Camera) -> None:
+    shape = (*centres.shape[:-1], camera.height, camera.width)
+    check_fits(who, shape, centres.dtype, centres.device)
 
 
 def _check_finite(who: str, centres: Tensor) -> None:
