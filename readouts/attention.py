@@ -93,7 +93,9 @@ class AttentionReadout(nn.Module):
         that hide each other are read worst.
         """
         position, attended = self.look(values, centres)
-        evidence = torch.cat([attended, _nearest(position)], -1).detach()
+        frames = position.unflatten(1, (self.frames, -1)).flatten(0, 1)
+        nearest = _nearest(frames).reshape(*position.shape[:2], 1)
+        evidence = torch.cat([attended, nearest], -1).detach()
         root = UNSURE * self.doubt(evidence).squeeze(-1)
         return position, confidence_at(root.square())
 

@@ -42,7 +42,7 @@ class StateProbe(AttentionReadout):
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n 2"]]:
         """Positions in normalised image units, momenta in the unit that they were trained in."""
-        position, _, attended = self.look(values, centres)
+        position, attended = self.look(values, centres)
         return position, self.move(attended)
 
 

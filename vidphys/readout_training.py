@@ -12,12 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from encoders.features import FeatureMap
+from readouts.attention import distance_at
 from vidphys.early_stopping import BestWeights, StopSettings
 from vidphys.learner import FitSettings, Learner
 from vidphys.train import Progress, fit_together
 
 SCORED_AT_ONCE = 64
 SOFTENING = 0.003  # normalised image units; the loss is quadratic below and linear above
+ROOT_SOFTENING = 1e-4  # normalised image units; a root has no slope at zero
 
 
 class PositionReadout(Protocol):
@@ -251,10 +253,14 @@ def position_rmse(positions: Tensor, targets: Tensor, weight: Tensor) -> float:
 
 def _loss(reader: PositionReadout) -> Callable[[LabelledFrames], Tensor]:
     def loss(batch: LabelledFrames) -> Tensor:
-        positions, _ = reader.read(batch.values, batch.centres)
+        positions, confidence = reader.read(batch.values, batch.centres)
         square = (positions - batch.targets).square().sum(-1)
         # the distance, not its square: a few blurred frames would rule the others
         distance = (square + SOFTENING**2).sqrt() - SOFTENING
-        return (batch.weight * distance).sum() / batch.weight.sum().clamp_min(1e-12)
+        # what is expected of it, learned by roots for the same reason, must not bend the positions
+        expected = (distance_at(confidence) + ROOT_SOFTENING).sqrt()
+        doubt = (expected - (square.detach().sqrt() + ROOT_SOFTENING).sqrt()).square()
+        total = batch.weight * (distance + doubt)
+        return total.sum() / batch.weight.sum().clamp_min(1e-12)
 
     return loss
