@@ -1,5 +1,7 @@
 """Differencing and shooting on the true law, where the answer is known."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Generator
@@ -8,7 +10,7 @@ from binders import Tracks
 from dynamics import PhaseState
 from readouts.differencing import backward_difference, central_difference
 from readouts.shooting import shoot
-from vidphys.initial_state import by_differencing, by_shooting, frame_roll
+from vidphys.initial_state import FADES, by_differencing, by_shooting, choose_fade, frame_roll
 from vidphys.scenes import gravity
 
 INTERVAL, STRIDE, FRAMES = 0.08, 40, 7
@@ -100,3 +102,11 @@ def test_shooting_refuses_what_is_not_finite():
     roll = frame_roll(SCENE.law, params, INTERVAL)
     with pytest.raises(ValueError, match="finite"):
         shoot(roll, q, PhaseState(q[:, 0], q[:, 0]))
+
+
+def test_old_frames_count_where_positions_err_and_not_where_the_law_does():
+    _, noisy, params = window(episodes=24, noise=0.01)
+    assert choose_fade(SCENE.law, noisy, params, INTERVAL) == max(FADES)
+    _, exact, params = window(episodes=24)
+    wrong = replace(params, coupling=0.5 * params.coupling)
+    assert choose_fade(SCENE.law, exact, wrong, INTERVAL) == min(FADES)

@@ -11,12 +11,14 @@ from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
 from readouts.differencing import backward_difference
 from readouts.shooting import ShootingFit, shoot
+from vidphys.perception.aim import PRECISE
 from vidphys.perception.base import model_step
 from vidphys.segments import roll
 
 WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
 UNUSUAL = 3.0  # times the median residual
-FADE = 0.5  # weight of a frame against the next: the head's own error grows with the distance
+FADES = (0.5, 0.7, 1.0)  # weights of a frame against the next that are tried
+PRACTICE, AHEAD = 64, 2  # clips and frames that they are tried on
 
 
 def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
@@ -24,23 +26,63 @@ def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: fl
     return backward_difference(tracks.positions, params.mass.to(tracks.positions), interval)
 
 
-def by_shooting(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
+def choose_fade(head: Head, tracks: Tracks, params: Parameters, interval: float) -> float:
+    """The fade under which a head foretells the last frames of some tracks best.
+
+    A head errs the more the further it is rolled, and positions err in every frame: where the one
+    is worse, old frames should count little, where the other is, as much as new ones. Nothing but
+    tracks is asked.
+
+    Args:
+        head: trained.
+        tracks: that it was trained on; the first ``PRACTICE`` clips are used, and all but the last
+            ``AHEAD`` of their frames to start from.
+        params: of each clip.
+        interval: seconds between frames.
+    """
+    few = slice(0, PRACTICE)
+    positions, confidence = tracks.positions[few].float(), tracks.confidence[few].float()
+    law = params.map(lambda x: x[few].float())
+    past = Tracks(positions[:, :-AHEAD], confidence[:, :-AHEAD], tracks.times[:-AHEAD])
+    dt, every = model_step(interval)
+
+    def missed(fade: float) -> float:
+        start = by_shooting(head, past, law, interval, fade)
+        with torch.no_grad():
+            ahead = roll(head, start, law, AHEAD, dt, every).q
+        error = (ahead - positions[:, -AHEAD:]).square().sum(-1) / PRECISE**2
+        return float((confidence[:, -AHEAD:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
+
+    return min(FADES, key=missed)
+
+
+def by_shooting(
+    head: Head, tracks: Tracks, params: Parameters, interval: float, fade: float = FADES[0]
+) -> PhaseState:
     """The end of the rollout that passes through the window's positions under the head.
 
     Episodes whose residual is unusually large (an encounter in the window that the head or the
     binder got wrong) are fitted again on shorter windows that end at the same frame; the one
     with the smallest residual per frame is kept where none is usual.
+
+    Args:
+        head: the law.
+        tracks: perceived positions.
+        params: of each clip.
+        interval: seconds between frames.
+        fade: weight of a frame against the next one; see :func:`choose_fade`.
     """
     positions, confidence = tracks.positions.float(), tracks.confidence.float()
     params = params.map(torch.Tensor.float)
-    best = _fit(head, positions[:, -WINDOWS[0] :], confidence, params, interval)
+    best = _fit(head, positions[:, -WINDOWS[0] :], confidence, params, interval, fade)
     state, rmse = best.states[:, -1], best.rmse
     usual = UNUSUAL * float(rmse.median())
     for window in WINDOWS[1:]:
         bad = torch.nonzero(~(rmse <= usual)).squeeze(-1)
         if not len(bad) or window >= positions.shape[1]:
             continue
-        again = _fit(head, positions[bad, -window:], confidence[bad], params[bad], interval)
+        few = positions[bad, -window:]
+        again = _fit(head, few, confidence[bad], params[bad], interval, fade)
         better = again.rmse < rmse[bad]
         rows = bad[better]
         state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
@@ -49,13 +91,18 @@ def by_shooting(head: Head, tracks: Tracks, params: Parameters, interval: float)
 
 
 def _fit(
-    head: Head, positions: Tensor, confidence: Tensor, params: Parameters, interval: float
+    head: Head,
+    positions: Tensor,
+    confidence: Tensor,
+    params: Parameters,
+    interval: float,
+    fade: float,
 ) -> ShootingFit:
     a, b, c = positions[:, 0], positions[:, 1], positions[:, 2]
     momentum = params.mass[..., None] * (-3 * a + 4 * b - c) / (2 * interval)
     frames = positions.shape[1]
-    fade = FADE ** torch.arange(frames - 1, -1, -1.0)
-    confidence = confidence[:, -frames:].clamp_min(1e-3) * fade[:, None]
+    weight = fade ** torch.arange(frames - 1, -1, -1.0)
+    confidence = confidence[:, -frames:].clamp_min(1e-3) * weight[:, None]
     with torch.no_grad():
         return shoot(
             frame_roll(head, params, interval),
@@ -79,6 +126,3 @@ def frame_roll(
         )
 
     return rolled
-
-
-READOUTS = {"differencing": by_differencing, "shooting": by_shooting}

@@ -11,12 +11,12 @@ from pathlib import Path
 import torch
 
 from binders import Tracks
-from dynamics import HEADS, Head, build
+from dynamics import HEADS, Head, PhaseState, build
 from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
-from vidphys.initial_state import READOUTS
+from vidphys.initial_state import by_differencing, by_shooting, choose_fade
 from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
@@ -108,12 +108,21 @@ def train_and_score(
     tell_scale(head, task)
     result = TRAINERS[readout](head, task)
     recorder.add_value("training_loss", result.final_loss)
-    start = READOUTS[readout](head, perceived.test, seen.test.params, seen.test.interval)
+    start = read_start(readout, head, seen, perceived)
     question = Question(scene, start, seen.test.states[:, -1], seen.test.params)
     score_state(recorder, question)
     score_inversion(recorder, head, question)
     score_drift(recorder, head, question)
     return head, question
+
+
+def read_start(readout: str, head: Head, seen: Seen, perceived: Perceived) -> PhaseState:
+    """The states at t0 of the held-out clips; how far back to look is decided on training clips."""
+    test = perceived.test, seen.test.params, seen.test.interval
+    if readout == "differencing":
+        return by_differencing(head, *test)
+    fade = choose_fade(head, perceived.train, seen.train.params, seen.train.interval)
+    return by_shooting(head, *test, fade)
 
 
 def score_state(recorder: Recorder, question: Question) -> None:
