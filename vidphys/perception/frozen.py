@@ -20,6 +20,7 @@ from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from encoders.store import FeatureRequest, FeatureStore
 from readouts.attention import AttentionReadout
+from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.clips import Clips
 from vidphys.errors import InputError
 from vidphys.extraction import FrozenEncoder
@@ -33,7 +34,7 @@ from vidphys.readout_training import (
 from vidphys.seeding import derive
 from vidphys.train import FitSettings
 
-SHARE = 4  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds
+SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds
 HELD_OUT = 8  # one clip in so many decides which weights of the readout are kept
 LEARNING_RATE, CLIP = 3e-3, 1.0
 STEPS = 4  # of the readout, over the preset's for a perception
@@ -52,7 +53,7 @@ class FrozenPerception:
     """
 
     encoder: FrozenEncoder
-    readout: AttentionReadout
+    readout: AttentionReadout | PooledReadout
     half_extent: float
     folder: Path | None
 
@@ -91,20 +92,39 @@ def encode_clips(encoder: FrozenEncoder, clips: Clips, folder: Path | None) -> F
     return FeatureMap(values, found.stride, found.times[: values.shape[1]])
 
 
-def fit_frozen(encoder_name: str, options: dict[str, Any], task: FitTask) -> Perception:
-    """Encode the training clips, and train the readout on their true positions.
+def fit_frozen(
+    encoder_name: str, options: dict[str, Any], task: FitTask, pooled: bool = False
+) -> Perception:
+    """Load an encoder and train a readout over it; see :func:`fit_readout`.
 
     Args:
         encoder_name: of ``encoders.frozen.catalogue``.
         options: of its settings.
         task: see :class:`FitTask`.
+        pooled: the control in place of spatial attention.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
+        InputError: see :func:`fit_readout`.
+    """
+    return fit_readout(load_encoder(encoder_name, options), encoder_name, task, pooled)
+
+
+def fit_readout(
+    encoder: FrozenEncoder, encoder_name: str, task: FitTask, pooled: bool = False
+) -> Perception:
+    """Encode the training clips, and train a readout on their true positions.
+
+    Args:
+        encoder: frozen.
+        encoder_name: of the random streams and of what is said to the user.
+        task: see :class:`FitTask`.
+        pooled: read the mean over the cells, with as many parameters, in place of attending.
+
+    Raises:
         InputError: too few clips to hold one out, or a number of frames that its feature frames
             do not divide.
     """
-    encoder = load_encoder(encoder_name, options)
     clips, count = task.clips, len(task.clips)
     held_out = max(1, count // HELD_OUT)
     if count < 2:
@@ -130,7 +150,9 @@ def fit_frozen(encoder_name: str, options: dict[str, Any], task: FitTask) -> Per
         for part in (slice(0, count - held_out), slice(count - held_out, None))
     )
     torch.manual_seed(derive(task.seed, "init", encoder_name))
-    readout = AttentionReadout(features.values.shape[2], targets.shape[2])
+    channels, bodies = features.values.shape[2], targets.shape[2]
+    attention = AttentionReadout(channels, bodies, frames=frames // seen)
+    readout = pooled_twin(attention) if pooled else attention
     steps = STEPS * task.sizes.perception_steps
     fit = FitSettings(steps, task.sizes.perception_batch, LEARNING_RATE, CLIP)
     order = derive(task.seed, "order", encoder_name)
@@ -148,7 +170,7 @@ FROZEN_GROUNDINGS = [
         "i3d",
         "none",
         False,
-        partial(fit_frozen, "i3d", {"layer": "Mixed_3c"}),
+        partial(fit_frozen, "i3d", {"layer": "Conv3d_2c_3x3"}),
         share=SHARE,
         whole_context=True,
     ),
