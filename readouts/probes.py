@@ -39,11 +39,21 @@ class StateProbe(AttentionReadout):
         self.move = nn.Sequential(nn.Linear(width, width // 2), nn.GELU(), nn.Linear(width // 2, 2))
 
     def read_state(
-        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+        self,
+        values: Float[Tensor, "f c h w"],
+        centres: Float[Tensor, "h w 2"],
+        kept: Float[Tensor, "f n width"] | None = None,
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n 2"]]:
-        """Positions in normalised image units, momenta in the unit that they were trained in."""
+        """Positions in normalised image units, momenta in the unit that they were trained in.
+
+        Args:
+            values: features of frames.
+            centres: of the cells, normalised image units.
+            kept: factors of the attended features that momentum is read from, for dropout in
+                training; all one where not given.
+        """
         position, attended = self.look(values, centres)
-        return position, self.move(attended)
+        return position, self.move(attended if kept is None else attended * kept)
 
 
 def side_by_side(values: Float[Tensor, "b t c h w"]) -> Float[Tensor, "b tc h w"]:

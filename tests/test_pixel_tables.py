@@ -5,6 +5,11 @@ import torch
 from torch import Generator
 
 from dynamics import PhaseState
+from encoders.cnn import ConvEncoder
+from readouts.attention import AttentionReadout
+from readouts.pooled import PooledReadout
+from renderers import Camera, RgbWorld
+from vidphys.clips import render_clips
 from vidphys.experiments import reproduce
 from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.scoring import Question
@@ -12,7 +17,10 @@ from vidphys.experiments.tables import seeing
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.experiments.tables.perception_speed import faster, score_rmse
+from vidphys.experiments.tables.readout_controls import pooled
+from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.own_cnn import OwnCnn, fit_own_cnn
 from vidphys.presets import OracleSizes, PixelSizes
 from vidphys.records import merged_tables
 
@@ -99,3 +107,32 @@ def test_errors_of_the_start_are_in_world_units():
 def test_pixel_tables_are_asked_for_by_one_word():
     names = {table.name for table in reproduce.choose(["pixels"])}
     assert {"probes", "pixel-heads", "perception-speed"} <= names
+
+
+def test_the_pooled_control_differs_in_nothing_but_the_readout():
+    spatial = GROUNDINGS["hiera"]
+    control = pooled(spatial)
+    assert (control.name, control.world, control.share) == ("hiera-pooled", "rgb", spatial.share)
+    assert control.fit.keywords == {"pooled": True} and control.fit.func is not None
+
+
+def test_a_frozen_cnn_says_which_weights_it_has_and_encodes_each_frame_by_itself():
+    torch.manual_seed(0)
+    first, second = ConvEncoder(3, 4), ConvEncoder(3, 4)
+    one, other = OwnCnn(first, 32), OwnCnn(second, 32)
+    assert one.identity != other.identity and one.identity == OwnCnn(first, 32).identity
+    frames = torch.randint(0, 255, (20, 3, 3, 32, 32), dtype=torch.uint8)
+    found = one(frames, torch.arange(3.0))
+    assert found.values.shape == (20, 3, 4, 16, 16)
+    alone = one(frames[17:18, 1:2], torch.arange(1.0))
+    torch.testing.assert_close(found.values[17, 1], alone.values[0, 0], rtol=1e-4, atol=1e-5)
+
+
+def test_own_cnns_features_are_read_by_either_readout(tmp_path):
+    sizes = PixelSizes(16, 4, 40, 4, 32, 2, 8, 4, 4)
+    world = RgbWorld(camera=Camera(height=32, width=32))
+    clips = render_clips(pixel_scene(), world, 16, 4, 40, 0, "train")
+    for control, kind in ((False, AttentionReadout), (True, PooledReadout)):
+        perception = fit_own_cnn(FitTask(clips, sizes, 0, "factored"), control)
+        assert isinstance(perception.readout, kind)
+        assert perception.tracks(clips).positions.shape == clips.states.q.shape

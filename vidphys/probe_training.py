@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
 from dynamics import PhaseState
 from readouts.probes import StateProbe
@@ -19,6 +19,7 @@ from vidphys.seeding import derive
 from vidphys.train import Progress, fit_together
 
 CELLS = 2  # largest random move of a training map, in cells
+DROPPED = 0.3  # share of the attended features that a momentum is not read from in training
 
 
 @dataclass(frozen=True)
@@ -113,14 +114,29 @@ def train_probes(
 
 
 def _loss(probe: StateProbe, spread: float, batch: StateFrames) -> Tensor:
+    """What is minimised: the error with some of the attended features left out."""
+    return _error(probe, spread, batch, _dropout(batch, probe.query.shape[-1]))
+
+
+def _error(
+    probe: StateProbe, spread: float, batch: StateFrames, kept: Tensor | None = None
+) -> Tensor:
     """Squared errors of both halves of the state, each in units of its own deviation."""
-    q, p = probe.read_state(batch.values, batch.centres)
+    q, p = probe.read_state(batch.values, batch.centres, kept)
     square = ((q - batch.targets) / spread).square() + (p - batch.momenta).square()
     return (batch.weight * square.mean(-1)).sum() / batch.weight.sum().clamp_min(1e-12)
+
+
+def _dropout(batch: StateFrames, width: int) -> Tensor:
+    """Factors of dropout, drawn by the batch itself: the same whoever is trained beside."""
+    drawn_by = int(batch.targets.double().square().sum() * 1e9) % 2**62
+    rng = Generator().manual_seed(drawn_by)
+    kept = torch.rand(*batch.targets.shape[:2], width, generator=rng) >= DROPPED
+    return kept / (1 - DROPPED)
 
 
 def _mean_error(probe: StateProbe, frames: StateFrames, spread: float) -> float:
     numbers = torch.arange(len(frames)).split(SCORED_AT_ONCE)
     with torch.no_grad():
-        errors = [float(_loss(probe, spread, frames[i])) * len(i) for i in numbers]
+        errors = [float(_error(probe, spread, frames[i])) * len(i) for i in numbers]
     return sum(errors) / len(frames)

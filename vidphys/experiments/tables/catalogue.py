@@ -18,6 +18,7 @@ from vidphys.experiments.tables import (
     pixel_heads,
     planning,
     probes,
+    readout_controls,
     scale,
     selection,
     sweeps,
@@ -66,5 +67,7 @@ TABLES: dict[str, Table] = {
         probes.PROBES,
         pixel_heads.PIXEL_HEADS,
         perception_speed.PERCEPTION_SPEED,
+        readout_controls.OWN_CNN_READOUT,
+        readout_controls.POOLED_CONTROL,
     )
 }

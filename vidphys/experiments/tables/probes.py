@@ -35,7 +35,7 @@ from vidphys.train import FitSettings
 
 # name -> options; an encoder whose windows have more than one frame is one of video
 ENCODERS: dict[str, dict[str, Any]] = {
-    "i3d": {"layer": "Mixed_3c"},
+    "i3d": {"layer": "Conv3d_2c_3x3"},
     "hiera": {},
     "videomae-tiny": {},
     "vjepa2-tiny": {},
@@ -46,7 +46,6 @@ ENCODERS: dict[str, dict[str, Any]] = {
 DATA_SEED = 0  # all seeds' probes see the same clips, so that features are made once
 ENCODED_AT_ONCE = 32  # clips
 HELD_OUT = 8  # one clip in so many decides which weights are kept
-STEPS = 2  # of the probes, over the preset's for a perception
 BATCH, LEARNING_RATE, CLIP = 64, 3e-3, 1.0
 
 
@@ -90,6 +89,7 @@ class OneFrame:
         self.encoder, self.frame = encoder, frame
         layer = f"{encoder.identity.layer}, feature frame of frame {frame}"
         self.identity = replace(encoder.identity, layer=layer)
+        self.frames_per_feature = encoder.windowing.tubelet
 
     def __call__(self, frames: Tensor, times: Tensor, progress: Any = None) -> FeatureMap:
         """Feature maps ``(b, 1, c, h, w)``."""
@@ -154,7 +154,7 @@ class Study:
         """A probe for each seed; the last clips decide which weights are kept."""
         index = torch.arange(len(frames))
         kept = max(1, len(frames) // HELD_OUT)
-        settings = FitSettings(STEPS * self.task.pixel.perception_steps, BATCH, LEARNING_RATE, CLIP)
+        settings = FitSettings(self.task.pixel.perception_steps, BATCH, LEARNING_RATE, CLIP)
         name = f"{self.name}-{part}"
         return train_probes(
             frames[index[:-kept]],
@@ -192,7 +192,7 @@ def draw_clips(task: CellTask) -> tuple[Clips, Clips]:
     world = RgbWorld(camera=Camera(height=sizes.image, width=sizes.image))
     draw = partial(render_clips, pixel_scene(), world)
     return (
-        draw(sizes.clips // 2, sizes.frames, sizes.stride, DATA_SEED, "train"),
+        draw(sizes.clips, sizes.frames, sizes.stride, DATA_SEED, "train"),
         draw(2 * sizes.held_out, sizes.frames, sizes.stride, DATA_SEED, "test"),
     )
 
@@ -256,7 +256,6 @@ PROBES = Table(
     settings={
         "scene": pixel_scene().settings,
         "encoders": ENCODERS,
-        "steps_over_preset": STEPS,
         "batch": BATCH,
         "learning_rate": LEARNING_RATE,
     },
