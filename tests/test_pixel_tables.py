@@ -6,6 +6,7 @@ from torch import Generator
 
 from dynamics import PhaseState
 from encoders.cnn import ConvEncoder
+from encoders.release import WeightsMissing
 from readouts.attention import AttentionReadout
 from readouts.pooled import PooledReadout
 from renderers import Camera, RgbWorld
@@ -22,7 +23,8 @@ from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.perception.own_cnn import OwnCnn, fit_own_cnn
 from vidphys.presets import OracleSizes, PixelSizes
-from vidphys.records import merged_tables
+from vidphys.records import Origin, Recorder, merged_tables
+from vidphys.runs import RunFolder
 
 SIZES = PixelSizes(8, 8, 40, 7, 32, 2, 8, 4, 4)
 
@@ -136,3 +138,18 @@ def test_own_cnns_features_are_read_by_either_readout(tmp_path):
         perception = fit_own_cnn(FitTask(clips, sizes, 0, "factored"), control)
         assert isinstance(perception.readout, kind)
         assert perception.tracks(clips).positions.shape == clips.states.q.shape
+
+
+def test_an_encoder_without_weights_is_skipped_with_the_command_that_gets_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("VIDPHYS_WEIGHTS", str(tmp_path))
+    with pytest.raises(WeightsMissing, match="`vidphys weights fetch vjepa2-g`"):
+        run_cell("encoder-scale", "vjepa2-g")
+    out = tmp_path / "run"
+    run = RunFolder.open(out, {"cells": [], "seeds": []})
+    run.skip("encoder-scale/vjepa2-g", "skipped: no weights")
+    recorder = Recorder(Origin(*["encoder-scale", *["x"] * 7], 0, "cpu", "float32"))
+    run.finish("x", *recorder.tables())
+    table = reproduce.write_verdicts(run, [TABLES["encoder-scale"]])["encoder-scale"]
+    why = {row["row"]["cell"]: row["why"] for row in table["rows"]}
+    assert why["vjepa2-g/factored"] == "skipped: no weights"
+    assert why["dinov2-small/factored"] == "not recorded"

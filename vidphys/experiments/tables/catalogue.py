@@ -7,6 +7,7 @@ from vidphys.experiments.tables import (
     diagnose,
     drag,
     drive,
+    encoder_scale,
     engine,
     factorial,
     families,
@@ -69,5 +70,6 @@ TABLES: dict[str, Table] = {
         perception_speed.PERCEPTION_SPEED,
         readout_controls.OWN_CNN_READOUT,
         readout_controls.POOLED_CONTROL,
+        encoder_scale.ENCODER_SCALE,
     )
 }
