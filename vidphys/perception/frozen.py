@@ -18,7 +18,7 @@ import torch
 from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
-from encoders.store import FeatureRequest, FeatureStore
+from encoders.store import DTYPES, FeatureRequest, FeatureStore
 from readouts.attention import AttentionReadout
 from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.clips import Clips
@@ -37,6 +37,7 @@ from vidphys.train import FitSettings
 SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds
 HELD_OUT = 8  # one clip in so many decides which weights of the readout are kept
 LEARNING_RATE, CLIP = 3e-3, 1.0
+AT_ONCE = 16  # clips that are encoded before their features are put by
 STEPS = 4  # of the readout, over the preset's for a perception
 
 
@@ -79,11 +80,12 @@ def encode_clips(encoder: FrozenEncoder, clips: Clips, folder: Path | None) -> F
     )
 
     def encode() -> FeatureMap:
-        """All clips as one long episode, which is what a store holds."""
-        found = encoder(clips.frames, clips.times)
-        return FeatureMap(
-            found.values.flatten(0, 1).unsqueeze(0), found.stride, found.times.repeat(b)
-        )
+        """All clips as one long episode, which is what a store holds; halved as they come."""
+        values = []
+        for frames in clips.frames.split(AT_ONCE):
+            found = encoder(frames, clips.times)
+            values.append(found.values.flatten(0, 1).to(DTYPES[request.dtype]))
+        return FeatureMap(torch.cat(values)[None], found.stride, found.times.repeat(b))
 
     with TemporaryDirectory() as scratch:
         store = FeatureStore(Path(scratch) if folder is None else folder / "features")
