@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -31,8 +31,8 @@ class TradeSizes:
         frames: drawn or encoded at once.
         trainings: (trajectories, optimiser steps) of a head.
         clips: held-out clips of the pipeline.
-        labelled: clips that position readouts learn from.
-        readout_steps: of their training.
+        labelled: clips that position readouts learn from and are held to.
+        runtimes: of encoders, beside torch's own; some take a minute to prepare.
     """
 
     repeats: int
@@ -44,24 +44,22 @@ class TradeSizes:
     trainings: tuple[tuple[int, int], ...]
     clips: int
     labelled: int
-    readout_steps: int
+    runtimes: tuple[str, ...] = ()
 
 
 SIZES = {
-    "quick": TradeSizes(
-        3, 16, 0.4, 1024, (16, 32, 64), 32, ((128, 100), (512, 100), (512, 300)), 8, 16, 60
-    ),
+    "quick": TradeSizes(3, 16, 0.4, 1024, (16, 64), 32, ((128, 50), (512, 50), (512, 150)), 4, 12),
     "standard": TradeSizes(
-        7,
+        5,
         64,
         1.0,
         16384,
         (16, 32, 64, 128, 224),
         64,
         ((128, 300), (512, 300), (2048, 300), (512, 1000), (2048, 1000)),
-        32,
-        64,
-        300,
+        12,
+        48,
+        ("compile", "openvino"),
     ),
 }
 
@@ -87,6 +85,7 @@ class Context:
         device: where networks run.
         weights: folder of encoders' weights; ``None`` for the usual places.
         scratch: a folder for files that are measured on.
+        skipped: what could not be measured, and why.
     """
 
     sizes: TradeSizes
@@ -94,6 +93,11 @@ class Context:
     device: str
     weights: Path | None
     scratch: Path
+    skipped: dict[str, str] = field(default_factory=dict)
+
+    def skip(self, what: str, why: str) -> None:
+        """Note that something could not be measured."""
+        self.skipped[what] = why
 
     @cached_property
     def scene(self) -> Scene:

@@ -16,6 +16,7 @@ from vidphys.trade.memory import peak_bytes
 from vidphys.trade.point import CPU_CLOCK, WALL_CLOCK, Point, Setting
 
 SHORTEST = 2e-3  # seconds: a shorter call is repeated within one timing
+LONG = 0.5  # seconds: a longer first call tells that the others are no shorter than that
 
 
 @dataclass(frozen=True)
@@ -116,16 +117,16 @@ def _tell(progress: Callable[[int, int], None] | None, done: int, total: int) ->
 
 
 def _first(job: Job, device: str) -> _Timed:
-    """The warm-up: its time, the errors of what it gives, the memory of a second call."""
+    """The warm-up: its time and memory, and the errors of what it gives."""
     began = time.perf_counter()
-    result = job.work()
-    _wait(device)
+    result, peak = peak_bytes(job.work, device)
     warmup = time.perf_counter() - began
     errors = job.errors(result)
     del result
+    if warmup > LONG:
+        return _Timed(job, warmup, 1, errors, peak)
     took, _ = _clocked(job.work, 1, device)
-    inner = max(1, math.ceil(SHORTEST / max(took, 1e-9)))
-    return _Timed(job, warmup, inner, errors, peak_bytes(job.work, device))
+    return _Timed(job, warmup, max(1, math.ceil(SHORTEST / max(took, 1e-9))), errors, peak)
 
 
 def _clocked(work: Callable[[], Any], calls: int, device: str) -> tuple[float, float]:

@@ -20,29 +20,28 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_MMAP_MAX = -1, -3, -4  # of malloc.h
 DEFAULT_TRIM, DEFAULT_MMAP, DEFAULT_MMAP_MAX = 128 * 1024, 128 * 1024, 65536
 
 
-def peak_bytes(work: Callable[[], Any], device: str) -> int | None:
-    """Most memory that one call holds above what is held before it; ``None`` where not known.
+def peak_bytes(work: Callable[[], Any], device: str) -> tuple[Any, int | None]:
+    """What one call returns, and the most memory that it holds above what is held before it.
 
     On a CPU it is the resident memory of the process, as Linux counts it, after what was freed
-    has been handed back.
+    has been handed back; ``None`` where that is not to be had.
     """
     if device == "cuda":
         torch.cuda.reset_peak_memory_stats()
         before = torch.cuda.memory_allocated()
-        work()
+        result = work()
         torch.cuda.synchronize()
-        return torch.cuda.max_memory_allocated() - before
+        return result, torch.cuda.max_memory_allocated() - before
     libc = _libc()
-    if libc is None:
-        return None
-    libc.malloc_trim(0)
+    if libc is not None:
+        libc.malloc_trim(0)
     try:
-        RESET.write_text("5")
+        RESET.write_text("5", encoding="ascii")
         before = _resident("VmRSS")
-        work()
-        return max(0, _resident("VmHWM") - before)
     except OSError:
-        return None
+        return work(), None
+    result = work()
+    return result, max(0, _resident("VmHWM") - before)
 
 
 @contextmanager

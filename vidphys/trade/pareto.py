@@ -1,4 +1,4 @@
-"""Which measured points no other one beats, and one figure for a whole front."""
+"""Which measured points no other one of their task beats."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 
 from vidphys.trade.point import Point
-
-DECADES = 12.0  # below the worst point: what an error of exactly zero counts as
 
 
 def pareto(points: Sequence[Point]) -> list[Point]:
@@ -31,19 +29,3 @@ def by_task(points: Sequence[Point]) -> dict[tuple[str, str], list[Point]]:
     for point in points:
         groups.setdefault((point.front, point.task), []).append(point)
     return groups
-
-
-def hypervolume(front: Sequence[Point], cost: float, error: float) -> float:
-    """Area that a front dominates below a corner, in decades of cost times decades of error.
-
-    Args:
-        front: from :func:`pareto`.
-        cost, error: the corner; points beyond it count nothing.
-    """
-    area, floor = 0.0, error * 10**-DECADES
-    kept = [p for p in front if p.cost < cost and p.error is not None and p.error < error]
-    ends = [p.cost for p in kept[1:]] + [cost]
-    for point, end in zip(kept, ends, strict=True):
-        assert point.error is not None
-        area += math.log10(end / point.cost) * math.log10(error / max(point.error, floor))
-    return area

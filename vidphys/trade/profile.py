@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from vidphys.atomic import write_json
 from vidphys.errors import InputError
 from vidphys.trade.point import Point, Setting
 
 SCHEMA_VERSION = 1
-# verb -> the front whose configuration it takes, and which of the configuration's names it has
-TAKES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "extract": (
-        "encoders",
-        ("encoder", "layer", "resolution", "frame_stride", "dtype", "runtime", "batch"),
-    ),
-    "train": ("encoders", ("encoder", "layer", "resolution")),
-    "rollout": ("rollouts", ("integrator", "dt", "dtype", "substeps", "evaluation")),
-    "render": ("drawing", ("world", "size", "antialias")),
+Config = TypeVar("Config")
+_LOOK = ("encoder", "layer", "resolution", "frame_stride", "dtype")
+# verb -> the fronts whose configuration it takes, and which of the configuration's names it has
+TAKES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "extract": (("encoders", "runtimes"), (*_LOOK, "runtime", "batch", "store_dtype")),
+    "train": (("encoders",), _LOOK),
+    "render": (("drawing",), ("world", "image")),
 }
 
 
@@ -76,11 +74,37 @@ def profile_options(path: Path, verb: str) -> dict[str, Setting]:
     Raises:
         InputError: the file is no profile, or has no point for this verb, or several.
     """
-    front, names = TAKES[verb]
-    points = [point for point in read_profile(path).points if point.front == front]
+    fronts, names = TAKES[verb]
+    points = [point for point in read_profile(path).points if point.front in fronts]
     if len(points) != 1:
         raise InputError(
-            f"--profile {path}: has {len(points)} points of the front {front!r}, which {verb} is "
-            'set by; choose one with `vidphys trade --pick "..." --save FILE`'
+            f"--profile {path}: has {len(points)} points of what {verb} is set by "
+            f"({', '.join(fronts)}); choose one with `vidphys trade --pick ... --save FILE`"
         )
     return {name: value for name, value in points[0].configuration.items() if name in names}
+
+
+def under_profile(config: Config, path: Path | None, verb: str) -> Config:
+    """A verb's configuration with what a profile says.
+
+    Args:
+        config: a frozen dataclass; what it was given besides the profile must not differ from it.
+        path: of the profile; ``None`` changes nothing.
+        verb: a key of :data:`TAKES`.
+
+    Raises:
+        InputError: see :func:`profile_options`; or an option is given that the profile has
+            otherwise.
+    """
+    if path is None:
+        return config
+    chosen = profile_options(path, verb)
+    usual = {f.name: f.default for f in fields(config)}  # type: ignore[arg-type]
+    for name, value in chosen.items():
+        given = getattr(config, name)
+        if given not in (usual[name], value):
+            raise InputError(
+                f"{verb}: --profile {path} has {name} {value}, and --{name.replace('_', '-')} "
+                f"{given} is given as well; leave one of them away"
+            )
+    return replace(config, **chosen)  # type: ignore[type-var]

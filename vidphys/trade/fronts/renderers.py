@@ -48,7 +48,7 @@ def jobs(context: Context) -> Iterator[Job]:
 
 def _worlds(camera: Camera) -> dict[str, ChannelWorld | AnonymousWorld]:
     """Those in which the picture of one body is one splat."""
-    return {"channel": ChannelWorld(camera), "anonymous": AnonymousWorld(camera)}
+    return {"channels": ChannelWorld(camera), "anonymous": AnonymousWorld(camera)}
 
 
 def _into_memory(world: ChannelWorld | AnonymousWorld, q: Tensor) -> Callable[[Tensor], Tensor]:
@@ -79,8 +79,8 @@ def _job(
         }
 
     return Job(
-        task=f"{name} world, one body",
-        configuration={"world": name, "size": size, "antialias": factor, "memory": memory},
+        task=f"one body, {name}",
+        configuration={"world": name, "image": size, "antialias": factor, "memory": memory},
         work=lambda: draw(q),
         errors=errors,
         per_call=len(q),

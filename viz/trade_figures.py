@@ -1,0 +1,173 @@
+"""Figures of speed against accuracy, from rows of measured points as dicts.
+
+A row has ``front``, ``task``, ``configuration`` (a dict), ``cost``, ``cost_low``, ``cost_high``,
+``cost_name``, ``error`` (``None``: not finite), ``error_name``, ``units`` and ``best`` (no other
+point of its task is both cheaper and more accurate).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from viz.figures import _TEXT, FAINT, INK, SPARE, STYLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Row = Mapping[str, Any]
+MARKS = (*STYLES.values(), *SPARE)
+EXACT = 1e-17  # where an error of exactly zero is drawn
+FADED, FULL = 0.35, 1.0
+
+
+def pareto_figure(rows: Sequence[Row], by: str) -> Figure:
+    """Cost against error for each task, with the front drawn through the points that are on it.
+
+    Args:
+        rows: of one front.
+        by: setting that gives colour and marker.
+    """
+    tasks = list(dict.fromkeys(row["task"] for row in rows))
+    figure, panels = _grid(len(tasks))
+    kinds = list(dict.fromkeys(str(row["configuration"].get(by)) for row in rows))
+    for axes, task in zip(panels, tasks, strict=False):
+        _panel(axes, [row for row in rows if row["task"] == task], by, kinds)
+        axes.set_title(task, fontsize=9, loc="left")
+    _name(figure, panels, by)
+    return figure
+
+
+def work_precision_figure(rows: Sequence[Row]) -> Figure:
+    """Error against time and against force evaluations, a line for each method of a rollout."""
+    figure, panels = _grid(2)
+    lines: dict[str, list[Row]] = {}
+    for row in rows:
+        told = row["configuration"]
+        pieces = ", pieces" if told["substeps"] else ""
+        lines.setdefault(f"{told['integrator']}, {told['dtype']}{pieces}", []).append(row)
+    for number, (name, line) in enumerate(lines.items()):
+        colour, marker = MARKS[number % len(MARKS)]
+        finite = sorted((r for r in line if r["error"] is not None), key=lambda r: r["cost"])
+        errors = [max(r["error"], EXACT) for r in finite]
+        for axes, work in zip(panels, (_cost, _forces), strict=False):
+            axes.plot([work(r) for r in finite], errors, color=colour, marker=marker, label=name)
+    for axes, words in zip(
+        panels, (rows[0]["cost_name"], "force evaluations a simulated second"), strict=False
+    ):
+        axes.set(xscale="log", yscale="log", xlabel=words, ylabel=rows[0]["error_name"])
+    _legend(figure, panels)
+    return figure
+
+
+def crowd_figure(rows: Sequence[Row]) -> Figure:
+    """Time of a force against the number of bodies, coloured by its error."""
+    import matplotlib
+
+    laws = list(dict.fromkeys(row["task"].rsplit(",", 1)[0] for row in rows))
+    figure, panels = _grid(len(laws))
+    norm = matplotlib.colors.LogNorm(1e-16, 1)
+    for axes, law in zip(panels, laws, strict=False):
+        lines: dict[str, list[Row]] = {}
+        for row in rows:
+            told = row["configuration"]
+            if row["task"].startswith(law):
+                lines.setdefault(f"{told['evaluation']}, {told['dtype']}", []).append(row)
+        for number, (name, line) in enumerate(lines.items()):
+            bodies = [row["configuration"]["bodies"] for row in line]
+            costs = [row["cost"] for row in line]
+            axes.plot(bodies, costs, color=MARKS[number][0], lw=1, label=name, zorder=1)
+            shade = [max(row["error"] or 1e-16, 1e-16) for row in line]
+            drawn = axes.scatter(
+                bodies, costs, c=shade, norm=norm, cmap="viridis_r", s=45, zorder=2
+            )
+        axes.set(xscale="log", yscale="log", xlabel="bodies", ylabel=rows[0]["cost_name"])
+        axes.set_title(law, fontsize=9, loc="left")
+    figure.colorbar(drawn, ax=panels, label=rows[0]["error_name"])
+    _legend(figure, panels)
+    return figure
+
+
+def _panel(axes: Axes, rows: Sequence[Row], by: str, kinds: Sequence[str]) -> None:
+    for row in rows:
+        kind = str(row["configuration"].get(by))
+        colour, marker = MARKS[kinds.index(kind) % len(MARKS)]
+        failed = row["error"] is None
+        y = 1.0 if failed else max(row["error"], EXACT)
+        spread = [[row["cost"] - row["cost_low"]], [row["cost_high"] - row["cost"]]]
+        axes.errorbar(
+            row["cost"],
+            y,
+            xerr=spread,
+            fmt=marker,
+            color=colour,
+            mfc="none" if failed else colour,
+            alpha=FULL if row["best"] else FADED,
+            ms=7 if row["best"] else 5,
+            lw=1,
+            label=kind,
+        )
+    best = sorted((row for row in rows if row["best"]), key=_cost)
+    errors = [max(row["error"], EXACT) for row in best]
+    axes.step([_cost(row) for row in best], errors, where="post", color=INK, lw=1, alpha=0.6)
+    axes.set(xscale="log", yscale="log", xlabel=rows[0]["cost_name"], ylabel=rows[0]["error_name"])
+
+
+def _cost(row: Row) -> float:
+    return row["cost"]
+
+
+def _forces(row: Row) -> float:
+    return row["units"]["force_evaluations"]
+
+
+def _grid(count: int) -> tuple[Figure, list[Axes]]:
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    columns = min(2, count)
+    rows = -(-count // columns)
+    with matplotlib.rc_context(_TEXT):
+        figure = Figure(figsize=(5.2 * columns, 3.6 * rows + 0.6), layout="constrained")
+        panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axes in panels[count:]:
+        axes.set_visible(False)
+    for axes in panels:
+        axes.grid(color="#eeeeee", lw=0.8)
+        axes.set_axisbelow(True)
+    return figure, panels[:count]
+
+
+def _name(figure: Figure, panels: Sequence[Axes], by: str) -> None:
+    handles = _handles(panels)
+    if len(handles) > 1:
+        figure.legend(
+            list(handles.values()),
+            [f"{by} {label}" for label in handles],
+            loc="outside upper left",
+            ncols=4,
+            frameon=False,
+            fontsize=9,
+            labelcolor=FAINT,
+        )
+
+
+def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    handles = _handles(panels)
+    figure.legend(
+        list(handles.values()),
+        list(handles),
+        loc="outside upper left",
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
+
+
+def _handles(panels: Sequence[Axes]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return found
