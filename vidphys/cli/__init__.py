@@ -17,6 +17,7 @@ VERBS = {
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
     "train": ("TrainConfig", "train a readout and a dynamics head on a clip"),
+    "trade": ("TradeConfig", "measure speed against accuracy here, and choose from it"),
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
     "doctor": ("DoctorConfig", "say what this machine has"),
 }

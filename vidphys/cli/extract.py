@@ -12,6 +12,7 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
 from vidphys.errors import InputError
+from vidphys.trade.profile import under_profile
 from vidphys.video import ClipSelection, Video, read_video
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ OPTIONS = (
     "predictor",
     "dtype",
     "batch",
+    "runtime",
 )
 
 
@@ -41,7 +43,7 @@ class ExtractConfig:
         clips: video files.
         out: folder of the feature store; made if it is not there.
         encoder: the frozen encoder; `vidphys weights list` names them. The options from layer to
-            batch keep its own default where they are not given; one that it does not take is
+            runtime keep its own default where they are not given; one that it does not take is
             refused.
         weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
         layer: what is read: hiera 4, 8, 16 or 32 (stride in network pixels); i3d a stage, such as
@@ -53,6 +55,8 @@ class ExtractConfig:
         predictor: read the predictor of V-JEPA 2 in place of its encoder.
         dtype: of the computation.
         batch: frames, or windows of a video encoder, per forward pass.
+        runtime: what computes the network, for encoders that have a choice.
+        profile: take encoder and options from a point that `vidphys trade --pick` chose.
         store_dtype: of the values on disk.
         start: first frame of each clip.
         stop: frame to stop before.
@@ -75,6 +79,8 @@ class ExtractConfig:
     predictor: bool = False
     dtype: Literal["float32", "bfloat16", "float16"] | None = None
     batch: int | None = None
+    runtime: Literal["torch", "compile", "openvino"] | None = None
+    profile: Path | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
     start: int = 0
     stop: int | None = None
@@ -103,6 +109,7 @@ def extract(config: ExtractConfig) -> None:
         InputError: no clip, a clip that cannot be read, weights that are missing or wrong, a
             device that is not there, or a damaged store entry.
     """
+    config = under_profile(config, config.profile, "extract")
     if not config.clips:
         raise InputError("extract: no clips; name at least one video file")
     for path in config.clips:
