@@ -78,10 +78,8 @@ def bind_motion(
     """
     if len(frames) < 3:
         raise ValueError(f"bind_motion: motion needs at least 3 frames, got {len(frames)}")
-    factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
-    small = _shrink(frames, factor)
-    sample = np.unique(np.linspace(0, len(small) - 1, SAMPLED_FRAMES).astype(int)).tolist()
-    drift = camera_drift(small.mean(-1, dtype=np.float32), sample)
+    small, factor = _working_copy(frames)
+    sample, drift = _drift(small)
     path = _follow_before_background(_steady(small, drift), sample, settings)
     half = max(frames.shape[1:3]) / 2 / factor
     centre = np.array([frames.shape[2], frames.shape[1]]) / 2 / factor
@@ -93,6 +91,26 @@ def bind_motion(
         torch.from_numpy(times),
     )
     return MotionTracks(tracks, torch.from_numpy(drift / half * up).float())
+
+
+def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:
+    """What the camera of a clip did, as in :class:`MotionTracks`, without following anything."""
+    small, factor = _working_copy(frames)
+    _, drift = _drift(small)
+    half = max(frames.shape[1:3]) / 2 / factor
+    return torch.from_numpy(drift / half * np.array([1.0, -1.0])).float()
+
+
+def _working_copy(frames: np.ndarray) -> tuple[np.ndarray, int]:
+    """The frames at their working size, and the factor that they were shrunk by."""
+    factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
+    return _shrink(frames, factor), factor
+
+
+def _drift(small: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """The frames that the background is known by, and its displacement in each frame (pixels)."""
+    sample = np.unique(np.linspace(0, len(small) - 1, SAMPLED_FRAMES).astype(int)).tolist()
+    return sample, camera_drift(small.mean(-1, dtype=np.float32), sample)
 
 
 def _follow_before_background(

@@ -27,6 +27,11 @@ class FrozenEncoder(Protocol):
 
     identity: EncoderIdentity
 
+    @property
+    def frames_per_feature(self) -> int:
+        """Frames of the clip from a feature frame to the next one."""
+        ...
+
     def __call__(
         self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
     ) -> FeatureMap: ...
@@ -72,11 +77,12 @@ def extract(
         dtype=dtype,
     )
     before = store.hits
-    features = store.get(request, str(video.path), lambda: _encode(video, encoder, progress))
+    features = store.get(request, str(video.path), lambda: encode(video, encoder, progress))
     return Extraction(features, request.key, store.hits > before)
 
 
-def _encode(video: Video, encoder: FrozenEncoder, progress: Progress | None) -> FeatureMap:
+def encode(video: Video, encoder: FrozenEncoder, progress: Progress | None = None) -> FeatureMap:
+    """The features of a clip, made now; see :func:`extract`."""
     # bytes until a pass of the encoder: a long clip never exists in floats as a whole
     frames = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None]
     times = torch.from_numpy(video.times)

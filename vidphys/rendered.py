@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,7 +30,7 @@ from vidphys.scenes.springs import springs
 from vidphys.train import Progress
 from vidphys.video import opencv
 
-SCENES = {
+SCENES: dict[str, Callable[[], Scene]] = {
     # a disk's picture does not show its mass
     "gravity": partial(gravity, mass=(1.0, 1.0)),
     "gravity-ring": partial(gravity, "ring", mass=(1.0, 1.0)),

@@ -74,7 +74,7 @@ def overlay_layout(video: Arrays) -> rrb.Blueprint:
     """The clip with what is drawn over it, beside the positions in time."""
     import rerun.blueprint as rrb
 
-    roles = ("observed", "readout", "rollout")
+    roles = ("observed", "readout", "rollout", "changed")
     picture = rrb.Spatial2DView(
         origin="/video",
         name="Observed, read out, rolled out",

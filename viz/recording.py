@@ -42,6 +42,13 @@ COLOURS: dict[str, Colour] = {
     "observed": (0, 170, 120),
     "readout": (86, 180, 233),
     "rollout": (230, 110, 40),
+    "changed": (204, 121, 167),
+}
+VIDEO_ARRAYS = {  # role -> (positions, their times), where they are not those of the frames
+    "observed": ("track", "frame_times"),
+    "readout": ("readout", "frame_times"),
+    "rollout": ("rollout", "rollout_times"),
+    "changed": ("changed", "changed_times"),
 }
 PHASE_COLOURS: tuple[Colour, ...] = ((0, 120, 90), (180, 90, 20), (90, 90, 90))
 MAX_FRAMES = 400  # longer clips are thinned evenly; tracks keep every instant
@@ -97,11 +104,12 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     """Write the recording of a real clip with what was observed, read and predicted drawn over it.
 
     Args:
-        video: ``frames (F, H, W, 3)`` uint8; ``frame_times (F,)`` in seconds; ``track (F, N, 2)``,
-            what the binder observed; ``readout (F, N, 2)``, what the readout predicts;
-            ``rollout (R, N, 2)`` at ``rollout_times (R,)``, which may end after the clip. Positions
-            in world units (y upwards, origin at the image centre) with ``half_extent``, the world
-            length of half of the longer image side. Optional ``train_end``, seconds.
+        video: ``frames (F, H, W, 3)`` uint8; ``frame_times (F,)`` in seconds; ``readout
+            (F, N, 2)``, what the readout predicts; ``rollout (R, N, 2)`` at ``rollout_times (R,)``,
+            which may end after the clip. Positions in world units (y upwards, origin at the image
+            centre) with ``half_extent``, the world length of half of the longer image side.
+            Optional ``track (F, N, 2)``, what was observed; ``changed`` and ``changed_times``, a
+            rollout under another law; ``train_end``, seconds.
         meta: what is shown, in words; ``cell`` becomes the recording's name.
         path: the ``.rrd`` to write, replaced as a whole or not at all.
 
@@ -110,22 +118,21 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     """
     check_video(video)
     stamps = np.asarray(video["frame_times"], np.float64)
-    ahead = np.asarray(video["rollout_times"], np.float64)
     interval = float(np.median(np.diff(stamps)))
     height, width = video["frames"].shape[1:3]
     tape = _Tape(meta, step=interval)
     factor = tape.pictures("video/image", stamps, video["frames"])
     radius = 0.014 * max(height, width) / factor
     after = np.array([stamps[-1] + interval])
-    seen = np.append(stamps, after)
-    for role, key, when, size in (
-        ("observed", "track", seen, radius),
-        ("readout", "readout", seen, 0.6 * radius),
-        ("rollout", "rollout", ahead, 0.6 * radius),
-    ):
-        blank = np.full((len(when) - len(video[key]), *video[key].shape[1:]), np.nan)
-        positions = np.concatenate([video[key], blank])  # nothing is seen after the clip
+    for role, (key, times) in VIDEO_ARRAYS.items():
+        if key not in video:
+            continue
+        when, positions = np.asarray(video[times], np.float64), video[key]
+        if times == "frame_times":  # nothing is seen after the clip
+            when = np.append(when, after)
+            positions = np.concatenate([positions, np.full_like(positions[:1], np.nan)])
         pixels = world_to_pixel(positions, (height, width), half_extent(video)) / factor
+        size = radius if role == "observed" else 0.6 * radius
         tape.bodies(f"video/{role}", when, pixels, [COLOURS[role]], size)
         for axis, name in enumerate("xy"):
             tape.series(f"position_{name}/{role}", when, positions[..., axis], role)

@@ -49,18 +49,23 @@ def check_showcase(showcase: Arrays) -> None:
         _shape("showcase", showcase, "energy_long", (count,))
     if "frames" in showcase:
         _require("showcase", showcase, ("frame_times", "track"))
-        _pictures("showcase", showcase)
+        _pictures("showcase", showcase, "track")
 
 
 def check_video(video: Arrays) -> None:
     """Raise ValueError unless the arrays of a real clip are there and fit together."""
-    keys = ("frames", "frame_times", "track", "readout", "rollout", "rollout_times", "half_extent")
+    keys = ("frames", "frame_times", "readout", "rollout", "rollout_times", "half_extent")
     _require("video", video, keys)
     _scalar("video", video, "half_extent")
-    count = _pictures("video", video)
-    bodies = np.shape(video["track"])[1]
-    _shape("video", video, "readout", (count, bodies, 2))
-    _shape("video", video, "rollout", (_instants("video", video, "rollout_times"), bodies, 2))
+    count = _pictures("video", video, "readout")
+    bodies = np.shape(video["readout"])[1]
+    if "track" in video:
+        _shape("video", video, "track", (count, bodies, 2))
+    for role in ("rollout", "changed"):
+        if role in video:
+            _require("video", video, (f"{role}_times",))
+            instants = _instants("video", video, f"{role}_times")
+            _shape("video", video, role, (instants, bodies, 2))
 
 
 def half_extent(arrays: Arrays) -> float:
@@ -119,17 +124,17 @@ def _instants(who: str, arrays: Arrays, key: str) -> int:
     return len(times)
 
 
-def _pictures(who: str, arrays: Arrays) -> int:
+def _pictures(who: str, arrays: Arrays, seen: str) -> int:
     frames = np.asarray(arrays["frames"])
     count = _instants(who, arrays, "frame_times")
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8:
         raise ValueError(
             f"{who}: frames must be uint8 (F, H, W, 3), got {frames.dtype} {frames.shape}"
         )
-    track = np.shape(arrays["track"])
+    track = np.shape(arrays[seen])
     if len(frames) != count or len(track) != 3 or track[0] != count or track[2] != 2:
         raise ValueError(
-            f"{who}: {count} frame times, {len(frames)} frames and a track of shape {track} "
+            f"{who}: {count} frame times, {len(frames)} frames and a {seen} of shape {track} "
             "do not belong together; expected (F,), (F, H, W, 3), (F, N, 2)"
         )
     return count

@@ -1,4 +1,4 @@
-"""``vidphys train``: a readout over a frozen encoder, and the dynamics of what it sees."""
+"""``vidphys train``: readouts over a frozen encoder, and the dynamics of what they see."""
 
 from __future__ import annotations
 
@@ -9,52 +9,100 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.extract import ExtractConfig, frozen_encoder
+from vidphys.cli.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from vidphys.experiments.clip_dynamics import Forecast
-    from vidphys.experiments.real_clip import PerceivedClip
+    from vidphys.dataset import Dataset
+    from vidphys.experiments.training import TrainSettings
+    from vidphys.reader import Layer, LoadedEncoder
     from vidphys.records import Recorder
     from vidphys.runs import RunFolder
+    from vidphys.train import Progress
 
-STAGES = 4
+ENCODER_OPTIONS = ("resolution", "frames", "hop", "frame_stride", "dtype")
+HEADS = 4  # by which the width of a readout's attention is divided
+# where things lie and what is shown make no other run
+ELSEWHERE = ("data", "store", "out", "weights", "overwrite", "quiet")
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Train a readout and a dynamics head on a clip, and roll past its end.
+    """Train readouts and dynamics on a clip, a folder of clips, or a rendered folder.
 
-    Example: vidphys train clip.mp4 --store features --out runs/clip --weights weights
+    Example: vidphys train clips --encoder hiera --widths 64 128 --seeds 3 --out runs/clips
+
+    Positions are learned from a table beside each clip (NAME.csv with columns x1,y1,... or
+    u1,v1,...), or else from a hand-made binder that follows what moves. Interrupted, the same
+    command goes on where it was.
 
     Args:
-        clip: the video file; one body moves before a still camera.
+        data: a video file, a folder of them, or a folder of `vidphys render`.
+        encoder: the frozen encoder; `vidphys weights list` names them.
         store: folder of the feature store; what is missing in it is extracted.
         out: the run folder.
         weights: file or folder of the encoder's weights; else VIDPHYS_WEIGHTS.
-        layer: the stage that is read, by its stride in network pixels.
-        resolution: network pixels of the longer image side, a multiple of 32.
+        layers: of the encoder that are read, its own default if none is named.
+        resolution: network pixels of the longer image side.
+        frames: in a window of a video encoder.
+        hop: frames from a window's start to the next one's.
+        frame_stride: let the encoder take each so-many-th of the frames.
+        predictor: read the predictor of V-JEPA 2 in place of its encoder.
+        dtype: of the encoder's computation.
+        widths: of the readouts, multiples of 4; every combination of layer, width, learning rate
+            and seed is trained, and the best on what is held out is kept.
+        learning_rates: of the readouts.
+        seeds: initial weights that are tried, counted from seed.
         steps: optimiser steps of each readout.
-        start: first frame of the clip that is used (a hand may hold the body before it).
+        batch: feature frames a step.
+        patience: evaluations (of 40) without a smaller held-out error that end a readout's
+            training; 0 ends none early.
+        shift: move training features by up to so many cells, so that few labels show more places.
+        bodies: that the hand-made binder follows.
+        start: first frame of each clip that is used (a hand may hold the body before it).
         stop: frame to stop before.
-        train_share: part of the clip, from its start, that is trained on.
-        beyond: seconds to roll past the end of the clip.
-        seed: of initial weights and batch order.
+        stride: take each so-many-th frame.
+        side: shrink frames so that their longer side has at most this many pixels.
+        rate: frames per second, in place of the containers' time stamps.
+        train_share: of the clips that is trained on; of a single clip, its first part.
+        head_steps: optimiser steps of each dynamics head.
+        friction: whether the factored head has friction; auto leaves it out where the data set
+            says that it has none.
+        beyond: seconds to roll past the end of the recorded clip.
+        seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         device: where the encoder runs.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
 
-    clip: Annotated[Path, tyro.conf.Positional]
+    data: Annotated[Path, tyro.conf.Positional]
+    encoder: str = "hiera"
     store: Path = Path("features")
     out: Path = Path("runs/clip")
     weights: Path | None = None
-    layer: Literal[4, 8, 16, 32] = 8
-    resolution: int = 128
+    layers: tuple[int | str, ...] = ()
+    resolution: int | None = None
+    frames: int | None = None
+    hop: int | None = None
+    frame_stride: int | None = None
+    predictor: bool = False
+    dtype: Literal["float32", "bfloat16", "float16"] | None = None
+    widths: tuple[int, ...] = (128,)
+    learning_rates: tuple[float, ...] = (3e-3,)
+    seeds: int = 1
     steps: int = 1200
+    batch: int = 16
+    patience: int = 20
+    shift: int = 4
+    bodies: int = 1
     start: int = 0
     stop: int | None = None
+    stride: int = 1
+    side: int | None = None
+    rate: float | None = None
     train_share: float = 0.6
+    head_steps: int = 400
+    friction: Literal["auto", "yes", "no"] = "auto"
     beyond: float = 3.0
     seed: int = 0
     device: Literal["cpu", "cuda"] = "cpu"
@@ -62,163 +110,167 @@ class TrainConfig:
     quiet: bool = False
 
 
-def train(config: TrainConfig) -> None:
+def train(config: TrainConfig) -> int:
     """See :class:`TrainConfig`.
 
-    Raises:
-        InputError: a clip that is missing, too short or without a moving body; weights that are
-            missing or wrong; a device that is not there; another run in the folder.
-    """
-    from encoders.store import FeatureStore
-    from vidphys.experiments.clip_dynamics import HEADS, forecast
-    from vidphys.experiments.real_clip import RealClipSettings, perceive_clip
-    from vidphys.runs import RunFolder
-    from vidphys.train import FitSettings
-    from vidphys.video import ClipSelection, read_video
+    Returns:
+        0, or 1 where every readout's loss became infinite.
 
-    if not config.clip.is_file():
-        raise InputError(f"train: {config.clip}: no such file; nothing was trained")
-    video = read_video(config.clip, ClipSelection(config.start, config.stop))
+    Raises:
+        InputError: data that cannot be read or trained on, options that make no sense, weights
+            that are missing or wrong, a device that is not there, or another run in the folder.
+    """
+    from vidphys.dataset import find_dataset
+    from vidphys.reader import load_layers
+    from vidphys.runs import RunFolder
+
+    _check(config)
+    check_cuda(config.device)
+    dataset = find_dataset(config.data)
+    options = {name: getattr(config, name) for name in ENCODER_OPTIONS}
+    options["predictor"] = config.predictor or None
+    layers = config.layers or (None,)
     try:
-        encoder = frozen_encoder(_extraction(config))
+        encoders = load_layers(config.encoder, options, layers, config.weights, config.device)
     except ValueError as error:
         raise InputError(str(error)) from error
-    fit = FitSettings(config.steps, 16, 3e-3)
-    settings = RealClipSettings(train_share=config.train_share, fit=fit, seed=config.seed)
-    run = RunFolder.open(config.out, _settings(config), config.overwrite)
-    with run.locked(), Console(config.quiet, STAGES, "train") as console:
-
-        def show(step: int, steps: int, _loss: float) -> None:
-            console.stage(("train", step, steps))
-
-        try:
-            seen = perceive_clip(video, encoder, FeatureStore(config.store), settings, show)
-        except ValueError as error:
-            run.abandon()
-            raise InputError(str(error)) from error
-        console.done(0)
-        forecasts = {
-            name: forecast(
-                name, seen.steady_track, seen.split.end, config.beyond, config.seed, show
-            )
-            for name in HEADS
-        }
-        console.done(1)
-        recorder = _record(config, seen, forecasts)
-        run.finish(f"clip-s{config.seed}", *recorder.tables())
-        run.join()
-        _keep(run, seen, forecasts)
-        console.done(2)
-        _draw(run, seen, forecasts["damped"])
-        console.done(3)
-        for row in recorder.rows:
-            console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")
-        console.result(f"recording: {run.path / 'recordings' / 'clip.rrd'}")
+    run = RunFolder.open(config.out, _about(config, dataset, encoders), config.overwrite)
+    part = f"train-s{config.seed}"
+    with run.locked(), Console(config.quiet, 4, "train") as console:
+        if not run.is_done(part):
+            try:
+                _train(config, dataset, encoders, run, console)
+            except InputError:
+                run.abandon()
+                raise
+            except FloatingPointError as error:
+                console.warn(f"{error}; try smaller --learning-rates")
+                return 1
+        _show(run, console)
+    return 0
 
 
-def _extraction(config: TrainConfig) -> ExtractConfig:
-    return ExtractConfig(
-        clips=(config.clip,),
-        out=config.store,
-        weights=config.weights,
-        layer=config.layer,
-        resolution=config.resolution,
-        device=config.device,
-    )
+def _check(config: TrainConfig) -> None:
+    counts = ("seeds", "steps", "batch", "head_steps", "bodies")
+    for name, least in (*((name, 1) for name in counts), ("patience", 0), ("shift", 0)):
+        if getattr(config, name) < least:
+            option = name.replace("_", "-")
+            raise InputError(f"--{option} {getattr(config, name)}: must be at least {least}")
+    for width in config.widths:
+        if width < HEADS or width % HEADS:
+            raise InputError(f"--widths {width}: must be a multiple of {HEADS}")
+    for rate in config.learning_rates:
+        if not 0 < rate < float("inf"):
+            raise InputError(f"--learning-rates {rate}: must be above 0")
+    if not config.widths or not config.learning_rates:
+        raise InputError("--widths, --learning-rates: name at least one of each")
+    if not config.beyond >= 0:
+        raise InputError(f"--beyond {config.beyond}: must be at least 0 seconds")
 
 
-def _settings(config: TrainConfig) -> dict[str, Any]:
-    from vidphys.atomic import sha256
+def _about(
+    config: TrainConfig, dataset: Dataset, encoders: dict[Layer, LoadedEncoder]
+) -> dict[str, Any]:
+    """What makes the run this run, for ``run.json``."""
+    from vidphys.clip_dynamics import FACTORED, UNSTRUCTURED
 
-    plain = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
-    for key in ("out", "overwrite", "quiet", "store", "weights"):
-        plain.pop(key)
+    given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
     return {
+        **given,
         "experiment": "train",
-        "cells": ["clip/damped", "clip/unstructured"],
+        "cells": [f"clip/{FACTORED}", f"clip/{UNSTRUCTURED}"],
+        "readout_seeds": given.pop("seeds"),
         "seeds": [config.seed],
-        "clip_sha256": sha256(config.clip),
-        **plain,
+        "identities": [asdict(encoder.network.identity) for encoder in encoders.values()],
+        "sha256": dataset.hashes,
     }
 
 
-def _record(config: TrainConfig, seen: PerceivedClip, forecasts: dict[str, Forecast]) -> Recorder:
-    """Readout errors and forecast errors on the frames that no training saw."""
-    from dataclasses import replace
+def _settings(config: TrainConfig) -> TrainSettings:
+    from vidphys.candidates import Grid
+    from vidphys.early_stopping import StopSettings
+    from vidphys.experiments.training import TrainSettings
+    from vidphys.learner import FitSettings
+    from vidphys.readout_training import ReadoutSettings
+    from vidphys.video import ClipSelection
 
-    from vidphys.experiments.clip_dynamics import forecast_error, naive_forecasts
+    fit = FitSettings(config.steps, config.batch, config.learning_rates[0])
+    readout = ReadoutSettings(fit, config.shift, StopSettings(patience=config.patience))
+    seeds = tuple(range(config.seed, config.seed + config.seeds))
+    grid = Grid(config.widths, config.learning_rates, seeds)
+    selection = ClipSelection(config.start, config.stop, config.stride, config.side, config.rate)
+    return TrainSettings(
+        readout, grid, selection, config.train_share, config.head_steps, config.seed
+    )
+
+
+def _train(
+    config: TrainConfig,
+    dataset: Dataset,
+    encoders: dict[Layer, LoadedEncoder],
+    run: RunFolder,
+    console: Console,
+) -> None:
+    from binders.motion import MotionSettings
+    from encoders.store import FeatureStore
+    from vidphys.cli.recordings import record_training
+    from vidphys.experiments.training import perceive, understand
+    from vidphys.experiments.training_scores import foretell, record_forecasts, record_readouts
+    from vidphys.pipeline import save_pipeline
+    from vidphys.seen_clips import see
+
+    def stage(name: str) -> Progress:
+        return lambda step, steps, _: console.stage((name, step, steps))
+
+    settings, checkpoints = _settings(config), run.checkpoints("training")
+    selection = settings.selection
+    motion = MotionSettings(bodies=config.bodies)
+    try:
+        clips = see(dataset, encoders, FeatureStore(config.store), selection, motion, stage)
+        console.done(0)
+        perceived = perceive(clips, dataset, encoders, settings, checkpoints, stage)
+        console.done(1)
+        friction = config.friction == "yes" or (
+            config.friction == "auto" and not dataset.conserving
+        )
+        pipeline = understand(perceived, friction, settings, checkpoints, stage)
+        told = foretell(perceived, pipeline, config.beyond)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    console.done(2)
+    save_pipeline(run.path / "checkpoints", pipeline)
+    record_training(run.path, perceived, told[0], selection)
+    recorder = _recorder(config, dataset)
+    record_readouts(recorder, perceived)
+    record_forecasts(recorder, perceived, pipeline, told)
+    run.finish(f"train-s{config.seed}", *recorder.tables())
+    console.done(3)
+
+
+def _recorder(config: TrainConfig, dataset: Dataset) -> Recorder:
     from vidphys.records import Origin, Recorder
 
-    origin = Origin(
-        "train",
-        "clip",
-        config.clip.name,
-        "hiera",
-        "hiera",
-        "motion",
-        "attention",
-        "none",
-        config.seed,
-        config.device,
-        "float32",
+    return Recorder(
+        Origin(
+            experiment="train",
+            cell="clip",
+            system=config.data.name,
+            grounding=config.encoder,
+            encoder=config.encoder,
+            binder="table" if dataset.labelled else "motion",
+            readout="attention",
+            head="none",
+            seed=config.seed,
+            device=config.device,
+            dtype=config.dtype or "float32",
+        )
     )
-    recorder = Recorder(origin)
-    for score in seen.scores:
-        recorder.origin = replace(origin, readout=score.name, head=score.name)
-        recorder.add_value("readout_rmse_normalised", score.normalised)
-        recorder.add_value("readout_rmse_pixels", score.pixels)
-    # The forecast is judged by the hand binder, seen as by a camera that does not drift.
-    moved = seen.hand.tracks.positions - seen.hand.camera[None, :, None]
-    judge = replace(seen.hand.tracks, positions=moved)
-    paths = {name: (f.times, f.positions) for name, f in forecasts.items()}
-    for name, (times, positions) in {
-        **paths,
-        **naive_forecasts(seen.steady_track, seen.split.end),
-    }.items():
-        recorder.origin = replace(origin, cell=f"clip/{name}", head=name)
-        error = forecast_error(times, positions, judge, seen.split.scored)
-        recorder.add_value("forecast_rmse_normalised", error)
-        friction = forecasts[name].friction if name in forecasts else None
-        if friction is not None:
-            recorder.add_value("friction_per_second", friction)
-    return recorder
 
 
-def _keep(run: RunFolder, seen: PerceivedClip, forecasts: dict[str, Forecast]) -> None:
-    """Checkpoints of the readouts and the heads."""
-    from dynamics.terms import to_config
-    from vidphys import checkpoint
-    from vidphys.experiments.clip_dynamics import HEADS
-
-    for name, trained in seen.readouts.items():
-        path = run.checkpoints("readouts") / f"{name}.json"
-        checkpoint.save(path, dict(trained.module.state_dict()), {"step": 0, "readout": name})
-    for name, found in forecasts.items():
-        path = run.checkpoints("heads") / f"{name}.json"
-        meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": 1, "space": 1}
-        checkpoint.save(path, dict(found.head.state_dict()), meta)
-
-
-def _draw(run: RunFolder, seen: PerceivedClip, found: Forecast) -> None:
-    """The clip with what was followed, read and foretold drawn over it."""
-    import numpy as np
-
-    from viz.recording import write_overlay_recording
-
-    stamps = seen.video.times
-    drift = seen.hand.camera.numpy()
-    camera = np.stack(
-        [np.interp(found.times.numpy(), stamps, drift[:, axis]) for axis in range(2)], -1
-    )
-    arrays = {
-        "frames": seen.video.frames,
-        "frame_times": stamps,
-        "track": seen.hand.tracks.positions[0].numpy(),
-        "readout": seen.track.positions[0].numpy(),
-        "rollout": found.positions.numpy() + camera[:, None],
-        "rollout_times": found.times.numpy(),
-        "half_extent": np.asarray(1.0),
-        "train_end": np.asarray(stamps[seen.split.end - 1]),
-    }
-    meta = {"cell": "clip", "clip": seen.video.path.name}
-    write_overlay_recording(arrays, meta, run.path / "recordings" / "clip.rrd")
+def _show(run: RunFolder, console: Console) -> None:
+    for row in run.join().to_pylist():
+        value = "failed" if row["value"] is None else f"{row['value']:.4g}"
+        console.result(f"{row['cell']:<50}{row['metric']:<28}{value}")
+    console.result(f"recording: {run.path / 'recordings' / 'clip.rrd'}")

@@ -1,0 +1,79 @@
+"""Clips small enough to train on in a test, and an encoder that needs no weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from torch import Tensor, nn
+from torch.nn import functional
+
+from encoders.frozen import catalogue
+from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.catalogue import Adapter
+from encoders.frozen.windows import Windowing
+from encoders.identity import EncoderIdentity
+from vidphys.rendered import write_video
+
+RATE, SIDE = 25.0, 32
+
+
+@dataclass(frozen=True)
+class CellsSettings:
+    layer: int = 4
+    frames: int = 1
+
+
+class Cells(FrozenEncoder):
+    """Mean colour of square cells of ``layer`` pixels, those of ``frames`` frames side by side."""
+
+    def __init__(self, settings: CellsSettings, sha256: str) -> None:
+        self.cell = settings.layer
+        identity = EncoderIdentity("cells", 1, sha256, "none", str(self.cell), SIDE, "float32")
+        windowing = Windowing(settings.frames, tubelet=settings.frames)
+        super().__init__(nn.Linear(1, 1), windowing, 1, 8, identity)
+
+    def encode(self, clips: Tensor) -> Tensor:
+        light = functional.avg_pool2d(clips.flatten(0, 1), self.cell)
+        return light.unflatten(0, clips.shape[:2]).flatten(1, 2)[:, None]
+
+
+def know_cells(patch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Put ``cells`` into the catalogue; the hash of its weights can be changed."""
+    hashes = {"sha256": "0" * 64}
+    adapter = Adapter(CellsSettings, lambda s, where, device: Cells(s, hashes["sha256"]))
+    patch.setitem(catalogue.CATALOGUE, "cells", adapter)
+    return hashes
+
+
+@pytest.fixture
+def cells(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    return know_cells(monkeypatch)
+
+
+def swing(frames: int, phase: float) -> np.ndarray:
+    """Pixels (u, v) of a body that swings along a shallow curve, ``(t, 1, 2)``."""
+    angle = 0.9 * np.sin(2 * np.pi * np.arange(frames) / RATE / 1.2 + phase)
+    return np.stack([15.5 + 10 * np.sin(angle), 9.5 + 10 * np.cos(angle)], -1)[:, None]
+
+
+def pictures(places: np.ndarray) -> np.ndarray:
+    """A red disk at ``places (t, 1, 2)`` in pixels before grey."""
+    v, u = np.mgrid[:SIDE, :SIDE]
+    frames = np.empty((len(places), SIDE, SIDE, 3), np.uint8)
+    for frame, ((cu, cv),) in zip(frames, places, strict=True):
+        body = np.clip(4.0 - np.hypot(u - cu, v - cv), 0, 1)[..., None]
+        frame[:] = np.rint(110 * (1 - body) + np.array([230, 30, 40]) * body)
+    return frames
+
+
+def write_clip(path: Path, frames: int, phase: float = 0.0, table: bool = True) -> None:
+    """A clip of the swinging body, with its places in pixels beside it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    places = swing(frames, phase)
+    write_video(path, pictures(places), RATE)
+    if table:
+        rows = "\n".join(f"{u:.6f},{v:.6f}" for u, v in places[:, 0])
+        path.with_suffix(".csv").write_text(f"u1,v1\n{rows}\n")
