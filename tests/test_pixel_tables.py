@@ -4,12 +4,12 @@ import pytest
 import torch
 from torch import Generator
 
-from dynamics import PhaseState
+from dynamics import HEADS, PhaseState
 from encoders.cnn import ConvEncoder
 from encoders.release import WeightsMissing
 from readouts.attention import AttentionReadout
 from readouts.pooled import PooledReadout
-from renderers import Camera, RgbWorld
+from renderers import Camera, ChannelWorld, RgbWorld
 from vidphys.clips import render_clips
 from vidphys.experiments import reproduce
 from vidphys.experiments.ladder import pixel_scene
@@ -17,11 +17,15 @@ from vidphys.experiments.scoring import Question
 from vidphys.experiments.tables import seeing
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
+from vidphys.experiments.tables.consistency import latent_states
 from vidphys.experiments.tables.perception_speed import faster, score_rmse
 from vidphys.experiments.tables.readout_controls import pooled
-from vidphys.perception.base import FitTask
+from vidphys.perception.base import HEAD_DT, FitTask
 from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.cnn import CHUNK, CnnPerception
+from vidphys.perception.free_momentum import FreeMomentum
 from vidphys.perception.own_cnn import OwnCnn, fit_own_cnn
+from vidphys.perception.windows import WindowBatches
 from vidphys.presets import OracleSizes, PixelSizes
 from vidphys.records import Origin, Recorder, merged_tables
 from vidphys.runs import RunFolder
@@ -153,3 +157,41 @@ def test_an_encoder_without_weights_is_skipped_with_the_command_that_gets_it(tmp
     why = {row["row"]["cell"]: row["why"] for row in table["rows"]}
     assert why["vjepa2-g/factored"] == "skipped: no weights"
     assert why["dinov2-small/factored"] == "not recorded"
+
+
+def test_a_consistent_momentum_costs_nothing_and_any_other_does():
+    world = ChannelWorld(Camera(height=32, width=32))
+    clips = render_clips(pixel_scene(), world, 4, 6, 40, 0, "train")
+    window = WindowBatches(clips, 5)[torch.arange(4)]
+    head = pixel_scene().build(HEADS["factored"])
+    losses = {}
+    for weight in (0.0, 1.0):
+        torch.manual_seed(0)
+        perception = CnnPerception(3, 3, world.camera)
+        latent = FreeMomentum(perception, head, world, 8, 10, weight)
+        losses[weight] = float(latent.loss(window).detach())
+    assert losses[1.0] > losses[0.0] + 0.01
+    difference = torch.tensor([[-1.0, 0, 0, 0, 1, 0], [0, -1, 0, 0, 0, 1]]) / (2 * 8 * HEAD_DT)
+
+    class Exact(torch.nn.Module):
+        def forward(self, stack):
+            return stack @ difference.T
+
+    latent.momentum = Exact()
+    found = []
+    for latent.weight in (0.0, 1.0):
+        latent.step.zero_()  # the same blur
+        found.append(latent.loss(window))
+    torch.testing.assert_close(*found)
+
+
+def test_the_latents_residuals_are_of_the_frame_that_they_belong_to(tmp_path):
+    world = ChannelWorld(Camera(height=32, width=32))
+    clips = render_clips(pixel_scene(), world, 40, 5, 40, 0, "test")
+    perception = CnnPerception(3, 3, world.camera)
+    latent = FreeMomentum(perception, None, world, 8, 10, 1.0)
+    truth = clips.states.q.float()
+    perception.locate = lambda frames: next(chunks)
+    chunks = iter(truth[:, -3:].split(CHUNK))
+    found = latent_states(latent, clips)
+    torch.testing.assert_close(found.q, truth[:, -2])

@@ -7,6 +7,9 @@ drawn by the fixed renderer; the error is that of the drawing against the frames
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import torch
 from torch import Tensor, nn
 
@@ -53,12 +56,15 @@ class Discovery(nn.Module):
         self.register_buffer("step", torch.zeros((), dtype=torch.long))
 
     def loss(self, window: Window) -> Tensor:
-        """Squared error of the predicted frames, over the energy of the true ones.
+        """What is minimised."""
+        return self.error(start_state(self.perception, window, self.every), window)
+
+    def error(self, start: PhaseState, window: Window) -> Tensor:
+        """Squared error of the frames predicted from a start, over the energy of the true ones.
 
         Both are blurred alike, ever less as training goes on: a body is drawn towards its place
         only by light that overlaps with it.
         """
-        start = start_state(self.perception, window, self.every)
         future = roll(self.head, start, window.params, 1 + FUTURE, HEAD_DT, self.every)[:, 1:]
         truth = window.frames[:, SEEN:]
         blur = blur_matrices(self.world.camera, blur_width(int(self.step) / self.steps))
@@ -67,8 +73,23 @@ class Discovery(nn.Module):
         return error.square().mean() / blurred(truth, *blur).square().mean()
 
 
+D = TypeVar("D", bound=Discovery)
+
+
 def fit_discovered(task: FitTask) -> Perception:
-    """Train encoder and head by predicting future frames.
+    """Train encoder and head by predicting future frames; see :func:`discover`."""
+    return discover(task, f"cnn-discovered-{task.head}", Discovery).perception.eval()
+
+
+def discover(
+    task: FitTask, name: str, make: Callable[[CnnPerception, Head, ChannelWorld, int, int], D]
+) -> D:
+    """A trained :class:`Discovery` or another of its kind.
+
+    Args:
+        task: what is trained on.
+        name: of the random streams and the checkpoint.
+        make: the untrained one, from the arguments of :class:`Discovery`.
 
     Raises:
         InputError: the clips are not of the channel world, are too short, or their frame interval
@@ -80,14 +101,13 @@ def fit_discovered(task: FitTask) -> Perception:
             f"cnn-discovered: draws its predictions one channel per body, got clips of "
             f"{type(world).__name__}; render them in the channel world"
         )
-    name = f"cnn-discovered-{task.head}"
     perception = new_perception(task, name, CnnPerception)
     head = new_head(task, name)
     every, steps = steps_per_frame(task.clips), task.sizes.perception_steps
-    discovery = Discovery(perception, head, world, every, steps)
+    discovery = make(perception, head, world, every, steps)
     data = WindowBatches(task.clips, SEEN + FUTURE)
     train(task, name, discovery, discovery.loss, data, joint_settings(task.sizes))
-    return perception.eval()
+    return discovery
 
 
 def joint_settings(sizes: PixelSizes) -> FitSettings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vidphys.experiments.tables import (
+    consistency,
     contacts,
     diagnose,
     drag,
@@ -70,6 +71,7 @@ TABLES: dict[str, Table] = {
         perception_speed.PERCEPTION_SPEED,
         readout_controls.OWN_CNN_READOUT,
         readout_controls.POOLED_CONTROL,
+        consistency.CONSISTENCY,
         encoder_scale.ENCODER_SCALE,
     )
 }
