@@ -77,12 +77,11 @@ def extract(
         dtype=dtype,
     )
     before = store.hits
-    features = store.get(request, str(video.path), lambda: encode(video, encoder, progress))
+    features = store.get(request, str(video.path), lambda: _encode(video, encoder, progress))
     return Extraction(features, request.key, store.hits > before)
 
 
-def encode(video: Video, encoder: FrozenEncoder, progress: Progress | None = None) -> FeatureMap:
-    """The features of a clip, made now; see :func:`extract`."""
+def _encode(video: Video, encoder: FrozenEncoder, progress: Progress | None) -> FeatureMap:
     # bytes until a pass of the encoder: a long clip never exists in floats as a whole
     frames = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None]
     times = torch.from_numpy(video.times)
