@@ -10,7 +10,9 @@ from encoders.release import WeightsMissing
 from readouts.attention import AttentionReadout
 from readouts.pooled import PooledReadout
 from renderers import Camera, ChannelWorld, RgbWorld
+from vidphys.cli import reproduce as verb
 from vidphys.clips import render_clips
+from vidphys.errors import InputError
 from vidphys.experiments import reproduce
 from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.scoring import Question
@@ -113,6 +115,13 @@ def test_errors_of_the_start_are_in_world_units():
 def test_pixel_tables_are_asked_for_by_one_word():
     names = {table.name for table in reproduce.choose(["pixels"])}
     assert {"probes", "pixel-heads", "perception-speed"} <= names
+
+
+def test_pixel_tables_say_that_they_compute_on_the_cpu(monkeypatch, tmp_path):
+    monkeypatch.setattr(verb, "check_cuda", lambda device: None)
+    asked = verb.ReproduceConfig(("stability", "probes"), tmp_path / "run", device="cuda")
+    with pytest.raises(InputError, match="tables with pixels compute on the CPU"):
+        verb.reproduce(asked)
 
 
 def test_the_pooled_control_differs_in_nothing_but_the_readout():

@@ -11,6 +11,7 @@ from encoders.identity import EncoderIdentity
 from readouts.attention import AttentionReadout
 from readouts.probes import StateProbe, side_by_side
 from readouts.scale import FeatureScale
+from vidphys.experiments import temporal_views
 from vidphys.experiments.tables import probes
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
@@ -108,14 +109,14 @@ def test_a_channel_that_is_quiet_in_training_is_not_magnified_without_bound():
 
 def test_repeated_frames_hold_nothing_but_the_labelled_one():
     frames = torch.arange(2 * 5).reshape(2, 5, 1, 1, 1).to(torch.uint8)
-    same = probes.repeated(frames, 2)
+    same = temporal_views.repeated(frames, 2)
     assert same.shape == frames.shape
     assert all(bool((same[:, t] == frames[:, 2]).all()) for t in range(5))
 
 
 def test_disorder_leaves_the_labelled_frame_and_loses_none():
     frames = torch.arange(4 * 16).reshape(4, 16, 1, 1, 1).to(torch.uint8)
-    mixed = probes.shuffled(frames, 7)
+    mixed = temporal_views.shuffled(frames, 7)
     torch.testing.assert_close(mixed[:, 7], frames[:, 7])
     torch.testing.assert_close(mixed.sort(1).values, frames)
     assert not torch.equal(mixed, frames)
@@ -165,8 +166,8 @@ def test_the_feature_frame_that_is_kept_is_the_labelled_frames():
     frames[:, 5] = 255
     times = torch.arange(12) * 0.1
     for tubelet in (1, 2):
-        kept = probes.OneFrame(Colours(tubelet), 5)(frames, times)
+        kept = temporal_views.OneFrame(Colours(tubelet), 5)(frames, times)
         assert kept.values.shape[1] == 1 and float(kept.values.max()) == 1
-    other = probes.OneFrame(Colours(2), 3)
+    other = temporal_views.OneFrame(Colours(2), 3)
     assert float(other(frames, times).values.max()) == 0
-    assert other.identity != probes.OneFrame(Colours(2), 5).identity
+    assert other.identity != temporal_views.OneFrame(Colours(2), 5).identity

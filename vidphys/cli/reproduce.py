@@ -77,6 +77,8 @@ def reproduce(config: ReproduceConfig) -> int:
         raise InputError(f"--seeds {seeds}: at least one seed is needed")
     check_cuda(config.device)
     tables = choose(config.tables)
+    if config.device == "cuda" and any(table.pixels for table in tables):
+        raise InputError("--device cuda: tables with pixels compute on the CPU; use --device cpu")
     units = units_of(tables, seeds, config.cells)
     settings = settings_of(config.preset, sizes, units, seeds)
     run = RunFolder.open(config.out, settings, config.overwrite)

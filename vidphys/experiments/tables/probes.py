@@ -8,13 +8,13 @@ channel: positions of neighbouring frames are differenced, or their features put
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import torch
-from torch import Generator, Tensor
+from torch import Tensor
 
 from dynamics import PhaseState
 from encoders.features import FeatureMap
@@ -28,9 +28,9 @@ from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.pixels import score_state
 from vidphys.experiments.scoring import Question
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.temporal_views import VIEWS, OneFrame
 from vidphys.perception.frozen import encode_clips
 from vidphys.probe_training import StateFrames, Units, train_probes
-from vidphys.seeding import derive
 from vidphys.train import FitSettings
 
 # name -> options; an encoder whose windows have more than one frame is one of video
@@ -44,63 +44,8 @@ ENCODERS: dict[str, dict[str, Any]] = {
     "dinov2-small": {},
 }
 DATA_SEED = 0  # all seeds' probes see the same clips, so that features are made once
-ENCODED_AT_ONCE = 32  # clips
 HELD_OUT = 8  # one clip in so many decides which weights are kept
 BATCH, LEARNING_RATE, CLIP = 64, 3e-3, 1.0
-
-
-def as_it_is(frames: Tensor, centre: int) -> Tensor:
-    """The clip."""
-    return frames
-
-
-def repeated(frames: Tensor, centre: int) -> Tensor:
-    """Every frame is the labelled one: the same computation, and nothing moves."""
-    return frames[:, [centre] * frames.shape[1]]
-
-
-def shuffled(frames: Tensor, centre: int) -> Tensor:
-    """The labelled frame where it was, and all others in an order of each clip's own."""
-    rng = Generator().manual_seed(derive(DATA_SEED, "shuffle"))
-    others = [t for t in range(frames.shape[1]) if t != centre]
-    mixed = frames.clone()
-    for clip in range(len(frames)):
-        order = torch.randperm(len(others), generator=rng).tolist()
-        mixed[clip, others] = frames[clip, [others[i] for i in order]]
-    return mixed
-
-
-VIEWS: dict[str, Callable[[Tensor, int], Tensor]] = {
-    "clip": as_it_is,
-    "repeated": repeated,
-    "shuffled": shuffled,
-}
-
-
-class OneFrame:
-    """An encoder of which only the feature frame that belongs to one frame of the clip is kept.
-
-    Args:
-        encoder: of images or of video.
-        frame: of the clip.
-    """
-
-    def __init__(self, encoder: FrozenEncoder, frame: int) -> None:
-        self.encoder, self.frame = encoder, frame
-        layer = f"{encoder.identity.layer}, feature frame of frame {frame}"
-        self.identity = replace(encoder.identity, layer=layer)
-        self.frames_per_feature = encoder.windowing.tubelet
-
-    def __call__(self, frames: Tensor, times: Tensor, progress: Any = None) -> FeatureMap:
-        """Feature maps ``(b, 1, c, h, w)``."""
-        parts = []
-        for some in frames.split(ENCODED_AT_ONCE):
-            found = self.encoder(some, times)
-            index = self.frame * found.values.shape[1] // frames.shape[1]
-            kept = slice(index, index + 1)
-            parts.append(FeatureMap(found.values[:, kept], found.stride, found.times[kept]))
-        values = torch.cat([part.values for part in parts])
-        return FeatureMap(values, parts[0].stride, parts[0].times)
 
 
 @dataclass(frozen=True)
