@@ -7,6 +7,7 @@ written once. Blocks run on as many threads as torch has been told to use.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -16,6 +17,8 @@ import torch
 from torch import Tensor
 
 from dynamics.compiled.lanes import (
+    BLOCK,
+    PART,
     TILE,
     Array,
     Transposed,
@@ -42,7 +45,7 @@ from dynamics.potentials import CORE, DisplacementPotential, RadialPotential
 
 
 @kernel
-def _move(q: Array, p: Array, force: Array, mobility: Array, half: Any, dt: Any) -> None:
+def move_all(q: Array, p: Array, force: Array, mobility: Array, half: Any, dt: Any) -> None:
     """Half a kick and a drift of all coordinates; the forces begin anew."""
     for i in range(p.shape[0]):
         kicked = p[i] + half * force[i]
@@ -82,7 +85,8 @@ def of_body(rows: Array, body: int) -> Array:
 
 
 @kernel
-def _kick(p: Array, force: Array, half: Any) -> None:
+def kick(p: Array, force: Array, half: Any) -> None:
+    """Half a kick of all coordinates."""
     for i in range(p.shape[0]):
         p[i] += half * force[i]
 
@@ -136,7 +140,8 @@ def _roll(
         loose = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
         weight = aligned(pairs * LANES, reach).reshape((pairs, LANES))
         work = aligned(pairs * ROWS * LANES, reach).reshape((pairs, ROWS * LANES))
-        inputs, result = aligned(4 * TILE, reach), aligned(4 * TILE, reach)
+        inputs, result = aligned(BLOCK * TILE, reach), aligned(BLOCK * TILE, reach)
+        sums = aligned(BLOCK * PART, reach)
         scratch = aligned(2 * layers * units * TILE, reach).reshape((2 * layers, units * TILE))
         inputs[:] = 0
         force[:] = 0
@@ -152,7 +157,7 @@ def _roll(
         for move in range((out.shape[0] - 1) * every * parts + 1):
             dt = dts[(move - 1) % parts] if move > 0 else reach.dtype.type(0)
             half = dt * reach.dtype.type(0.5)
-            _move(q.reshape(-1), p.reshape(-1), force.reshape(-1), loose.reshape(-1), half, dt)
+            move_all(q.reshape(-1), p.reshape(-1), force.reshape(-1), loose.reshape(-1), half, dt)
             pair, out_of_reach = 0, 0
             for i in range(bodies):
                 for j in range(i + 1, bodies):
@@ -165,13 +170,15 @@ def _roll(
                         out_of_reach += plane_spline(cells, reach, table, work[pair])
                     pair += 1
             if out_of_reach > 0 or not kind & SPLINE:
-                asked += ask_networks(kind, weights, back, work, count, inputs, scratch, result)
+                asked += ask_networks(
+                    kind, weights, back, work, count, inputs, sums, scratch, result
+                )
             pair = 0
             for i in range(bodies):
                 for j in range(i + 1, bodies):
                     _pull(of_body(force, i), of_body(force, j), weight[pair], work[pair])
                     pair += 1
-            _kick(p.reshape(-1), force.reshape(-1), half)
+            kick(p.reshape(-1), force.reshape(-1), half)
             if move % (every * parts) == 0:
                 stored = move // (every * parts)
                 for row in range(2 * bodies):
@@ -201,6 +208,16 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
         first = int(np.array([CORE**2], real).view(integers.dtype)[0]) >> cells
     reach, table = np.array([potential.reach], real), potential.table.numpy().astype(real).ravel()
     return kind + SPLINE, cells, first, reach, table, integers, weights, back
+
+
+def in_threads(part: Callable[[tuple[int, int]], int], blocks: int) -> list[int]:
+    """``part(first, end)`` of the blocks for each thread that torch has been told to use."""
+    threads = min(torch.get_num_threads(), blocks)
+    if threads == 1:
+        return [part((0, blocks))]
+    ends = [blocks * thread // threads for thread in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(part, pairwise(ends)))
 
 
 def roll(
@@ -235,13 +252,9 @@ def roll(
     # From numpy, which asks for large pages: a fresh page costs more than what is written to it.
     out = np.empty((stored + 1, 2, bodies * 2, episodes), real)
     moved = ((1 / mass).contiguous().numpy(), strength.contiguous().numpy(), np.array(dts, real))
-    blocks = -(-episodes // LANES)
-    threads = min(torch.get_num_threads(), blocks)
-    ends = [blocks * thread // threads for thread in range(threads + 1)]
 
     def part(which: tuple[int, int]) -> int:
         return _roll(*law, first, *moved, real(box or 0), every, out, which)
 
-    with ThreadPoolExecutor(threads) as pool:
-        asked = sum(pool.map(part, pairwise(ends)))
+    asked = sum(in_threads(part, -(-episodes // LANES)))
     return torch.from_numpy(out).reshape(stored + 1, 2, bodies, 2, episodes), asked

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Literal, cast
@@ -171,9 +172,15 @@ def refusal(head: CompiledHead, backend: str, device: torch.device, bodies: int)
     wanted = "cpu" if backend == "numba" else "cuda"
     if device.type != wanted and not (backend == "triton" and interpreted()):
         return f"needs states on {wanted}, these are on {device.type}"
-    if find_spec(backend) is None:
+    if not installed(backend):
         return f"is not installed; install {backend}"
     return None
+
+
+@lru_cache
+def installed(package: str) -> bool:
+    """Whether a package can be imported."""
+    return find_spec(package) is not None
 
 
 def best(head: CompiledHead, device: torch.device, bodies: int) -> Backend:

@@ -1,12 +1,14 @@
 """A small network on many inputs at once, for numba: rows are units, columns are inputs (lanes).
 
-Every innermost loop runs over ``TILE`` lanes that lie side by side, so that the compiler turns it
-into vector instructions; four outputs and four inputs of a layer are taken together, so that what
-is loaded is used four times. No library is called, and so none can throttle itself.
+Every innermost loop runs over lanes that lie side by side, so that the compiler turns it into
+vector instructions; a product's sums are kept in registers, a block of them at a time. No library
+is called, and so none can throttle itself.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from inspect import unwrap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +18,8 @@ from numpy.typing import NDArray
 
 from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
 
-TILE = 128
-BLOCK = 4
+TILE = 64
+BLOCK, PART = 8, 32  # outputs and lanes whose sums fit into the registers together
 ACTIVATIONS = {TANH: 0, SOFTPLUS: 1, SILU: 2}
 _TANH, _SOFTPLUS = 0, 1
 _LN2_HIGH, _LN2_LOW = 0.693359375, -2.1219444005469057e-4
@@ -38,8 +40,17 @@ class _Apart(Compiler):
 
 # Fused multiply-adds are allowed; infinities and NaN stay what they are.
 _FAST: dict[str, Any] = {"fastmath": {"contract", "nsz"}, "error_model": "numpy", "cache": True}
-kernel = njit(nogil=True, pipeline_class=_Apart, **_FAST)
-inlined = njit(forceinline=True, **_FAST)
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function whose arrays lie apart; it holds no lock that other threads wait for."""
+    # Unwrapped, because checks of types that tests put around a function cannot be compiled.
+    return njit(nogil=True, pipeline_class=_Apart, **_FAST)(unwrap(function))
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a function into its callers."""
+    return njit(forceinline=True, **_FAST)(unwrap(function))
 
 
 class Weights(NamedTuple):
@@ -68,7 +79,7 @@ def weights_of(network: MLP, dtype: Any) -> Weights:
     for layer in network.layers:
         weight, bias = (x.detach().cpu().numpy().astype(dtype) for x in layer.parameters())
         out, into = (-size % BLOCK for size in weight.shape)
-        matrices.append(np.pad(weight, ((0, out), (0, into))))
+        matrices.append(np.pad(weight, ((0, out), (0, into if matrices else 0))))
         biases.append(np.pad(bias, (0, out)))
     first, *middle, last = matrices
     *hidden, last_bias = biases
@@ -77,7 +88,13 @@ def weights_of(network: MLP, dtype: Any) -> Weights:
 
 
 class Transposed(NamedTuple):
-    """The same layers the other way round, for gradients; ``zeros`` is no bias, ``(units,)``."""
+    """The layers the other way round, for gradients, the last of them times the output's weights.
+
+    Args:
+        first: ``(padded inputs, units)``.
+        middle: ``(layers, units, units)``.
+        zeros: no bias, ``(units,)``.
+    """
 
     first: Array
     middle: Array
@@ -87,6 +104,8 @@ class Transposed(NamedTuple):
 def transposed(weights: Weights) -> Transposed:
     """The layers of a network, the other way round."""
     first, middle = (np.ascontiguousarray(x.swapaxes(-1, -2)) for x in weights[:2])
+    first = np.pad(first, ((0, -len(first) % BLOCK), (0, 0)))
+    middle[-1] *= weights.last[0]
     return Transposed(first, middle, np.zeros_like(weights.biases[0]))
 
 
@@ -99,29 +118,49 @@ def aligned(size: int, like: Array) -> Array:
 
 
 @kernel
-def product(matrix: Array, bias: Array, inputs: Array, outputs: Array) -> None:
-    """``matrix @ inputs + bias`` on ``TILE`` lanes, ``(inputs * TILE,) -> (outputs * TILE,)``."""
-    # Shaped here, where the length of a row is a constant that the compiler sees.
-    x, out = inputs.reshape((-1, TILE)), outputs.reshape((-1, TILE))
-    for k in range(0, matrix.shape[0], 4):
-        for lane in range(TILE):
-            out[k, lane], out[k + 1, lane] = bias[k], bias[k + 1]
-            out[k + 2, lane], out[k + 3, lane] = bias[k + 2], bias[k + 3]
-        for j in range(0, matrix.shape[1], 4):
-            a0, a1, a2, a3 = matrix[k, j], matrix[k, j + 1], matrix[k, j + 2], matrix[k, j + 3]
-            i = k + 1
-            b0, b1, b2, b3 = matrix[i, j], matrix[i, j + 1], matrix[i, j + 2], matrix[i, j + 3]
-            i = k + 2
-            c0, c1, c2, c3 = matrix[i, j], matrix[i, j + 1], matrix[i, j + 2], matrix[i, j + 3]
-            i = k + 3
-            d0, d1, d2, d3 = matrix[i, j], matrix[i, j + 1], matrix[i, j + 2], matrix[i, j + 3]
-            for lane in range(TILE):
-                x0, x1, x2, x3 = x[j, lane], x[j + 1, lane], x[j + 2, lane], x[j + 3, lane]
-                # Nested, because a sum of products first would cost an addition more.
-                out[k, lane] = a3 * x3 + (a2 * x2 + (a1 * x1 + (a0 * x0 + out[k, lane])))
-                out[k + 1, lane] = b3 * x3 + (b2 * x2 + (b1 * x1 + (b0 * x0 + out[k + 1, lane])))
-                out[k + 2, lane] = c3 * x3 + (c2 * x2 + (c1 * x1 + (c0 * x0 + out[k + 2, lane])))
-                out[k + 3, lane] = d3 * x3 + (d2 * x2 + (d1 * x1 + (d0 * x0 + out[k + 3, lane])))
+def product(matrix: Array, bias: Array, inputs: Array, sums: Array, outputs: Array) -> None:
+    """``matrix @ inputs + bias`` on ``TILE`` lanes, ``(inputs * TILE,) -> (outputs * TILE,)``.
+
+    Args:
+        sums: ``(BLOCK * PART,)`` of scratch, which the compiler keeps in registers.
+    """
+    for k in range(0, matrix.shape[0], BLOCK):
+        for part in range(0, TILE, PART):
+            for lane in range(PART):
+                sums[lane] = bias[k]
+                sums[PART + lane] = bias[k + 1]
+                sums[2 * PART + lane] = bias[k + 2]
+                sums[3 * PART + lane] = bias[k + 3]
+                sums[4 * PART + lane] = bias[k + 4]
+                sums[5 * PART + lane] = bias[k + 5]
+                sums[6 * PART + lane] = bias[k + 6]
+                sums[7 * PART + lane] = bias[k + 7]
+            for j in range(matrix.shape[1]):
+                w0, w1, w2, w3 = matrix[k, j], matrix[k + 1, j], matrix[k + 2, j], matrix[k + 3, j]
+                i = k + 4
+                w4, w5, w6, w7 = matrix[i, j], matrix[i + 1, j], matrix[i + 2, j], matrix[i + 3, j]
+                at = j * TILE + part
+                # One loop, written out: so it becomes 16 vectors that stay where they are.
+                for lane in range(PART):
+                    x = inputs[at + lane]
+                    sums[lane] += w0 * x
+                    sums[PART + lane] += w1 * x
+                    sums[2 * PART + lane] += w2 * x
+                    sums[3 * PART + lane] += w3 * x
+                    sums[4 * PART + lane] += w4 * x
+                    sums[5 * PART + lane] += w5 * x
+                    sums[6 * PART + lane] += w6 * x
+                    sums[7 * PART + lane] += w7 * x
+            at = k * TILE + part
+            for lane in range(PART):
+                outputs[at + lane] = sums[lane]
+                outputs[at + TILE + lane] = sums[PART + lane]
+                outputs[at + 2 * TILE + lane] = sums[2 * PART + lane]
+                outputs[at + 3 * TILE + lane] = sums[3 * PART + lane]
+                outputs[at + 4 * TILE + lane] = sums[4 * PART + lane]
+                outputs[at + 5 * TILE + lane] = sums[5 * PART + lane]
+                outputs[at + 6 * TILE + lane] = sums[6 * PART + lane]
+                outputs[at + 7 * TILE + lane] = sums[7 * PART + lane]
 
 
 _TAYLOR = tuple(1.0 / float(np.prod(np.arange(1.0, n + 1))) for n in range(1, 14))
@@ -185,41 +224,42 @@ def activate(flat: Array, flat_slopes: Array, activation: int) -> None:
 
 
 @kernel
-def hidden(weights: Weights, inputs: Array, work: Array) -> None:
+def hidden(weights: Weights, inputs: Array, sums: Array, work: Array) -> None:
     """The hidden layers on ``TILE`` lanes.
 
     Args:
         weights: see :class:`Weights`.
         inputs: ``(inputs * TILE,)``.
+        sums: see :func:`product`.
         work: ``(2 * hidden layers, units * TILE)``; afterwards each layer's values in the first
             half, and the activation's slopes in the second.
     """
     layers = weights.biases.shape[0]
-    product(weights.first, weights.biases[0], inputs, work[0])
+    product(weights.first, weights.biases[0], inputs, sums, work[0])
     activate(work[0], work[layers], weights.activation)
     for layer in range(1, layers):
-        product(weights.middle[layer - 1], weights.biases[layer], work[layer - 1], work[layer])
+        matrix, bias = weights.middle[layer - 1], weights.biases[layer]
+        product(matrix, bias, work[layer - 1], sums, work[layer])
         activate(work[layer], work[layers + layer], weights.activation)
 
 
 @kernel
 def input_gradient(
-    weights: Weights, back: Transposed, inputs: Array, work: Array, result: Array
+    weights: Weights, back: Transposed, inputs: Array, sums: Array, work: Array, result: Array
 ) -> None:
     """Gradient of the first output with respect to the inputs, on ``TILE`` lanes.
 
     Args:
-        weights, inputs, work: see :func:`hidden`.
+        weights, inputs, sums, work: see :func:`hidden`.
         back: see :class:`Transposed`.
-        result: ``(inputs * TILE,)``.
+        result: ``(inputs * TILE,)``, the inputs padded to ``BLOCK``.
     """
-    hidden(weights, inputs, work)
+    hidden(weights, inputs, sums, work)
     layers = weights.biases.shape[0]
-    for k in range(weights.last.shape[1]):
-        for lane in range(k * TILE, (k + 1) * TILE):
-            work[layers - 1, lane] = weights.last[0, k] * work[2 * layers - 1, lane]
     for layer in range(layers - 2, -1, -1):
-        product(back.middle[layer], back.zeros, work[layer + 1], work[layer])
+        # What comes from above: at first the last layer's slopes alone, see Transposed.
+        above = work[2 * layers - 1] if layer == layers - 2 else work[layer + 1]
+        product(back.middle[layer], back.zeros, above, sums, work[layer])
         for i in range(work.shape[1]):
             work[layer, i] *= work[layers + layer, i]
-    product(back.first, back.zeros, work[0], result)
+    product(back.first, back.zeros, work[0], sums, result)

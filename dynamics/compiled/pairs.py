@@ -18,7 +18,7 @@ from dynamics.compiled.lanes import (
 from dynamics.compiled.spline import DEGREE
 from dynamics.potentials import CORE, REACH, SPREAD, RadialPotential
 
-LANES = TILE // 2  # a displacement and its opposite fill one tile of the network
+LANES = TILE  # episodes side by side: a pair of each is one tile of the network
 X, Y, GX, GY, OUT, S, ROWS = range(7)  # rows of a pair's work: displacement, gradient, out of reach
 RADIAL, SPLINE = 1, 2  # flags of a pair function's kind
 NEAR, FAR = RadialPotential.NEAR, RadialPotential.FAR
@@ -136,58 +136,66 @@ def plane_spline(cells: int, reach: Array, table: Array, pair: Array) -> Any:
 
 @kernel
 def _plane_network(
-    weights: Weights, back: Transposed, pair: Array, inputs: Array, scratch: Array, result: Array
+    weights: Weights,
+    back: Transposed,
+    pair: Array,
+    inputs: Array,
+    sums: Array,
+    scratch: Array,
+    result: Array,
 ) -> None:
     """Gradient of a :class:`dynamics.potentials.DisplacementPotential` where OUT is not 0."""
-    one, half = pair.dtype.type(1), pair.dtype.type(0.5 * SPREAD)
-    core, reach, spread = (
-        pair.dtype.type(CORE * CORE),
-        pair.dtype.type(REACH),
-        pair.dtype.type(SPREAD),
-    )
     work = pair.reshape((ROWS, LANES))
-    for lane in range(LANES):
-        x, y = work[X, lane], work[Y, lane]
-        scale = spread / (reach + np.sqrt(x * x + y * y + core))
-        inputs[lane], inputs[TILE + lane] = scale * x, scale * y
-        inputs[LANES + lane], inputs[TILE + LANES + lane] = -scale * x, -scale * y
-    input_gradient(weights, back, inputs, scratch, result)
-    for lane in range(LANES):
-        x, y = work[X, lane], work[Y, lane]
-        r = np.sqrt(x * x + y * y + core)
-        shrink = one / (reach + r)
-        gu = half * (result[lane] - result[LANES + lane])
-        gv = half * (result[TILE + lane] - result[TILE + LANES + lane])
-        inward = (x * gu + y * gv) * shrink * shrink / r
-        if work[OUT, lane] != 0:
-            work[GX, lane] = gu * shrink - x * inward
-            work[GY, lane] = gv * shrink - y * inward
+    one, half = work.dtype.type(1), work.dtype.type(0.5 * SPREAD)
+    core, reach = work.dtype.type(CORE * CORE), work.dtype.type(REACH)
+    for side in range(2):
+        sign = half if side == 0 else -half
+        for lane in range(LANES):
+            x, y = work[X, lane], work[Y, lane]
+            scale = (sign + sign) / (reach + np.sqrt(x * x + y * y + core))
+            inputs[lane], inputs[LANES + lane] = scale * x, scale * y
+        input_gradient(weights, back, inputs, sums, scratch, result)
+        for lane in range(LANES):
+            x, y = work[X, lane], work[Y, lane]
+            r = np.sqrt(x * x + y * y + core)
+            shrink = one / (reach + r)
+            gu, gv = sign * result[lane], sign * result[LANES + lane]
+            inward = (x * gu + y * gv) * shrink * shrink / r
+            if work[OUT, lane] != 0:
+                kept = work.dtype.type(side)
+                work[GX, lane] = kept * work[GX, lane] + gu * shrink - x * inward
+                work[GY, lane] = kept * work[GY, lane] + gv * shrink - y * inward
 
 
 @kernel
 def _radial_network(
-    weights: Weights, back: Transposed, pairs: Array, inputs: Array, scratch: Array, result: Array
+    weights: Weights,
+    back: Transposed,
+    pair: Array,
+    inputs: Array,
+    sums: Array,
+    scratch: Array,
+    result: Array,
 ) -> None:
-    """Gradient of a :class:`dynamics.potentials.RadialPotential`, of one pair or of two."""
-    one, two = pairs.dtype.type(1), pairs.dtype.type(2)
-    core, spread = pairs.dtype.type(CORE * CORE), pairs.dtype.type(SPREAD)
-    near, far = pairs.dtype.type(NEAR), pairs.dtype.type(FAR)
-    work = pairs.reshape((-1, ROWS, LANES))
-    for k in range(work.shape[0]):
-        for lane in range(LANES):
-            x, y, i = work[k, X, lane], work[k, Y, lane], k * LANES + lane
-            r = np.sqrt(x * x + y * y + core)
-            inputs[i] = spread * (two * (r / (near + r)) - one)
-            inputs[TILE + i] = spread * (two * (r / (far + r)) - one)
-    input_gradient(weights, back, inputs, scratch, result)
-    for k in range(work.shape[0]):
-        for lane in range(LANES):
-            x, y, i = work[k, X, lane], work[k, Y, lane], k * LANES + lane
-            r = np.sqrt(x * x + y * y + core)
-            a, b = one / (near + r), one / (far + r)
-            slope = two * spread * (result[i] * near * a * a + result[TILE + i] * far * b * b) / r
-            if work[k, OUT, lane] != 0:
-                work[k, GX, lane], work[k, GY, lane] = slope * x, slope * y
+    """Gradient of a :class:`dynamics.potentials.RadialPotential` where OUT is not 0."""
+    work = pair.reshape((ROWS, LANES))
+    one, two = work.dtype.type(1), work.dtype.type(2)
+    core, spread = work.dtype.type(CORE * CORE), work.dtype.type(SPREAD)
+    near, far = work.dtype.type(NEAR), work.dtype.type(FAR)
+    for lane in range(LANES):
+        x, y = work[X, lane], work[Y, lane]
+        r = np.sqrt(x * x + y * y + core)
+        inputs[lane] = spread * (two * (r / (near + r)) - one)
+        inputs[LANES + lane] = spread * (two * (r / (far + r)) - one)
+    input_gradient(weights, back, inputs, sums, scratch, result)
+    for lane in range(LANES):
+        x, y = work[X, lane], work[Y, lane]
+        r = np.sqrt(x * x + y * y + core)
+        a, b = one / (near + r), one / (far + r)
+        slope = result[lane] * near * a * a + result[LANES + lane] * far * b * b
+        pull = two * spread * slope / r
+        if work[OUT, lane] != 0:
+            work[GX, lane], work[GY, lane] = pull * x, pull * y
 
 
 @kernel
@@ -198,6 +206,7 @@ def ask_networks(
     work: Array,
     count: int,
     inputs: Array,
+    sums: Array,
     scratch: Array,
     result: Array,
 ) -> int:
@@ -206,20 +215,17 @@ def ask_networks(
     Returns:
         Pairs of the first ``count`` lanes that were out of a spline's reach.
     """
-    asked, pair = 0, 0
-    while pair < work.shape[0]:
-        together = min(2 if kind & RADIAL else 1, work.shape[0] - pair)
+    asked = 0
+    for pair in range(work.shape[0]):
         out = 0
         if kind & SPLINE:
-            for k in range(pair, pair + together):
-                for lane in range(OUT * LANES, OUT * LANES + count):
-                    out += int(work[k, lane] != 0)
+            for lane in range(OUT * LANES, OUT * LANES + count):
+                out += int(work[pair, lane] != 0)
         asked += out
         if out > 0 or not kind & SPLINE:
-            some = work[pair : pair + together].reshape(-1)
+            here = work[pair]
             if kind & RADIAL:
-                _radial_network(weights, back, some, inputs, scratch, result)
+                _radial_network(weights, back, here, inputs, sums, scratch, result)
             else:
-                _plane_network(weights, back, some, inputs, scratch, result)
-        pair += together
+                _plane_network(weights, back, here, inputs, sums, scratch, result)
     return asked

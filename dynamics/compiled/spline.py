@@ -106,8 +106,9 @@ class RadialSpline(PairSpline):
         grown = (table / torch.arange(1, 5)).sum(-1) * width / 2
         far = copy.deepcopy(network).double().distance_energy(knots[-1:].sqrt())
         left = far - grown.flip(0).cumsum(0).flip(0)
-        self.register_buffer("table", table)  # of 2 dphi/ds, by powers of the place in the cell
-        self.register_buffer("offset", left)
+        # Of 2 dphi/ds, by powers of the place in the cell.
+        self.register_buffer("table", table.detach())
+        self.register_buffer("offset", left.detach())
 
     def spline_energy(self, displacement: Tensor) -> Tensor:
         cell, t, width = self._place(displacement)
