@@ -13,6 +13,7 @@ from pathlib import Path
 VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
     "reproduce": ("ReproduceConfig", "regenerate the study's tables, with their verdicts"),
+    "diagnose": ("DiagnoseConfig", "find which terms a scene requires, from tracks or a clip"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),

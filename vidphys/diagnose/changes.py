@@ -54,6 +54,7 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
     if len(splits) < 2:
         return None
     sliding = _Sliding(motion, inference, terms, size)
+    splits = splits[-(-splits // STRIDE) < len(sliding.parts)]
     coarse = np.array([sliding.misfit(split) for split in splits])
     near = splits[int(coarse.argmin())]
     fine = [s for s in range(near - 2, near + 3) if splits[0] <= s <= splits[-1]]

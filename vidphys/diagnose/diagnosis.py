@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -10,9 +11,11 @@ from scipy import stats
 from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.changes import Switch, find_switch
 from vidphys.diagnose.infer import Inference, infer
+from vidphys.diagnose.longer import LongFit, last_look, looked_again
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.noise import Noise, measure_noise
 from vidphys.diagnose.power import infer_with_power
+from vidphys.diagnose.weigh import weigh
 
 SMOOTH = 2  # degree of the polynomials by which motion is told from noise
 STILL = 1e-12  # of the size of the positions, below which a change is rounding
@@ -24,13 +27,14 @@ class Diagnosis:
     """What a recording says about its scene.
 
     Args:
-        motion: what was looked at.
+        motion: what was looked at; with the masses that were found, where they were not given.
         noise: of the positions.
         refused: why no answer is given at all, or empty.
         inference: which terms, of the whole recording.
         switch: where the strengths change in mid-clip.
         parts: the terms before and after the switch.
         power: which powers of the coupling are possible, where couplings are known.
+        look: the fit to the longest windows, of long recordings.
     """
 
     motion: Motion
@@ -40,6 +44,7 @@ class Diagnosis:
     switch: Switch | None = None
     parts: tuple[Inference, ...] = ()
     power: PowerVerdict | None = None
+    look: LongFit | None = None
 
     @property
     def explained(self) -> bool:
@@ -73,13 +78,19 @@ def diagnose(motion: Motion, angles: bool = False) -> Diagnosis:
     if refused:
         return Diagnosis(motion, noise, refused)
     inference, power = infer_with_power(motion, angles)
+    weighed = weigh(motion, inference, partial(infer, angles=angles))
+    if weighed is not None:
+        motion, inference = weighed.motion, weighed.inference
     switch = find_switch(motion, inference)
     if switch is not None:
         halves = motion.cut(0, switch.frame), motion.cut(switch.frame)
         parts = tuple(infer(half, angles) for half in halves)
         if all(part.leftover.explained for part in parts):
             return Diagnosis(motion, noise, "", inference, switch, parts, power)
-    return Diagnosis(motion, noise, "", inference, power=power)
+    look = last_look(motion, inference)
+    if look is not None:
+        inference = looked_again(inference, look)
+    return Diagnosis(motion, noise, "", inference, power=power, look=look)
 
 
 def nothing_to_see(motion: Motion) -> str:

@@ -28,7 +28,7 @@ from vidphys.diagnose.menu import (
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.noise import Noise, measure_noise
 from vidphys.diagnose.paths import Paths, integrated, smooth, with_kicks
-from vidphys.diagnose.refine import Fitted, refine
+from vidphys.diagnose.refine import Fitted, refine, unrefined
 from vidphys.diagnose.regression import Rows, normal_equations, rows_of
 from vidphys.diagnose.residual import Leftover, leftover, random_kicks
 from vidphys.diagnose.structures import Menu, Structure, all_structures, chance, posterior
@@ -183,7 +183,10 @@ class _Search:
 
     def refined(self, found: _Round) -> tuple[Fitted, _Round]:
         """The winner's numbers, and every combination once more along the paths that they give."""
-        fitted = refine(found.windows, found.paths, found.best, found.ratio)
+        try:
+            fitted = refine(found.windows, found.paths, found.best, found.ratio)
+        except (FloatingPointError, np.linalg.LinAlgError):
+            fitted = unrefined(found.windows, found.paths, found.best)
         if found.ratio:
             kicked = with_kicks(found.windows, fitted.paths, found.ratio)
             fitted = replace(fitted, paths=kicked)

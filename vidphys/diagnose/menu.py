@@ -123,6 +123,12 @@ def swing(field: Field) -> np.ndarray:
     return np.concatenate([-np.sin(angle), np.cos(angle)], -1)
 
 
+def well(field: Field) -> np.ndarray:
+    """A force that is a cubic in the one coordinate: a trap whose sides differ."""
+    q = field.q[..., None]
+    return np.concatenate([-q, np.ones_like(q), q**2, -(q**3)], -1) / field.inertia
+
+
 def resistance(power: int) -> Callable[[Field], np.ndarray]:
     """-|v|^(power - 1) v / m: dry for power 0, linear for 1, square for 2."""
 
@@ -221,6 +227,8 @@ def external_terms(space: int, angles: bool) -> list[Term]:
     uniform = Term("uniform field", EXTERNAL, "uniform", names, axes)
     held = ("stiffness", *(f"centre pull {x}" for x in names))
     terms = [uniform, Term("trap", EXTERNAL, "trap", held, trap, positive=True)]
+    if space == 1 and not angles:
+        terms.append(Term("well", EXTERNAL, "well", ("stiffness", "push", "second", "third"), well))
     if angles:
         terms.append(Term("pendulum", EXTERNAL, "pendulum", ("hanging", "aside"), swing))
     return terms

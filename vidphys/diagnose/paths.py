@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from scipy.interpolate import UnivariateSpline
 
 from vidphys.diagnose.windows import Windows
 
@@ -62,6 +63,22 @@ def _at_nodes(windows: Windows, coefficients: np.ndarray) -> Paths:
         moved = (basis @ derived) * per_second**order
         values.append(moved.transpose(0, 2, 1, 3))
     return Paths(*values)
+
+
+def splined(windows: Windows, sigma: float) -> Paths:
+    """Smoothing splines, for windows too long for a polynomial."""
+    shape = (len(windows), len(windows.nodes), *windows.frames.shape[2:])
+    q, v, a = (np.zeros(shape) for _ in range(3))
+    at = (windows.nodes + 1) / 2
+    for w, body, axis in np.ndindex(shape[0], shape[2], shape[3]):
+        seen = windows.seen[w, :, body]
+        misfit = max(sigma, np.finfo(float).eps) ** 2 * seen.sum()
+        t, x = windows.times[w, seen], windows.frames[w, seen, body, axis]
+        spline = UnivariateSpline(t, x, k=min(5, len(t) - 1), s=misfit)
+        places = at * windows.length[w]
+        for order, out in enumerate((q, v, a)):
+            out[w, :, body, axis] = spline.derivative(order)(places) if order else spline(places)
+    return Paths(q, v, a)
 
 
 def integrated(windows: Windows, a: np.ndarray) -> Paths:

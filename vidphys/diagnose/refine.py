@@ -68,6 +68,9 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
         paths: a first guess.
         structure: terms, and a first guess of their coefficients.
         ratio: variance of random kicks per second over that of the noise.
+
+    Raises:
+        FloatingPointError: the fit diverged.
     """
     whiten = _whitening(windows, ratio)
     values = _values(structure)
@@ -75,7 +78,7 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
         linear = _linearised(windows, paths, structure)
         step = _least_squares(windows, linear, whiten, len(values))
         values = values + step.change
-        if not np.isfinite(values).all():
+        if not (np.isfinite(values).all() and np.isfinite(step.paths.q).all()):
             raise FloatingPointError("refine: the fit diverged")
         structure = _with(structure, values)
         paths = step.paths
@@ -84,6 +87,15 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
     return Fitted(
         structure, values, step.covariance, paths, step.variance, step.freedom, step.residual
     )
+
+
+def unrefined(windows: Windows, paths: Paths, structure: Structure) -> Fitted:
+    """The numbers as they are, where the fit diverges: their errors are not known, and infinite."""
+    values = _values(structure)
+    freedom = int(windows.informative.sum()) * windows.frames.shape[-1]
+    unknown = np.diag(np.full(len(values), np.inf))
+    residual = np.zeros_like(windows.frames)
+    return Fitted(structure, values, unknown, paths, structure.misfit, freedom, residual)
 
 
 def _values(structure: Structure) -> np.ndarray:

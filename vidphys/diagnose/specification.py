@@ -39,7 +39,7 @@ def terms_of(
         potential = "radial"
     elif "contact" in kinds:
         potential = "knots"
-    elif "pendulum" in kinds:
+    elif kinds & {"pendulum", "well"}:
         potential = "free"
     ports = [PORTS[kind] for kind in sorted(kinds) if kind in PORTS]
     if "bath" in kinds:

@@ -22,6 +22,7 @@ from vidphys.diagnose.motion import Motion
 LEAST = 5  # frames of a body in a window, below which it tells nothing of its acceleration
 NODES_PER_FRAME = 1.5
 NODES = (16, 48)
+FEW = 64  # frames of a window above which there is one node for each
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
 
 
@@ -73,7 +74,9 @@ class Windows:
     @cached_property
     def nodes(self) -> np.ndarray:
         """Places of the nodes in [-1, 1]."""
-        count = int(np.clip(NODES_PER_FRAME * self.frames.shape[1], *NODES))
+        frames = self.frames.shape[1]
+        most = NODES[1] if frames <= FEW else frames
+        count = int(np.clip(NODES_PER_FRAME * frames, NODES[0], most))
         return -np.cos(np.pi * np.arange(count) / (count - 1))
 
     @cached_property

@@ -14,7 +14,7 @@ import numpy as np
 from vidphys.diagnose.motion import Motion, motion_of
 
 CLIPS, FRAMES = 8, 64
-FINE = 0.005  # seconds, at most, of a step of the reference integrator
+FINE = 0.01  # seconds, at most, of a step of the reference integrator
 SOFTENING, GRAVITY = 0.3, 1.0
 TRAP, CENTRE = 1.5, (0.3, -0.2)
 FIELD = (0.0, -0.8)

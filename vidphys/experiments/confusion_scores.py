@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -69,8 +70,21 @@ def has_pysindy() -> bool:
 def pysindy(motion: Motion) -> Answer:
     """Sequentially thresholded least squares on smoothed derivatives, chosen by Akaike.
 
-    It is given our columns, one shape of pair force at a time, and the grouping into terms.
+    It is given our columns, the shape of pair force that fits best, and the grouping into terms.
     """
+    field, a = _differentiated(motion)
+    fixed = [external_terms(motion.space, False)[1], *FRICTIONS.values()]
+    y = a.reshape(-1)
+    terms = fixed
+    if motion.bodies > 1:
+        tried = [[*fixed, pair] for pair in pair_terms(field.distance, "alike")]
+        terms = min(tried, key=lambda some: _misfit(_design(field, some), y))
+    x, names = _design(field, terms), _names(terms, motion.space)
+    return Answer(_grouped(names, _thresholded(x / np.sqrt((x**2).mean(0) + 1e-24), y)))
+
+
+def _differentiated(motion: Motion) -> tuple[Field, np.ndarray]:
+    """States by PySINDy's smoothed differences, and accelerations by the same once more."""
     import pysindy as ps
 
     derive = ps.SmoothedFiniteDifference(smoother_kws={"window_length": SMOOTHING, "polyorder": 3})
@@ -78,32 +92,34 @@ def pysindy(motion: Motion) -> Answer:
     flat = motion.positions.reshape(*motion.positions.shape[:2], -1)
     v = np.stack([derive(clip, times) for clip in flat])
     a = np.stack([derive(clip, times) for clip in v])
+    at = np.broadcast_to(times, flat.shape[:2])
     shape = motion.positions.shape
-    field = Field(
-        motion.positions,
-        v.reshape(shape),
-        np.broadcast_to(times, shape[:2]),
-        motion.mass,
-        np.ones(motion.clips),
-    )
-    fixed = [external_terms(motion.space, False)[1], *FRICTIONS.values()]
-    shapes: list[Term | None] = [None]
-    if motion.bodies > 1:
-        shapes += pair_terms(field.distance, "alike")
-    known = np.concatenate([term.columns(field) for term in fixed], -1)
-    best, least = Answer(frozenset()), np.inf
-    for pair in shapes:
-        columns = known if pair is None else np.concatenate([known, pair.columns(field)], -1)
-        names = _names(fixed if pair is None else [*fixed, pair], motion.space)
-        x, y = columns.reshape(-1, columns.shape[-1]), a.reshape(-1, 1)
-        size = np.sqrt((x**2).mean(0)) + 1e-12
-        for threshold in THRESHOLDS:
-            fitted = ps.STLSQ(threshold=threshold, alpha=1e-6).fit(x / size, y)
-            kept = fitted.coef_[0] != 0
-            misfit = float(((y[:, 0] - (x / size) @ fitted.coef_[0]) ** 2).mean())
-            score = len(y) * np.log(misfit + 1e-300) + 2 * (kept.sum() + (pair is not None))
-            if score < least:
-                best, least = Answer(_grouped(names, fitted.coef_[0])), score
+    field = Field(motion.positions, v.reshape(shape), at, motion.mass, np.ones(motion.clips))
+    return field, a.reshape(shape)
+
+
+def _design(field: Field, terms: Sequence[Term]) -> np.ndarray:
+    columns = np.concatenate([term.columns(field) for term in terms], -1)
+    return columns.reshape(-1, columns.shape[-1])
+
+
+def _misfit(x: np.ndarray, y: np.ndarray) -> float:
+    return float(((y - x @ np.linalg.lstsq(x, y, rcond=None)[0]) ** 2).mean())
+
+
+def _thresholded(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Coefficients at the threshold that Akaike's criterion likes best."""
+    import pysindy as ps
+
+    best, least = np.zeros(x.shape[1]), np.inf
+    for threshold in THRESHOLDS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that a threshold leaves nothing
+            found = ps.STLSQ(threshold=threshold, alpha=1e-6).fit(x, y[:, None]).coef_[0]
+        misfit = float(((y - x @ found) ** 2).mean())
+        score = len(y) * np.log(misfit + 1e-300) + 2 * np.count_nonzero(found)
+        if score < least:
+            best, least = found, score
     return best
 
 

@@ -1,0 +1,193 @@
+"""``vidphys diagnose``: which terms a scene requires, from tracks or a clip, and what is open."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from vidphys.cli.console import Console
+from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vidphys.diagnose.answers import Answered
+    from vidphys.diagnose.tables import Loaded
+    from vidphys.records import Recorder
+    from vidphys.runs import RunFolder
+
+VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
+ELSEWHERE = ("out", "overwrite", "quiet", "input")
+
+
+@dataclass(frozen=True)
+class DiagnoseConfig:
+    """Find which terms a scene requires, from recorded tracks or from a clip.
+
+    Example: vidphys diagnose tracks.csv --out runs/diagnosis
+
+    Writes a summary, diagnosis.json, specification.json (from which `vidphys train` builds exactly
+    that model), a figure and a recording for `vidphys view`.
+
+    Args:
+        input: a table (CSV, Parquet, NPZ, motion-capture text) of times and positions, or a clip
+            whose moving bodies a hand-made binder follows.
+        out: the run folder.
+        columns: what columns of a table are, where their names do not tell: x1=LEFT time=T_S.
+        interval: seconds between frames, where the table has no times.
+        angles: the coordinates are joint angles in radians; told by names like theta otherwise.
+        hold_out: share of one long recording, at its end, that nothing is fitted to and the
+            forecast is scored on.
+        bodies: that the binder follows in a clip.
+        start: first frame that is used.
+        stop: frame to stop before.
+        rate: frames per second of a clip, in place of the container's time stamps.
+        overwrite: give up another run that lies in the folder.
+        quiet: print nothing but the result.
+    """
+
+    input: Annotated[Path, tyro.conf.Positional]
+    out: Path = Path("runs/diagnosis")
+    columns: tuple[str, ...] = ()
+    interval: float | None = None
+    angles: bool = False
+    hold_out: float = 0.3
+    bodies: int = 1
+    start: int = 0
+    stop: int | None = None
+    rate: float | None = None
+    overwrite: bool = False
+    quiet: bool = False
+
+
+def diagnose(config: DiagnoseConfig) -> None:
+    """See :class:`DiagnoseConfig`.
+
+    Raises:
+        InputError: an input that cannot be read or is too short, options that make no sense, or
+            another run in the folder.
+    """
+    from vidphys.diagnose.answers import answer
+    from vidphys.runs import RunFolder
+
+    if not 0 <= config.hold_out < 1:
+        raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
+    given = _given(config.columns)
+    loaded, frames = _load(config, given)
+    run = RunFolder.open(config.out, _about(config), config.overwrite)
+    with run.locked(), Console(config.quiet, 2, "diagnose") as console:
+        try:
+            found = answer(loaded.motion, loaded.angles or config.angles, config.hold_out)
+        except ValueError as error:
+            run.abandon()
+            raise InputError(f"{config.input}: {error}") from error
+        console.done(0)
+        _keep(run, config, loaded, found)
+        _draw(run, config, found, frames)
+        console.done(1)
+        for line in (*loaded.notes, *found.lines):
+            console.result(line)
+        console.result(f"written: {run.path / 'summary.txt'}, specification.json, recordings")
+
+
+def _given(columns: tuple[str, ...]) -> dict[str, str]:
+    pairs = {}
+    for text in columns:
+        role, sign, name = text.partition("=")
+        if not (role and sign and name):
+            raise InputError(f"--columns {text}: write ROLE=NAME, for example x=PosX or time=T")
+        pairs[role] = name
+    return pairs
+
+
+def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
+    """The tracks, and the pictures where there are any."""
+    from vidphys.diagnose.tables import SUFFIXES, Loaded, read_motion
+
+    if config.input.suffix.lower() in VIDEOS:
+        from vidphys.diagnose.clips import follow_clip
+
+        motion, video = follow_clip(
+            config.input, config.bodies, config.start, config.stop, config.rate
+        )
+        notes = (*video.notes, f"{len(video.frames)} frames of {video.interval:.4g} s followed")
+        return Loaded(motion, False, notes), video.frames
+    if config.input.suffix not in SUFFIXES and config.input.is_file():
+        known = ", ".join((*SUFFIXES, *VIDEOS))
+        raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
+    loaded = read_motion(config.input, given, config.interval)
+    try:
+        motion = loaded.motion.cut(config.start, config.stop)
+    except ValueError as error:
+        raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
+    return Loaded(motion, loaded.angles, loaded.notes), None
+
+
+def _about(config: DiagnoseConfig) -> dict[str, Any]:
+    from vidphys.atomic import sha256
+
+    given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
+    return {
+        **given,
+        "experiment": "diagnose",
+        "cells": ["diagnosis"],
+        "seeds": [0],
+        "input": config.input.name,
+        "input_sha256": sha256(config.input),
+    }
+
+
+def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answered) -> None:
+    from vidphys.atomic import write_json, write_with
+
+    text = "\n".join((*loaded.notes, *found.lines)) + "\n"
+    write_with(run.path / "summary.txt", lambda path: _write(path, text))
+    write_json(run.path / "diagnosis.json", found.data)
+    if found.specification is not None:
+        write_json(run.path / "specification.json", found.specification)
+    run.finish("diagnosis", *_record(config, found).tables())
+    run.join()
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
+    from vidphys.records import Origin, Recorder
+
+    origin = Origin(
+        experiment="diagnose",
+        cell="diagnosis",
+        system=config.input.name,
+        grounding="tracks",
+        encoder="none",
+        binder="motion" if config.input.suffix.lower() in VIDEOS else "none",
+        readout="none",
+        head="diagnosed",
+        seed=0,
+        device="cpu",
+        dtype="float64",
+    )
+    recorder = Recorder(origin)
+    for metric, value in found.numbers.items():
+        recorder.add_value(metric, value)
+    return recorder
+
+
+def _draw(
+    run: RunFolder, config: DiagnoseConfig, found: Answered, frames: np.ndarray | None
+) -> None:
+    from viz.diagnosis import diagnosis_figure
+    from viz.figures import save_svg
+    from viz.recording import write_overlay_recording
+
+    figure = diagnosis_figure(found.times, found.positions, found.probability, found.rolled)
+    save_svg(figure, run.path / "figures" / "diagnosis.svg")
+    arrays = found.showcase(frames)
+    if arrays is not None:
+        meta = {"cell": "diagnosis", "clip": config.input.name}
+        write_overlay_recording(arrays, meta, run.path / "recordings" / "diagnosis.rrd")

@@ -1,0 +1,184 @@
+"""Everything that is said of one recording: diagnosed, rolled on, measured, put in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from vidphys.diagnose.advice import advise
+from vidphys.diagnose.diagnosis import Diagnosis, diagnose
+from vidphys.diagnose.forecast import Validation, changed_laws, last_state, roll, validate
+from vidphys.diagnose.identity import check_identity
+from vidphys.diagnose.longer import LongFit
+from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.report import ASKED, as_data, summary
+from vidphys.diagnose.specification import specification
+from vidphys.diagnose.spectrum import modes_of_data, modes_of_model
+from vidphys.diagnose.windows import FEW
+
+SAMPLES = 600  # of a changed law
+BLANK = 160  # pixels of a recording's pictures where there is no clip
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A diagnosis with all that is written of it.
+
+    Args:
+        found: the diagnosis, of the part before the tail that is held out.
+        lines: for a person.
+        data: as JSON.
+        specification: of the scene, where there is one.
+        numbers: for the records, by metric.
+        times, positions: of the first clip, all of it.
+        probability: of each term.
+        rolled: times and positions past the fitted part, ``model`` and changed laws.
+    """
+
+    found: Diagnosis
+    lines: list[str]
+    data: dict[str, Any]
+    specification: dict[str, Any] | None
+    numbers: dict[str, float]
+    times: np.ndarray
+    positions: np.ndarray
+    probability: dict[str, float] = field(default_factory=dict)
+    rolled: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    def showcase(self, frames: np.ndarray | None) -> dict[str, np.ndarray] | None:
+        """Arrays of the recording; ``None`` where there is no plane to draw, or no forecast."""
+        if self.positions.shape[-1] > 2 or "model" not in self.rolled:
+            return None
+        when, path = self.rolled["model"]
+        extent = float(np.nanmax(np.abs(self.positions))) * 1.1
+        if frames is None:
+            frames = np.full((len(self.times), BLANK, BLANK, 3), 255, np.uint8)
+        else:
+            extent = 1.0  # normalised image units
+        arrays = {
+            "frames": frames,
+            "frame_times": self.times,
+            "readout": _plane(self.positions),
+            "rollout": _plane(path),
+            "rollout_times": when,
+            "half_extent": np.asarray(extent),
+            "train_end": np.asarray(when[0]),
+        }
+        changed = next((name for name in self.rolled if name != "model"), None)
+        if changed is not None:
+            arrays["changed_times"], arrays["changed"] = (
+                self.rolled[changed][0],
+                _plane(self.rolled[changed][1]),
+            )
+        return arrays
+
+
+def _plane(positions: np.ndarray) -> np.ndarray:
+    """Positions of one dimension drawn on the horizontal axis."""
+    if positions.shape[-1] == 2:
+        return positions
+    return np.concatenate([positions, np.zeros_like(positions)], -1)
+
+
+def answer(motion: Motion, angles: bool, hold_out: float) -> Answered:
+    """Diagnose a recording, and roll a long one on into a tail that was held out.
+
+    Args:
+        motion: tracks.
+        angles: whether coordinates are joint angles.
+        hold_out: share at the end of a single long clip that nothing is fitted to.
+
+    Raises:
+        ValueError: a recording that is too short.
+    """
+    total = motion.positions.shape[1]
+    end = total
+    if motion.clips == 1 and total - int(hold_out * total) > FEW:
+        end = total - int(hold_out * total)
+    found = diagnose(motion.cut(0, end), angles)
+    identity = check_identity(motion)
+    inference = found.inference
+    advice = advise(inference, motion.interval) if inference is not None else None
+    data = as_data(found, identity, advice)
+    answered = Answered(
+        found,
+        summary(found, identity, advice),
+        data,
+        None,
+        {"noise_sigma": found.noise.sigma},
+        motion.times[0],
+        motion.positions[0],
+    )
+    if inference is None:
+        return answered
+    answered.probability.update({kind: inference.chance(kind) for kind in ASKED})
+    answered.numbers["residual_over_noise"] = float(np.sqrt(inference.leftover.excess))
+    if found.look is not None:
+        if end < total - LEAST_FRAMES:
+            _validated(answered, validate(found.look, motion.cut(end)))
+        _modes(answered, motion, found.look)
+        _changed(answered, found.look, motion)
+    described = specification(inference, motion.interval)
+    described["mass"] = found.motion.mass[0].tolist()
+    return Answered(**{**vars(answered), "specification": described})
+
+
+def _validated(answered: Answered, tail: Validation) -> None:
+    """The forecast of the tail beside simple ones."""
+    answered.rolled["model"] = tail.times, tail.forecasts["model"]
+    answered.data["forecast_error"] = tail.errors
+    for name, error in tail.errors.items():
+        answered.numbers[f"forecast_rmse_{name.replace(' ', '_')}"] = error
+    others = ", ".join(f"{name} {e:.3g}" for name, e in tail.errors.items() if name != "model")
+    worse = "" if tail.beats_all else "; it is not better than all of them"
+    answered.lines.append(
+        f"Rolled over the {len(tail.times)} frames that nothing was fitted to, the model is off "
+        f"by {tail.errors['model']:.3g} ({others}){worse}."
+    )
+
+
+def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:
+    """Eigenfrequencies and decay: the model's, rolled over the recording, and the data's own."""
+    near = np.nanmean(motion.positions[0], axis=0)
+    small = modes_of_model(look.fitted.structure, near, look.windows.mass[0])
+    if not small:
+        return
+    start, _ = last_state(look)
+    first = look.fitted.paths
+    begin = type(start)(float(look.windows.begin[0]), first.q[0, 0], first.v[0, 0], start.mass)
+    times = motion.times[0][motion.times[0] >= begin.time]
+    path = roll(look.fitted.structure, begin, times)
+    both = [
+        modes_of_data(times, path, len(small)),
+        modes_of_data(motion.times[0], motion.positions[0], len(small)),
+    ]
+    answered.data["modes"] = [
+        {
+            "small_frequency": tiny.frequency,
+            "small_decay": tiny.decay,
+            "model_frequency": model.frequency,
+            "model_decay": model.decay,
+            "spectrum_frequency": seen.frequency,
+            "spectrum_decay": seen.decay,
+        }
+        for tiny, model, seen in zip(small, *both, strict=True)
+    ]
+    for k, (model, seen) in enumerate(zip(*both, strict=True), 1):
+        answered.numbers[f"mode{k}_frequency_ratio"] = model.frequency / seen.frequency
+        answered.numbers[f"mode{k}_decay_ratio"] = model.decay / seen.decay
+        answered.lines.append(
+            f"Oscillation {k}: {model.frequency:.4g} radians per second by the model, "
+            f"{seen.frequency:.4g} by the spectrum alone; decay {model.decay:.3g} and "
+            f"{seen.decay:.3g} per second."
+        )
+
+
+def _changed(answered: Answered, look: LongFit, motion: Motion) -> None:
+    """Roll on under laws that were never recorded."""
+    start, _ = last_state(look)
+    span = max(float(motion.times[0, -1]) - start.time, 0.3 * look.seconds)
+    times = start.time + np.linspace(0, span, SAMPLES)
+    for name, law in changed_laws(look.fitted.structure).items():
+        answered.rolled[name] = times, roll(law, start, times)

@@ -1,0 +1,44 @@
+"""Tracks of a clip, by the hand-made binder that follows what moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from binders.motion import MotionSettings, bind_motion
+from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.errors import InputError
+from vidphys.video import ClipSelection, Video, read_video, require_frames
+
+
+def follow_clip(
+    path: Path, bodies: int, start: int, stop: int | None, rate: float | None
+) -> tuple[Motion, Video]:
+    """The motion of a clip's bodies before a still background, in normalised image units.
+
+    Args:
+        path: the video.
+        bodies: how many are followed.
+        start, stop: frames that are used.
+        rate: frames per second, in place of the container's time stamps.
+
+    Raises:
+        InputError: a clip that cannot be read or is too short, or in which nothing moves.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give a table of tracks or a clip")
+    video = read_video(path, ClipSelection(start, stop, rate=rate))
+    require_frames(video, LEAST_FRAMES)
+    try:
+        bound = bind_motion(video.frames, video.times, MotionSettings(bodies=bodies))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+    positions = (bound.tracks.positions - bound.camera[None, :, None]).double().numpy()
+    unseen = bound.tracks.confidence.numpy() <= 0
+    motion = Motion(
+        np.where(unseen[..., None], np.nan, positions),
+        np.asarray(video.times, float)[None],
+        np.ones((1, positions.shape[2])),
+    )
+    return motion, video

@@ -1,0 +1,83 @@
+"""Masses of bodies that answer differently to each other: only their ratios can show in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.paths import smooth
+from vidphys.diagnose.refine import refine
+from vidphys.diagnose.windows import cut_windows
+
+FEW = 3  # bodies, up to which each one's mass is looked for
+SWEEPS = 3
+FARTHEST = 10.0  # ratio of two masses
+ROUGH = np.geomspace(1 / FARTHEST, FARTHEST, 9)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The motion with masses, of mean one in the logarithm, and what follows for the terms."""
+
+    motion: Motion
+    inference: Inference
+
+
+def weigh(
+    motion: Motion, inference: Inference, infer: Callable[[Motion], Inference]
+) -> Weighed | None:
+    """Masses under which the menu explains the motion, if there are any.
+
+    Args:
+        motion: of two or three bodies whose masses are not known.
+        inference: with all masses alike, which left something unexplained.
+        infer: finds the terms once masses are set.
+    """
+    unknown = np.allclose(motion.mass, 1.0) and 2 <= motion.bodies <= FEW
+    if not unknown or inference.leftover.explained or not inference.structure.terms:
+        return None
+    logs = np.zeros(motion.bodies)
+    for _ in range(SWEEPS):
+        for body in range(1, motion.bodies):
+            logs[body] = _best(motion, inference, logs, body)
+        weighed = _with(motion, logs)
+        # Nearer masses may show terms that stood for others under wrong ones.
+        inference = infer(weighed)
+        if inference.leftover.explained:
+            return Weighed(weighed, inference)
+    return None
+
+
+def _with(motion: Motion, logs: np.ndarray) -> Motion:
+    mass = np.exp(logs - logs.mean())
+    return replace(motion, mass=np.tile(mass, (motion.clips, 1)))
+
+
+def _best(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
+    """Logarithm of one mass at which the same terms leave least."""
+
+    def left(log: float) -> float:
+        trial = logs.copy()
+        trial[body] = log
+        return _residual(_with(motion, trial), inference)
+
+    rough = [left(float(log)) for log in np.log(ROUGH)]
+    middle = float(np.log(ROUGH[int(np.argmin(rough))]))
+    step = float(np.log(ROUGH[1] / ROUGH[0]))
+    bounds = (middle - step, middle + step)
+    found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    return float(found.x)
+
+
+def _residual(motion: Motion, inference: Inference) -> float:
+    windows = cut_windows(motion, inference.windows.frames.shape[1])
+    paths = smooth(windows, inference.noise.sigma)
+    try:
+        return refine(windows, paths, inference.structure).variance
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return np.inf

@@ -1,0 +1,103 @@
+"""One page on a diagnosis: what was seen and foretold, and how likely each term is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SEEN, MODEL, TAIL = "#777777", "#0072B2", "#D55E00"
+CHANGED = ("#009E73", "#CC79A7")
+MOST_SERIES = 4  # coordinates that are drawn
+
+
+def diagnosis_figure(
+    times: np.ndarray,
+    positions: np.ndarray,
+    probability: Mapping[str, float],
+    rolled: Mapping[str, tuple[np.ndarray, np.ndarray]],
+) -> Figure:
+    """Tracks with the model's continuation above, probabilities of the terms below.
+
+    Args:
+        times: seconds, ``(t,)``.
+        positions: ``(t, n, d)``, NaN where not seen.
+        probability: of each term, by name.
+        rolled: times and positions by name; ``model`` first, then changed laws.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    series = positions.reshape(len(times), -1)
+    rows = min(series.shape[1], MOST_SERIES)
+    with matplotlib.rc_context({"font.size": 10, "axes.edgecolor": "#bbbbbb"}):
+        figure = Figure(figsize=(10, 1.9 * rows + 2.6), layout="constrained")
+        axes: Any = figure.subplots(rows + 1, 1, height_ratios=[*[1.9] * rows, 2.2])
+        for k in range(rows):
+            _path(axes[k], times, series[:, k], rolled, k)
+        axes[0].legend(loc="upper right", fontsize=8, frameon=False, ncol=4)
+        axes[rows - 1].set_xlabel("seconds")
+        _terms(axes[rows], probability)
+    return figure
+
+
+def _path(
+    axes: Axes,
+    times: np.ndarray,
+    seen: np.ndarray,
+    rolled: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    column: int,
+) -> None:
+    axes.plot(times, seen, ".", color=SEEN, ms=3, label="recorded")
+    colours = iter(CHANGED)
+    for name, (when, path) in rolled.items():
+        own = path.reshape(len(when), -1)[:, column]
+        if name == "model":
+            axes.plot(when, own, color=TAIL, lw=1.6, label="model, not fitted to these")
+            axes.axvline(when[0], color="#bbbbbb", lw=1)
+        else:
+            axes.plot(when, own, color=next(colours, SEEN), lw=1, ls="--", label=name)
+    axes.tick_params(labelsize=8)
+
+
+def _terms(axes: Axes, probability: Mapping[str, float]) -> None:
+    names = list(probability)
+    values = [probability[name] for name in names]
+    axes.barh(names, values, color=MODEL)
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 1), xlabel="probability that the scene has the term")
+    axes.tick_params(labelsize=8)
+
+
+def cadence_figure(
+    rates: Mapping[tuple[float, float], tuple[float, float]], truth: float
+) -> Figure:
+    """Rates of friction by the plain and the corrected energy balance, over cadence and noise.
+
+    Args:
+        rates: (noise, seconds between frames) -> (plain, corrected).
+        truth: the rate.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    noises = sorted({noise for noise, _ in rates})
+    intervals = sorted({interval for _, interval in rates})
+    with matplotlib.rc_context({"font.size": 10, "axes.edgecolor": "#bbbbbb"}):
+        figure = Figure(figsize=(9, 3.4), layout="constrained")
+        axes: Any = figure.subplots(1, 2, sharey=True)
+        for index, name in enumerate(("as the study has it", "corrected for noise")):
+            for noise, colour in zip(noises, (SEEN, MODEL, TAIL), strict=False):
+                line = [rates[noise, interval][index] for interval in intervals]
+                axes[index].plot(intervals, line, "o-", color=colour, label=f"noise {noise:g}")
+            axes[index].axhline(truth, color="#222222", lw=1, ls=":")
+            axes[index].set(title=name, xscale="log", xlabel="seconds between frames")
+            axes[index].set_xticks(intervals, [f"{x:g}" for x in intervals], minor=False)
+        axes[0].set_ylabel("rate per second")
+        axes[0].legend(fontsize=8, frameon=False)
+    return figure
