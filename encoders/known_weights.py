@@ -1,4 +1,4 @@
-"""The public weights that there are adapters for: where they come from and how they are known."""
+"""The weights that there are adapters for: where they come from and how they are known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class WeightsEntry:
-    """A public set of weights.
+    """A set of weights.
 
     Args:
         file: name in the weights folder; a release folder where it does not end in
@@ -17,6 +17,7 @@ class WeightsEntry:
         hub: repository on the Hugging Face hub; ``None`` where no hub has them.
         revision: commit of the hub repository; ``None`` is resolved and locked by the first fetch.
         about: one line for people.
+        packaged: whether they are our own and lie in the package.
     """
 
     file: str
@@ -25,6 +26,7 @@ class WeightsEntry:
     hub: str | None
     revision: str | None
     about: str
+    packaged: bool = False
 
     @property
     def is_folder(self) -> bool:
@@ -33,12 +35,19 @@ class WeightsEntry:
 
     def how_to_get(self, name: str) -> str:
         """What to do where the weights ``name`` are not here."""
+        if self.packaged:
+            return "installing vidphys again: they are a part of it"
         return f"`vidphys weights fetch {name}`" if self.hub else "another way: no hub has them"
 
 
 def _released(name: str, hub: str, licence: str, about: str) -> WeightsEntry:
     """A release folder whose revision and hash are locked when it is first fetched."""
     return WeightsEntry(name, (), licence, hub, None, about)
+
+
+def _own(name: str, sha256: str, about: str) -> WeightsEntry:
+    """One that ``python -m vidphys.pretraining`` made and the package holds."""
+    return WeightsEntry(name, (sha256,), "Apache-2.0", None, None, about, packaged=True)
 
 
 KNOWN = {
@@ -89,6 +98,21 @@ KNOWN = {
         )
         for size, parameters in (("l", 300), ("h", 600), ("g", 1000))
     },
+    "dino-tiny": _own(
+        "dino-tiny",
+        "17887e6edfbc2843ab46bdaa66fae2e1f38369e7068f10ab819d7cea455bea68",
+        "our own image transformer, self-distilled on rendered worlds, 0.37 M parameters",
+    ),
+    "videomae-tiny": _own(
+        "videomae-tiny",
+        "4f0a9d8eb27050ebf211e1545abcc199aae79fcef4b356164f3a73a60e6307fe",
+        "our own video transformer, masked autoencoding of rendered worlds, 0.34 M parameters",
+    ),
+    "vjepa2-tiny": _own(
+        "vjepa2-tiny",
+        "4ef2b050953b75431f083b21b4302946b1e83ffc7ac5558de9a91e17bc509daf",
+        "our own video transformer, feature prediction in rendered worlds, 0.34 M parameters",
+    ),
 }
 
 

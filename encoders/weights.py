@@ -1,9 +1,9 @@
 """Weights of frozen encoders: where they lie, whether they are the right ones, how to get them.
 
-Nothing is ever fetched silently. Weights are looked for at the explicit path, else in the folder
-``VIDPHYS_WEIGHTS``, else in the user's cache; where they are not there but their revision is
-pinned, in the hub's own cache at that revision. Their SHA-256 must be one that the table of known
-weights or the lock file beside them names.
+Nothing is ever fetched silently. The tiny ones lie in the package. Others are looked for at the
+explicit path, else in the folder ``VIDPHYS_WEIGHTS``, else in the user's cache; where they are not
+there but their revision is pinned, in the hub's own cache at that revision. Their SHA-256 must be
+one that the table of known weights or the lock file beside them names.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from encoders.release import (
 )
 
 FOLDER_VARIABLE = "VIDPHYS_WEIGHTS"
+PACKAGED = Path(__file__).parent / "data"
 
 
 def weights_folder(folder: Path | None = None) -> Path:
@@ -71,10 +72,14 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
 
 
 def weights_path(name: str, where: Path | None = None) -> Path:
-    """Where the weights ``name`` should lie; see :func:`find_weights`."""
+    """Where the weights ``name`` should lie; see :func:`find_weights`.
+
+    Those of the package are elsewhere only where ``where`` is itself a release folder.
+    """
     if where is not None and (where.suffix == ".safetensors" or (where / CONFIG).is_file()):
         return where
-    return weights_folder(where) / entry(name).file
+    known = entry(name)
+    return (PACKAGED if known.packaged else weights_folder(where)) / known.file
 
 
 def lock(path: Path, revision: str | None) -> str:
@@ -88,11 +93,15 @@ def lock(path: Path, revision: str | None) -> str:
 def fetch(name: str, folder: Path | None = None) -> WeightsFile:
     """Download the weights ``name`` from the hub at the pinned (or then locked) revision.
 
+    Those of the package need no download.
+
     Raises:
         ValueError: unknown name, or weights that no hub has.
         ConnectionError: the hub did not give them.
     """
     known = entry(name)
+    if known.packaged:
+        return find_weights(name)
     target = weights_folder(folder) / known.file
     if known.hub is None:
         raise ValueError(

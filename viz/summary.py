@@ -30,6 +30,9 @@ _GROUNDINGS = (
     "anonymous-tracker-twostage",
     "hiera",
     "i3d",
+    "dino-tiny",
+    "videomae-tiny",
+    "vjepa2-tiny",
 )
 _READOUTS = ("none", "differencing", "shooting")
 _HEADS = ("factored", "factored-radial", "factored-learned-kinetic", "symplectic", TWIN)

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from encoders.frozen.base import FrozenEncoder
-from encoders.frozen.dinov2 import ARCHITECTURES, DINOv2Settings, load_dinov2
+from encoders.frozen.dinov2 import ARCHITECTURES, DINOTinySettings, DINOv2Settings, load_dinov2
 from encoders.frozen.hiera import HieraSettings, load_hiera
 from encoders.frozen.i3d import I3DSettings, load_i3d
 from encoders.frozen.videomae import VideoMAESettings, load_videomae
-from encoders.frozen.vjepa2 import VJEPA2Settings, load_vjepa2
+from encoders.frozen.vjepa2 import VJEPA2Settings, VJEPA2TinySettings, load_vjepa2
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,9 @@ CATALOGUE = {
     "hiera": Adapter(HieraSettings, load_hiera),
     "i3d": Adapter(I3DSettings, load_i3d),
     **{name: Adapter(DINOv2Settings, partial(load_dinov2, name)) for name in ARCHITECTURES},
+    "dino-tiny": Adapter(DINOTinySettings, partial(load_dinov2, "dino-tiny")),
+    "videomae-tiny": Adapter(VideoMAESettings, partial(load_videomae, "videomae-tiny")),
+    "vjepa2-tiny": Adapter(VJEPA2TinySettings, partial(load_vjepa2, "vjepa2-tiny")),
     "videomae-small": Adapter(VideoMAESettings, partial(load_videomae, "videomae-small")),
     "videomae-base": Adapter(VideoMAESettings, partial(load_videomae, "videomae-base")),
     "vjepa2-l": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-l")),

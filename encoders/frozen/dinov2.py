@@ -1,8 +1,9 @@
 """DINOv2 image transformers (Oquab et al., arXiv:2304.07193), frame by frame, frozen.
 
-Weights are the release folders of ``timm`` (small, base, large; patches of 14 pixels). One frame is
-enough; each frame is seen alone, so that any number of frames, odd or long, has as many feature
-frames, at the frames' own times. The position table is interpolated to the grid that is asked for.
+Weights are the release folders of ``timm`` (small, base, large; patches of 14 pixels), or our own
+tiny one (patches of 4 pixels). One frame is enough; each frame is seen alone, so that any number of
+frames, odd or long, has as many feature frames, at the frames' own times. The position table is
+interpolated to the grid that is asked for.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -24,11 +25,9 @@ from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
 CODE_VERSION = 1
-PATCH = 14
-PREPROCESSING = "rgb, longer side to resolution, sides to multiples of 14, bilinear, imagenet"
 ARCHITECTURES = {
     f"dinov2-{size}": f"vit_{size}_patch14_dinov2" for size in ("small", "base", "large")
-}
+} | {"dino-tiny": "vit_small_patch14_dinov2"}
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class DINOv2Settings:
     Args:
         layer: blocks that are run, from 1; all where not given, and then the final norm too. Later
             blocks are not computed.
-        resolution: network pixels of the longer image side, a multiple of 14.
+        resolution: network pixels of the longer image side, a multiple of the patch.
         frame_stride: take each so-many-th frame.
         dtype: of the computation.
         batch: frames per forward pass.
@@ -49,6 +48,13 @@ class DINOv2Settings:
     frame_stride: int = 1
     dtype: Dtype = "float32"
     batch: int = 8
+
+
+@dataclass(frozen=True)
+class DINOTinySettings(DINOv2Settings):
+    """Those of our own tiny one, at the resolution that it was trained at."""
+
+    resolution: int = 64
 
 
 class DINOv2Encoder(FrozenEncoder):
@@ -67,7 +73,8 @@ class DINOv2Encoder(FrozenEncoder):
     def __init__(
         self, network: nn.Module, settings: DINOv2Settings, name: str, weights: WeightsFile
     ) -> None:
-        network_size(1, 1, settings.resolution, PATCH)
+        self.patch: int = cast(Any, network).patch_embed.patch_size[0]
+        network_size(1, 1, settings.resolution, self.patch)
         self.settings = settings
         self.depth = len(cast(nn.Sequential, network.blocks))
         self.layer = chosen_layer(name, settings.layer, self.depth)
@@ -75,7 +82,10 @@ class DINOv2Encoder(FrozenEncoder):
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"each {settings.frame_stride}. frame, {PREPROCESSING}",
+            preprocessing=(
+                f"each {settings.frame_stride}. frame, rgb, longer side to resolution, "
+                f"sides to multiples of {self.patch}, bilinear, imagenet"
+            ),
             layer=str(self.layer),
             resolution=settings.resolution,
             dtype=settings.dtype,
@@ -84,7 +94,7 @@ class DINOv2Encoder(FrozenEncoder):
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
         height, width = clips.shape[-2:]
-        size = network_size(height, width, self.settings.resolution, PATCH)
+        size = network_size(height, width, self.settings.resolution, self.patch)
         pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
         forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
         maps = forward(

@@ -1,14 +1,15 @@
 """VideoMAE video transformers (Tong et al., arXiv:2203.12602), frozen.
 
-Weights are the release folders of ``transformers`` (small, base): of the encoder alone, or with the
-decoder or the classifier that it was trained with, which are left out. The position table fixes the
-input: 16 frames of 224 x 224 pixels, tubelets of 2 frames and 16 x 16 pixels; the whole image is
-resized to the square.
+Weights are the release folders of ``transformers`` (small, base), or our own tiny one: of the
+encoder alone, or with the decoder or the classifier that it was trained with, which are left out.
+The position table fixes the input: 16 frames of 224 x 224 pixels, tubelets of 2 frames and 16 x 16
+pixels (tiny: 4 frames of 64 x 64, tubelets of 2 and 4 x 4); the whole image is resized to the
+square.
 
-Any number of frames is taken. One frame, or fewer than 16, are followed by copies of the last one;
-an odd number by one copy; feature frames that saw only copies are dropped. A long clip is seen in
-windows of 16 frames, side by side unless ``hop`` is less, and a last one that ends with the clip.
-A feature frame's time is the middle of the two frames that its tubelet covers.
+Any number of frames is taken. One frame, or fewer than a window has, are followed by copies of the
+last one; an odd number by one copy; feature frames that saw only copies are dropped. A long clip is
+seen in windows, side by side unless ``hop`` is less, and a last one that ends with the clip. A
+feature frame's time is the middle of the two frames that its tubelet covers.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
 CODE_VERSION = 1
-NAMES = ("videomae-small", "videomae-base")
+NAMES = ("videomae-tiny", "videomae-small", "videomae-base")
 PREPROCESSING = "rgb, the image to the square, bilinear, imagenet"
 UNUSED = (
     "decoder.",
@@ -48,7 +49,7 @@ class VideoMAESettings:
     Args:
         layer: blocks that are run, from 1; all where not given, and then the final norm too, where
             the release has one. Later blocks are not computed.
-        hop: frames from a window's start to the next one's; the windows' 16 where not given.
+        hop: frames from a window's start to the next one's; the window's own where not given.
         frame_stride: take each so-many-th frame, before windows are made.
         dtype: of the computation.
         batch: windows per forward pass.

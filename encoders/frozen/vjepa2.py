@@ -1,7 +1,8 @@
 """V-JEPA 2 video transformers (Assran et al., arXiv:2506.09985), frozen.
 
-Weights are the release folders of ``transformers`` (ViT-L, H, g). Positions are rotary, so that any
-number of frames and any grid is taken: tubelets of 2 frames and 16 x 16 pixels. The predictor is
+Weights are the release folders of ``transformers`` (ViT-L, H, g), or our own tiny one. Positions
+are rotary, so that any number of frames and any grid is taken: tubelets of 2 frames and 16 x 16
+pixels (tiny: 4 x 4). The predictor is
 loaded and run only where ``predictor`` asks for it; it then has all tokens for context and says all
 of them, which is what the library's own forward pass returns.
 
@@ -30,7 +31,7 @@ from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
 CODE_VERSION = 1
-NAMES = ("vjepa2-l", "vjepa2-h", "vjepa2-g")
+NAMES = ("vjepa2-tiny", "vjepa2-l", "vjepa2-h", "vjepa2-g")
 PREPROCESSING = "rgb, longer side to resolution, sides to whole patches, bilinear, imagenet"
 
 
@@ -41,7 +42,7 @@ class VJEPA2Settings:
     Args:
         layer: blocks that are run, from 1; all where not given, and then the final norm too. Later
             blocks are not computed.
-        resolution: network pixels of the longer image side, a multiple of the patch (16).
+        resolution: network pixels of the longer image side, a multiple of the patch.
         frames: in a window, a multiple of the tubelet (2).
         hop: frames from a window's start to the next one's; ``frames`` where not given.
         frame_stride: take each so-many-th frame, before windows are made.
@@ -58,6 +59,14 @@ class VJEPA2Settings:
     predictor: bool = False
     dtype: Dtype = "float32"
     batch: int = 1
+
+
+@dataclass(frozen=True)
+class VJEPA2TinySettings(VJEPA2Settings):
+    """Those of our own tiny one, at the resolution and length that it was trained at."""
+
+    resolution: int = 64
+    frames: int = 4
 
 
 class VJEPA2Encoder(FrozenEncoder):

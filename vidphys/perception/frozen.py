@@ -176,4 +176,17 @@ FROZEN_GROUNDINGS = [
         share=SHARE,
         whole_context=True,
     ),
+    *(
+        Grounding(
+            name,
+            "rgb",
+            name,
+            "none",
+            False,
+            partial(fit_frozen, name, {"batch": 8}),
+            share=SHARE,
+            whole_context=name != "dino-tiny",
+        )
+        for name in ("dino-tiny", "videomae-tiny", "vjepa2-tiny")
+    ),
 ]

@@ -50,9 +50,9 @@ OBJECTIVES: dict[str, Callable[[], nn.Module]] = {
     "dino-tiny": PatchDistillation,
 }
 TOY = FitSettings(20, 4, 1.5e-3, 1.0)
-SHIPPED = {  # two to three minutes of one core each
-    "videomae-tiny": FitSettings(600, 8, 1.5e-3, 1.0, save_every=100),
-    "vjepa2-tiny": FitSettings(500, 8, 1.5e-3, 1.0, save_every=100),
+SHIPPED = {  # one to two minutes of one core each
+    "videomae-tiny": FitSettings(400, 8, 1.5e-3, 1.0, save_every=100),
+    "vjepa2-tiny": FitSettings(300, 8, 1.5e-3, 1.0, save_every=100),
     "dino-tiny": FitSettings(500, 8, 1.5e-3, 1.0, save_every=100),
 }
 
