@@ -3,7 +3,7 @@
 Slots over frozen tokens are the detector, a learned tracker (B3) binds. The detector starts by
 distillation from the fixed one and is then released: it goes on by reconstruction alone, a tenth
 as fast, and the running mean of its weights is what is kept. No true position is read, and when
-clips are read there is neither the fixed detector nor a renderer.
+clips are read there is no fixed detector.
 """
 
 from __future__ import annotations
@@ -11,34 +11,28 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from binders import Detections
 from binders.slots import CHANNELS
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from readouts.scale import FeatureScale
-from vidphys.clips import Clips
-from vidphys.extraction import FrozenEncoder
 from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
 from vidphys.perception.detections import anonymous_world, detections_of
 from vidphys.perception.frozen import encode_clips
 from vidphys.perception.reconstruction import Reconstruction
-from vidphys.perception.slots import LENGTH, SlotDetector, slot_settings
+from vidphys.perception.slots import LENGTH, SlotDetector, SlotSight, slot_settings
 from vidphys.perception.windows import Window, WindowBatches
 from vidphys.seeding import derive
 
-SHARE = 8  # the rung sees the preset's clips over this: each frame costs tens of milliseconds
 RELEASED = 0.5  # steps of the release over those of the distillation
 SLOWER = 0.1  # learning rate of the release over that of the distillation
 KEEP = 0.98  # of the running mean, a step
-CHUNK = 16  # clips read at once
 
 
 class FrozenTokens(nn.Module):
@@ -111,29 +105,6 @@ class Views:
         return View(self.windows[index], self.values[clip[:, None], frame])
 
 
-@dataclass(frozen=True)
-class ComposedSight:
-    """What a trained detector finds in the tokens of clips.
-
-    Args:
-        encoder: frozen, of images.
-        detector: trained on its tokens.
-        folder: where features are kept; ``None`` keeps none.
-    """
-
-    encoder: FrozenEncoder
-    detector: SlotDetector
-    folder: Path | None
-
-    def __call__(self, clips: Clips) -> Detections:
-        anonymous_world(clips)
-        values = encode_clips(self.encoder, clips, self.folder).values
-        with torch.no_grad():
-            parts = [self.detector.detect(v) for v in values.split(CHUNK)]
-        positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
-        return Detections(positions, confidence, clips.times.float())
-
-
 def fit_composed(encoder_name: str, options: dict[str, Any], task: FitTask) -> Perception:
     """Encode the clips, train the detector on their tokens, then a tracker on what it finds.
 
@@ -168,9 +139,11 @@ def fit_composed(encoder_name: str, options: dict[str, Any], task: FitTask) -> P
     )
     released = Released(detector)
     train(task, f"{name}-released", released, lambda v: released.loss(v, teacher), views, slower)
-    sight = ComposedSight(encoder, released.mean.eval(), task.folder)
+    sight = SlotSight(
+        released.mean.eval(), lambda seen: encode_clips(encoder, seen, task.folder).values
+    )
     tracker = learn_hindsight(task, f"{name}-tracker", sight(task.clips))
-    return LearnedBinding(tracker, hypotheses=1, detect=sight)
+    return LearnedBinding(tracker, detect=sight)
 
 
 COMPOSED_GROUNDINGS = [
@@ -178,9 +151,9 @@ COMPOSED_GROUNDINGS = [
         "composed-hiera",
         "anonymous",
         "hiera",
-        "slots+tracker",
+        "slots",
         False,
         partial(fit_composed, "hiera", {}),
-        share=SHARE,
+        share=8,
     ),
 ]

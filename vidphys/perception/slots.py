@@ -8,6 +8,7 @@ The study's own slot attention fails here (N68).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -18,20 +19,22 @@ from binders import Detections
 from binders.slots import CHANNELS, Found, SlotAttention
 from encoders.cnn import ConvEncoder
 from encoders.features import FeatureMap
+from renderers import AnonymousWorld
 from vidphys.clips import Clips
 from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
 from vidphys.perception.detections import anonymous_world
 from vidphys.perception.dreams import Dream, Dreams, light_spread
-from vidphys.perception.reconstruction import Reconstruction, told
+from vidphys.perception.reconstruction import FAINT, Reconstruction, told
 from vidphys.perception.windows import Window, WindowBatches
 from vidphys.seeding import derive
 from vidphys.train import FitSettings
 
 NAME = "anonymous-slots"
-AWAKE = 0.25  # steps of the second training over those of the first
-TRACKER_CLIPS = 256  # at most, that the tracker learns from
+AWAKE = 0.25  # steps on the clips themselves over those in dreams
+AWAKE_RATE = 1e-3  # learning rate of those
+TRACKER_CLIPS = 128  # at most, that the tracker learns from
 LENGTH = 3  # frames of a training window
 PIXELS = 32  # a side at least that frames are averaged down to: for the same time, more training
 LEARNING_RATE = 3e-3
@@ -116,25 +119,56 @@ class SlotDetector(nn.Module):
             total = total + (weight * error.mean((0, 2, 3))).sum() + DOUBT * doubt
         return total / len(found)
 
-    def detect(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+    def detect(self, seen: Tensor, frames: Tensor, world: AnonymousWorld) -> tuple[Tensor, Tensor]:
         """World positions ``(b, t, n, 2)`` and confidence ``(b, t, n)``.
 
-        Slots are started from several rings; in each frame those stand that doubt least.
+        Slots are started from several rings; in each frame those stand that explain it best.
+
+        Args:
+            seen: what the tokens are made of, ``(b, t, ...)``.
+            frames: in [0, 1], ``(b, t, 1, H, W)``.
+            world: draws positions.
         """
         tokens = self.tokens(seen)
-        rings = 2 * math.pi / max(1, self.bodies) / STARTS * torch.arange(STARTS)
-        found = [self.follow(tokens, turn) for turn in rings.tolist()]
-        positions = torch.stack([_over_time([f.slots.position for f in one]) for one in found])
-        doubt = torch.stack([_over_time([f.doubt for f in one]) for one in found])
-        best = doubt.sum(-1).argmin(0)[None, :, :, None]
-        doubt = doubt.gather(0, best.expand_as(doubt[:1])).squeeze(0)
-        place = best.unsqueeze(-1).expand_as(positions[:1])
-        squared = self.fine**2 * doubt.clamp_min(0).expm1()
-        return self.half_extent * positions.gather(0, place).squeeze(0), 1 / (1 + squared / SURE**2)
+        best = self._answer(tokens, frames, world, 0.0)
+        for ring in range(1, STARTS):
+            turn = 2 * math.pi / max(1, self.bodies) * ring / STARTS
+            best = best.or_else(self._answer(tokens, frames, world, turn))
+        squared = self.fine**2 * best.doubt.clamp_min(0).expm1()
+        sure = 1 / (1 + squared / SURE**2) / (1 + best.unlike / FAINT).unsqueeze(-1)
+        return best.positions, sure
+
+    def _answer(
+        self, tokens: FeatureMap, frames: Tensor, world: AnonymousWorld, turn: float
+    ) -> Answer:
+        found = self.follow(tokens, turn)
+        positions = self.half_extent * torch.stack([f.slots.position for f in found], 1)
+        unlike = (world(positions) - frames).square().mean((-3, -2, -1))
+        return Answer(positions, torch.stack([f.doubt for f in found], 1), unlike)
 
 
-def _over_time(parts: list[Tensor]) -> Tensor:
-    return torch.stack(parts, 1)
+@dataclass(frozen=True)
+class Answer:
+    """What slots say of clips.
+
+    Args:
+        positions: world units, ``(b, t, n, 2)``.
+        doubt: in each, ``(b, t, n)``.
+        unlike: mean squared pixel error of the frames that they would make, ``(b, t)``.
+    """
+
+    positions: Tensor
+    doubt: Tensor
+    unlike: Tensor
+
+    def or_else(self, other: Answer) -> Answer:
+        """In each frame the answer that explains it better."""
+        mine = self.unlike <= other.unlike
+        return Answer(
+            torch.where(mine[..., None, None], self.positions, other.positions),
+            torch.where(mine[..., None], self.doubt, other.doubt),
+            torch.where(mine, self.unlike, other.unlike),
+        )
 
 
 @dataclass(frozen=True)
@@ -143,17 +177,22 @@ class SlotSight:
 
     Args:
         detector: trained.
+        show: what its tokens are made of, ``(b, t, ...)``; by default the frames.
     """
 
     detector: SlotDetector
+    show: Callable[[Clips], Tensor] | None = None
 
     def __call__(self, clips: Clips) -> Detections:
-        anonymous_world(clips)
+        world = anonymous_world(clips)
+        shown = None if self.show is None else self.show(clips)
+        parts = []
         with torch.no_grad():
-            parts = [
-                self.detector.detect(clips.images(slice(at, at + CHUNK)))
-                for at in range(0, len(clips), CHUNK)
-            ]
+            for at in range(0, len(clips), CHUNK):
+                few = slice(at, at + CHUNK)
+                frames = clips.images(few)
+                seen = frames if shown is None else shown[few]
+                parts.append(self.detector.detect(seen, frames, world))
         positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
         return Detections(positions, confidence, clips.times.float())
 
@@ -179,13 +218,12 @@ def fit_slots(task: FitTask) -> Perception:
     settings = slot_settings(task)
     dreams = Dreams(world, bodies, light_spread(task.clips), LENGTH, task.seed)
     train(task, NAME + "-asleep", detector, asleep, dreams, settings)
-    if AWAKE:
-        later = replace(settings, steps=int(AWAKE * settings.steps), learning_rate=1e-3)
-        train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, LENGTH), later)
+    later = replace(settings, steps=int(AWAKE * settings.steps), learning_rate=AWAKE_RATE)
+    train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, LENGTH), later)
     sight = SlotSight(detector.eval())
     fewer = replace(task, clips=task.clips.first(TRACKER_CLIPS))
     tracker = learn_hindsight(fewer, NAME + "-tracker", sight(fewer.clips))
-    return LearnedBinding(tracker, hypotheses=1, detect=sight)
+    return LearnedBinding(tracker, detect=sight)
 
 
 def slot_settings(task: FitTask) -> FitSettings:
