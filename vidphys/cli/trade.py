@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from vidphys.trade.point import Point
 
+REPEATS = {"quick": 3, "standard": 7}  # of a benchmark row
+
 
 @dataclass(frozen=True)
 class TradeConfig:
@@ -35,6 +37,7 @@ class TradeConfig:
         compare: an older run folder or profile; exit 1 if a front has moved back since, by more
             than 5 % in time or 2 % in error.
         benchmark: time the fast paths against their peers, side by side.
+        rows: of the benchmark; all if none is named.
         threads: of torch; with 1 on a CPU the time of the process counts, else the wall clock.
         weights: folder of encoders' weights; else VIDPHYS_WEIGHTS, else the user's cache.
         seed: of all that is drawn.
@@ -51,6 +54,7 @@ class TradeConfig:
     save: Path | None = None
     compare: Path | None = None
     benchmark: bool = False
+    rows: tuple[str, ...] = ()
     threads: int = 1
     weights: Path | None = None
     seed: int = 0
@@ -165,10 +169,29 @@ def _compare(config: TradeConfig, old: Path) -> int:
 
 
 def _benchmark(config: TradeConfig) -> int:
-    from vidphys.trade.benchmarks import all_rows, line
+    """Rows one by one, each printed as it is measured; all of them are kept as JSON."""
+    from vidphys.atomic import write_json
+    from vidphys.trade.benchmark import ROWS, run_benchmark, table
+    from vidphys.trade.session import surroundings
 
-    rows = []
-    for row in all_rows(config.preset, config.device):
-        rows.append(row)
-        print(line(row), flush=True)
-    return 0 if rows else 1
+    if unknown := [row for row in config.rows if row not in ROWS]:
+        raise InputError(f"--rows {unknown[0]}: no such row; there are {', '.join(ROWS)}")
+    names = config.rows or tuple(ROWS)
+    found, skipped = [], {}
+    with Console(config.quiet, len(names), "benchmark") as console:
+        for number, name in enumerate(names):
+            try:
+                rows = run_benchmark([name], REPEATS[config.preset], config.threads)
+            except ImportError as error:
+                skipped[name] = f"{error}; pip install 'vidphys[bench]'"
+                console.warn(f"{name} skipped: {skipped[name]}")
+                continue
+            found += [asdict(row) for row in rows]
+            console.done(number)
+            console.result(table(rows))
+    path = config.out / "benchmark.json"
+    about = surroundings(config.device)
+    write_json(path, {"surroundings": about, "rows": found, "skipped": skipped})
+    missed = sum(not row["reached"] for row in found)
+    print(f"{len(found)} rows, {missed} below their bar; {path}")
+    return 0

@@ -2,22 +2,20 @@
 
 A large tensor is fresh memory each time, and its page faults can cost more than what is computed in
 it: several times on the processors that this was seen on. A comparison that does not say which of
-the two was measured says little; :func:`memory_kept` makes them equal.
+the two was measured says little; :func:`keep_memory` makes them equal.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
 
 STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_MMAP_MAX = -1, -3, -4  # of malloc.h
-DEFAULT_TRIM, DEFAULT_MMAP, DEFAULT_MMAP_MAX = 128 * 1024, 128 * 1024, 65536
+M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4  # of malloc.h
 
 
 def peak_bytes(work: Callable[[], Any], device: str) -> tuple[Any, int | None]:
@@ -44,26 +42,16 @@ def peak_bytes(work: Callable[[], Any], device: str) -> tuple[Any, int | None]:
     return result, max(0, _resident("VmHWM") - before)
 
 
-@contextmanager
-def memory_kept() -> Iterator[bool]:
-    """Let freed memory stay in the process, so that no call pays for fresh pages.
+def keep_memory() -> bool:
+    """From now on let freed memory stay in the process, so that no call pays for fresh pages.
 
-    Yields:
+    Returns:
         Whether this C library can do it; elsewhere nothing is changed.
     """
     libc = _libc()
     if libc is None:
-        yield False
-        return
-    libc.mallopt(M_MMAP_MAX, 0)
-    libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
-    try:
-        yield True
-    finally:
-        libc.mallopt(M_MMAP_MAX, DEFAULT_MMAP_MAX)
-        libc.mallopt(M_TRIM_THRESHOLD, DEFAULT_TRIM)
-        libc.mallopt(M_MMAP_THRESHOLD, DEFAULT_MMAP)
-        libc.malloc_trim(0)
+        return False
+    return bool(libc.mallopt(M_MMAP_MAX, 0)) and bool(libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1))
 
 
 def _libc() -> Any:

@@ -1,6 +1,6 @@
 """Frozen encoders: which, which layer, how many pixels, frames and cells; how well it says where.
 
-What is measured against is the truth of rendered clips, read by a linear readout of all cells: the
+What is measured against is the truth of rendered clips, read by a linear map of single cells: the
 same for all, and fitted in closed form.
 """
 
@@ -25,9 +25,9 @@ SCALE = Scale(
     "ms_per_frame",
     1e3,
     "probe_nmse",
-    "true positions of three coloured disks, by a linear readout, on held-out clips",
+    "true positions of three coloured disks, by a linear map of single cells, on held-out clips",
 )
-POOLINGS = (1, 2, 4)
+POOLINGS = (1, 2)
 # encoder -> the options that are tried together; each is loaded where its weights are
 CHOICES: dict[str, list[dict[str, Any]]] = {
     "dino-tiny": [{}, {"layer": 2}, {"resolution": 32}, {"frame_stride": 2}],
@@ -35,7 +35,7 @@ CHOICES: dict[str, list[dict[str, Any]]] = {
     "vjepa2-tiny": [{}, {"layer": 2}, {"resolution": 32}, {"frame_stride": 2}],
     "hiera": [
         {"layer": layer, "resolution": resolution}
-        for layer, resolution in ((4, 64), (8, 64), (8, 128), (16, 128))
+        for layer, resolution in ((4, 64), (8, 64), (8, 128))
     ],
     "i3d": [{"layer": "Mixed_3c"}, {"layer": "Mixed_4f"}],
     "dinov2-small": [{"layer": 6, "resolution": 112}, {"layer": 12, "resolution": 112}],
