@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -11,6 +12,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
 from encoders.features import FeatureMap
+from encoders.frozen.runtimes import Runtime, check_runtime, under_runtime
 from encoders.frozen.windows import Window, Windowing, feature_times, windows
 from encoders.identity import EncoderIdentity
 
@@ -31,9 +33,10 @@ class FrozenEncoder(ABC):
         frame_stride: take each so-many-th frame, before windows are made.
         batch: windows per pass.
         identity: what the features depend on.
+        runtime: what computes the network; only encoders with :meth:`maps` have a choice.
 
     Raises:
-        ValueError: a stride or a batch below one.
+        ValueError: a stride or a batch below one, or a runtime that cannot be used here.
     """
 
     def __init__(
@@ -43,20 +46,30 @@ class FrozenEncoder(ABC):
         frame_stride: int,
         batch: int,
         identity: EncoderIdentity,
+        runtime: Runtime = "torch",
     ) -> None:
         for name, value in (("frame_stride", frame_stride), ("batch", batch)):
             if value < 1:
                 raise ValueError(f"{identity.name}: {name} {value}: must be at least 1")
-        self.network = network.to(DTYPES[identity.dtype]).eval().requires_grad_(False)
+        device = next((p.device.type for p in network.parameters()), "cpu")
+        check_runtime(identity.name, runtime, identity.dtype, device)
+        # OpenVINO casts by itself, from float32
+        self.dtype = DTYPES["float32" if runtime == "openvino" else identity.dtype]
+        self.network = network.to(self.dtype).eval().requires_grad_(False)
+        self.fast_maps = under_runtime(self.network, self.maps, runtime, identity.dtype)
         self.windowing = windowing
         self.frame_stride = frame_stride
         self.batch = batch
-        self.identity = identity
+        self.identity = replace(identity, dtype=computed_in(identity.dtype, runtime))
 
     @property
     def frames_per_feature(self) -> int:
         """Frames of the clip from a feature frame to the next one."""
         return self.frame_stride * self.windowing.tubelet
+
+    def maps(self, pixels: Tensor) -> Tensor:
+        """The network alone, from its own pixels, as a runtime can take it over."""
+        raise NotImplementedError(f"{self.identity.name}: has no runtime but torch")
 
     @abstractmethod
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
@@ -106,6 +119,11 @@ class FrozenEncoder(ABC):
         clips = clips.to(next(self.network.parameters()).device)
         maps = self.encode(clips.float() if clips.is_floating_point() else clips.float() / 255)
         return [maps[i, list(window.kept)].float() for i, (_, window) in enumerate(jobs)]
+
+
+def computed_in(dtype: str, runtime: Runtime) -> str:
+    """How features were computed, for their identity; torch's own goes without saying."""
+    return dtype if runtime == "torch" else f"{dtype} by {runtime}"
 
 
 def _check(name: str, frames: Tensor, times: Tensor) -> None:

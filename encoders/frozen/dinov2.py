@@ -16,7 +16,8 @@ from typing import Any, cast
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.base import Dtype, FrozenEncoder
+from encoders.frozen.runtimes import Runtime
 from encoders.frozen.tokens import chosen_layer
 from encoders.frozen.windows import Windowing
 from encoders.identity import EncoderIdentity
@@ -41,6 +42,7 @@ class DINOv2Settings:
         frame_stride: take each so-many-th frame.
         dtype: of the computation.
         batch: frames per forward pass.
+        runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
     layer: int | None = None
@@ -48,6 +50,7 @@ class DINOv2Settings:
     frame_stride: int = 1
     dtype: Dtype = "float32"
     batch: int = 8
+    runtime: Runtime = "torch"
 
 
 @dataclass(frozen=True)
@@ -90,22 +93,28 @@ class DINOv2Encoder(FrozenEncoder):
             resolution=settings.resolution,
             dtype=settings.dtype,
         )
-        super().__init__(network, Windowing(), settings.frame_stride, settings.batch, identity)
+        super().__init__(
+            network, Windowing(), settings.frame_stride, settings.batch, identity, settings.runtime
+        )
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
         height, width = clips.shape[-2:]
         size = network_size(height, width, self.settings.resolution, self.patch)
-        pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
+        pixels = imagenet_clips(clips, size, self.dtype)
+        return self.fast_maps(pixels.flatten(0, 1)).unflatten(0, clips.shape[:2])
+
+    def maps(self, pixels: Tensor) -> Tensor:
+        """``(f, 3, h, w)`` to ``(f, k, h, w)``."""
         forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
-        maps = forward(
-            pixels.flatten(0, 1),
+        (maps,) = forward(
+            pixels,
             indices=[self.layer - 1],
             norm=self.layer == self.depth,
             intermediates_only=True,
             stop_early=True,
             output_fmt="NCHW",
         )
-        return maps[0].unflatten(0, clips.shape[:2])
+        return maps
 
 
 def load_dinov2(

@@ -14,7 +14,8 @@ from typing import Literal, cast
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.base import Dtype, FrozenEncoder
+from encoders.frozen.runtimes import Runtime
 from encoders.frozen.windows import Windowing
 from encoders.identity import EncoderIdentity
 from encoders.preprocess import imagenet_clips, network_size
@@ -41,12 +42,14 @@ class HieraSettings:
         dtype: of the computation.
         batch: frames per forward pass. The last pass is filled up, so that a frame has the same
             features whatever it is encoded together with.
+        runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
     layer: Literal[4, 8, 16, 32] = 8
     resolution: int = 128
     dtype: Dtype = "float32"
     batch: int = 8
+    runtime: Runtime = "torch"
 
 
 class HieraEncoder(FrozenEncoder):
@@ -75,21 +78,25 @@ class HieraEncoder(FrozenEncoder):
             resolution=settings.resolution,
             dtype=settings.dtype,
         )
-        super().__init__(trunk, Windowing(), 1, settings.batch, identity)
+        super().__init__(trunk, Windowing(), 1, settings.batch, identity, settings.runtime)
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
         height, width = clips.shape[-2:]
         size = network_size(height, width, self.settings.resolution, MULTIPLE)
-        pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
+        pixels = imagenet_clips(clips, size, self.dtype)
+        return self.fast_maps(pixels.flatten(0, 1)).unflatten(0, clips.shape[:2])
+
+    def maps(self, pixels: Tensor) -> Tensor:
+        """``(f, 3, h, w)`` to ``(f, k, h, w)``."""
         forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
-        maps = forward(
-            pixels.flatten(0, 1),
+        (maps,) = forward(
+            pixels,
             indices=[LAYERS[self.settings.layer]],
             intermediates_only=True,
             stop_early=True,
             output_fmt="NCHW",
         )
-        return maps[0].unflatten(0, clips.shape[:2])
+        return maps
 
 
 def build_trunk() -> nn.Module:

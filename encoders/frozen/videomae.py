@@ -21,7 +21,8 @@ from typing import Any
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
+from encoders.frozen.base import Dtype, FrozenEncoder
+from encoders.frozen.runtimes import Runtime
 from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
 from encoders.frozen.windows import Windowing
 from encoders.identity import EncoderIdentity
@@ -53,6 +54,7 @@ class VideoMAESettings:
         frame_stride: take each so-many-th frame, before windows are made.
         dtype: of the computation.
         batch: windows per forward pass.
+        runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
     layer: int | None = None
@@ -60,6 +62,7 @@ class VideoMAESettings:
     frame_stride: int = 1
     dtype: Dtype = "float32"
     batch: int = 1
+    runtime: Runtime = "torch"
 
 
 class VideoMAEEncoder(FrozenEncoder):
@@ -92,19 +95,24 @@ class VideoMAEEncoder(FrozenEncoder):
             resolution=config.image_size,
             dtype=settings.dtype,
         )
-        super().__init__(network, windowing, settings.frame_stride, settings.batch, identity)
+        super().__init__(
+            network, windowing, settings.frame_stride, settings.batch, identity, settings.runtime
+        )
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+        side = self.config.image_size
+        return self.fast_maps(imagenet_clips(clips, (side, side), self.dtype))
+
+    def maps(self, pixels: Tensor) -> Tensor:
+        """``(n, f, 3, h, w)`` to ``(n, t, k, h, w)``."""
         network: Any = self.network
-        side, patch = self.config.image_size, self.config.patch_size
-        pixels = imagenet_clips(clips, (side, side), DTYPES[self.settings.dtype])
         tokens = network.embeddings(pixels, None)
         for block in network.encoder.layer[: self.layer]:
             tokens = block(tokens)
         if self.layer == self.config.num_hidden_layers and network.layernorm is not None:
             tokens = network.layernorm(tokens)
-        grid = side // patch
-        return token_maps(tokens, clips.shape[1] // self.windowing.tubelet, grid, grid)
+        grid = self.config.image_size // self.config.patch_size
+        return token_maps(tokens, pixels.shape[1] // self.config.tubelet_size, grid, grid)
 
 
 def load_videomae(
