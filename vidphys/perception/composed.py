@@ -148,12 +148,10 @@ def fit_composed(encoder_name: str, options: dict[str, Any], task: FitTask) -> P
 
 COMPOSED_GROUNDINGS = [
     Grounding(
-        "composed-hiera",
-        "anonymous",
-        "hiera",
-        "slots",
-        False,
-        partial(fit_composed, "hiera", {}),
-        share=8,
-    ),
+        name, "anonymous", encoder, "slots", False, partial(fit_composed, encoder, options), share
+    )
+    for name, encoder, options, share in (
+        ("composed", "dino-tiny", {"batch": 8}, 4),
+        ("composed-hiera", "hiera", {}, 8),
+    )
 ]
