@@ -166,8 +166,8 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
         device: where the encoder runs.
 
     Raises:
-        InputError: no pipeline in the folder, a damaged one, or another encoder than it was
-            trained over.
+        InputError: no pipeline in the folder, a damaged one or one of another version, or another
+            encoder than it was trained over.
         ValueError: the encoder's weights are missing or wrong.
     """
     path = run / "checkpoints" / FILE
@@ -182,8 +182,14 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
                 f"{run}: trained over {about['name']} with {key} {about['identity'][key]}, but "
                 f"this one has {value}; give the same weights with --weights, or train again"
             )
-    readout = AttentionReadout(**meta["readout"])
-    readout.load_state_dict(checkpoint.under("readout", tensors))
+    try:
+        readout = AttentionReadout(**meta["readout"])
+        readout.load_state_dict(checkpoint.under("readout", tensors))
+        dynamics = _dynamics(tensors, meta)
+    except (RuntimeError, TypeError) as error:
+        raise InputError(
+            f"{run}: its models are of another version of vidphys; train again in another --out"
+        ) from error
     reader = Reader(
         LoadedEncoder(about["name"], about["options"], encoder),
         readout.eval(),
@@ -193,7 +199,7 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
         meta["stride"],
         meta["side"],
     )
-    return Pipeline(reader, _dynamics(tensors, meta))
+    return Pipeline(reader, dynamics)
 
 
 def _dynamics(tensors: dict[str, Tensor], meta: dict[str, Any]) -> Dynamics:
