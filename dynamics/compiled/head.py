@@ -93,6 +93,8 @@ class CompiledHead(Hamiltonian):
             steps // every,
             every,
         )
+        if asked and name == "triton":  # its kernel has no network
+            return self._plain(start, params, steps, dt, every)
         # Episodes lie innermost in memory: what is handed out is a view.
         q, p = states.permute(1, 4, 0, 2, 3).reshape(
             2, *batch, *states.shape[:1], *start.q.shape[-2:]

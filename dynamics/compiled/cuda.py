@@ -1,0 +1,161 @@
+"""Fused rollouts on CUDA, by Triton: one launch for all steps, the state kept in registers.
+
+A program rolls ``EPISODES`` episodes. Bodies and pairs are axes of its tiles; what a pair has to do
+with a body is a matrix of 1, -1 and 0, so that displacements and forces are sums of products.
+The arithmetic is that of :mod:`dynamics.compiled.spline`; the kernel runs in Triton's interpreter
+too, on the CPU, which is how it is tested.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+from dynamics.compiled.spline import BITS, PairSpline, RadialSpline
+from dynamics.pairs import pair_indices
+from dynamics.potentials import CORE, REACH
+
+EPISODES = 32
+CORE2, SHORT = tl.constexpr(CORE**2), tl.constexpr(REACH)
+
+
+@triton.jit
+def _turned(x, y, r, to_u, to_v):  # noqa: ANN001, ANN202
+    """See :func:`dynamics.potentials.unsquashed`."""
+    shrink = 1 / (SHORT + r)
+    inward = (x * to_u + y * to_v) * shrink * shrink / r
+    return to_u * shrink - x * inward, to_v * shrink - y * inward
+
+
+@triton.jit
+def _spline(x, y, table, cells, first_cell, inside, RADIAL: tl.constexpr, WHOLE: tl.constexpr):  # noqa: ANN001, ANN202, N803
+    """Gradient of the spline; where ``inside`` is false, of its first cell."""
+    s = x * x + y * y + CORE2
+    if RADIAL:
+        bits = s.to(WHOLE, bitcast=True)
+        below = (tl.full([1], 1, WHOLE) << cells) - 1
+        t = (bits & below).to(x.dtype) / (below + 1).to(x.dtype)
+        at = table + tl.where(inside, (bits >> cells) - first_cell, 0) * 4
+        force = tl.load(at + 3)
+        for k in tl.static_range(2, -1, -1):
+            force = force * t + tl.load(at + k)
+        gx, gy = force * x, force * y
+    else:
+        r = tl.sqrt(s)
+        shrink = 1 / (SHORT + r)
+        sign = tl.where(y < 0, -0.5, 0.5).to(x.dtype) * cells
+        u, v = x * shrink * sign, y * shrink * sign
+        left, low = tl.floor(u), tl.floor(v)
+        a, b = u - left, v - low
+        cell = (left.to(tl.int32) + cells // 2) * (cells // 2) + low.to(tl.int32)
+        at = table + tl.where(inside, cell, 0) * 36
+        value, along, across = x * 0, x * 0, x * 0
+        for i in tl.static_range(5, -1, -1):
+            row, slope = x * 0, x * 0
+            for k in tl.static_range(5, -1, -1):
+                slope = slope * b + row
+                row = row * b + tl.load(at + 6 * i + k)
+            along = along * a + value
+            value = value * a + row
+            across = across * a + slope
+        gx, gy = _turned(x, y, r, along * sign, across * sign)
+    return gx, gy
+
+
+@triton.jit
+def _roll(  # noqa: ANN202
+    start, mobility, strength, ones, others, parts, out, asked,  # noqa: ANN001
+    table, cells, first_cell,  # noqa: ANN001
+    episodes, bodies, pairs, substeps, moves, interval, box, reach,  # noqa: ANN001
+    RADIAL: tl.constexpr, WHOLE: tl.constexpr,  # noqa: N803
+    E: tl.constexpr, N: tl.constexpr, P: tl.constexpr,  # noqa: N803
+):  # fmt: skip
+    """Leapfrog steps of ``E`` episodes; see :func:`dynamics.compiled.cpu._roll`."""
+    e = tl.program_id(0) * E + tl.arange(0, E)
+    n, k = tl.arange(0, N), tl.arange(0, P)
+    real = (e < episodes)[:, None] & (n < bodies)[None, :]
+    body = n[None, :] * 2 * episodes + e[:, None]
+    q_x, q_y = tl.load(start + body, real, 0.0), tl.load(start + body + episodes, real, 0.0)
+    momenta = start + bodies * 2 * episodes + body
+    p_x, p_y = tl.load(momenta, real, 0.0), tl.load(momenta + episodes, real, 0.0)
+    loose = tl.load(mobility + n[None, :] * episodes + e[:, None], real, 0.0)
+    counted = (e < episodes)[:, None] & (k < pairs)[None, :]
+    weight = tl.load(strength + k[None, :] * episodes + e[:, None], counted, 0.0)
+    here = tl.load(ones + k, k < pairs, -1)[:, None] == n[None, :]
+    there = tl.load(others + k, k < pairs, -1)[:, None] == n[None, :]
+    between = (here.to(q_x.dtype) - there.to(q_x.dtype))[None, :, :]
+    f_x, f_y, total = q_x * 0, q_x * 0, tl.zeros([E], tl.int32)
+    for move in range(moves + 1):
+        # Before the first step comes one of no length, which finds the first force.
+        dt = tl.load(parts + (move + substeps - 1) % substeps, move > 0, 0.0)
+        half = 0.5 * dt
+        p_x += half * f_x
+        p_y += half * f_y
+        q_x += dt * p_x * loose
+        q_y += dt * p_y * loose
+        x = tl.sum(between * q_x[:, None, :], 2)
+        y = tl.sum(between * q_y[:, None, :], 2)
+        if box > 0:
+            x -= box * tl.floor(x / box + 0.5)
+            y -= box * tl.floor(y / box + 0.5)
+        inside = x * x + y * y + CORE2 <= reach * reach
+        g_x, g_y = _spline(x, y, table, cells, first_cell, inside, RADIAL, WHOLE)
+        total += tl.sum((counted & (inside == 0)).to(tl.int32), 1)
+        f_x = -tl.sum(between * (weight * g_x)[:, :, None], 1)
+        f_y = -tl.sum(between * (weight * g_y)[:, :, None], 1)
+        p_x += half * f_x
+        p_y += half * f_y
+        if move % interval == 0:
+            to = out + (move // interval).to(tl.int64) * 4 * bodies * episodes + body
+            tl.store(to, q_x, real)
+            tl.store(to + episodes, q_y, real)
+            tl.store(to + 2 * bodies * episodes, p_x, real)
+            tl.store(to + (2 * bodies + 1) * episodes, p_y, real)
+    tl.store(asked + e, total, e < episodes)
+
+
+def packed(potential: PairSpline, like: Tensor) -> tuple[Any, ...]:
+    """Table, cells, first cell, reach and kinds, as :func:`roll` takes them."""
+    integer, mantissa = BITS[like.dtype]
+    radial = isinstance(potential, RadialSpline)
+    cells, first = potential.resolution, 0
+    if radial:
+        cells = mantissa - potential.resolution
+        first = int(like.new_tensor([CORE**2]).view(integer)) >> cells
+    table = potential.table.to(like).contiguous()
+    return table, cells, first, potential.reach, radial, tl.int32 if mantissa == 23 else tl.int64
+
+
+def roll(
+    law: tuple[Any, ...],
+    box: float | None,
+    start: Tensor,
+    mass: Tensor,
+    strength: Tensor,
+    dts: list[float],
+    stored: int,
+    every: int,
+) -> tuple[Tensor, int]:
+    """Leapfrog steps of a spline; see :func:`dynamics.compiled.cpu.roll`.
+
+    Returns:
+        States, and the number of pairs that were out of reach: if there are any, the states mean
+        nothing, and the rollout has to be made by the torch twin, which asks the network.
+    """
+    table, cells, first, reach, *kinds = law
+    bodies, episodes = mass.shape
+    i, j = pair_indices(bodies, start.device)
+    out = start.new_empty(stored + 1, 2, bodies, 2, episodes)
+    asked = torch.zeros(episodes, dtype=torch.int32, device=start.device)
+    _roll[(triton.cdiv(episodes, EPISODES),)](
+        start.contiguous(), 1 / mass, strength, i, j, start.new_tensor(dts), out, asked,
+        table, cells, first,
+        episodes, bodies, len(i), len(dts), stored * every * len(dts), every * len(dts),
+        float(box or 0), float(reach), *kinds,
+        E=EPISODES, N=triton.next_power_of_2(bodies), P=triton.next_power_of_2(len(i)),
+    )  # fmt: skip
+    return out, int(asked.sum())
