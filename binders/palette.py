@@ -22,6 +22,8 @@ FIRST_DAMPING = 1e-3
 PASSES = 4  # of re-weighting a local path
 OUTLIER = 0.05  # world units from the path at which a frame's say is halved
 HALF = 0.05  # visible share at which a frame's own fit and the path count alike
+EXPLAINED = 0.5  # of a colour's light that a disk must explain for it to be one
+LEAST_PIXELS = 2.0  # of light: a disk of less has no place within its pixel
 FAINT = 0.02  # visible share below which a frame says nothing about a body
 TINY = 1e-9
 
@@ -95,7 +97,8 @@ class _Seen:
     def locate(self) -> tuple[Tensor, Tensor]:
         """Positions ``(..., n, 2)`` by Levenberg-Marquardt from the centroids, and visible shares.
 
-        The share is 0 for a body of which no light is left; its position is then 0.
+        The share is 0 for a body of which no light is left, and where the light is not a disk's;
+        its position is then 0.
         """
         q, light = self._centroids()
         damping = torch.full_like(light, FIRST_DAMPING)
@@ -115,7 +118,9 @@ class _Seen:
             )
         whole = self.coverage(self._squared(q)).sum((-2, -1)).clamp_min(TINY)
         share = (light / whole).clamp(0, 1)
-        share = torch.where(share > FAINT, share, 0)
+        explained = 1 - cost / self.visible.square().sum((-2, -1)).clamp_min(TINY)
+        seen = (share > FAINT) & (explained > EXPLAINED) & (whole > LEAST_PIXELS)
+        share = torch.where(seen, share, 0)
         return torch.where(share.unsqueeze(-1) > 0, q, 0), share
 
     def _centroids(self) -> tuple[Tensor, Tensor]:

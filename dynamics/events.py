@@ -97,6 +97,8 @@ class HardDisks(Head):
         """
         if dt < 0:
             raise ValueError(f"HardDisks: dt must be >= 0, got {dt:g}; reverse the momenta instead")
+        if not state.q.shape[-2]:
+            return state, memory
         # Only the nearest image of a pair is looked at: no pair may cross what lies beyond it.
         speed = float((state.p.norm(dim=-1) / params.mass).amax())
         room = self.box / 2 - float(self.diameter)
@@ -108,6 +110,8 @@ class HardDisks(Head):
     def _fly(self, state: PhaseState, params: Parameters, dt: float) -> PhaseState:
         left = torch.full(state.q.shape[:-2], dt, dtype=state.q.dtype, device=state.q.device)
         mass = params.mass.unsqueeze(-1)
+        if state.q.shape[-2] == 1:  # nothing to collide with
+            return PhaseState(state.q + dt * state.p / mass, state.p)
         for _ in range(MAX_EVENTS):
             times, _ = self.collision_times(state, params)
             first, pair = times.min(-1)

@@ -10,7 +10,6 @@ from dynamics.maps import TransitionMap
 from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
 
-
 MOST_MESSAGES = 2**22  # of one state: two gigabytes at width 128, and as much again in between
 
 

@@ -20,6 +20,7 @@ VERBS = {
     "train": ("TrainConfig", "train readouts and dynamics on clips, over a frozen encoder"),
     "rollout": ("RolloutConfig", "read a clip with a trained pipeline and roll it on"),
     "trade": ("TradeConfig", "measure speed against accuracy here, and choose from it"),
+    "stress": ("StressConfig", "run the extremes: each sound, warned of or refused"),
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
     "doctor": ("DoctorConfig", "say what this machine has"),
 }

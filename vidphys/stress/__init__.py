@@ -1,0 +1,1 @@
+"""The extremes as a matrix of cells, each sound, warned of or refused; never silently wrong."""

@@ -1,0 +1,80 @@
+"""Learned heads: near their training, their rounding; far outside, a warning, never silence."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterator
+from functools import partial
+
+import torch
+
+from dynamics import HEADS, HamiltonianTerms, Head, Parameters, PhaseState, Terms, build, rollout
+from vidphys.stress.bodies import STEP
+from vidphys.stress.case import SOUND, WARNED, Case
+from vidphys.stress.crowds import float_twin_error
+
+FARTHER = (1.0, 10.0, 1e2, 1e3, 1e6, 1e12)  # times the states of training
+BODIES, EPISODES, STEPS = 3, 4, 20
+ROUNDING = 1e-4
+FAMILIES: dict[str, Terms] = {
+    **HEADS,
+    "knots": HamiltonianTerms(potential="knots", width=6),
+    "shortcut": HamiltonianTerms(shortcut=True),
+    "trapped": HamiltonianTerms(trap=1.0),
+    "with friction": HamiltonianTerms(ports=("linear-friction",)),
+    "triples": HamiltonianTerms(triples=True),
+}
+
+
+def heads() -> Iterator[Case]:
+    """Each family of heads at its training's states and at ever larger ones, under both signs."""
+    for name in FAMILIES:
+        for factor in FARTHER:
+            for coupling in (1.0, -1.0):
+                far = factor > 1
+                yield Case(
+                    "training range",
+                    name,
+                    f"{factor:g} times, G = {coupling:g}",
+                    factor,
+                    partial(_asked, name, factor, coupling),
+                    ROUNDING,
+                    "own",
+                    "float32",
+                    "rollout",
+                    must=(WARNED,) if far else (SOUND,),
+                )
+        for dtype in (torch.float16, torch.bfloat16):
+            run = partial(_asked, name, 1.0, 1.0, dtype)
+            short = str(dtype).removeprefix("torch.")
+            yield Case("training range", name, short, 1.0, run, 0.0, "own", short, "rollout", "A10")
+
+
+def _asked(name: str, factor: float, coupling: float, dtype: torch.dtype = torch.float32) -> float:
+    """Difference from the same weights in float64; infinite far from training: nothing is known."""
+    head, start, params = _trained(name)
+    start = start.map(lambda x: (factor * x).to(dtype))
+    law = params.with_coupling(coupling)
+    if factor > 1:
+        rollout(head, start, law, STEPS, STEP)
+        return math.inf
+    return float_twin_error(head, start, law, STEPS)
+
+
+_MADE: dict[str, tuple[Head, PhaseState, Parameters]] = {}
+
+
+def _trained(name: str) -> tuple[Head, PhaseState, Parameters]:
+    """A head that has been told its training's states; its weights are as drawn."""
+    if name not in _MADE:
+        torch.manual_seed(0)
+        rng = torch.Generator().manual_seed(0)
+        seen = [torch.randn(EPISODES, BODIES, 2, generator=rng) for _ in range(2)]
+        head = build(FAMILIES[name], BODIES, STEP)
+        head.set_scale(1e-3, 1e-3)
+        head.see(PhaseState(*seen))
+        params = Parameters(torch.ones(EPISODES), torch.ones(EPISODES, BODIES))
+        _MADE[name] = head, PhaseState(*seen), params
+    head, start, params = _MADE[name]
+    return copy.deepcopy(head), start, params

@@ -1,0 +1,163 @@
+"""The whole matrix: which cells a preset has, run one after the other and recorded by axis."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from vidphys.atomic import write_json
+from vidphys.errors import InputError
+from vidphys.metrics import FAILED, OK, Summary
+from vidphys.records import Origin, Recorder
+from vidphys.runs import RunFolder
+from vidphys.stress import baths, contacts, crowds, inputs, learned, methods, orbits, pictures
+from vidphys.stress.case import SILENT, SKIPPED, Case
+from vidphys.stress.figures import figure_rows
+from vidphys.stress.verdict import Outcome, judge
+
+
+@dataclass(frozen=True)
+class StressSizes:
+    """What a preset runs.
+
+    Args:
+        every: of each family, each so many-th cell.
+        long_steps: steps of the long rollouts; 0 leaves them out.
+        largest: value on the axes of bodies and image sizes above which cells are left out.
+    """
+
+    every: int
+    long_steps: int
+    largest: float
+
+
+PRESETS = {
+    "quick": StressSizes(every=7, long_steps=0, largest=1000),
+    "standard": StressSizes(every=1, long_steps=1_000_000, largest=math.inf),
+}
+HEAVY = ("bodies", "image size")
+
+
+def families(sizes: StressSizes) -> dict[str, list[Case]]:
+    """The cells of a preset, by the family that they are run and kept in."""
+    made: dict[str, Iterable[Case]] = {
+        "methods": methods.methods(),
+        "softening": orbits.softening(),
+        "mass-ratio": orbits.mass_ratio(),
+        "scale": orbits.scale(),
+        "time-step": orbits.time_step(),
+        "stiffness": contacts.stiffness(),
+        "coincidence": contacts.coincidence(),
+        "friction": baths.friction(),
+        "temperature": baths.temperature(),
+        "drive": baths.drive(),
+        "bodies": crowds.crowds(),
+        "image-size": pictures.sizes(),
+        "reading": pictures.readings(),
+        "training-range": learned.heads(),
+        "input": inputs.inputs(),
+    }
+    if sizes.long_steps:
+        made["long"] = orbits.long_rollouts(sizes.long_steps)
+    return {name: _thinned(list(cases), sizes) for name, cases in made.items()}
+
+
+def _thinned(cases: list[Case], sizes: StressSizes) -> list[Case]:
+    # A whole family of promises is cheap, and each of its cells is another promise.
+    every = 1 if cases[0].axis.startswith("method") else sizes.every
+    kept = [c for c in cases if c.axis not in HEAVY or c.value <= sizes.largest]
+    return kept[::every]
+
+
+def settings_of(preset: str, axes: Sequence[str]) -> dict[str, Any]:
+    """The run's resolved configuration.
+
+    Raises:
+        InputError: an axis that there is not.
+    """
+    sizes = PRESETS[preset]
+    known = list(families(sizes))
+    for name in axes:
+        if name not in known:
+            raise InputError(f"stress: no axis '{name}' in this preset; use {', '.join(known)}")
+    return {
+        "experiment": "stress",
+        "preset": preset,
+        "sizes": {k: v for k, v in asdict(sizes).items() if v != math.inf},
+        "cells": list(axes) or known,
+        "seeds": [0],
+    }
+
+
+def run_family(
+    run: RunFolder, name: str, cases: list[Case], progress: Callable[[int], None]
+) -> list[Outcome]:
+    """Judge a family's cells, one after the other, and keep what was found."""
+    outcomes = []
+    for index, case in enumerate(cases):
+        outcomes.append(judge(case))
+        progress(index + 1)
+    write_json(run.path / "outcomes" / f"{name}.json", {"cells": [_plain(o) for o in outcomes]})
+    run.finish(name, *_recorded(outcomes).tables())
+    return outcomes
+
+
+def _recorded(outcomes: Sequence[Outcome]) -> Recorder:
+    """An error and a verdict a cell, each in the precision that it was computed in."""
+    recorder = Recorder(_origin(outcomes[0].case))
+    for outcome in outcomes:
+        recorder.origin = _origin(outcome.case)
+        missing = "skipped" if outcome.verdict == SKIPPED else FAILED
+        status = missing if outcome.error is None else OK
+        recorder.add("error", Summary(outcome.error, status, 1, 0), seconds=outcome.seconds)
+        recorder.add_value(f"verdict: {outcome.verdict}", 1.0)
+        recorder.add_value("silently_wrong", float(outcome.verdict == SILENT))
+    return recorder
+
+
+def _origin(case: Case) -> Origin:
+    device = "cuda" if case.path == "cuda" else "cpu"
+    blank = Origin("stress", case.name, case.system, "", "", "", "", "", 0, device, case.dtype)
+    return replace(blank, grounding=case.axis, readout=case.path, head=case.integrator)
+
+
+def _plain(outcome: Outcome) -> dict[str, Any]:
+    case = {k: v for k, v in vars(outcome.case).items() if k != "run"}
+    case["must"] = list(outcome.case.must)
+    return {
+        **case,
+        "name": outcome.case.name,
+        "verdict": outcome.verdict,
+        "allowed": outcome.allowed,
+        "error": outcome.error,
+        "said": outcome.said,
+        "seconds": outcome.seconds,
+    }
+
+
+def load_family(run: RunFolder, name: str, cases: list[Case]) -> list[Outcome]:
+    """What an earlier call of the same command found."""
+    import json
+
+    path = run.path / "outcomes" / f"{name}.json"
+    found = {cell["name"]: cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]}
+    return [
+        Outcome(case, *(found[case.name][k] for k in ("verdict", "error", "said", "seconds")))
+        for case in cases
+    ]
+
+
+def write_verdicts(run: RunFolder, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """``verdicts.json``: counts, all cells, and the table of figures."""
+    counts = Counter(outcome.verdict for outcome in outcomes)
+    verdicts = {
+        "counts": dict(counts),
+        "seconds": sum(outcome.seconds for outcome in outcomes),
+        "cells": [_plain(outcome) for outcome in outcomes],
+        "figures": [asdict(row) for row in figure_rows(outcomes)],
+    }
+    write_json(run.path / "verdicts.json", verdicts)
+    return verdicts

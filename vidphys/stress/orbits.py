@@ -1,0 +1,274 @@
+"""Orbits: softening, mass ratio, coordinate scale, time step, and rollouts of a million steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from dynamics import INTEGRATORS, rollout
+from vidphys.stress.bodies import DTYPES, STEP, Orbit, invariant_error
+from vidphys.stress.case import SOUND, WARNED, Case
+
+SHAPES = {"circle": 0.0, "ellipse": 0.9, "plunge": 1.0}
+SOFTENINGS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+FAST = ("leapfrog", "leapfrog_compensated", "yoshida4", "rk4")
+LOSS = 1e-2  # of energy, that is still called sound
+
+
+def softening() -> Iterator[Case]:
+    """A12: bound orbits at the study's step, each past its closest approach."""
+    for eps in SOFTENINGS:
+        for shape, eccentricity in SHAPES.items():
+            orbit = Orbit(eccentricity, eps)
+            for name in INTEGRATORS:
+                dtypes = DTYPES if name in FAST else ("float64",)
+                for dtype in dtypes:
+                    yield _orbit("softening", f"{eps:g} {shape}", eps, orbit, name, dtype, 450)
+            yield _orbit("softening", f"{eps:g} {shape}", eps, orbit, "leapfrog", "float64", 450, 3)
+    for shape, eccentricity in SHAPES.items():
+        yield Case(
+            "softening",
+            "two bodies",
+            f"0.001 {shape}, the option",
+            1e-3,
+            partial(_invariants, Orbit(eccentricity, 1e-3), "kahan_li8", "float64", 450, STEP, 0),
+            1e-6,
+            "kahan_li8",
+            figure="A12",
+            must=(SOUND,),
+        )
+
+
+def _orbit(
+    axis: str,
+    extreme: str,
+    value: float,
+    orbit: Orbit,
+    integrator: str,
+    dtype: str,
+    steps: int,
+    episodes: int = 0,
+    dt: float = STEP,
+    bound: float = LOSS,
+    figure: str = "A12",
+) -> Case:
+    run = partial(_invariants, orbit, integrator, dtype, steps, dt, episodes)
+    path = "batched" if episodes else "eager"
+    return Case(axis, "two bodies", extreme, value, run, bound, integrator, dtype, path, figure)
+
+
+def _invariants(
+    orbit: Orbit, integrator: str, dtype: str, steps: int, dt: float, episodes: int
+) -> float:
+    start, params = orbit.start(DTYPES[dtype], episodes)
+    return invariant_error(orbit.law(integrator), start, params, steps, dt)
+
+
+def mass_ratio() -> Iterator[Case]:
+    """A13: a light body and one up to a million times as heavy."""
+    for power in range(7):
+        for shape, eccentricity in {"circle": 0.0, "ellipse 0.5": 0.5}.items():
+            orbit = Orbit(eccentricity, 0.1, (1.0, 10.0**-power))
+            for name in ("leapfrog", "yoshida4", "rk4"):
+                for dtype in DTYPES:
+                    extreme = f"1e{power} {shape}"
+                    ratio = 10.0**power
+                    yield _orbit(
+                        "mass ratio", extreme, ratio, orbit, name, dtype, 400, 0, STEP, 1e-3, "A13"
+                    )
+
+
+def scale() -> Iterator[Case]:
+    """A14: the same orbit in other units of length comes out the same."""
+    for power in (-6, -4, -2, 2, 4, 6):
+        for shape, eccentricity in {"circle": 0.0, "ellipse": 0.5}.items():
+            for name in ("leapfrog", "kahan_li8", "rk4"):
+                for dtype, bound in (("float64", 1e-12), ("float32", 1e-5)):
+                    yield Case(
+                        "scale",
+                        "two bodies",
+                        f"1e{power:+d} {shape}",
+                        10.0**power,
+                        partial(_scaled, eccentricity, 10.0**power, name, dtype),
+                        bound,
+                        name,
+                        dtype,
+                        figure="A14",
+                    )
+
+
+def _scaled(eccentricity: float, size: float, integrator: str, dtype: str) -> float:
+    """Largest difference from the same rollout at scale one, relative to its largest value."""
+    flat = []
+    for units in (1.0, size):
+        orbit = Orbit(eccentricity, 0.1, scale=units)
+        start, params = orbit.start(DTYPES[dtype])
+        flat.append(rollout(orbit.law(integrator), start, params, 150, STEP).states.flat / units)
+    return float((flat[1] - flat[0]).abs().max() / flat[0].abs().max())
+
+
+def time_step() -> Iterator[Case]:
+    """A11: steps of 0.1 ms to 0.1 s, over four seconds or five hundred steps."""
+    for dt in (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1):
+        steps = min(500, round(4 / dt))
+        for shape, eccentricity in {"circle": 0.0, "ellipse 0.5": 0.5}.items():
+            orbit = Orbit(eccentricity, 0.1)
+            for name in INTEGRATORS:
+                dtypes = DTYPES if name in FAST else ("float64",)
+                for dtype in dtypes:
+                    extreme = f"{dt:g} s {shape}"
+                    yield _orbit(
+                        "time step", extreme, dt, orbit, name, dtype, steps, 0, dt, LOSS, "A11"
+                    )
+    yield Case(
+        "time step",
+        "two bodies",
+        "error falls with the step",
+        1e-4,
+        _not_monotone,
+        0.5,
+        "leapfrog",
+        figure="A11",
+        must=(SOUND,),
+    )
+    yield Case(
+        "time step",
+        "two bodies",
+        "a fixed step above the limit is flagged",
+        0.1,
+        _unflagged,
+        0.5,
+        "leapfrog",
+        figure="A11",
+        must=(WARNED,),
+    )
+
+
+def _not_monotone() -> float:
+    """How many times a shorter step had the larger error, of fixed steps over the same time."""
+    orbit, errors = Orbit(0.5, 0.1), []
+    start, params = orbit.start(torch.float64)
+    for dt in (0.02, 0.01, 0.005, 0.0025):
+        steps = round(2 / dt)
+        error = invariant_error(
+            orbit.law("leapfrog"), start, params, steps, dt, steps, substeps=False
+        )
+        errors.append(error)
+    return float(sum(late > early for early, late in zip(errors, errors[1:], strict=False)))
+
+
+def _unflagged() -> float:
+    """The error of steps at omega dt = 4.5, which leapfrog cannot take."""
+    orbit = Orbit(0.0, 0.1)
+    start, params = orbit.start(torch.float64)
+    near = start.map(lambda x: 0.05 * x)
+    return invariant_error(orbit.law("leapfrog"), near, params, 50, 0.1, substeps=False)
+
+
+def long_rollouts(steps: int) -> Iterator[Case]:
+    """A8 and A9: bounded energy in float64, and how rounding grows in float32.
+
+    Args:
+        steps: a million in the standard preset.
+    """
+    for name, dtype, bound in (
+        ("leapfrog", "float64", 1e-6),
+        ("leapfrog", "float32", 1e-3),
+        ("leapfrog_compensated", "float32", 1e-3),
+    ):
+        run = partial(_long, name, dtype, steps)
+        yield Case(
+            "long rollout",
+            "circular orbit",
+            f"{steps:,} steps, energy",
+            float(steps),
+            run,
+            bound,
+            name,
+            dtype,
+            "batched",
+            "A8",
+            (SOUND,),
+        )
+    yield Case(
+        "long rollout",
+        "circular orbit",
+        f"{steps:,} steps, last decade over first",
+        float(steps),
+        partial(_growth, "leapfrog", "float64", steps),
+        1.5,
+        "leapfrog",
+        "float64",
+        "batched",
+        "A8",
+        (SOUND,),
+    )
+    yield Case(
+        "long rollout",
+        "circular orbit",
+        f"{steps:,} steps, exponent of the growth less a half",
+        float(steps),
+        partial(_exponent_off, "leapfrog_compensated", "float32", steps // 5),
+        0.15,
+        "leapfrog_compensated",
+        "float32",
+        "batched",
+        "A9",
+        (SOUND,),
+    )
+
+
+EPISODES = 128  # turned copies: their rounding differs, and its growth is an average
+COARSE = 0.05  # seconds: long enough steps for rounding in the forces to show above the storage's
+_DRIFTS: dict[tuple[str, str, int, float], tuple[Tensor, Tensor]] = {}
+
+
+def drifts(
+    integrator: str, dtype: str, steps: int, dt: float = STEP, eccentricity: float = 0.05
+) -> tuple[Tensor, Tensor]:
+    """Steps, and the relative energy error there of each episode, ``(episodes, t)``; kept."""
+    key = integrator, dtype, steps, dt
+    if key not in _DRIFTS:
+        orbit = Orbit(eccentricity, 0.1)
+        start, params = orbit.start(DTYPES[dtype], EPISODES)
+        every = max(1, steps // 1000)
+        law = orbit.law(integrator)
+        # Rounding is what is looked at here: both precisions take the same fixed steps.
+        run = rollout(law, start, params, steps, dt, every, substeps=False)
+        states = run.states.map(Tensor.double)
+        energy = law.energy(states, params.map(lambda x: x.double().unsqueeze(1)))
+        drift = energy / energy[:, :1] - 1
+        _DRIFTS[key] = torch.arange(drift.shape[1]) * every, drift
+    return _DRIFTS[key]
+
+
+def _long(integrator: str, dtype: str, steps: int) -> float:
+    return float(drifts(integrator, dtype, steps)[1].abs().max())
+
+
+def _growth(integrator: str, dtype: str, steps: int) -> float:
+    """Largest error in the last tenth over that in the first tenth of the time."""
+    drift = drifts(integrator, dtype, steps)[1].abs()
+    tenth = drift.shape[1] // 10
+    return float(drift[:, -tenth:].max() / drift[:, 1 : tenth + 1].max())
+
+
+def exponent(integrator: str, dtype: str, steps: int) -> float:
+    """Exponent of rounding's growth: of the rms of the difference from float64, against time."""
+    at, drift = drifts(integrator, dtype, steps, COARSE, 0.0)
+    _, exact = drifts("leapfrog", "float64", steps, COARSE, 0.0)
+    rounding = (drift - exact).square().mean(0).sqrt()
+    blocks = torch.logspace(1.3, math.log10(len(at) - 1), 10).round().long().unique()
+    ends = list(zip(blocks[:-1], blocks[1:], strict=True))
+    size = torch.stack([rounding[a:b].square().mean().sqrt() for a, b in ends]).log()
+    time = torch.stack([at[a:b].double().mean() for a, b in ends]).log()
+    centred = time - time.mean()
+    return float((size * centred).sum() / centred.square().sum())
+
+
+def _exponent_off(integrator: str, dtype: str, steps: int) -> float:
+    return abs(exponent(integrator, dtype, steps) - 0.5)
