@@ -322,3 +322,39 @@ def test_wrong_input_is_one_line(arguments, message, capsys, monkeypatch, tmp_pa
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+# fronts and report
+
+
+def test_the_drawing_front_gives_points_that_the_report_shows(tmp_path):
+    from vidphys.trade.context import Context, TradeSizes
+    from vidphys.trade.fronts import renderers
+    from viz.trade import write_trade
+
+    sizes = TradeSizes(3, 2, 0.1, 8, (16, 32), 4, (), 1, 1)
+    context = Context(sizes, 0, "cpu", None, tmp_path)
+    points = measure(renderers.SCALE, list(renderers.jobs(context)), 3, 0, "cpu")
+    small, large = (
+        [
+            p
+            for p in points
+            if p.configuration["image"] == size and p.configuration["antialias"] == 1
+        ]
+        for size in (16, 32)
+    )
+    assert max(p.error for p in large) < min(p.error for p in small)
+    steps = {"integrator": "rk4", "dt": 0.1, "dtype": "float32", "substeps": False}
+    crowd = {"bodies": 2, "evaluation": "pairs", "reach": None, "dtype": "float32"}
+    points += [point(1.0, 0.1, front="rollouts", configuration=steps)]
+    points += [point(1.0, None, front="forces", task="gravity, 2 bodies", configuration=crowd)]
+    write_points(tmp_path / "points.parquet", points)
+    write_profile(tmp_path / "profile.json", {}, pareto(points[:3]))
+    about = {
+        "settings": {"preset": "quick", "surroundings": {"cores": 2}},
+        "skipped": [{"cell": "encoders/i3d", "reason": "its weights are not here"}],
+    }
+    (tmp_path / "run.json").write_text(json.dumps(about))
+    text = write_trade(tmp_path).read_text()
+    for said in ("us_per_frame", "not finite", "its weights are not here", "<svg", "rk4"):
+        assert said in text
