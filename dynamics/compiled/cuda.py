@@ -6,6 +6,9 @@ The arithmetic is that of :mod:`dynamics.compiled.spline`; the kernel runs in Tr
 too, on the CPU, which is how it is tested.
 """
 
+# Triton gives its own types to what a kernel is handed.
+# mypy: disable-error-code="no-untyped-def"
+
 from __future__ import annotations
 
 from typing import Any

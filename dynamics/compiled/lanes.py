@@ -75,7 +75,8 @@ class Weights(NamedTuple):
 
 def weights_of(network: MLP, dtype: Any) -> Weights:
     """The weights of a network whose hidden layers are of one width."""
-    matrices, biases = [], []
+    matrices: list[Array] = []
+    biases: list[Array] = []
     for layer in network.layers:
         weight, bias = (x.detach().cpu().numpy().astype(dtype) for x in layer.parameters())
         out, into = (-size % BLOCK for size in weight.shape)

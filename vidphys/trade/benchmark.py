@@ -219,7 +219,7 @@ def network_factored() -> Match:
     head = fitted("displacement", WIDTH)
     start, params = episodes(FEW_EPISODES)
     there = start, params, SHORT, BODIES_DT
-    user = peers.diffrax_rollout(head.potential.phi, *there)  # type: ignore[arg-type]
+    user = peers.diffrax_rollout(head.potential.phi, *there)  # type: ignore[attr-defined]
     torch_user = peers.torchdiffeq_rollout(head, start, params, SHORT // 8, BODIES_DT)
     against = {
         "JAX scan, gradient by hand": (_jax("displacement", head), 1.0),

@@ -35,10 +35,8 @@ Pair = Callable[[Weights, Array], Array]
 
 def weights_of(network: MLP) -> Weights:
     """Each layer's matrix ``(inputs, outputs)`` and bias as JAX arrays."""
-    layers = [
-        (layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in network.layers
-    ]
-    return [(jnp.asarray(matrix), jnp.asarray(bias)) for matrix, bias in layers]
+    layers = [[x.detach().numpy() for x in layer.parameters()] for layer in network.layers]
+    return [(jnp.asarray(matrix.T), jnp.asarray(bias)) for matrix, bias in layers]
 
 
 def input_gradient(weights: Weights, x: Array) -> Array:
@@ -152,7 +150,7 @@ def diffrax_rollout(
             None,
             (q, p),
             saveat=diffrax.SaveAt(steps=True),
-            stepsize_controller=diffrax.StepTo(ts=times),
+            stepsize_controller=diffrax.StepTo(ts=jnp.asarray(times)),
             max_steps=steps,
         )
         return solution.ys
@@ -288,7 +286,8 @@ def numba_truth(
 
 def jax_training(made: Problem) -> Callable[[], float]:
     """One-step training in JAX: the force by hand, one ``jax.grad`` of the loss, Adam, jitted."""
-    start, target, weights = made.start, made.target, weights_of(made.head.potential.phi)  # type: ignore[union-attr]
+    start, target = made.start, made.target
+    weights = weights_of(made.head.potential.phi)  # type: ignore[attr-defined]
     q, p, mass, product, incidence = _system(start, made.params)
     to_q, to_p = jnp.asarray(target.q.numpy()), jnp.asarray(target.p.numpy())
     scale = scale_of(made.segments)
