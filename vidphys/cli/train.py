@@ -69,6 +69,8 @@ class TrainConfig:
         friction: whether the factored head has friction; auto leaves it out where the data set
             says that it has none.
         beyond: seconds to roll past the end of the recorded clip.
+        specification: of `vidphys diagnose`; data is then a table of tracks, and a model of
+            exactly these terms is trained on it.
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         device: where the encoder runs.
         overwrite: give up another run that lies in the folder.
@@ -104,6 +106,7 @@ class TrainConfig:
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
     beyond: float = 3.0
+    specification: Path | None = None
     seed: int = 0
     device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
@@ -126,6 +129,10 @@ def train(config: TrainConfig) -> int:
 
     _check(config)
     check_cuda(config.device)
+    if config.specification is not None:
+        from vidphys.cli.specified import train_on_tracks
+
+        return train_on_tracks(config)
     dataset = find_dataset(config.data)
     options = {name: getattr(config, name) for name in ENCODER_OPTIONS}
     options["predictor"] = config.predictor or None

@@ -15,7 +15,7 @@ from vidphys.diagnose.longer import LongFit
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
-from vidphys.diagnose.spectrum import modes_of_data, modes_of_model
+from vidphys.diagnose.spectrum import distinct, modes_of_data, modes_of_model
 from vidphys.diagnose.windows import FEW
 
 SAMPLES = 600  # of a changed law
@@ -142,7 +142,7 @@ def _validated(answered: Answered, tail: Validation) -> None:
 def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:
     """Eigenfrequencies and decay: the model's, rolled over the recording, and the data's own."""
     near = np.nanmean(motion.positions[0], axis=0)
-    small = modes_of_model(look.fitted.structure, near, look.windows.mass[0])
+    small = distinct(modes_of_model(look.fitted.structure, near, look.windows.mass[0]))
     if not small:
         return
     start, _ = last_state(look)

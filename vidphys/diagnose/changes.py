@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.infer import NUMERICAL, Inference
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, field_of
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.paths import Paths, integrated, smooth
@@ -150,13 +150,14 @@ def _exact_gain(
     whole, after = normal_equations(rows, ratio), normal_equations(rows, ratio, late)
     count = len(whole.moment)
     unchanged = whole.solve(range(count))
-    start = whole.log_likelihood(whole.misfit(range(count), unchanged))
+    floor = NUMERICAL * float(np.nanstd(motion.positions))
+    start = whole.log_likelihood(whole.misfit(range(count), unchanged), floor)
     found = []
     for columns in _may_change(terms):
         both = _with_change(whole, after, columns)
         everything = range(len(both.moment))
         values = both.solve(everything)
-        apart = both.log_likelihood(both.misfit(everything, values)) - start
+        apart = both.log_likelihood(both.misfit(everything, values), floor) - start
         price = PRICE * 0.5 * np.log(whole.count) * (len(columns) + 1)
         later = values[:count].copy()
         later[columns] += values[count:]

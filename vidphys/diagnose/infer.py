@@ -43,7 +43,7 @@ NO_WORSE = 0.03  # share by which the mean square residual may grow in longer wi
 CHANCE = 2.0  # or so many standard deviations of a mean square
 PICARD = 4
 KICKED = 8.0  # gain of log likelihood from which random kicks are believed
-NUMERICAL = 2e-5  # of the spread of the positions: what the integrals themselves may be wrong by
+NUMERICAL = 3e-4  # of the spread of the positions: what the integrals themselves may be wrong by
 UNSURE = 0.9  # probability of a structure under which the diagnosis says that it is not sure
 
 

@@ -61,6 +61,15 @@ def modes_of_model(structure: Structure, near: np.ndarray, mass: np.ndarray) -> 
     return sorted(found, key=lambda mode: mode.frequency)
 
 
+def distinct(modes: list[Mode]) -> list[Mode]:
+    """One of each frequency: bodies in one trap, or two axes, share theirs."""
+    kept: list[Mode] = []
+    for mode in modes:
+        if not kept or mode.frequency > (1 + ALIKE) * kept[-1].frequency:
+            kept.append(mode)
+    return kept
+
+
 def modes_of_data(times: np.ndarray, positions: np.ndarray, count: int) -> list[Mode]:
     """The strongest oscillations of positions ``(t, n, d)``, slowest first."""
     x = positions.reshape(len(times), -1)
