@@ -43,9 +43,9 @@ def which_power(inference: Inference, coupling: np.ndarray) -> PowerVerdict:
     if inference.structure.term(PAIR) is None:
         return PowerVerdict((), {}, None, "no pair force was found that a coupling could scale")
     if len(np.unique(coupling)) < 2:
-        query = -float(coupling[0])
-        why = f"one coupling was recorded, every power fits; measure at G = {query:.3g}"
-        return PowerVerdict(CANDIDATES, {}, query, why)
+        opposite = -float(coupling[0])
+        why = f"one coupling was recorded, every power fits; measure at G = {opposite:.3g}"
+        return PowerVerdict(CANDIDATES, {}, opposite, why)
     at = coupling[inference.windows.clip]
     found = {name: _log_likelihood(inference, name, at) for name in CANDIDATES}
     best = max(found, key=lambda name: found[name][0])

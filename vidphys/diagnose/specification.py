@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def terms_of(
         trap: stiffness of the trap, where there is one.
         reach: of a contact, world units.
     """
-    potential = "none"
+    potential: Literal["radial", "knots", "free", "none"] = "none"
     if "pair" in kinds:
         potential = "radial"
     elif "contact" in kinds:

@@ -136,11 +136,9 @@ def _from_table(
         whole = np.stack(places, 1) * flip
         parts = [_sorted(times[clip == c], whole[clip == c]) for c in np.unique(clip)]
     motion = _padded(parts)
-    constant = {
-        "mass": _of_bodies(table, columns, names, motion),
-        "coupling": _of_clips(table, columns.coupling, clip),
-    }
-    motion = Motion(motion.positions, motion.times, constant["mass"], constant["coupling"])
+    mass = _of_bodies(table, columns, names, motion)
+    coupling = _of_clips(table, columns.coupling, clip)
+    motion = Motion(motion.positions, motion.times, mass, coupling)
     read = ", ".join("/".join(body) for body in columns.coordinates)
     kind = "angles" if columns.angles else "pixels" if columns.pixels else "coordinates"
     notes = (
