@@ -76,11 +76,9 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
 
 
 def _terms(structure: Structure) -> tuple[Term, ...]:
-    if structure.term(FRICTION) is not None:
-        kept = tuple(t for t in structure.terms if t.family != FRICTION)
-    else:
-        kept = structure.terms
-    return (*kept, FRICTIONS["linear"])
+    own = structure.term(FRICTION)
+    linear = FRICTIONS["linear"]
+    return structure.terms if own is linear else (*structure.terms, linear)
 
 
 def _path(windows: Windows, inference: Inference) -> Paths:
