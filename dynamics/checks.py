@@ -20,14 +20,15 @@ from dynamics.findings import (
 )
 from dynamics.head import Head
 from dynamics.potentials import Potential
-from dynamics.stability import Rates, flat_parameters, stiffest
+from dynamics.stability import Rates, flat_parameters, is_learned, stiffest
 from dynamics.state import Parameters, PhaseState
 
 NOT_BELIEVED = 1.0  # omega * dt of a fixed step; a harmonic oscillator diverges at 2
 ENERGY_LOST = 1e-2  # relative drift from which on a conserving model is not believed
 NEAR_ZERO = 0.1  # of K + |V|: a smaller energy is not what drift is relative to
-SHARE = 50  # one state a so many steps is checked, or all of them while they are few
-FEW_STATES = 4096
+# States whose energy is looked at: all while they are few, by whether the model is learned; else
+# the two ends and one in so many steps.
+FEW_STATES, SHARE = {True: 64, False: 8192}, 100
 
 
 def start(start: PhaseState, params: Parameters, dt: float) -> None:
@@ -132,7 +133,8 @@ def energy(
     stored, batch = states.q.shape[-3], states.q.shape[:-3].numel()
     if not head.conserves or not states.q.numel() or stored < 2:
         return []
-    count = stored if closely or stored * batch <= FEW_STATES else 2 + stored * every // SHARE
+    few = stored * batch <= FEW_STATES[is_learned(head)]
+    count = stored if closely or few else 2 + stored * every // SHARE
     looked = torch.linspace(0, stored - 1, min(count, stored)).round().long().to(states.q.device)
     drift = energy_drift(head, states.map(lambda x: x.index_select(-3, looked)), params)
     lost = drift > ENERGY_LOST

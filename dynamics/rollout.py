@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -147,5 +148,9 @@ def _noise(seed: int | None, device: torch.device) -> Iterator[None]:
 
 def first_bad_step(states: PhaseState) -> Tensor:
     """Per episode, the first time index at which a state is not finite, or -1."""
+    # A sum that is finite has finite terms, at a tenth of the cost of looking at each.
+    if math.isfinite(float(states.q.sum() + states.p.sum())):
+        batch = states.q.shape[:-3]
+        return torch.full(batch, NO_BAD_STEP, device=states.q.device)
     bad = ~torch.isfinite(states.flat).all(-1)
     return torch.where(bad.any(-1), bad.int().argmax(-1), NO_BAD_STEP)

@@ -24,7 +24,9 @@ from dynamics.potentials import HarmonicTrap, PairPotential
 from dynamics.state import Parameters, PhaseState
 from dynamics.stiffness import QuadraticPotential
 
-SHORTEST, LONGEST, PER_DECADE = 1e-8, 1e8, 40  # world units: distances at which K is tabulated
+# World units: shortest and longest distance at which K is tabulated, and how many in each decade.
+EXACT = 1e-8, 1e8, 40
+LEARNED = 1e-4, 1e3, 10  # a network is smooth, and slow enough for its table to count
 NUDGE = 1e-3  # relative step of the difference that gives a force's slope
 LEAST_CHANGE = 0.1  # of the force, over a factor of e in distance, for its slope to count
 
@@ -44,12 +46,18 @@ class Stiffest:
     term: str
 
 
+def is_learned(part: nn.Module) -> bool:
+    """Whether a part of a model has learned numbers."""
+    return next(part.parameters(), None) is not None
+
+
 class SteepnessTable:
     """K(r): the steepest change of a pair's force with the distance, at r or farther."""
 
     def __init__(self, potential: PairPotential, like: Tensor) -> None:
-        ends = math.log10(SHORTEST), math.log10(LONGEST)
-        count = round((ends[1] - ends[0]) * PER_DECADE)
+        shortest, longest, dense = LEARNED if is_learned(potential) else EXACT
+        ends = math.log10(shortest), math.log10(longest)
+        count = round((ends[1] - ends[0]) * dense)
         r = torch.logspace(*ends, count, dtype=like.dtype, device=like.device)
         # A learned pair energy need not be the same all round: along an axis, and slanted.
         axis = torch.eye(like.shape[-1], dtype=like.dtype, device=like.device)[0]

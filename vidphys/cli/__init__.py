@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from pathlib import Path
 
 VERBS = {
@@ -58,6 +59,7 @@ def _run(verb: str, rest: list[str]) -> int:
     config_type = getattr(module, VERBS[verb][0])
     config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
     _end_like_an_interrupt()
+    warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         return getattr(module, verb)(config) or OK
     except InputError as error:
@@ -65,6 +67,10 @@ def _run(verb: str, rest: list[str]) -> int:
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
+
+
+def _one_line(message: Warning | str, category: type[Warning], *_: object) -> str:
+    return f"warning: {category.__name__}: {' '.join(str(message).split())}\n"
 
 
 def _end_like_an_interrupt() -> None:
