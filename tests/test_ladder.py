@@ -46,6 +46,7 @@ LEFT_OUT = (
     "jepa-exact",
     "anonymous-tracker-twostage",
     "hiera",
+    "composed-hiera",
     "i3d",
     "videomae-tiny",
     "vjepa2-tiny",
