@@ -18,7 +18,7 @@ from vidphys.segments import roll
 WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
 UNUSUAL = 3.0  # times the median residual
 FADES = (0.5, 0.7, 1.0)  # weights of a frame against the next that are tried
-PRACTICE, AHEAD = 64, 2  # clips and frames that they are tried on
+PRACTICE, AHEAD = 32, 2  # clips and frames that they are tried on
 
 
 def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:

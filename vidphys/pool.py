@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import warnings
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from typing import Any
+
+from dynamics.findings import DynamicsWarning
 
 Message = tuple[str, int, int]
 POLL_SECONDS = 0.5
@@ -62,6 +65,8 @@ def _call(work: Callable[..., None], task: tuple[Any, ...], messages: Any) -> No
         if step == steps or step % 20 == 0:
             messages.put((stage, step, steps))
 
+    # a worker measures drift and failure of its rollouts and records them
+    warnings.simplefilter("ignore", DynamicsWarning)
     work(*task, report)
 
 
