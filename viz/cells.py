@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 
 from viz.summary import SKILL_BAR, Summary, one_sided_p
@@ -26,6 +26,12 @@ def number(value: float) -> str:
 def chip(word: str, tone: str) -> str:
     """A small labelled mark; ``tone`` is good, bad or dull."""
     return f'<span class="chip {tone}">{escape(word)}</span>'
+
+
+def tally(marks: Iterable[tuple[str, str]]) -> str:
+    """A row of chips, each a word and its tone."""
+    items = "".join(f"<li>{chip(word, tone)}</li>" for word, tone in marks)
+    return f'<ul class="tally">{items}</ul>'
 
 
 def numeric(value: float | None, text: str) -> str:

@@ -72,32 +72,3 @@ def _terms(axes: Axes, probability: Mapping[str, float]) -> None:
     axes.invert_yaxis()
     axes.set(xlim=(0, 1), xlabel="probability that the scene has the term")
     axes.tick_params(labelsize=8)
-
-
-def cadence_figure(
-    rates: Mapping[tuple[float, float], tuple[float, float]], truth: float
-) -> Figure:
-    """Rates of friction by the plain and the corrected energy balance, over cadence and noise.
-
-    Args:
-        rates: (noise, seconds between frames) -> (plain, corrected).
-        truth: the rate.
-    """
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    noises = sorted({noise for noise, _ in rates})
-    intervals = sorted({interval for _, interval in rates})
-    with matplotlib.rc_context({"font.size": 10, "axes.edgecolor": "#bbbbbb"}):
-        figure = Figure(figsize=(9, 3.4), layout="constrained")
-        axes: Any = figure.subplots(1, 2, sharey=True)
-        for index, name in enumerate(("as the study has it", "corrected for noise")):
-            for noise, colour in zip(noises, (SEEN, MODEL, TAIL), strict=False):
-                line = [rates[noise, interval][index] for interval in intervals]
-                axes[index].plot(intervals, line, "o-", color=colour, label=f"noise {noise:g}")
-            axes[index].axhline(truth, color="#222222", lw=1, ls=":")
-            axes[index].set(title=name, xscale="log", xlabel="seconds between frames")
-            axes[index].set_xticks(intervals, [f"{x:g}" for x in intervals], minor=False)
-        axes[0].set_ylabel("rate per second")
-        axes[0].legend(fontsize=8, frameon=False)
-    return figure

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import re
+from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 
 CSS = """
 :root { --ink:#1d2329; --dim:#5d6873; --line:#dde2e7; --soft:#f5f7f9; --good:#00664b; --bad:#a33a00;
@@ -81,12 +83,34 @@ def page(title: str, body: str) -> str:
     )
 
 
+def heading(title: str, lead: str) -> str:
+    """The title of a page, and what it is about in a sentence or two of HTML."""
+    return f'<h1>{escape(title)}</h1>\n<p class="lead">{lead}</p>'
+
+
+def write_page(run: Path, title: str, head: str, sections: Sequence[str]) -> Path:
+    """Write ``report.html`` of a run folder, all of it or nothing.
+
+    Args:
+        run: the folder.
+        title: in the browser's tab, before the folder's name.
+        head: see :func:`heading`.
+        sections: see :func:`section`; links to them stand before them.
+    """
+    body = "\n".join([head, contents(sections), *sections])
+    path = run / "report.html"
+    part = path.with_name(".report.html.part")
+    part.write_text(page(f"{title} · {run.resolve().name}", body), encoding="utf-8")
+    part.replace(path)
+    return path
+
+
 def section(name: str, title: str, *parts: str) -> str:
     """A headed part of the page that links can point at."""
     return f'<section id="{name}">\n<h2>{escape(title)}</h2>\n' + "\n".join(parts) + "\n</section>"
 
 
-def contents(sections: list[str]) -> str:
+def contents(sections: Sequence[str]) -> str:
     """Links to the sections."""
     found = [re.search(r'id="(\w+)">\n<h2>(.*?)</h2>', part) for part in sections]
     links = "".join(f'<a href="#{m[1]}">{m[2]}</a>' for m in found if m)

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from viz import figures, tables
-from viz.cells import chip, number
+from viz.cells import chip, number, tally
 from viz.explain import how_to_read, what_spread_means
 from viz.overlay import contact_sheet
-from viz.page import contents, inline_png, inline_svg, page, paragraph, section
+from viz.page import heading, inline_png, inline_svg, paragraph, section, write_page
 from viz.showcase import read_showcase
 from viz.summary import SKILL_BAR, TWIN, Line, Records
 
@@ -47,12 +47,7 @@ def write_report(run: Path) -> Path:
         _settings(about, records),
     ]
     kept = [part for part in sections if part]
-    body = "\n".join([_heading(title, about, records), contents(kept), *kept])
-    path = run / "report.html"
-    part = path.with_name(".report.html.part")
-    part.write_text(page(f"{title} · {run.resolve().name}", body), encoding="utf-8")
-    part.replace(path)
-    return path
+    return write_page(run, title, _heading(title, about, records), kept)
 
 
 def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
@@ -93,20 +88,19 @@ def _heading(title: str, about: Mapping[str, Any], records: Records) -> str:
         "Models trained under one law, asked what happens under another: can each of them say how "
         "the bodies move once the coupling changes sign, and does its energy hold?"
     )
-    return f'<h1>{escape(title)}</h1><p class="lead">{lead}</p><dl class="facts">{items}</dl>'
+    return f'{heading(title, lead)}<dl class="facts">{items}</dl>'
 
 
 def _short(records: Records) -> str:
     """Counts, and each factored head against its twin."""
     status = Counter(str(row["status"]) for row in records.rows)
     tones = {"ok": "good", "skipped": "dull"}
-    tally = "".join(
-        f"<li>{chip(f'{count:,} numbers {name}', tones.get(name, 'bad'))}</li>"
+    counts = tally(
+        (f"{count:,} numbers {name}", tones.get(name, "bad"))
         for name, count in status.most_common()
     )
-    tally = f'<ul class="tally">{tally}</ul>'
     if not records.couplings:
-        return section("short", "In short", tally)
+        return section("short", "In short", counts)
     parts = []
     for name, wanted in (("factored heads", "factored"), ("unstructured twins", TWIN)):
         lines = [line for line in records.lines if line.head.startswith(wanted)]
@@ -118,7 +112,7 @@ def _short(records: Records) -> str:
         "predictor's on every seed, with nothing failed or invalid."
     )
     table = tables.verdict_table(records)
-    return section("short", "In short", paragraph(sentence), tally, table, _note(records))
+    return section("short", "In short", paragraph(sentence), counts, table, _note(records))
 
 
 def _troubles(about: Mapping[str, Any], records: Records) -> str:

@@ -9,10 +9,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from viz.cells import chip, number, numeric
+from viz.cells import chip, number, numeric, tally
 from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import drift_curves, margin_figure
-from viz.page import contents, inline_svg, page, paragraph, section
+from viz.page import heading, inline_svg, paragraph, section, write_page
 from viz.summary import one_sided_p
 
 TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
@@ -33,28 +33,18 @@ def write_results(run: Path) -> Path:
     drawn: set[str] = set()
     parts = [_table(run, name, table, drawn) for name, table in tables.items()]
     sections = [_short(about, tables), *parts, _bars(about)]
-    body = "\n".join(
-        [
-            "<h1>Conservation, factoring and counterfactuals: the tables</h1>",
-            '<p class="lead">Every figure is recomputed from the raw records of this run. Bars '
-            "were registered before it; a row without a bar only reports.</p>",
-            contents(sections),
-            *sections,
-        ]
+    lead = (
+        "Every figure is recomputed from the raw records of this run. Bars "
+        "were registered before it; a row without a bar only reports."
     )
-    path = run / "report.html"
-    part = path.with_name(".report.html.part")
-    part.write_text(page(f"Tables · {run.resolve().name}", body), encoding="utf-8")
-    part.replace(path)
-    return path
+    head = heading("Conservation, factoring and counterfactuals: the tables", lead)
+    return write_page(run, "Tables", head, sections)
 
 
 def _short(about: Mapping[str, Any], tables: Mapping[str, Any]) -> str:
     rows = [row for table in tables.values() for row in table["rows"]]
-    tally = "".join(
-        f"<li>{chip(f'{count} {verdict}', TONES[verdict])}</li>"
-        for verdict, count in Counter(row["verdict"] for row in rows).most_common()
-    )
+    verdicts = Counter(row["verdict"] for row in rows).most_common()
+    counts = tally((f"{count} {verdict}", TONES[verdict]) for verdict, count in verdicts)
     settings = about["settings"]
     facts = (
         f"Preset {settings['preset']}, seeds {', '.join(map(str, settings['seeds']))}, code "
@@ -67,7 +57,7 @@ def _short(about: Mapping[str, Any], tables: Mapping[str, Any]) -> str:
         if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
     ]
     callout = f'<div class="callout"><p>Not met:</p><ul>{"".join(missed)}</ul></div>'
-    parts = [f'<ul class="tally">{tally}</ul>', paragraph(facts), callout if missed else ""]
+    parts = [counts, paragraph(facts), callout if missed else ""]
     skipped = [f"<li>{escape(s['cell'])}: {escape(s['reason'])}</li>" for s in about["skipped"]]
     if skipped:
         parts.append(f'<div class="callout"><p>Cells without a result:</p><ul>{"".join(skipped)}')

@@ -9,9 +9,9 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from viz.cells import chip
+from viz.cells import chip, tally
 from viz.figures import FAINT, INK, save_svg
-from viz.page import contents, inline_svg, page, paragraph, section
+from viz.page import heading, inline_svg, paragraph, section, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,28 +52,17 @@ def write_stress_report(run: Path) -> Path:
         axes.setdefault(cell["axis"], []).append(cell)
     parts = [_axis(run, name, cells) for name, cells in axes.items()]
     sections = [_short(about, found), _figures(found["figures"]), *parts]
-    body = "\n".join(
-        [
-            "<h1>At the extremes: sound, warned of, or refused</h1>",
-            '<p class="lead">Each cell is run against a float64 or analytic reference. An error '
-            "beyond its bound must have been warned of by name before the result was returned, "
-            "or refused in a sentence; else the cell is silently wrong.</p>",
-            contents(sections),
-            *sections,
-        ]
+    lead = (
+        "Each cell is run against a float64 or analytic reference. An error "
+        "beyond its bound must have been warned of by name before the result was returned, "
+        "or refused in a sentence; else the cell is silently wrong."
     )
-    path = run / "report.html"
-    part = path.with_name(".report.html.part")
-    part.write_text(page(f"Stress · {run.resolve().name}", body), encoding="utf-8")
-    part.replace(path)
-    return path
+    head = heading("At the extremes: sound, warned of, or refused", lead)
+    return write_page(run, "Stress", head, sections)
 
 
 def _short(about: Mapping[str, Any], found: Mapping[str, Any]) -> str:
-    tally = "".join(
-        f"<li>{chip(f'{count} {verdict}', TONES[verdict])}</li>"
-        for verdict, count in found["counts"].items()
-    )
+    counts = _tally(found["counts"])
     facts = (
         f"{len(found['cells'])} cells, preset {about['settings']['preset']}, "
         f"{found['seconds']:.0f} seconds of one core, code {about['code_version']}."
@@ -81,9 +70,11 @@ def _short(about: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     wrong = [cell for cell in found["cells"] if cell["verdict"] == "silently wrong"]
     said = "".join(f"<li>{escape(cell['name'])}: {escape(_said(cell))}</li>" for cell in wrong)
     callout = f'<div class="callout"><p>Silently wrong:</p><ul>{said}</ul></div>' if wrong else ""
-    return section(
-        "short", "In short", f'<ul class="tally">{tally}</ul>', paragraph(facts), callout
-    )
+    return section("short", "In short", counts, paragraph(facts), callout)
+
+
+def _tally(counts: Mapping[str, int]) -> str:
+    return tally((f"{count} {verdict}", TONES[verdict]) for verdict, count in counts.items())
 
 
 def _figures(rows: Cells) -> str:
@@ -103,8 +94,7 @@ def _figures(rows: Cells) -> str:
 def _axis(run: Path, name: str, cells: Cells) -> str:
     anchor = "".join(c for c in name if c.isalnum())
     counts = Counter(cell["verdict"] for cell in cells)
-    tally = "".join(f"<li>{chip(f'{n} {v}', TONES[v])}</li>" for v, n in counts.items())
-    parts = [f'<ul class="tally">{tally}</ul>']
+    parts = [_tally(counts)]
     if any(cell["verdict"] in MARKS for cell in cells):
         path = run / "figures" / f"stress-{anchor}.svg"
         save_svg(axis_figure(name, cells), path)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from viz.cells import number
 from viz.figures import save_svg
-from viz.page import contents, inline_svg, page, paragraph, section
+from viz.page import heading, inline_svg, paragraph, section, write_page
 from viz.trade_figures import Row, crowd_figure, pareto_figure, work_precision_figure
 
 if TYPE_CHECKING:
@@ -42,21 +42,13 @@ def write_trade(run: Path) -> Path:
     fronts = list(dict.fromkeys(row["front"] for row in rows))
     parts = [_front(run, [row for row in rows if row["front"] == name]) for name in fronts]
     sections = [_short(about), *parts]
-    body = "\n".join(
-        [
-            "<h1>Speed against accuracy, on this machine</h1>",
-            '<p class="lead">Points of a task were timed in turn; a cost is the median, after a '
-            "call that does not count. Bold: no other point of the task is both cheaper and more "
-            "accurate.</p>",
-            contents(sections),
-            *sections,
-        ]
+    lead = (
+        "Points of a task were timed in turn; a cost is the median, after a "
+        "call that does not count. Bold: no other point of the task is both cheaper and more "
+        "accurate."
     )
-    path = run / "report.html"
-    part = path.with_name(".report.html.part")
-    part.write_text(page(f"Trade · {run.resolve().name}", body), encoding="utf-8")
-    part.replace(path)
-    return path
+    head = heading("Speed against accuracy, on this machine", lead)
+    return write_page(run, "Trade", head, sections)
 
 
 def _rows(run: Path) -> list[dict[str, Any]]:
