@@ -41,15 +41,20 @@ class EmaTarget(nn.Module):
     @torch.no_grad()
     def update(self, online: nn.Module) -> None:
         """Move the target towards ``online``, of the same architecture as at the start."""
-        weight = 1 - self.momentum
-        for own, other in zip(self.module.parameters(), online.parameters(), strict=True):
-            own.lerp_(other, weight)
+        follow(self.module, online, self.momentum)
         self.updated += 1
 
 
-def ema_momentum(progress: float) -> float:
-    """0.996 at the start of the training, 1 at its end (progress 1) and after."""
-    return 1 - (1 - MOMENTUM) * (1 + math.cos(math.pi * min(progress, 1.0))) / 2
+@torch.no_grad()
+def follow(target: nn.Module, online: nn.Module, kept: float) -> None:
+    """Move the weights of one module towards another's, by ``1 - kept`` of the way."""
+    for own, other in zip(target.parameters(), online.parameters(), strict=True):
+        own.lerp_(other, 1 - kept)
+
+
+def ema_momentum(progress: float, first: float = MOMENTUM) -> float:
+    """``first`` at the start of the training, 1 at its end (progress 1) and after."""
+    return 1 - (1 - first) * (1 + math.cos(math.pi * min(progress, 1.0))) / 2
 
 
 def variance_floor(latents: Float[Tensor, "*b n d"]) -> float:

@@ -12,6 +12,7 @@ from safetensors.torch import load_file
 
 import encoders.weights as weights_module
 from encoders.frozen import load_encoder
+from encoders.jepa import ema_momentum, follow
 from encoders.known_weights import KNOWN
 from encoders.release import release_files
 from encoders.weights import PACKAGED, fetch, find_weights
@@ -23,7 +24,7 @@ from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import PixelSizes
 from vidphys.pretraining import run
 from vidphys.pretraining.clips import Layout, RandomClips
-from vidphys.pretraining.following import follow, momentum
+from vidphys.pretraining.dino import FIRST_MOMENTUM
 from vidphys.pretraining.run import OBJECTIVES, RECORD, pretrain, watch
 from vidphys.scenes import gravity
 from vidphys.train import FitSettings
@@ -176,8 +177,8 @@ def test_a_teacher_follows() -> None:
     wanted = 0.9 * teacher.weight + 0.1 * student.weight
     follow(teacher, student, 0.9)
     torch.testing.assert_close(teacher.weight, wanted)
-    assert momentum(0.0) == pytest.approx(0.99)
-    assert momentum(1.0) == 1.0
+    assert ema_momentum(0.0, FIRST_MOMENTUM) == pytest.approx(0.99)
+    assert ema_momentum(1.0, FIRST_MOMENTUM) == 1.0
 
 
 @pytest.mark.parametrize("name", TINY)

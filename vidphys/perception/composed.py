@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from binders.slots import CHANNELS
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
+from encoders.jepa import follow
 from readouts.scale import FeatureScale
 from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
@@ -70,9 +71,7 @@ class Released(nn.Module):
 
     def loss(self, view: View, teacher: Reconstruction) -> Tensor:
         """Error of reconstruction; the mean takes the weights that the last step led to."""
-        with torch.no_grad():
-            for mean, now in zip(self.mean.parameters(), self.detector.parameters(), strict=True):
-                mean.lerp_(now, 1 - KEEP)
+        follow(self.mean, self.detector, KEEP)
         return self.detector.loss(view.values, view.window.frames, teacher)
 
 

@@ -16,9 +16,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from encoders.jepa import ema_momentum, follow
 from encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD, imagenet_clips
 from vidphys.pretraining.clips import Examples, Layout
-from vidphys.pretraining.following import follow, momentum
 
 LAYOUT = Layout(frames=1, side=64, patch=4, tubelet=1, visible=0.5, asked=0.5)
 ARCHITECTURE = "vit_small_patch14_dinov2"
@@ -35,6 +35,7 @@ ARGUMENTS: dict[str, Any] = {
 PROTOTYPES, HEAD_WIDTH = 256, 64
 STUDENT_TEMPERATURE, TEACHER_TEMPERATURE = 0.1, 0.05
 CENTRE_MOMENTUM = 0.9
+FIRST_MOMENTUM = 0.99  # share that the teacher keeps in the first step
 
 
 class PatchDistillation(nn.Module):
@@ -70,7 +71,7 @@ class PatchDistillation(nn.Module):
 
     def after_step(self, step: int, steps: int) -> None:
         """Let the teacher follow."""
-        kept = momentum(step / steps)
+        kept = ema_momentum(step / steps, FIRST_MOMENTUM)
         follow(self.teacher, self.student, kept)
         follow(self.teacher_head, self.head, kept)
 

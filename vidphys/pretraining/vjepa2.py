@@ -15,13 +15,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from encoders.jepa import ema_momentum, follow
 from encoders.preprocess import imagenet_clips
 from vidphys.pretraining.clips import Examples, Layout
-from vidphys.pretraining.following import follow, momentum
 
 LAYOUT = Layout(frames=4, side=64, patch=4, tubelet=2, visible=0.2, asked=0.25)
 WIDTH, DEPTH, HEADS = 96, 3, 3
 PREDICTOR_WIDTH, PREDICTOR_DEPTH, PREDICTOR_HEADS = 64, 2, 2
+FIRST_MOMENTUM = 0.99  # share that the teacher keeps in the first step
 INITIAL = 0.08  # deviation of initial weights; the libraries' 0.02 is meant for wider layers
 
 
@@ -66,7 +67,7 @@ class FeaturePrediction(nn.Module):
 
     def after_step(self, step: int, steps: int) -> None:
         """Let the teacher follow."""
-        follow(self.teacher, self.model.encoder, momentum(step / steps))
+        follow(self.teacher, self.model.encoder, ema_momentum(step / steps, FIRST_MOMENTUM))
 
     def features(self, batch: Examples) -> Tensor:
         """What the adapter will read, ``(b, tokens, k)``."""
