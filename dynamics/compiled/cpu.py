@@ -40,8 +40,8 @@ from dynamics.compiled.pairs import (
     plane_spline,
     radial_spline,
 )
-from dynamics.compiled.spline import PairSpline, RadialSpline
-from dynamics.potentials import CORE, DisplacementPotential, RadialPotential
+from dynamics.compiled.spline import PairSpline
+from dynamics.potentials import DisplacementPotential, RadialPotential
 
 
 @kernel
@@ -202,10 +202,7 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
     kind = RADIAL if isinstance(network, RadialPotential) else 0
     if not isinstance(potential, PairSpline):
         return kind, 0, 0, np.zeros(1, real), np.zeros(0, real), integers, weights, back
-    cells, first = potential.resolution, 0
-    if isinstance(potential, RadialSpline):
-        cells = np.finfo(real).nmant - potential.resolution
-        first = int(np.array([CORE**2], real).view(integers.dtype)[0]) >> cells
+    cells, first = potential.lookup(like.dtype)
     reach, table = np.array([potential.reach], real), potential.table.numpy().astype(real).ravel()
     return kind + SPLINE, cells, first, reach, table, integers, weights, back
 

@@ -18,7 +18,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from dynamics.compiled.spline import BITS, PairSpline, RadialSpline
+from dynamics.compiled.spline import PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
 from dynamics.potentials import CORE, REACH
 
@@ -123,14 +123,10 @@ def _roll(  # noqa: ANN202
 
 def packed(potential: PairSpline, like: Tensor) -> tuple[Any, ...]:
     """Table, cells, first cell, reach and kinds, as :func:`roll` takes them."""
-    integer, mantissa = BITS[like.dtype]
-    radial = isinstance(potential, RadialSpline)
-    cells, first = potential.resolution, 0
-    if radial:
-        cells = mantissa - potential.resolution
-        first = int(like.new_tensor([CORE**2]).view(integer)) >> cells
+    cells, first = potential.lookup(like.dtype)
     table = potential.table.to(like).contiguous()
-    return table, cells, first, potential.reach, radial, tl.int32 if mantissa == 23 else tl.int64
+    whole = tl.int32 if like.dtype == torch.float32 else tl.int64
+    return table, cells, first, potential.reach, isinstance(potential, RadialSpline), whole
 
 
 def roll(

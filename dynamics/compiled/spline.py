@@ -47,6 +47,10 @@ class PairSpline(PairPotential):
         self.reach, self.outside = reach, 0
 
     @abstractmethod
+    def lookup(self, dtype: torch.dtype) -> tuple[int, int]:
+        """Two numbers by which a kernel of this float type finds a cell; each kind says which."""
+
+    @abstractmethod
     def spline_energy(self, displacement: Tensor) -> Tensor:
         """The spline's phi within ``reach``, ``(..., d) -> (...)``."""
 
@@ -110,6 +114,12 @@ class RadialSpline(PairSpline):
         self.register_buffer("table", table.detach())
         self.register_buffer("offset", left.detach())
 
+    def lookup(self, dtype: torch.dtype) -> tuple[int, int]:
+        """Bits of s below those that name its cell, and the name of the first cell."""
+        integer, mantissa = BITS[dtype]
+        shift = mantissa - self.resolution
+        return shift, int(torch.tensor(CORE**2, dtype=dtype).view(integer)) >> shift
+
     def spline_energy(self, displacement: Tensor) -> Tensor:
         cell, t, width = self._place(displacement)
         area = horner(self.table[cell] / torch.arange(1, 5), t)[0] * t
@@ -122,11 +132,9 @@ class RadialSpline(PairSpline):
     def _place(self, displacement: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Cell of each pair, where in it (0 to 1), and the cell's width in s."""
         s = displacement.square().sum(-1) + CORE**2
-        integer, mantissa = BITS[s.dtype]
-        shift = mantissa - self.resolution
-        bits = s.detach().view(integer) >> shift
+        shift, first = self.lookup(s.dtype)
+        bits = s.detach().view(BITS[s.dtype][0]) >> shift
         left, right = (x.view(s.dtype) for x in (bits << shift, (bits + 1) << shift))
-        first = s.new_tensor(CORE**2).view(integer) >> shift
         return bits - first, (s - left) / (right - left), right - left
 
 
@@ -172,6 +180,10 @@ class PlaneSpline(PairSpline):
         polynomials = basis @ blocks[:, half:] @ basis.T
         # Coefficient of s^i t^j of cell (x, y), the powers of t side by side.
         self.register_buffer("table", polynomials.reshape(cells * half, size * size))
+
+    def lookup(self, dtype: torch.dtype) -> tuple[int, int]:
+        """Cells along each side of the square, and nothing more."""
+        return self.resolution, 0
 
     def spline_energy(self, displacement: Tensor) -> Tensor:
         rows, _, s, _ = self._rows(displacement / (REACH + soft_length(displacement)))
