@@ -96,11 +96,11 @@ def _set_up(config: TradeConfig) -> None:
 
 def _measure(config: TradeConfig) -> int:
     from vidphys.runs import RunFolder
-    from vidphys.trade.context import trade_sizes
+    from vidphys.trade.context import SIZES
     from vidphys.trade.session import choose, measure_fronts, surroundings
     from viz.trade import write_trade
 
-    fronts, sizes = choose(config.fronts), trade_sizes(config.preset)
+    fronts, sizes = choose(config.fronts), SIZES[config.preset]
     settings = {
         "experiment": "trade",
         "preset": config.preset,

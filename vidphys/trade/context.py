@@ -10,7 +10,6 @@ import torch
 from torch import Generator
 
 from dynamics import HEADS, Head
-from vidphys.errors import InputError
 from vidphys.experiments.oracle import true_segments
 from vidphys.scenes import Scene, gravity
 from vidphys.seeding import derive
@@ -62,17 +61,6 @@ SIZES = {
         ("compile", "openvino"),
     ),
 }
-
-
-def trade_sizes(name: str) -> TradeSizes:
-    """Look a preset up.
-
-    Raises:
-        InputError: there is none of this name.
-    """
-    if name not in SIZES:
-        raise InputError(f"--preset {name}: unknown; use one of {', '.join(SIZES)}")
-    return SIZES[name]
 
 
 @dataclass(frozen=True)
