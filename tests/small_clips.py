@@ -15,7 +15,7 @@ from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.catalogue import Adapter
 from encoders.frozen.windows import Windowing
 from encoders.identity import EncoderIdentity
-from vidphys.rendered import write_video
+from vidphys.data.rendered import write_video
 
 RATE, SIDE = 25.0, 32
 

@@ -9,8 +9,11 @@ import torch
 from binders import Tracks
 from dynamics import Parameters, rollout
 from vidphys import forecasts
-from vidphys.charts import Curve, Plane, chart_from_config, chart_of
-from vidphys.clip_dynamics import (
+from vidphys.data.charts import Curve, Plane, chart_from_config, chart_of
+from vidphys.errors import InputError
+from vidphys.forecasts import Forecast, forecast, forecast_error, naive_forecasts, state_at
+from vidphys.perception import base
+from vidphys.training.clip_dynamics import (
     Dynamics,
     Followed,
     fit_head,
@@ -19,9 +22,6 @@ from vidphys.clip_dynamics import (
     terms_of,
     without_friction,
 )
-from vidphys.errors import InputError
-from vidphys.forecasts import Forecast, forecast, forecast_error, naive_forecasts, state_at
-from vidphys.perception import base
 
 RATE, FRAMES, END = 30.0, 150, 100
 

@@ -15,13 +15,13 @@ from binders.tracks import Tracks
 from encoders.known_weights import KNOWN
 from encoders.store import FeatureStore
 from vidphys.cli import main
-from vidphys.dataset import clip_file, find_dataset
+from vidphys.data.dataset import clip_file, find_dataset
+from vidphys.data.extraction import extract
+from vidphys.data.feature_frames import frame_targets, frame_tracks
+from vidphys.data.labels import read_labels, write_labels
+from vidphys.data.splits import split_clips, split_frames
+from vidphys.data.video import ClipSelection, Video, read_video
 from vidphys.errors import InputError
-from vidphys.extraction import extract
-from vidphys.feature_frames import frame_targets, frame_tracks
-from vidphys.labels import read_labels, write_labels
-from vidphys.splits import split_clips, split_frames
-from vidphys.video import ClipSelection, Video, read_video
 
 WHOLE = ClipSelection()
 

@@ -26,7 +26,7 @@ from vidphys.experiments.tables.contacts import CONTACTS, aged_question
 from vidphys.presets import OracleSizes
 from vidphys.scenes import certify
 from vidphys.scenes.torus import BOX, DIAMETER, LEVELS, disks, touching
-from vidphys.segments import scale_of
+from vidphys.training.segments import scale_of
 
 TINY = OracleSizes(32, 4, 64, (5e-3,), 4)
 

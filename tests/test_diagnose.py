@@ -205,7 +205,7 @@ def test_advice_follows_the_stiffest_motion():
 
 def test_a_specification_builds_exactly_the_terms_that_were_found(tmp_path):
     from dynamics import build
-    from vidphys.atomic import write_json
+    from vidphys.runs.atomic import write_json
 
     found = infer(seen("falling-drag", 0.001))
     write_json(tmp_path / "s.json", specification(found, STEP))

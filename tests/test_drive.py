@@ -17,7 +17,7 @@ from vidphys.experiments import temperature
 from vidphys.experiments.tables import drive
 from vidphys.experiments.tables.bars import ABSENT, judge, rows_of
 from vidphys.experiments.tables.base import CellTask
-from vidphys.records import merged_tables
+from vidphys.runs.records import merged_tables
 from vidphys.scenes.langevin import driven
 
 

@@ -20,10 +20,10 @@ from vidphys.experiments.tables import engine as tables_engine
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.engine import DAMPED, ENGINE, FREE, engine_cell
 from vidphys.presets import OracleSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import certify, engine
 from vidphys.scenes.pendulum import pendulum
-from vidphys.segments import scale_of
+from vidphys.training.segments import scale_of
 
 F64 = torch.float64
 # A capsule of radius 0.05 and length 1 about its end, and the arms of two such links.

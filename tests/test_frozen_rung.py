@@ -10,13 +10,13 @@ from encoders.identity import EncoderIdentity
 from encoders.release import WeightsMissing
 from renderers import Camera, RgbWorld
 from vidphys.cli import main
-from vidphys.clips import render_clips
+from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.perception import frozen
 from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import PixelSizes
-from vidphys.runs import RunFolder
+from vidphys.runs.folder import RunFolder
 from vidphys.scenes import gravity
 
 SIZES = PixelSizes(24, 9, 40, 7, 32, 150, 32, 0, 4)
@@ -140,7 +140,7 @@ def test_without_weights_the_rung_says_which_command_gets_them(clips, tmp_path, 
 
 def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypatch, capsys):
     """The error crosses from the worker; the run says why, and is not a failed run."""
-    monkeypatch.setattr("vidphys.pool.run_all", _absent)
+    monkeypatch.setattr("vidphys.runs.pool.run_all", _absent)
     run = tmp_path / "run"
     parts = RunFolder(run)
     monkeypatch.setattr(RunFolder, "join", lambda self: None)

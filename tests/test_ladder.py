@@ -16,7 +16,7 @@ from vidphys.experiments.ladder import (
     settings_of,
 )
 from vidphys.presets import OracleSizes, PixelSizes, Preset, preset
-from vidphys.runs import RunFolder
+from vidphys.runs.folder import RunFolder
 
 TINY = Preset(
     seeds=1,

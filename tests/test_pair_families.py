@@ -22,7 +22,7 @@ from vidphys.scenes import certify, gravity
 from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb, mixed_signs
 from vidphys.scenes.crowd import crowd
 from vidphys.scenes.springs import CUTOFF, springs
-from vidphys.segments import Segments, scale_of
+from vidphys.training.segments import Segments, scale_of
 
 TINY = OracleSizes(32, 4, 64, (5e-3,), 4)
 

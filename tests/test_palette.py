@@ -7,7 +7,7 @@ from torch import Generator
 from binders.palette import local_paths, track_by_palette, unmix
 from renderers import AnonymousWorld, Camera, RgbWorld
 from renderers.splats import disk_coverage
-from vidphys.clips import render_clips
+from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.perception.palette import PaletteTracking
 from vidphys.scenes import gravity

@@ -10,7 +10,7 @@ import torch
 from dynamics import HEADS, PhaseState, build
 from dynamics.unstructured import ResidualMap
 from renderers import AnonymousWorld, Camera, ChannelWorld
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
 from vidphys.perception import discovered, jepa, synthesis
 from vidphys.perception.base import HEAD_DT, FitTask

@@ -11,7 +11,7 @@ from readouts.attention import AttentionReadout
 from readouts.pooled import PooledReadout
 from renderers import Camera, ChannelWorld, RgbWorld
 from vidphys.cli import reproduce as verb
-from vidphys.clips import render_clips
+from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.experiments import reproduce
 from vidphys.experiments.ladder import pixel_scene
@@ -29,8 +29,8 @@ from vidphys.perception.free_momentum import FreeMomentum
 from vidphys.perception.own_cnn import OwnCnn, fit_own_cnn
 from vidphys.perception.windows import WindowBatches
 from vidphys.presets import OracleSizes, PixelSizes
-from vidphys.records import Origin, Recorder, merged_tables
-from vidphys.runs import RunFolder
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder, merged_tables
 
 SIZES = PixelSizes(8, 8, 40, 7, 32, 2, 8, 4, 4)
 

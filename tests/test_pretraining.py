@@ -17,7 +17,7 @@ from encoders.known_weights import KNOWN
 from encoders.release import release_files
 from encoders.weights import PACKAGED, fetch, find_weights
 from renderers import Camera, RgbWorld
-from vidphys.clips import render_clips
+from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import GROUNDINGS
@@ -27,7 +27,7 @@ from vidphys.pretraining.clips import Layout, RandomClips
 from vidphys.pretraining.dino import FIRST_MOMENTUM
 from vidphys.pretraining.run import OBJECTIVES, RECORD, pretrain, watch
 from vidphys.scenes import gravity
-from vidphys.train import FitSettings
+from vidphys.training.loop import FitSettings
 
 TINY = tuple(OBJECTIVES)
 MOST_BYTES = 6_000_000

@@ -15,10 +15,10 @@ from vidphys.experiments import temporal_views
 from vidphys.experiments.tables import probes
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
-from vidphys.learner import FitSettings
 from vidphys.presets import OracleSizes, PixelSizes
-from vidphys.probe_training import StateFrames, Units, train_probes
-from vidphys.records import merged_tables
+from vidphys.runs.records import merged_tables
+from vidphys.training.learner import FitSettings
+from vidphys.training.probes import StateFrames, Units, train_probes
 
 GRID, BODIES = (8, 8), 2
 HALF = 4.0  # world units

@@ -11,7 +11,8 @@ from torch import Tensor
 from encoders.features import FeatureMap
 from readouts.attention import PRECISE, AttentionReadout, _waves, confidence_at, distance_at
 from readouts.pooled import PooledReadout, pooled_twin
-from vidphys.readout_training import (
+from vidphys.training.loop import FitSettings
+from vidphys.training.readouts import (
     LabelledFrames,
     ReadoutSettings,
     Shifted,
@@ -21,7 +22,6 @@ from vidphys.readout_training import (
     shift,
     train_readout,
 )
-from vidphys.train import FitSettings
 
 CHANNELS, GRID, STRIDE = 6, (10, 8), (8.0, 8.0)
 

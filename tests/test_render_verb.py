@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from renderers import Camera, RgbWorld
-from vidphys import rendered
 from vidphys.cli import main
-from vidphys.dataset import clip_file, find_dataset
+from vidphys.data import rendered
+from vidphys.data.dataset import clip_file, find_dataset
+from vidphys.data.labels import read_labels
+from vidphys.data.rendered import write_video
+from vidphys.data.video import ClipSelection, read_video
 from vidphys.errors import InputError
-from vidphys.labels import read_labels
-from vidphys.rendered import write_video
-from vidphys.video import ClipSelection, read_video
 
 TINY = ["--frames", "4", "--image", "16", "--quiet"]
 WHOLE = ClipSelection()

@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from vidphys.records import RECORD_SCHEMA
+from vidphys.runs.records import RECORD_SCHEMA
 from viz.margins import DECADES, drift_curves, margin_figure
 from viz.results import write_results
 

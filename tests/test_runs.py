@@ -6,11 +6,11 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from vidphys.atomic import write_with
 from vidphys.errors import InputError
 from vidphys.metrics import Summary
-from vidphys.records import Origin, Recorder
-from vidphys.runs import RunFolder
+from vidphys.runs.atomic import write_with
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder
 
 SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
 

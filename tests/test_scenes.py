@@ -6,7 +6,7 @@ from torch import Generator
 
 from dynamics import Parameters, PhaseState
 from renderers import Camera, ChannelWorld
-from vidphys.clips import render_clips
+from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.scenes import certify, gravity, lyapunov_time
 from vidphys.seeding import derive

@@ -9,7 +9,7 @@ from binders.slots import CHANNELS, SlotAttention, Slots
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from renderers import AnonymousWorld, Camera, ChannelWorld
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
 from vidphys.perception import composed
 from vidphys.perception.base import FitTask
@@ -19,7 +19,7 @@ from vidphys.perception.reconstruction import Reconstruction, told
 from vidphys.perception.slots import FrameTokens, SlotDetector, fit_slots, mirrored
 from vidphys.presets import PixelSizes
 from vidphys.scenes import gravity
-from vidphys.train import FitSettings, fit
+from vidphys.training.loop import FitSettings, fit
 
 WORLD = AnonymousWorld(Camera(4.0, 16, 16), radius=1.0, softness=0.2)
 SIZES = PixelSizes(8, 8, 40, 7, 16, 2, 6, 0, 4)

@@ -10,7 +10,6 @@ import torch
 from torch import Generator
 
 from dynamics import HEADS, rollout
-from vidphys.ensemble import Ensemble, Stacked, stack
 from vidphys.errors import InputError
 from vidphys.experiments import reproduce, truth
 from vidphys.experiments.losses import energy_penalised, noisy
@@ -20,11 +19,12 @@ from vidphys.experiments.tables import bars
 from vidphys.experiments.tables.base import CellTask
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.presets import OracleSizes, PixelSizes, Preset
-from vidphys.records import Origin, Recorder, merged_tables
-from vidphys.runs import RunFolder
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder, merged_tables
 from vidphys.scenes import gravity, lyapunov_time
-from vidphys.segments import roll, scale_of, segment_loss
-from vidphys.train import FitSettings, fit
+from vidphys.training.ensemble import Ensemble, Stacked, stack
+from vidphys.training.loop import FitSettings, fit
+from vidphys.training.segments import roll, scale_of, segment_loss
 from viz.results import write_results
 
 TINY = OracleSizes(32, 4, 64, (5e-3,), 4)

@@ -21,7 +21,6 @@ from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from dynamics.stochastic import half_steps
 from dynamics.terms import DiffusionTerms
-from vidphys.ensemble import Ensemble, stack
 from vidphys.errors import InputError
 from vidphys.experiments import bath as training
 from vidphys.experiments import temperature
@@ -29,10 +28,11 @@ from vidphys.experiments.tables import thermostat
 from vidphys.experiments.tables.bars import ABSENT, judge, rows_of
 from vidphys.experiments.tables.base import CellTask
 from vidphys.presets import OracleSizes
-from vidphys.records import merged_tables
+from vidphys.runs.records import merged_tables
 from vidphys.scenes.langevin import langevin
-from vidphys.segments import from_trajectory, scale_of
 from vidphys.thermal import measure_temperature
+from vidphys.training.ensemble import Ensemble, stack
+from vidphys.training.segments import from_trajectory, scale_of
 
 TINY = OracleSizes(32, 4, 64, (5e-3,), 4)
 

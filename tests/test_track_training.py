@@ -11,7 +11,7 @@ from dynamics import HEADS, build
 from vidphys.experiments.pixels import TRAINERS
 from vidphys.perception.aim import surprise
 from vidphys.scenes import gravity
-from vidphys.track_training import TrackTask, Windows, tell_scale, window_loss
+from vidphys.training.tracks import TrackTask, Windows, tell_scale, window_loss
 
 EVERY, INTERVAL, FRAMES = 40, 0.08, 9
 

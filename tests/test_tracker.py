@@ -21,7 +21,7 @@ from binders.tracker import (
 )
 from dynamics import HEADS, Parameters, ballistic, build
 from renderers import AnonymousWorld, Camera
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
 from vidphys.perception import detections
 from vidphys.perception.aim import aim, motion_under
@@ -37,8 +37,8 @@ from vidphys.perception.detections import detections_of, windows_of
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.scenes import gravity
-from vidphys.segments import roll
-from vidphys.train import FitSettings, fit
+from vidphys.training.loop import FitSettings, fit
+from vidphys.training.segments import roll
 
 INTERVAL = 0.08
 GROUNDINGS = {g.name: g for g in ANONYMOUS_GROUNDINGS}

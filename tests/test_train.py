@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import nn
 
-from vidphys import checkpoint
 from vidphys.errors import InputError
-from vidphys.train import FitSettings, choose_learning_rate, fit, one_cycle
+from vidphys.runs import checkpoint
+from vidphys.training.loop import FitSettings, choose_learning_rate, fit, one_cycle
 
 X = torch.linspace(-1, 1, 64).unsqueeze(1)
 DATA = torch.cat([X, (3 * X).sin()], 1)

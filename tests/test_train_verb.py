@@ -20,13 +20,15 @@ from small_clips import (
     write_clip,
 )
 
-from vidphys import checkpoint, clip_dynamics, forecasts, learner
+from vidphys import forecasts
 from vidphys import pipeline as pipeline_module
 from vidphys.cli import main
+from vidphys.data.rendered import write_video
+from vidphys.data.video import ClipSelection, read_video
 from vidphys.perception import base
 from vidphys.pipeline import load_pipeline
-from vidphys.rendered import write_video
-from vidphys.video import ClipSelection, read_video
+from vidphys.runs import checkpoint
+from vidphys.training import clip_dynamics, learner
 
 CLIPS, FRAMES = 3, 20
 QUICK = ["--encoder", "cells", "--steps", "12", "--head-steps", "4", "--shift", "1"]

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from vidphys.data.video import ClipSelection, _times, read_video, require_frames
 from vidphys.errors import InputError
-from vidphys.video import ClipSelection, _times, read_video, require_frames
 
 FRAMES, RATE, BLOCK, BITS = 40, 25.0, 16, 6
 
@@ -144,7 +144,7 @@ def test_the_decoder_adds_no_lines_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / "text.mp4"
     path.write_text("not a video " * 100)
     code = (
-        "import sys; from pathlib import Path; from vidphys.video import *\n"
+        "import sys; from pathlib import Path; from vidphys.data.video import *\n"
         "try: read_video(Path(sys.argv[1]), ClipSelection())\n"
         "except ValueError as error: print(error)"
     )

@@ -13,10 +13,10 @@ from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, rollout
 from readouts.differencing import central_difference
 from readouts.shooting import shoot
-from vidphys.charts import Curve
-from vidphys.clip_dynamics import Dynamics, Followed
+from vidphys.data.charts import Curve
 from vidphys.errors import InputError
 from vidphys.initial_state import by_shooting, frame_roll
+from vidphys.training.clip_dynamics import Dynamics, Followed
 
 WINDOW_SECONDS = 1.5  # of a curve's positions, that a start state is fitted to
 SAME_RATE = 0.02

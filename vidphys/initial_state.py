@@ -13,7 +13,7 @@ from readouts.differencing import backward_difference
 from readouts.shooting import ShootingFit, shoot
 from vidphys.perception.aim import PRECISE
 from vidphys.perception.base import model_step
-from vidphys.segments import roll
+from vidphys.training.segments import roll
 
 WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
 UNUSUAL = 3.0  # times the median residual

@@ -19,13 +19,13 @@ from dynamics import Parameters, PhaseState, build
 from dynamics.terms import from_config, to_config
 from encoders.frozen.catalogue import load_encoder
 from readouts.attention import AttentionReadout
-from vidphys import checkpoint
-from vidphys.charts import chart_from_config
-from vidphys.clip_dynamics import FACTORED, Dynamics, Followed, without_friction
+from vidphys.data.charts import chart_from_config
 from vidphys.errors import InputError
 from vidphys.forecasts import Forecast, forecast, state_at
 from vidphys.perception.base import model_step
 from vidphys.reader import LoadedEncoder, Reader, steady
+from vidphys.runs import checkpoint
+from vidphys.training.clip_dynamics import FACTORED, Dynamics, Followed, without_friction
 
 FILE = "pipeline.json"
 

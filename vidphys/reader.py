@@ -16,9 +16,9 @@ from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from readouts.attention import AttentionReadout
-from vidphys.extraction import FrozenEncoder
-from vidphys.feature_frames import frame_tracks
-from vidphys.readout_training import read_all
+from vidphys.data.extraction import FrozenEncoder
+from vidphys.data.feature_frames import frame_tracks
+from vidphys.training.readouts import read_all
 
 Layer = int | str | None
 STORED = torch.float16  # what `extract` stores unless told otherwise
@@ -69,7 +69,7 @@ class Reader:
         bodies: number of bodies.
         half_extent: world units in half of the longer image side.
         follows_camera: whether the drift of a camera is to be taken out of the tracks.
-        stride, side: of the frames that are read; see :class:`vidphys.video.ClipSelection`.
+        stride, side: of the frames that are read; see :class:`vidphys.data.video.ClipSelection`.
     """
 
     encoder: LoadedEncoder

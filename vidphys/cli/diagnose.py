@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from vidphys.diagnose.answers import Answered
     from vidphys.diagnose.tables import Loaded
-    from vidphys.records import Recorder
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
+    from vidphys.runs.records import Recorder
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
 ELSEWHERE = ("out", "overwrite", "quiet", "input")
@@ -71,7 +71,7 @@ def diagnose(config: DiagnoseConfig) -> None:
             another run in the folder.
     """
     from vidphys.diagnose.answers import answer
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
 
     if not 0 <= config.hold_out < 1:
         raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
@@ -127,7 +127,7 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
 
 
 def _about(config: DiagnoseConfig) -> dict[str, Any]:
-    from vidphys.atomic import sha256
+    from vidphys.runs.atomic import sha256
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
     return {
@@ -141,7 +141,7 @@ def _about(config: DiagnoseConfig) -> dict[str, Any]:
 
 
 def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answered) -> None:
-    from vidphys.atomic import write_json, write_with
+    from vidphys.runs.atomic import write_json, write_with
 
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
     write_with(run.path / "summary.txt", lambda path: _write(path, text))
@@ -157,7 +157,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
-    from vidphys.records import Origin, Recorder
+    from vidphys.runs.records import Origin, Recorder
 
     origin = Origin(
         experiment="diagnose",

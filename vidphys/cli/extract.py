@@ -11,13 +11,13 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
+from vidphys.data.video import ClipSelection, Video, read_video
 from vidphys.errors import InputError
 from vidphys.trade.profile import under_profile
-from vidphys.video import ClipSelection, Video, read_video
 
 if TYPE_CHECKING:
     from encoders.frozen import FrozenEncoder
-    from vidphys.train import Progress
+    from vidphys.training.loop import Progress
 
 
 OPTIONS = (
@@ -137,7 +137,7 @@ def frozen_encoder(config: ExtractConfig) -> FrozenEncoder:
 
 def _extract_all(config: ExtractConfig, encoder: FrozenEncoder) -> None:
     from encoders.store import FeatureStore
-    from vidphys import extraction
+    from vidphys.data import extraction
 
     store = FeatureStore(config.out)
     started, frames = time.perf_counter(), 0

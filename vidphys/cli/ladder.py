@@ -52,9 +52,9 @@ def ladder(config: LadderConfig) -> int:
     """
     from encoders.release import WeightsMissing
     from vidphys.experiments.ladder import plan, run_unit, settings_of
-    from vidphys.pool import run_all
     from vidphys.presets import preset
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
+    from vidphys.runs.pool import run_all
 
     check_device(config.device)
     if config.workers < 1:

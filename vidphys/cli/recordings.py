@@ -9,11 +9,11 @@ import numpy as np
 from torch import Tensor
 
 if TYPE_CHECKING:
+    from vidphys.data.video import ClipSelection, Video
     from vidphys.experiments.training import Perceived
     from vidphys.experiments.training_scores import Told
     from vidphys.forecasts import Forecast
     from vidphys.pipeline import Reading
-    from vidphys.video import ClipSelection, Video
 
 
 def record_training(run: Path, perceived: Perceived, told: Told, selection: ClipSelection) -> None:
@@ -25,8 +25,8 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
         told: what was foretold of the shown one.
         selection: the frames that were used of it.
     """
-    from vidphys.clip_dynamics import FACTORED
-    from vidphys.video import read_video
+    from vidphys.data.video import read_video
+    from vidphys.training.clip_dynamics import FACTORED
     from viz.recording import write_overlay_recording
 
     clip, extent = perceived.clips[told.clip], perceived.reader.half_extent

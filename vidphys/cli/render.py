@@ -47,9 +47,9 @@ def render(config: RenderConfig) -> None:
     Raises:
         InputError: sizes that make no sense, or another run in the folder.
     """
+    from vidphys.data.rendered import RenderSettings, render_folder
     from vidphys.presets import preset
-    from vidphys.rendered import RenderSettings, render_folder
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
 
     sizes = preset(config.preset).pixel
     settings = RenderSettings(

@@ -62,9 +62,9 @@ def reproduce(config: ReproduceConfig) -> int:
         units_of,
         write_verdicts,
     )
-    from vidphys.pool import run_all
     from vidphys.presets import preset
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
+    from vidphys.runs.pool import run_all
     from viz.results import write_results
 
     if not config.tables:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from vidphys.forecasts import Forecast
     from vidphys.pipeline import Reading
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def rollout(config: RolloutConfig) -> None:
             that cannot do what is asked, or another run in the folder.
     """
     from vidphys.cli.recordings import record_rollout
-    from vidphys.dataset import clip_file
+    from vidphys.data.dataset import clip_file
+    from vidphys.data.video import ClipSelection, read_video, require_frames
     from vidphys.pipeline import load_pipeline
-    from vidphys.runs import RunFolder
-    from vidphys.video import ClipSelection, read_video, require_frames
+    from vidphys.runs.folder import RunFolder
 
     if not config.beyond > 0:
         raise InputError(f"--beyond {config.beyond}: must be above 0 seconds")
@@ -108,8 +108,8 @@ def rollout(config: RolloutConfig) -> None:
 
 
 def _about(config: RolloutConfig, sha256: str) -> dict[str, Any]:
-    from vidphys.atomic import sha256 as hash_of
     from vidphys.pipeline import FILE
+    from vidphys.runs.atomic import sha256 as hash_of
 
     kept = ("beyond", "coupling", "no_friction", "head", "start", "stop", "rate")
     return {
@@ -125,7 +125,7 @@ def _about(config: RolloutConfig, sha256: str) -> dict[str, Any]:
 def _write(path: Path, reading: Reading, changed: Forecast | None) -> None:
     import numpy as np
 
-    from vidphys.atomic import write_with
+    from vidphys.runs.atomic import write_with
 
     arrays: dict[str, np.ndarray] = {
         "times": reading.tracks.times.numpy(),

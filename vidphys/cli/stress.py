@@ -41,7 +41,7 @@ def stress(config: StressConfig) -> int:
     """
     import torch
 
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
     from vidphys.stress.case import SILENT
     from vidphys.stress.figures import MET, NOT_MEASURED
     from vidphys.stress.matrix import (

@@ -95,7 +95,7 @@ def _set_up(config: TradeConfig) -> None:
 
 
 def _measure(config: TradeConfig) -> int:
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
     from vidphys.trade.context import SIZES
     from vidphys.trade.session import choose, measure_fronts, surroundings
     from viz.trade import write_trade
@@ -170,7 +170,7 @@ def _compare(config: TradeConfig, old: Path) -> int:
 
 def _benchmark(config: TradeConfig) -> int:
     """Rows one by one, each printed as it is measured; all of them are kept as JSON."""
-    from vidphys.atomic import write_json
+    from vidphys.runs.atomic import write_json
     from vidphys.trade.benchmark import ROWS, run_benchmark, table
     from vidphys.trade.session import surroundings
 

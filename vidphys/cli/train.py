@@ -13,12 +13,12 @@ from vidphys.cli.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from vidphys.dataset import Dataset
+    from vidphys.data.dataset import Dataset
     from vidphys.experiments.training import TrainSettings
     from vidphys.reader import Layer, LoadedEncoder
-    from vidphys.records import Recorder
-    from vidphys.runs import RunFolder
-    from vidphys.train import Progress
+    from vidphys.runs.folder import RunFolder
+    from vidphys.runs.records import Recorder
+    from vidphys.training.loop import Progress
 
 ENCODER_OPTIONS = ("resolution", "frames", "hop", "frame_stride", "dtype")
 HEADS = 4  # by which the width of a readout's attention is divided
@@ -123,9 +123,9 @@ def train(config: TrainConfig) -> int:
         InputError: data that cannot be read or trained on, options that make no sense, weights
             that are missing or wrong, a device that is not there, or another run in the folder.
     """
-    from vidphys.dataset import find_dataset
+    from vidphys.data.dataset import find_dataset
     from vidphys.reader import load_layers
-    from vidphys.runs import RunFolder
+    from vidphys.runs.folder import RunFolder
 
     _check(config)
     check_cuda(config.device)
@@ -179,7 +179,7 @@ def _about(
     config: TrainConfig, dataset: Dataset, encoders: dict[Layer, LoadedEncoder]
 ) -> dict[str, Any]:
     """What makes the run this run, for ``run.json``."""
-    from vidphys.clip_dynamics import FACTORED, UNSTRUCTURED
+    from vidphys.training.clip_dynamics import FACTORED, UNSTRUCTURED
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
     return {
@@ -194,12 +194,12 @@ def _about(
 
 
 def _settings(config: TrainConfig) -> TrainSettings:
-    from vidphys.candidates import Grid
-    from vidphys.early_stopping import StopSettings
+    from vidphys.data.video import ClipSelection
     from vidphys.experiments.training import TrainSettings
-    from vidphys.learner import FitSettings
-    from vidphys.readout_training import ReadoutSettings
-    from vidphys.video import ClipSelection
+    from vidphys.training.candidates import Grid
+    from vidphys.training.early_stopping import StopSettings
+    from vidphys.training.learner import FitSettings
+    from vidphys.training.readouts import ReadoutSettings
 
     fit = FitSettings(config.steps, config.batch, config.learning_rates[0])
     readout = ReadoutSettings(fit, config.shift, StopSettings(patience=config.patience))
@@ -221,10 +221,10 @@ def _train(
     from binders.motion import MotionSettings
     from encoders.store import FeatureStore
     from vidphys.cli.recordings import record_training
+    from vidphys.data.seen_clips import see
     from vidphys.experiments.training import perceive, understand
     from vidphys.experiments.training_scores import foretell, record_forecasts, record_readouts
     from vidphys.pipeline import save_pipeline
-    from vidphys.seen_clips import see
 
     def stage(name: str) -> Progress:
         return lambda step, steps, _: console.stage((name, step, steps))
@@ -257,7 +257,7 @@ def _train(
 
 
 def _recorder(config: TrainConfig, dataset: Dataset) -> Recorder:
-    from vidphys.records import Origin, Recorder
+    from vidphys.runs.records import Origin, Recorder
 
     return Recorder(
         Origin(

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from binders.motion import MotionSettings, bind_motion
+from vidphys.data.video import ClipSelection, Video, read_video, require_frames
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.errors import InputError
-from vidphys.video import ClipSelection, Video, read_video, require_frames
 
 
 def follow_clip(

@@ -17,10 +17,10 @@ from dynamics.bath import Bath, DiagonalBath
 from dynamics.stochastic import NeuralSDE, half_steps
 from vidphys.experiments.members import Examples, train_members
 from vidphys.experiments.tables.base import CellTask
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes.langevin import BathScene
 from vidphys.seeding import derive
-from vidphys.segments import Scale, Segments, from_trajectory
+from vidphys.training.segments import Scale, Segments, from_trajectory
 
 SHORTEST, LONGEST = 200, 1000  # steps of a training trajectory
 THIN = 4  # the network learns from every fourth step; the bath's numbers from all

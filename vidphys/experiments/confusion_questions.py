@@ -39,7 +39,7 @@ from vidphys.experiments.confusion import (
     trapped,
 )
 from vidphys.experiments.tables.base import CellTask
-from vidphys.records import Origin, Recorder
+from vidphys.runs.records import Origin, Recorder
 from vidphys.statistics import NORMAL_95
 
 DAMPED = ("drag", "trap-drag", "falling-drag", "gravity-drag")

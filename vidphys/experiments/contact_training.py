@@ -14,7 +14,7 @@ from vidphys.experiments.members import Examples
 from vidphys.experiments.oracle import HORIZON, true_trajectories
 from vidphys.scenes import Scene
 from vidphys.seeding import derive
-from vidphys.segments import Scale, Segments, from_trajectory
+from vidphys.training.segments import Scale, Segments, from_trajectory
 
 LEAST = 2  # collisions: one to learn from and one held out
 

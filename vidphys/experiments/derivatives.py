@@ -14,7 +14,7 @@ from torch import Tensor
 
 from dynamics import Head, PhaseState, Rollout
 from dynamics.generalised import Generalised
-from vidphys.segments import Scale, Segments, from_trajectory
+from vidphys.training.segments import Scale, Segments, from_trajectory
 
 # Central differences of sixth order: at 0.01 s, good to 1e-7 for motions of up to 15 rad/s.
 STENCIL = (-1 / 60, 3 / 20, -3 / 4, 0.0, 3 / 4, -3 / 20, 1 / 60)

@@ -16,7 +16,7 @@ from dynamics.integrators import Memory
 from vidphys import metrics
 from vidphys.experiments.scoring import Question
 from vidphys.metrics import FAILED, OK, Summary
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 
 RETRACE_BELOW = 0.1  # return error that counts as a match (inventory 12.31)
 LOST_ENERGY = 1e6  # of the start's scale: an episode beyond it has diverged, finite or not

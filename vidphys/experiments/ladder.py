@@ -13,7 +13,6 @@ import torch
 
 from dynamics import HEADS, Head
 from dynamics.terms import to_config
-from vidphys import checkpoint
 from vidphys.errors import InputError
 from vidphys.experiments.oracle import OLDEST, held_out_question, score_oracle, train_on_states
 from vidphys.experiments.pixels import (
@@ -27,8 +26,9 @@ from vidphys.experiments.scoring import Question, score_lost
 from vidphys.experiments.showcase import write_showcase
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import Preset
-from vidphys.records import Origin, Recorder
-from vidphys.runs import RunFolder
+from vidphys.runs import checkpoint
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import Scene, gravity
 
 EXPERIMENT = "ladder"

@@ -11,7 +11,7 @@ from dynamics import Head, PhaseState
 from dynamics.hybrid import shortcut_of
 from vidphys.experiments.members import MemberLoss
 from vidphys.scenes import Scene
-from vidphys.segments import Scale, Segments, increment_error, predict
+from vidphys.training.segments import Scale, Segments, increment_error, predict
 
 PENALTIES = ("squared", "absolute")  # the study states both; squared is its formula
 

@@ -11,13 +11,13 @@ import torch
 from torch import Tensor
 
 from dynamics import Head
-from vidphys.ensemble import Ensemble, Stacked, stack
 from vidphys.metrics import FAILED, OK, Summary
 from vidphys.presets import OracleSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
-from vidphys.segments import Scale, Segments, scale_of, segment_loss
-from vidphys.train import FitSettings, Progress, choose_learning_rate, fit
+from vidphys.training.ensemble import Ensemble, Stacked, stack
+from vidphys.training.loop import FitSettings, Progress, choose_learning_rate, fit
+from vidphys.training.segments import Scale, Segments, scale_of, segment_loss
 
 PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
 

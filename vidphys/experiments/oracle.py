@@ -17,11 +17,11 @@ from vidphys.experiments.scoring import (
     score_long_drift,
 )
 from vidphys.presets import OracleSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene, lyapunov_time
 from vidphys.seeding import derive
-from vidphys.segments import Segments, from_trajectory
-from vidphys.train import Progress
+from vidphys.training.loop import Progress
+from vidphys.training.segments import Segments, from_trajectory
 
 HORIZON = 20  # steps of a training trajectory (the study, C4)
 OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, and its grid

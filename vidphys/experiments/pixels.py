@@ -14,22 +14,22 @@ from binders import Tracks
 from dynamics import HEADS, Head, PhaseState, build
 from renderers import WORLDS, Camera
 from vidphys import metrics
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
 from vidphys.initial_state import by_differencing, by_shooting, choose_fade
 from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.seeding import derive
-from vidphys.track_training import (
+from vidphys.training.loop import Progress
+from vidphys.training.tracks import (
     TrackTask,
     tell_scale,
     train_by_differencing,
     train_by_shooting,
 )
-from vidphys.train import Progress
 
 TRAINERS = {"differencing": train_by_differencing, "shooting": train_by_shooting}
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import torch
 
-from vidphys.atomic import write_json
 from vidphys.errors import InputError
 from vidphys.experiments.tables.bars import (
     ABSENT,
@@ -24,8 +23,9 @@ from vidphys.experiments.tables.bars import (
 from vidphys.experiments.tables.base import CellTask, Table
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.presets import Preset
-from vidphys.records import merged_tables
-from vidphys.runs import RunFolder
+from vidphys.runs.atomic import write_json
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import merged_tables
 
 ALL, PIXELS = "all", "pixels"  # the tables that need no pictures, and those that do
 

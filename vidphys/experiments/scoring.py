@@ -9,7 +9,7 @@ from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout, rollout
 from vidphys import metrics
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 
 COUPLINGS = (-0.5, -1.0, -1.5)

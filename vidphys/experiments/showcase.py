@@ -11,9 +11,9 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, PhaseState
-from vidphys.atomic import write_with
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.experiments.scoring import DRIFT_STEPS, Question
+from vidphys.runs.atomic import write_with
 
 SHOWN_STEPS = 500  # reference steps after t0
 FLIPPED = -1.0

@@ -13,7 +13,7 @@ from torch import Generator, Tensor
 from dynamics import Head, NoSteadyState, Parameters, PhaseState, Rollout, rollout
 from vidphys.experiments.scoring import Question, score_changed_law
 from vidphys.metrics import FAILED, OK, Summary
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes.langevin import BathScene
 from vidphys.seeding import derive
 from vidphys.thermal import Measured, kinetic_temperature, measure_temperature

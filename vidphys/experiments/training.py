@@ -15,16 +15,23 @@ import torch
 
 from binders.tracks import Tracks
 from readouts.attention import AttentionReadout
-from vidphys.candidates import ATTENTION, Examples, Grid, TrainedReadout, best_of, train_grid
-from vidphys.charts import chart_of
-from vidphys.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
-from vidphys.dataset import Dataset
+from vidphys.data.charts import chart_of
+from vidphys.data.dataset import Dataset
+from vidphys.data.seen_clips import SeenClip, Stage, labelled, split_of
+from vidphys.data.splits import Split
+from vidphys.data.video import ClipSelection
 from vidphys.pipeline import Pipeline
 from vidphys.reader import Layer, LoadedEncoder, Reader, steady
-from vidphys.readout_training import ReadoutSettings
-from vidphys.seen_clips import SeenClip, Stage, labelled, split_of
-from vidphys.splits import Split
-from vidphys.video import ClipSelection
+from vidphys.training.candidates import (
+    ATTENTION,
+    Examples,
+    Grid,
+    TrainedReadout,
+    best_of,
+    train_grid,
+)
+from vidphys.training.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
+from vidphys.training.readouts import ReadoutSettings
 
 
 @dataclass(frozen=True)

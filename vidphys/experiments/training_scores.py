@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 import torch
 
 from binders.tracks import Tracks
-from vidphys.candidates import ATTENTION, POOLED, TrainedReadout, best_of
-from vidphys.clip_dynamics import friction_of
 from vidphys.experiments.training import Perceived, labelled
 from vidphys.forecasts import Forecast, forecast, forecast_error, naive_forecasts, state_at
 from vidphys.metrics import FAILED, OK, Summary
 from vidphys.pipeline import Pipeline
 from vidphys.reader import steady
-from vidphys.readout_training import position_rmse, read_all
-from vidphys.records import Origin, Recorder
+from vidphys.runs.records import Origin, Recorder
+from vidphys.training.candidates import ATTENTION, POOLED, TrainedReadout, best_of
+from vidphys.training.clip_dynamics import friction_of
+from vidphys.training.readouts import position_rmse, read_all
 
 CONSTANT = "constant"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vidphys import metrics
 from vidphys.experiments.scoring import DRIFT_STEPS, Question
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import certify, lyapunov_time
 
 ROUNDS = 40  # pieces of the Lyapunov time's estimate

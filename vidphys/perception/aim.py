@@ -8,7 +8,7 @@ from torch import Tensor
 from binders.tracker import Motion, extrapolate
 from dynamics import Head, Parameters, PhaseState
 from vidphys.perception.base import HEAD_DT
-from vidphys.segments import roll
+from vidphys.training.segments import roll
 
 ROUNDS = 3
 PRECISE = 0.01  # world units

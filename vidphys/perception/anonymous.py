@@ -24,7 +24,7 @@ from binders.tracker import (
     sinkhorn,
 )
 from dynamics import Head, Parameters
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.perception.aim import PRECISE, motion_under, surprise
 from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
 from vidphys.perception.detections import (
@@ -37,7 +37,7 @@ from vidphys.perception.detections import (
 from vidphys.perception.discovered import new_head
 from vidphys.perception.windows import steps_per_frame
 from vidphys.seeding import derive
-from vidphys.train import FitSettings, fit
+from vidphys.training.loop import FitSettings, fit
 
 AHEAD = 2  # frames that the head predicts after the two that it starts from
 LEARNING_RATE = 1e-2

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Protocol
 
 from binders import Tracks
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.presets import PixelSizes
-from vidphys.train import Progress
+from vidphys.training.loop import Progress
 
 HEAD_DT = 0.01  # seconds; model step of every head that is trained on perceived tracks
 

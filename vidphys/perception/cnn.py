@@ -12,12 +12,12 @@ from binders import Tracks
 from encoders.cnn import ConvEncoder
 from readouts.soft_argmax import SoftArgmax
 from renderers import Camera
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.windows import FrameBatches
 from vidphys.seeding import derive
-from vidphys.train import Batches, FitSettings, fit
+from vidphys.training.loop import Batches, FitSettings, fit
 
 FEATURES = 16
 CHUNK = 16  # clips encoded at once

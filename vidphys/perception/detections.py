@@ -13,9 +13,9 @@ from torch import Tensor
 from binders import Detections, detect
 from dynamics import Parameters
 from renderers import AnonymousWorld
-from vidphys.atomic import write_with
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.errors import InputError
+from vidphys.runs.atomic import write_with
 
 WINDOW = 7  # frames that a tracker is trained on at once
 CHUNK = 64  # clips detected at once

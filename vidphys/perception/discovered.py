@@ -22,8 +22,8 @@ from vidphys.perception.cnn import CnnPerception, new_perception, train
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
 from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
-from vidphys.segments import roll
-from vidphys.train import FitSettings
+from vidphys.training.loop import FitSettings
+from vidphys.training.segments import roll
 
 SEEN = 3  # frames that are encoded; the start state is at the middle one
 FUTURE = 2  # frames that are predicted

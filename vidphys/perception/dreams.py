@@ -13,7 +13,7 @@ import torch
 from torch import Generator, Tensor
 
 from renderers import AnonymousWorld
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.seeding import derive
 
 MANY = 2**30  # dreams to choose from

@@ -21,18 +21,18 @@ from encoders.frozen.catalogue import load_encoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
 from readouts.attention import AttentionReadout
 from readouts.pooled import PooledReadout, pooled_twin
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
+from vidphys.data.extraction import FrozenEncoder
 from vidphys.errors import InputError
-from vidphys.extraction import FrozenEncoder
 from vidphys.perception.base import FitTask, Grounding, Perception
-from vidphys.readout_training import (
+from vidphys.seeding import derive
+from vidphys.training.loop import FitSettings
+from vidphys.training.readouts import (
     ReadoutSettings,
     labelled_frames,
     read_all,
     train_readout,
 )
-from vidphys.seeding import derive
-from vidphys.train import FitSettings
 
 SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds
 HELD_OUT = 8  # one clip in so many decides which weights of the readout are kept

@@ -8,7 +8,7 @@ from binders import Tracks
 from binders.palette import track_by_palette
 from renderers import RgbWorld
 from renderers.splats import disk_coverage
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
 

@@ -20,7 +20,7 @@ from binders.slots import CHANNELS, Found, SlotAttention
 from encoders.cnn import ConvEncoder
 from encoders.features import FeatureMap
 from renderers import AnonymousWorld
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
@@ -29,7 +29,7 @@ from vidphys.perception.dreams import Dream, Dreams, light_spread
 from vidphys.perception.reconstruction import FAINT, Reconstruction, told
 from vidphys.perception.windows import Window, WindowBatches
 from vidphys.seeding import derive
-from vidphys.train import FitSettings
+from vidphys.training.loop import FitSettings
 
 NAME = "anonymous-slots"
 AWAKE = 0.25  # steps on the clips themselves over those in dreams

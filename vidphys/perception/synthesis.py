@@ -11,7 +11,7 @@ from torch.func import jvp
 
 from binders import Tracks
 from renderers import ChannelWorld, centroids
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Perception
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from dynamics import Parameters
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import HEAD_DT
 

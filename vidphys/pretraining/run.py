@@ -14,14 +14,14 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from encoders.release import CONFIG, TENSORS, release_sha256
-from vidphys.atomic import write_json, write_with
 from vidphys.errors import InputError
 from vidphys.pretraining.clips import Examples, Layout, RandomClips
 from vidphys.pretraining.dino import PatchDistillation
 from vidphys.pretraining.videomae import MaskedAutoencoding
 from vidphys.pretraining.vjepa2 import FeaturePrediction
+from vidphys.runs.atomic import write_json, write_with
 from vidphys.seeding import derive
-from vidphys.train import FitSettings, Progress, fit
+from vidphys.training.loop import FitSettings, Progress, fit
 
 RECORD = "pretraining.json"
 CHECKPOINT = "checkpoint.json"

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from vidphys.atomic import write_json
 from vidphys.errors import InputError
 from vidphys.metrics import FAILED, OK, Summary
-from vidphys.records import Origin, Recorder
-from vidphys.runs import RunFolder
+from vidphys.runs.atomic import write_json
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder
 from vidphys.stress import baths, contacts, crowds, inputs, learned, methods, orbits, pictures
 from vidphys.stress.case import SILENT, SKIPPED, Case
 from vidphys.stress.figures import figure_rows

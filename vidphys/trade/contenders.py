@@ -12,7 +12,7 @@ from dynamics.compiled import compile_head
 from dynamics.potentials import PairPotential, SoftenedGravity
 from dynamics.terms import HamiltonianTerms
 from vidphys.scenes.gravity import SOFTENING, gravity
-from vidphys.train import FitSettings, fit
+from vidphys.training.loop import FitSettings, fit
 
 STEPS, BATCH, RATE = 150, 256, 5e-3  # of the fit to the true pair force
 SLOW = 0.2  # momenta of a plunge, times those of the scene: the bodies fall into each other

@@ -13,8 +13,8 @@ from dynamics import HEADS, Head
 from vidphys.experiments.oracle import true_segments
 from vidphys.scenes import Scene, gravity
 from vidphys.seeding import derive
-from vidphys.segments import Segments, scale_of, segment_loss, standardise
-from vidphys.train import FitSettings, fit
+from vidphys.training.loop import FitSettings, fit
+from vidphys.training.segments import Segments, scale_of, segment_loss, standardise
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from dynamics.compiled.lanes import kernel
 from dynamics.mlp import MLP
 from dynamics.potentials import CORE, REACH, SPREAD, RadialPotential
 from dynamics.unstructured import ResidualMap
-from vidphys.segments import scale_of
 from vidphys.trade.training import DT, RATE, Problem
+from vidphys.training.segments import scale_of
 
 Array = Any
 Numbers = NDArray[Any]

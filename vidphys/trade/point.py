@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vidphys.errors import InputError
-from vidphys.records import write_table
+from vidphys.runs.records import write_table
 
 Setting = str | int | float | bool | None
 CPU_CLOCK, WALL_CLOCK = "cpu", "wall"

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from vidphys.atomic import write_json
 from vidphys.errors import InputError
+from vidphys.runs.atomic import write_json
 from vidphys.trade.point import Point, Setting
 
 SCHEMA_VERSION = 1

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from encoders.features import FeatureMap
 from renderers import Camera, RgbWorld
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.trade.context import Context
 
 IMAGE, FRAMES, STRIDE = 64, 8, 40  # pixels, frames of a clip, reference steps between them

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 
 from vidphys.errors import InputError
-from vidphys.runs import RunFolder, code_version
+from vidphys.runs.folder import RunFolder, code_version
 from vidphys.trade.context import Context, TradeSizes
 from vidphys.trade.measure import measure
 from vidphys.trade.pareto import by_task, pareto

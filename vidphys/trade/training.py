@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from dynamics import Hamiltonian, HamiltonianTerms, Head, Parameters, PhaseState, build
-from vidphys.ensemble import Ensemble, stack
-from vidphys.segments import Segments, scale_of, segment_loss
 from vidphys.trade.contenders import episodes
+from vidphys.training.ensemble import Ensemble, stack
+from vidphys.training.segments import Segments, scale_of, segment_loss
 
 DT, RATE = 0.002, 1e-3
 
@@ -45,7 +45,7 @@ def problem(width: int, batch: int, seed: int = 0) -> Problem:
 
 
 def our_step(made: Problem) -> Callable[[], Any]:
-    """A step of :func:`vidphys.train.fit`: forces written out, one backward, Adam."""
+    """A step of :func:`vidphys.training.loop.fit`: forces written out, one backward, Adam."""
     head = copy.deepcopy(made.head)
     loss, examples = segment_loss(head, scale_of(made.segments)), made.segments
     return _stepped(head, lambda: loss(examples))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes
-from vidphys.records import Origin, Recorder
+from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import Scene
-from vidphys.train import Progress
+from vidphys.training.loop import Progress
 
 
 @dataclass(frozen=True)

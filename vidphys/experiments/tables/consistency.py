@@ -9,7 +9,7 @@ from torch import Tensor
 
 from dynamics import PhaseState
 from vidphys import metrics
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.pixels import draw, score_state
 from vidphys.experiments.scoring import Question, score_drift, score_inversion, score_lost
@@ -19,7 +19,7 @@ from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.perception.cnn import CHUNK
 from vidphys.perception.discovered import SEEN
 from vidphys.perception.free_momentum import FreeMomentum, fit_free_momentum
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
 
 WEIGHTS = {"free": 0.0, "consistent": 1.0}

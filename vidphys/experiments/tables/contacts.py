@@ -20,7 +20,7 @@ from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.torus import BOX, LEVELS, STIFFNESS, disks
 from vidphys.seeding import derive

@@ -29,11 +29,11 @@ from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch
 from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes.pendulum import pendulum
 from vidphys.scenes.scene import Scene
 from vidphys.seeding import derive
-from vidphys.segments import from_trajectory
+from vidphys.training.segments import from_trajectory
 
 WIDTH = 32
 HNN = GeneralisedTerms(integrator="tao", width=WIDTH)

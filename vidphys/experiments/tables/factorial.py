@@ -11,7 +11,6 @@ from torch import Generator, Tensor
 
 from dynamics import INTEGRATORS, Head, Parameters, PhaseState, ballistic
 from vidphys import metrics
-from vidphys.ensemble import register, stack
 from vidphys.experiments.linear_candidates import (
     REPRESENTATIONS,
     ForceLabels,
@@ -28,6 +27,7 @@ from vidphys.scenes import Scene
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
 from vidphys.seeding import derive
 from vidphys.statistics import holm, paired_difference, sign_flip_p
+from vidphys.training.ensemble import register, stack
 
 register(ForceLabels)
 

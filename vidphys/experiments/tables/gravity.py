@@ -27,7 +27,7 @@ from vidphys.experiments.scoring import (
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
 
 NOISE = 3e-3  # of the state's standard deviation, the study's training-noise variant

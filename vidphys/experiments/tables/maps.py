@@ -12,7 +12,6 @@ from dynamics import HamiltonianTerms, Head, PhaseState, Terms, leapfrog
 from dynamics.build import parameter_count
 from dynamics.terms import to_config
 from vidphys import metrics
-from vidphys.ensemble import Ensemble, Stacked, stack
 from vidphys.experiments.linear_candidates import (
     ForceLabels,
     candidate,
@@ -24,11 +23,12 @@ from vidphys.experiments.oracle import HORIZON, held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.factorial import CURL, FLIPPED
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
 from vidphys.seeding import derive
-from vidphys.train import FitSettings, choose_learning_rate, fit
+from vidphys.training.ensemble import Ensemble, Stacked, stack
+from vidphys.training.loop import FitSettings, choose_learning_rate, fit
 
 NETWORKS: dict[str, Terms] = {
     "multiplicative": HamiltonianTerms(potential="linear", trap=CONFINEMENT),

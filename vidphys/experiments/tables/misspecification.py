@@ -18,7 +18,7 @@ from vidphys.experiments.scoring import score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.changed_laws import gravity_of_power, three_body_gravity
 

@@ -18,7 +18,7 @@ from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.drag import dragged_gravity
 from vidphys.scenes.springs import springs

@@ -15,7 +15,7 @@ from vidphys.experiments.scoring import Question
 from vidphys.experiments.tables.base import Table
 from vidphys.experiments.tables.seeing import seen_cell
 from vidphys.perception.catalogue import GROUNDINGS
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 
 SPEEDS = (0.5, 1.0, 2.0, 4.0)  # over the headline generator's

@@ -14,7 +14,7 @@ from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.planning import KICKED, Plan, kicked, plan_impulse
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
 from vidphys.seeding import derive
 from vidphys.statistics import normal_interval, paired_difference

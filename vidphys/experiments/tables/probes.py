@@ -23,15 +23,15 @@ from encoders.frozen.catalogue import load_encoder
 from readouts.differencing import central_difference
 from readouts.probes import StateProbe, side_by_side
 from renderers import Camera, RgbWorld
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.pixels import score_state
 from vidphys.experiments.scoring import Question
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.temporal_views import VIEWS, OneFrame
 from vidphys.perception.frozen import encode_clips
-from vidphys.probe_training import StateFrames, Units, train_probes
-from vidphys.train import FitSettings
+from vidphys.training.loop import FitSettings
+from vidphys.training.probes import StateFrames, Units, train_probes
 
 # name -> options; an encoder whose windows have more than one frame is one of video
 ENCODERS: dict[str, dict[str, Any]] = {

@@ -14,7 +14,7 @@ from vidphys.experiments.scoring import Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes.crowd import FEW, crowd
 
 LONG = (3, 8, 16, 32)  # bodies, for 2,000 steps

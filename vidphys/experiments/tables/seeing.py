@@ -18,7 +18,7 @@ from vidphys.experiments.pixels import (
 from vidphys.experiments.scoring import Question, score_lost
 from vidphys.experiments.tables.base import Cell, CellTask
 from vidphys.perception.base import Grounding
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 
 SHOOTING = "shooting"

@@ -21,7 +21,7 @@ from vidphys.experiments.temperature import (
     simulated,
     walkers,
 )
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import certify, lyapunov_time
 from vidphys.scenes.langevin import BATHS, TRAP, BathScene, langevin
 from vidphys.thermal import Measured

@@ -9,7 +9,7 @@ from vidphys.experiments.members import MemberLoss, one_step
 from vidphys.experiments.oracle import train_on_states
 from vidphys.experiments.tables.base import CellTask
 from vidphys.presets import OracleSizes
-from vidphys.records import Recorder
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from encoders.features import FeatureMap
 from encoders.frozen import FrozenEncoder, load_encoder
 from encoders.release import WeightsMissing
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.trade.context import Context
 from vidphys.trade.measure import Job, Scale
 from vidphys.trade.scenery import Probe, coloured_clips, encoded, multiply_adds

@@ -12,7 +12,7 @@ from binders import Tracks
 from dynamics import PhaseState, Rollout, rollout
 from renderers import Camera, ChannelWorld, centroids
 from vidphys import metrics
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.scoring import INVERSION_STEPS
 from vidphys.perception.synthesis import Synthesis
 from vidphys.trade.context import Context

@@ -9,7 +9,7 @@ import torch
 from binders import Tracks
 from dynamics import PhaseState
 from renderers import Camera, ChannelWorld
-from vidphys.clips import Clips, render_clips
+from vidphys.data.clips import Clips, render_clips
 from vidphys.initial_state import by_differencing, by_shooting
 from vidphys.perception.synthesis import Synthesis
 from vidphys.trade.context import Context

@@ -17,7 +17,7 @@ from encoders.frozen import load_encoder
 from encoders.frozen.catalogue import CATALOGUE
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
-from vidphys.clips import Clips
+from vidphys.data.clips import Clips
 from vidphys.trade.context import Context
 from vidphys.trade.fronts.encoders import available
 from vidphys.trade.measure import Job, Scale

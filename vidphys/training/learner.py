@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from vidphys.checkpoint import under
-from vidphys.early_stopping import BestWeights
 from vidphys.errors import InputError
+from vidphys.runs.checkpoint import under
+from vidphys.training.early_stopping import BestWeights
 
 Loss = Callable[[Any], Tensor]
 WARM_UP = 0.1

@@ -15,9 +15,9 @@ from typing import Any, Protocol, TypeVar
 import torch
 from torch import Generator, Tensor, nn
 
-from vidphys import checkpoint
 from vidphys.errors import InputError
-from vidphys.learner import FitSettings, Learner, Loss, one_cycle
+from vidphys.runs import checkpoint
+from vidphys.training.learner import FitSettings, Learner, Loss, one_cycle
 
 __all__ = [
     "Batches",

@@ -5,7 +5,7 @@
     OUT/run.json                the settings and versions; the same command goes on
     OUT/clips/00000.avi         FFV1: every pixel is kept, and players know it
     OUT/clips/00000.csv         times, and true positions in world units
-    OUT/dataset.json            written last; see :mod:`vidphys.dataset`
+    OUT/dataset.json            written last; see :mod:`vidphys.data.dataset`
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 
 from renderers import WORLDS, Camera
-from vidphys.atomic import sha256, write_json, write_with
-from vidphys.clips import Clips, render_clips
-from vidphys.dataset import MANIFEST, SCHEMA_VERSION
+from vidphys.data.clips import Clips, render_clips
+from vidphys.data.dataset import MANIFEST, SCHEMA_VERSION
+from vidphys.data.labels import write_labels
+from vidphys.data.video import opencv
 from vidphys.errors import InputError
-from vidphys.labels import write_labels
-from vidphys.runs import RunFolder
+from vidphys.runs.atomic import sha256, write_json, write_with
+from vidphys.runs.folder import RunFolder
 from vidphys.scenes import Scene, gravity
 from vidphys.scenes.springs import springs
-from vidphys.train import Progress
-from vidphys.video import opencv
+from vidphys.training.loop import Progress
 
 SCENES: dict[str, Callable[[], Scene]] = {
     # a disk's picture does not show its mass

@@ -14,8 +14,8 @@ from typing import Any
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from vidphys.atomic import sha256, write_json, write_with
 from vidphys.errors import InputError
+from vidphys.runs.atomic import sha256, write_json, write_with
 
 SCHEMA_VERSION = 1
 

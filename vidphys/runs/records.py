@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from torch import Tensor
 
-from vidphys.atomic import write_with
 from vidphys.metrics import OK, Summary
+from vidphys.runs.atomic import write_with
 
 
 @dataclass(frozen=True)

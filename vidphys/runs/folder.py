@@ -21,9 +21,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vidphys.atomic import write_json
 from vidphys.errors import InputError
-from vidphys.records import write_table
+from vidphys.runs.atomic import write_json
+from vidphys.runs.records import write_table
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")

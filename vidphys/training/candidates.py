@@ -12,13 +12,13 @@ from torch import nn
 
 from readouts.attention import AttentionReadout
 from readouts.pooled import pooled_twin
-from vidphys.readout_training import (
+from vidphys.training.loop import Progress
+from vidphys.training.readouts import (
     LabelledFrames,
     ReadoutFit,
     ReadoutSettings,
     train_readouts,
 )
-from vidphys.train import Progress
 
 ATTENTION, POOLED = "attention", "pooled"
 

@@ -13,9 +13,9 @@ from torch import Tensor, nn
 
 from encoders.features import FeatureMap
 from readouts.attention import distance_at
-from vidphys.early_stopping import BestWeights, StopSettings
-from vidphys.learner import FitSettings, Learner
-from vidphys.train import Progress, fit_together
+from vidphys.training.early_stopping import BestWeights, StopSettings
+from vidphys.training.learner import FitSettings, Learner
+from vidphys.training.loop import Progress, fit_together
 
 SCORED_AT_ONCE = 64
 SOFTENING = 0.003  # normalised image units; the loss is quadratic below and linear above

@@ -14,8 +14,8 @@ from types import ModuleType
 
 import numpy as np
 
-from vidphys.atomic import sha256
 from vidphys.errors import InputError
+from vidphys.runs.atomic import sha256
 
 RATE_TOLERANCE = 0.01
 GAP = 1.5

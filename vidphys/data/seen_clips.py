@@ -13,16 +13,16 @@ from binders.tracks import Tracks
 from dynamics import Parameters
 from encoders.features import FeatureMap
 from encoders.store import FeatureStore
-from vidphys.dataset import ClipFile, Dataset
+from vidphys.data.dataset import ClipFile, Dataset
+from vidphys.data.extraction import extract
+from vidphys.data.feature_frames import frame_targets
+from vidphys.data.labelled_clips import LabelledClip, read_clips
+from vidphys.data.splits import Split, split_clips, split_frames
+from vidphys.data.video import ClipSelection
 from vidphys.errors import InputError
-from vidphys.extraction import extract
-from vidphys.feature_frames import frame_targets
-from vidphys.labelled_clips import LabelledClip, read_clips
 from vidphys.reader import Layer, LoadedEncoder
-from vidphys.readout_training import LabelledFrames
-from vidphys.splits import Split, split_clips, split_frames
-from vidphys.train import Progress
-from vidphys.video import ClipSelection
+from vidphys.training.loop import Progress
+from vidphys.training.readouts import LabelledFrames
 
 Stage = Callable[[str], Progress]
 
@@ -70,8 +70,9 @@ def see(
         stage: gives a stage's progress its name.
 
     Raises:
-        InputError: see :func:`vidphys.labelled_clips.read_clips`; bodies that no readout of single
-            frames can tell apart; fewer frames than a feature frame of the encoder stands for.
+        InputError: see :func:`vidphys.data.labelled_clips.read_clips`; bodies that no readout of
+            single frames can tell apart; fewer frames than a feature frame of the encoder stands
+            for.
     """
     if dataset.identical:
         raise InputError(

@@ -25,8 +25,7 @@ from dynamics.rollout import first_bad_step
 from readouts.differencing import central_difference
 from vidphys.perception.aim import PRECISE, surprise
 from vidphys.perception.base import model_step
-from vidphys.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
-from vidphys.train import (
+from vidphys.training.loop import (
     Batches,
     FitResult,
     FitSettings,
@@ -35,6 +34,7 @@ from vidphys.train import (
     choose_learning_rate,
     fit,
 )
+from vidphys.training.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from typing import Any
 import torch
 
 from dynamics import Parameters
-from vidphys.atomic import sha256
+from vidphys.data.labels import labels_beside
 from vidphys.errors import InputError
-from vidphys.labels import labels_beside
+from vidphys.runs.atomic import sha256
 
 MANIFEST = "dataset.json"
 SCHEMA_VERSION = 1

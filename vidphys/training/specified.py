@@ -19,8 +19,8 @@ from vidphys.diagnose.specification import BATH
 from vidphys.errors import InputError
 from vidphys.initial_state import frame_roll
 from vidphys.perception.base import model_step
-from vidphys.track_training import TrackTask, tell_scale, train_by_shooting
-from vidphys.train import Progress
+from vidphys.training.loop import Progress
+from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 EVEN = 0.1  # share by which frame intervals may differ
 WINDOW = 12  # frames from which the last state is fitted

@@ -17,8 +17,8 @@ import numpy as np
 import torch
 
 from binders.tracks import Tracks
+from vidphys.data.video import ClipSelection, Video
 from vidphys.errors import InputError
-from vidphys.video import ClipSelection, Video
 
 SUFFIXES = (".csv", ".npz")
 AXES = {"positions": ("x", "y"), "pixels": ("u", "v")}

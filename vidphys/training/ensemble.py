@@ -17,7 +17,7 @@ from torch.func import functional_call, stack_module_state, vmap
 from torch.utils import _pytree as pytree
 
 from dynamics import Parameters, PhaseState
-from vidphys.segments import Segments
+from vidphys.training.segments import Segments
 
 Member = TypeVar("Member", bound=nn.Module)
 STATIC = (int, float, str, bool, type(None))

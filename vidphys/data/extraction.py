@@ -12,8 +12,8 @@ from torch import Tensor
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
-from vidphys.train import Progress
-from vidphys.video import Video
+from vidphys.data.video import Video
+from vidphys.training.loop import Progress
 
 StoredDtype = Literal["float16", "bfloat16", "float32"]
 

@@ -25,11 +25,11 @@ from dynamics import (
     build,
 )
 from dynamics.ports import LinearFriction
-from vidphys.charts import Chart, Curve
+from vidphys.data.charts import Chart, Curve
 from vidphys.errors import InputError
 from vidphys.perception.base import model_step
-from vidphys.track_training import TrackTask, tell_scale, train_by_shooting
-from vidphys.train import Progress
+from vidphys.training.loop import Progress
+from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 FACTORED, UNSTRUCTURED = "factored", "unstructured"
 FRICTION = "linear-friction"

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from binders.motion import MotionSettings, bind_motion
 from binders.tracks import Tracks
-from vidphys.dataset import ClipFile, Dataset
+from vidphys.data.dataset import ClipFile, Dataset
+from vidphys.data.labels import read_labels
+from vidphys.data.video import ClipSelection, Video, read_video, require_frames
 from vidphys.errors import InputError
-from vidphys.labels import read_labels
-from vidphys.video import ClipSelection, Video, read_video, require_frames
 
 SAME_RATE = 0.02
 

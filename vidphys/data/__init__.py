@@ -1,0 +1,1 @@
+"""What a training is given: rendered clips or the user's, their labels, features and parts."""
