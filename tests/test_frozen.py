@@ -274,6 +274,7 @@ def test_weights_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     with pytest.raises(InputError, match="--lock"):
         weights(WeightsConfig("check", weights=tmp_path))
     weights(WeightsConfig("check", weights=tmp_path, lock=True))
+    assert not list(weights_module.PACKAGED.glob("*.lock.json"))
     weights(WeightsConfig("check", weights=tmp_path))
     for config, message in [
         (WeightsConfig("check", ("dino",)), "unknown name 'dino'"),

@@ -74,7 +74,8 @@ def _fetch(name: str, config: WeightsConfig) -> str:
 
 def _check(name: str, config: WeightsConfig) -> str:
     path = weights_path(name, config.weights)
-    if config.lock and path.exists():
+    # those of the package are pinned by the table, and no place to write to
+    if config.lock and path.exists() and not entry(name).packaged:
         return f"{name}: {path} locked, sha256 {lock(path, None)}"
     try:
         found = find_weights(name, config.weights)
