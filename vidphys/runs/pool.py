@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import queue
+import signal
+import threading
 import warnings
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -13,6 +16,7 @@ from dynamics.findings import DynamicsWarning
 
 Message = tuple[str, int, int]
 POLL_SECONDS = 0.5
+INTERRUPTED = 130  # exit status of a worker that was told to stop
 
 
 def run_all(
@@ -37,7 +41,7 @@ def run_all(
     context = multiprocessing.get_context("spawn")
     with context.Manager() as manager:
         messages = manager.Queue()
-        pool = ProcessPoolExecutor(workers, mp_context=context)
+        pool = ProcessPoolExecutor(workers, context, _end_with_parent)
         try:
             pending = {pool.submit(_call, work, task, messages): i for i, task in enumerate(tasks)}
             failures = []
@@ -67,7 +71,22 @@ def _call(work: Callable[..., None], task: tuple[Any, ...], messages: Any) -> No
 
     # a worker measures drift and failure of its rollouts and records them
     warnings.simplefilter("ignore", DynamicsWarning)
-    work(*task, report)
+    try:
+        work(*task, report)
+    except KeyboardInterrupt:
+        os._exit(INTERRUPTED)  # else the pool would hand this worker the next task
+
+
+def _end_with_parent() -> None:
+    """Let this worker end, as on an interrupt, when the process that started it is gone."""
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _drain(messages: Any, show: Callable[[Message], None]) -> None:
