@@ -14,8 +14,10 @@ from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import drift_curves, margin_figure
 from viz.page import heading, inline_svg, paragraph, section, write_page
 from viz.summary import one_sided_p
+from viz.sweeps import sweep_figure
 
 TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
+MARKS = "Small marks are seeds; a cross at the edge is a seed without a number."
 COLUMNS = ("id", "what", "the study", "ours", "over seeds", "bar", "verdict")
 
 
@@ -85,20 +87,24 @@ def _table(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> s
 
 
 def _figures(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> list[str]:
-    """The margins of a table, and the drift of its records where no table before showed it."""
+    """A table's sweeps and margins, and the drift where no table before showed these records."""
     import pyarrow.parquet as pq
 
-    found = {"margins": margin_figure(table["rows"])}
     source = table["records_of"]
-    if source not in drawn:
-        drawn.add(source)
-        wanted = [("experiment", "==", source), ("metric", "==", "energy_drift_median")]
-        rows = pq.read_table(run / "records.parquet", filters=wanted).to_pylist()
-        found["drift"] = drift_curves(rows)
+    wanted = [("experiment", "==", source)]
+    records = pq.read_table(run / "records.parquet", filters=wanted).to_pylist()
     captions = {
         "margins": "How far each number is from its bar, in decades.",
         "drift": f"Drift of the true energy; values above {DRIFT_CAP:g} are drawn there.",
     }
+    found = {}
+    for position, sweep in enumerate(table["sweeps"], start=1):
+        found[f"sweep-{position}"] = sweep_figure(sweep, records)
+        captions[f"sweep-{position}"] = f"{sweep['caption']} {MARKS}"
+    found["margins"] = margin_figure(table["rows"])
+    if source not in drawn:
+        drawn.add(source)
+        found["drift"] = drift_curves(records)
     parts = []
     for kind, figure in found.items():
         if figure is not None:

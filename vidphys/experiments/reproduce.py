@@ -154,6 +154,7 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
             "about": table.about,
             "ids": table.ids,
             "records_of": table.records_of,
+            "sweeps": [asdict(sweep) for sweep in table.sweeps],
             "rows": [
                 asdict(with_remark(table.name, _explained(judge(row, mine), table, reasons)))
                 for row in rows_of(table.name)

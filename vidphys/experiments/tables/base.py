@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vidphys.experiments.tables.figures import Sweep
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes
 from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import Scene
@@ -92,6 +93,7 @@ class Table:
         settings: scenes and terms, for ``run.json``.
         source: the table whose records are read, where it is not this one.
         pixels: whether its cells draw and see pictures; `all` leaves such tables out.
+        sweeps: its figures, beside those that every table has.
     """
 
     name: str
@@ -102,6 +104,7 @@ class Table:
     settings: Mapping[str, object] = field(default_factory=dict)
     source: str = ""
     pixels: bool = False
+    sweeps: tuple[Sweep, ...] = ()
 
     @property
     def records_of(self) -> str:

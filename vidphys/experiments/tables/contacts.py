@@ -17,6 +17,7 @@ from vidphys.experiments.members import train_members
 from vidphys.experiments.oracle import AGES, OLDEST
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import DRIFT, INVERTED, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
@@ -162,4 +163,10 @@ CONTACTS = Table(
         "scenes": {level: disks(level).settings for level in LEVELS},
         "heads": {name: to_config(terms) for name, terms in {**HEADS, "events": EVENTS}.items()},
     },
+    sweeps=(
+        Sweep(
+            (DRIFT, Panel("retrace_nmse", "error of the way back (nMSE)"), INVERTED),
+            "Hardness from soft to impulsive, by model.",
+        ),
+    ),
 )

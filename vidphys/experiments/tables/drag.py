@@ -9,6 +9,7 @@ from dynamics.terms import to_config
 from vidphys.experiments.dissipation import opposed, score_shed
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import SHED, Sweep
 from vidphys.experiments.tables.training import train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.scenes.drag import STRENGTHS, dragged_gravity
@@ -65,4 +66,10 @@ DRAG = Table(
         "scenes": {name: dragged_gravity(name).settings for name in STRENGTHS},
         "heads": {name: to_config(terms) for name, terms in HEADS_ASKED.items()},
     },
+    sweeps=(
+        Sweep(
+            (SHED,),
+            "How far the loss of energy is from the true loss.",
+        ),
+    ),
 )

@@ -9,6 +9,7 @@ from dynamics.bath import steady_temperature
 from dynamics.terms import DiffusionTerms, to_config
 from vidphys.experiments.bath import train_stochastic
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.experiments.tables.thermostat import certify_bath, in_bath
 from vidphys.experiments.temperature import (
     WALKERS,
@@ -92,6 +93,17 @@ DRIVE = Table(
         "asked": list(ASKED),
         "beyond": list(BEYOND),
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("kinetic_temperature", "temperature of the steady state"),
+                Panel("temperature_error", "its error"),
+            ),
+            "Trained at A = 0, 0.5 and 1; the simulator beside the models.",
+            "coupling",
+            "drive A",
+        ),
+    ),
 )
 NO_STEADY_STATE = Table(
     name="no-steady-state",

@@ -26,6 +26,7 @@ from vidphys.experiments.members import Examples, one_step, train_members
 from vidphys.experiments.oracle import HORIZON, held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import COSINE, DRIFT, SHED, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch
 from vidphys.experiments.truth import score_truth
 from vidphys.presets import OracleSizes
@@ -174,6 +175,12 @@ ENGINE = Table(
         | {law: pendulum(law, SPREAD).settings for law in LAWS},
         "heads": {name: to_config(terms) for name, terms in (FREE | DAMPED).items()},
     },
+    sweeps=(
+        Sweep(
+            (DRIFT, Panel("inversion_nmse", "error at -g, 150 steps (nMSE)", -1.0, 150), COSINE),
+            "A learned metric on the engine's double pendulum.",
+        ),
+    ),
 )
 FORMALISMS = Table(
     name="formalisms",
@@ -194,6 +201,12 @@ DISSIPATION = Table(
     ),
     ids="N42",
     source="engine",
+    sweeps=(
+        Sweep(
+            (SHED,),
+            "How far the loss of energy is from the engine's.",
+        ),
+    ),
 )
 ANTI_FRICTION = Table(
     name="anti-friction",
@@ -215,4 +228,10 @@ REVERSAL = Table(
     ),
     ids="N40",
     source="engine",
+    sweeps=(
+        Sweep(
+            (Panel("retrace_nmse", "error of the way back (nMSE)"),),
+            "Who comes back when momenta are turned round.",
+        ),
+    ),
 )

@@ -22,6 +22,7 @@ from vidphys.experiments.linear_candidates import (
 )
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.tables.base import CellTask, Table
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.experiments.truth import score_truth
 from vidphys.scenes import Scene
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
@@ -254,6 +255,15 @@ FACTORIAL = Table(
     ids="N18-N21, N24",
     cells={"oscillators": run_factorial},
     settings=SETTINGS,
+    sweeps=(
+        Sweep(
+            (
+                Panel("fit_nmse", "error of the fit"),
+                Panel("response_nmse", "error of the response at G = -1", -1.0),
+            ),
+            "The map decides what carries to the other sign, not the energy.",
+        ),
+    ),
 )
 CURL_TABLE = Table(
     name="curl",
@@ -262,4 +272,15 @@ CURL_TABLE = Table(
     ids="N22",
     cells={"oscillators": run_curl},
     settings={**SETTINGS, "curl": CURLS},
+    sweeps=(
+        Sweep(
+            (
+                Panel("energy_error", "error of the energy"),
+                Panel("trajectory_nmse", "error of the trajectory (nMSE)"),
+            ),
+            "A Hamiltonian fit leaves the curl out.",
+            "cell",
+            "curl in the force labels",
+        ),
+    ),
 )

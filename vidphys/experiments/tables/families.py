@@ -10,6 +10,7 @@ from vidphys.experiments.losses import floored
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.scenes import Scene
@@ -116,6 +117,15 @@ COULOMB = Table(
         "scene": coulomb().settings,
         "heads": {name: to_config(terms) for name, terms in CHARGES.items()},
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("inversion_nmse", "error under the changed law (nMSE)"),
+                Panel("force_cosine", "cosine of the force", logarithmic=False),
+            ),
+            "Each model under each change of the law.",
+        ),
+    ),
 )
 MIXED = Table(
     name="mixed",
@@ -130,4 +140,13 @@ MIXED = Table(
         "scene": gravity_and_coulomb().settings,
         "heads": {name: to_config(terms) for name, terms in TWO_LAWS.items()},
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("inversion_nmse", "error under the changed law (nMSE)"),
+                Panel("force_cosine", "cosine of the force", logarithmic=False),
+            ),
+            "Each model under each change of the law.",
+        ),
+    ),
 )

@@ -25,6 +25,7 @@ from vidphys.experiments.scoring import (
     score_rollout_error,
 )
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import COSINE, DRIFT, INVERTED, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.runs.records import Recorder
@@ -153,6 +154,7 @@ def _step_error(head: Head, question: Question, params) -> metrics.Summary:  # n
     return metrics.median((error / gained).sqrt())
 
 
+SHOWN = "^(factored|factored-radial|symplectic|unstructured|factored-gns|neural-ode)$"  # in curves
 STABILITY = Table(
     name="stability",
     title="Stability: does the energy of a long rollout hold?",
@@ -170,6 +172,12 @@ STABILITY = Table(
         "multi_step": AHEAD,
         "inversion_steps": INVERSION_STEPS,
     },
+    sweeps=(
+        Sweep(
+            (DRIFT, INVERTED, COSINE),
+            "What holds and what inverts are different models.",
+        ),
+    ),
 )
 INVERSION = Table(
     name="inversion",
@@ -182,6 +190,18 @@ INVERSION = Table(
     ),
     ids="N10-N12",
     source="stability",
+    sweeps=(
+        Sweep(
+            (
+                Panel("inversion_nmse", "error, 150 steps (nMSE)", horizon=150, cells=SHOWN),
+                Panel("force_cosine", "cosine of the force", logarithmic=False, cells=SHOWN),
+                Panel("regime_match_gated", "share that inverts", logarithmic=False, cells=SHOWN),
+            ),
+            "Couplings of the other sign, none of which was trained on.",
+            "coupling",
+            "coupling G",
+        ),
+    ),
 )
 DISSOCIATION = Table(
     name="dissociation",
@@ -222,4 +242,16 @@ EXTRAPOLATION = Table(
     ),
     ids="N17",
     source="stability",
+    sweeps=(
+        Sweep(
+            (
+                Panel("step_error_coupling", "error of the gain, by coupling", cells=SHOWN),
+                Panel("step_error_mass", "error of the gain, by mass", cells=SHOWN),
+            ),
+            "Trained between 0.5 and 1.5.",
+            "coupling",
+            "coupling, or mass",
+            logarithmic=True,
+        ),
+    ),
 )

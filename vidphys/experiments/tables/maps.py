@@ -23,6 +23,7 @@ from vidphys.experiments.oracle import HORIZON, held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.experiments.tables.factorial import CURL, FLIPPED
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
@@ -164,4 +165,13 @@ MAPS = Table(
         "heads": {name: to_config(terms) for name, terms in NETWORKS.items()},
         "curl": CURL,
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("fit_nmse", "error of the fit, G > 0"),
+                Panel("response_nmse", "error of the response at G = -1", -1.0),
+            ),
+            "All fit what was observed; not all carry over.",
+        ),
+    ),
 )

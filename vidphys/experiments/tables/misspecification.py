@@ -16,6 +16,7 @@ from vidphys.coupling_power import (
 from vidphys.experiments.oracle import held_out_question, true_trajectories
 from vidphys.experiments.scoring import score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import INVERTED, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.runs.records import Recorder
@@ -98,4 +99,10 @@ MISSPECIFICATION = Table(
         for prior in priors
     },
     settings=_settings(),
+    sweeps=(
+        Sweep(
+            (Panel("in_distribution_nmse", "error under the trained law (nMSE)"), INVERTED),
+            "A wrong power is silent until the law changes.",
+        ),
+    ),
 )

@@ -16,6 +16,7 @@ from vidphys.experiments.members import MemberLoss
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import INVERTED, SHED, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.runs.records import Recorder
@@ -150,6 +151,12 @@ NECESSITY = Table(
         "heads": {name: to_config(recipe.terms) for name, recipe in SCREEN.items()},
         "weights": {name: recipe.weight for name, recipe in SCREEN.items()},
     },
+    sweeps=(
+        Sweep(
+            (Panel("shortcut_share", "share of the shortcut"), INVERTED),
+            "What a shortcut beside the law takes from it.",
+        ),
+    ),
 )
 COMPOSITION = Table(
     name="composition",
@@ -168,4 +175,10 @@ COMPOSITION = Table(
         "heads": {name: to_config(recipe.terms) for name, recipe in UNDER_DRAG.items()},
         "weights": {name: recipe.weight for name, recipe in UNDER_DRAG.items()},
     },
+    sweeps=(
+        Sweep(
+            (SHED, INVERTED),
+            "Terms together: the loss of energy and the flip.",
+        ),
+    ),
 )

@@ -11,6 +11,7 @@ from vidphys import metrics
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import INVERTED, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.planning import KICKED, Plan, kicked, plan_impulse
@@ -134,6 +135,15 @@ PLANNING = Table(
         "reach": REACH,
         "budget": BUDGET,
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("predicted_error_median", "distance to the target, as planned"),
+                Panel("executed_error_median", "as executed"),
+            ),
+            "A plan is worth what it is in the world.",
+        ),
+    ),
 )
 NOISE = Table(
     name="noise",
@@ -144,4 +154,12 @@ NOISE = Table(
     ),
     ids="N34",
     source="planning",
+    sweeps=(
+        Sweep(
+            (INVERTED, Panel("over_exact_law", "over the exact law's error", -1.0)),
+            "Starts that are not known exactly.",
+            "cell",
+            "error of the start over the spread of the states",
+        ),
+    ),
 )

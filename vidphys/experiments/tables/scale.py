@@ -12,6 +12,7 @@ from vidphys import metrics
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import Question, score_changed_law, score_drift
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import DRIFT, Panel, Sweep
 from vidphys.experiments.tables.training import smaller_batch, train_cell
 from vidphys.experiments.truth import score_truth
 from vidphys.runs.records import Recorder
@@ -100,4 +101,16 @@ N_TRANSFER = Table(
         "scenes": {str(n): crowd(n).settings for n in (*LONG, *CURVE)},
         "heads": {name: to_config(terms) for name, terms in ASKED.items()},
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("force_error_median", "relative error of the force"),
+                DRIFT,
+            ),
+            "Trained on three bodies only.",
+            "cell",
+            "bodies",
+            logarithmic=True,
+        ),
+    ),
 )

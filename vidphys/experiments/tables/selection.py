@@ -19,6 +19,7 @@ from vidphys.coupling_power import (
     measured_forces,
 )
 from vidphys.experiments.tables.base import CellTask, Table
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.scenes import certify
 from vidphys.scenes.changed_laws import gravity_of_power
 from vidphys.seeding import derive
@@ -143,4 +144,13 @@ SELECTION = Table(
     ids="N49",
     cells={"gravity": run_selection},
     settings={"trials": TRIALS * len(CANDIDATES), "recorded": RECORDED, "noises": NOISES},
+    sweeps=(
+        Sweep(
+            (
+                Panel("unique_selection", "decided, share", logarithmic=False),
+                Panel("wrong_selection", "decided wrongly, share", logarithmic=False),
+            ),
+            "Before and after the query that decides.",
+        ),
+    ),
 )

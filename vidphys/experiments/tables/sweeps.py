@@ -8,6 +8,7 @@ from dynamics import HEADS, HamiltonianTerms, ResidualTerms, Terms
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import score_drift, score_inversion
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import COSINE, DRIFT, INVERTED, MATCHED, Sweep
 from vidphys.experiments.tables.training import train_cell
 from vidphys.presets import OracleSizes
 from vidphys.scenes import gravity
@@ -74,6 +75,11 @@ CAPACITY = Table(
         for name in MODELS
         for width in WIDTHS
     },
+    sweeps=(
+        Sweep(
+            (INVERTED, DRIFT, COSINE), "The pattern over widths.", "cell", "width", logarithmic=True
+        ),
+    ),
 )
 DATA = Table(
     name="data",
@@ -85,6 +91,15 @@ DATA = Table(
         for name in MODELS
         for count in TRAJECTORIES
     },
+    sweeps=(
+        Sweep(
+            (INVERTED, DRIFT, COSINE),
+            "The pattern over data.",
+            "cell",
+            "training trajectories",
+            logarithmic=True,
+        ),
+    ),
 )
 SENSITIVITY = Table(
     name="sensitivity",
@@ -96,4 +111,10 @@ SENSITIVITY = Table(
     ),
     ids="N10, N11",
     cells=_map_cells(),
+    sweeps=(
+        Sweep(
+            (INVERTED, MATCHED, COSINE, DRIFT),
+            "Where the claim holds, and where a model without factoring learns part of the sign.",
+        ),
+    ),
 )

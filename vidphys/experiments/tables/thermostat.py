@@ -11,6 +11,7 @@ from dynamics.terms import DiffusionTerms, to_config
 from vidphys import metrics
 from vidphys.experiments.bath import bath_of, train_stochastic
 from vidphys.experiments.tables.base import Cell, CellTask, Table
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.experiments.temperature import (
     WALKERS,
     Setting,
@@ -144,6 +145,16 @@ THERMOSTAT = Table(
         "heads": {name: to_config(terms) for name, terms in TERMS.items()},
         "observed_steps": OBSERVED,
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("worst_temperature_error", "temperature error, worst bath"),
+                Panel("inversion_nmse", "error at negative friction (nMSE)", -0.5),
+                Panel("injection_share", "share that injects", -0.5, logarithmic=False),
+            ),
+            "A guarantee to cool excludes being asked about the opposite.",
+        ),
+    ),
 )
 MEASUREMENT_NOISE = Table(
     name="measurement-noise",
@@ -159,4 +170,15 @@ MEASUREMENT_NOISE = Table(
         for level in NOISES
     },
     settings={"observed_steps": OBSERVED},
+    sweeps=(
+        Sweep(
+            (
+                Panel("worst_temperature_error", "temperature error, worst bath"),
+                Panel("friction_ratio", "friction over the truth's", logarithmic=False),
+            ),
+            "The temperature hides what noise does to the friction.",
+            "cell",
+            "sensor noise over the spread of the states",
+        ),
+    ),
 )
