@@ -11,6 +11,7 @@ from viz.summary import median
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 Rows = Sequence[Mapping[str, Any]]
@@ -42,14 +43,16 @@ def sweep_figure(sweep: Mapping[str, Any], records: Rows) -> Figure | None:
         if sweep["along"]:
             _curves(ax, panel, lines, names)
             ax.set_xlabel(sweep["label"], color=INK)
-            ax.set_xscale("log" if sweep["logarithmic"] else "linear")
+            if sweep["logarithmic"]:
+                _logarithmic(ax.xaxis)
         else:
             _levels(ax, panel, lines, names)
         ax.spines[["top", "right"]].set_visible(False)
     if sweep["along"]:
         handles, labels = _legend(axes)
         figure.legend(handles, labels, fontsize=8, frameon=False, loc="center right")
-    _margins(figure, 0.9 if sweep["along"] else 2.6, 1.9 if sweep["along"] else 0.2)
+    longest = 0.3 + 0.075 * max(map(len, names))  # inches that a name takes
+    _margins(figure, 0.9 if sweep["along"] else longest, longest + 0.4 if sweep["along"] else 0.2)
     return figure
 
 
@@ -108,6 +111,27 @@ def _looks(name: str, names: Sequence[str]) -> tuple[str, str, str]:
     return (*palette[spare % len(palette)], ("-", "--", ":")[spare // len(palette) % 3])
 
 
+def _scale(axis: Axis, logarithmic: bool) -> None:
+    """Logarithmic, or linear; shares are seen between 0 and 1."""
+    low, high = axis.get_view_interval()
+    if logarithmic:
+        _logarithmic(axis)
+    elif low > -0.1 and high < 1.1:
+        axis.axes.set(**{f"{axis.axis_name}lim": (-0.05, 1.05)})
+
+
+def _logarithmic(axis: Axis) -> None:
+    """A scale whose labels do not run into each other."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    low, high = axis.get_view_interval()
+    if high < 30 * low:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:.2g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
 def _curves(
     axes: Axes, panel: Mapping[str, Any], lines: Mapping[str, Points], names: Sequence[str]
 ) -> None:
@@ -122,7 +146,7 @@ def _curves(
             axes.plot([x] * len(values), values, marker, color=colour, ms=2.5, alpha=0.6)
             if len(values) < len(points[x]):
                 axes.plot(x, 0.985, "x", color=colour, ms=7, transform=axes.get_xaxis_transform())
-    axes.set_yscale("log" if panel["logarithmic"] else "linear")
+    _scale(axes.yaxis, panel["logarithmic"])
     axes.set_ylabel(panel["label"], color=INK)
     axes.grid(color="#e6e9ec", lw=0.6)
 
@@ -138,7 +162,7 @@ def _levels(
             axes.plot(median(values), level, "o", color=INK, ms=5)
         if len(values) < sum(1 for _ in _values(points)):
             axes.plot(0.985, level, "x", color=INK, ms=7, transform=axes.get_yaxis_transform())
-    axes.set_xscale("log" if panel["logarithmic"] else "linear")
+    _scale(axes.xaxis, panel["logarithmic"])
     axes.set_xlabel(panel["label"], color=INK)
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.set_ylim(len(names) - 0.5, -0.5)
