@@ -48,6 +48,12 @@ LEFT_OUT = (
     "hiera",
     "composed-hiera",
     "i3d",
+    "dinov2",
+    "videomae",
+    "videomae-pooled",
+    "vjepa2-l",
+    "vjepa2-h",
+    "vjepa2-g",
     "videomae-tiny",
     "vjepa2-tiny",
 )

@@ -162,31 +162,22 @@ def fit_readout(
     return FrozenPerception(encoder, readout.eval(), half_extent, task.folder)
 
 
+def _rung(
+    name: str, encoder: str, video: bool, pooled: bool = False, **options: object
+) -> Grounding:
+    """A rung of coloured disks over one frozen encoder, of images or of video."""
+    fit = partial(fit_frozen, encoder, options, pooled=pooled)
+    return Grounding(name, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
+
+
 FROZEN_GROUNDINGS = [
-    Grounding(
-        "hiera", "rgb", "hiera", "none", False, partial(fit_frozen, "hiera", {}), share=SHARE
-    ),
-    Grounding(
-        "i3d",
-        "rgb",
-        "i3d",
-        "none",
-        False,
-        partial(fit_frozen, "i3d", {"layer": "Conv3d_2c_3x3"}),
-        share=SHARE,
-        whole_context=True,
-    ),
-    *(
-        Grounding(
-            name,
-            "rgb",
-            name,
-            "none",
-            False,
-            partial(fit_frozen, name, {"batch": 8}),
-            share=SHARE,
-            whole_context=name != "dino-tiny",
-        )
-        for name in ("dino-tiny", "videomae-tiny", "vjepa2-tiny")
-    ),
+    _rung("hiera", "hiera", video=False),
+    _rung("i3d", "i3d", video=True, layer="Conv3d_2c_3x3"),
+    _rung("dino-tiny", "dino-tiny", video=False, batch=8),
+    _rung("videomae-tiny", "videomae-tiny", video=True, batch=8),
+    _rung("vjepa2-tiny", "vjepa2-tiny", video=True, batch=8),
+    _rung("dinov2", "dinov2-small", video=False),
+    _rung("videomae", "videomae-base", video=True),
+    _rung("videomae-pooled", "videomae-base", video=True, pooled=True),
+    *(_rung(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g")),
 ]
