@@ -104,6 +104,13 @@ def _cells(
     }
 
 
+EACH = Sweep(
+    (
+        Panel("inversion_nmse", "error under the changed law (nMSE)"),
+        Panel("force_cosine", "cosine of the force", logarithmic=False),
+    ),
+    "Each model under each change of the law.",
+)
 COULOMB = Table(
     name="coulomb",
     title="Charges: a held-out set of signs",
@@ -117,15 +124,7 @@ COULOMB = Table(
         "scene": coulomb().settings,
         "heads": {name: to_config(terms) for name, terms in CHARGES.items()},
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("inversion_nmse", "error under the changed law (nMSE)"),
-                Panel("force_cosine", "cosine of the force", logarithmic=False),
-            ),
-            "Each model under each change of the law.",
-        ),
-    ),
+    sweeps=(EACH,),
 )
 MIXED = Table(
     name="mixed",
@@ -140,13 +139,5 @@ MIXED = Table(
         "scene": gravity_and_coulomb().settings,
         "heads": {name: to_config(terms) for name, terms in TWO_LAWS.items()},
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("inversion_nmse", "error under the changed law (nMSE)"),
-                Panel("force_cosine", "cosine of the force", logarithmic=False),
-            ),
-            "Each model under each change of the law.",
-        ),
-    ),
+    sweeps=(EACH,),
 )
