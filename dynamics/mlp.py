@@ -7,11 +7,14 @@ gives the force without an autograd graph in rollouts, and one single backward i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
+FEWEST_ROWS = 64  # fewer are left to torch
 TANH, SOFTPLUS, SILU = "tanh", "softplus", "silu"
 
 
@@ -54,9 +57,29 @@ class MLP(nn.Module):
 
         Of the single output, or of the sum of several with ``weights``, ``(..., sizes[-1])``.
         """
+        shape, x = x.shape, _rows(x)
+        if weights is None and (fused := self._fused(x)) is not None:
+            return fused.reshape(shape)
+        return self.plain_gradient(x, weights).reshape(shape)
+
+    def _fused(self, x: Tensor) -> Tensor | None:
+        """The gradient of many rows by fused loops; ``None`` where there are none for it."""
+        hidden, last = self._split()
+        sizes = [layer.out_features for layer in hidden]
+        known = self.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
+        if not known or last.out_features != 1 or len(x) < FEWEST_ROWS or not _has_numba():
+            return None
+        from dynamics.compiled.gradient import can_run, input_gradient
+
+        if not can_run(x):
+            return None
+        low, top = hidden
+        return input_gradient(x, low.weight, low.bias, top.weight, top.bias, last.weight)
+
+    def plain_gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
+        """:meth:`gradient` of rows ``(rows, sizes[0])`` by torch's own operations."""
         value, slope = _ACTIVATIONS[self.activation]
         hidden, last = self._split()
-        shape, x = x.shape, _rows(x)
         slopes = []
         for layer in hidden:
             pre = layer(x)
@@ -65,7 +88,7 @@ class MLP(nn.Module):
         gradient = last.weight[0] if weights is None else _rows(weights) @ last.weight
         for layer, s in zip(reversed(hidden), reversed(slopes), strict=True):
             gradient = (gradient * s) @ layer.weight
-        return gradient.reshape(shape)
+        return gradient
 
     def pushforward(self, x: Tensor, direction: Tensor) -> Tensor:
         """Rate of the outputs while the input moves along ``direction``, ``(..., sizes[-1])``."""
@@ -77,6 +100,11 @@ class MLP(nn.Module):
             x = value(pre)
             rate = (rate @ layer.weight.T) * slope(pre, x)
         return (rate @ last.weight.T).reshape(*batch, last.out_features)
+
+
+@lru_cache
+def _has_numba() -> bool:
+    return find_spec("numba") is not None
 
 
 def _rows(x: Tensor) -> Tensor:

@@ -56,9 +56,12 @@ def inlined(function: Callable[..., Any]) -> Any:
 class Weights(NamedTuple):
     """A network's weights as the kernels take them; padding to ``BLOCK`` is zero and idle.
 
+    Matrices lie in blocks of outputs, ``(blocks, inputs, BLOCK)``, in the order in which
+    :func:`product` reads them.
+
     Args:
-        first: ``(units, inputs)``.
-        middle: the square layers, ``(layers, units, units)``.
+        first: of the first layer.
+        middle: the square layers, ``(layers, ...)``.
         last: ``(outputs, units)``.
         biases: of all layers but the last, ``(layers + 1, units)``.
         last_bias: ``(outputs,)``.
@@ -73,8 +76,22 @@ class Weights(NamedTuple):
     activation: int
 
 
-def weights_of(network: MLP, dtype: Any) -> Weights:
-    """The weights of a network whose hidden layers are of one width."""
+class Transposed(NamedTuple):
+    """The layers the other way round, for gradients, the last of them times the output's weights.
+
+    Args:
+        first: in blocks, its outputs are the inputs.
+        middle: in blocks, ``(layers, ...)``.
+        zeros: no bias, ``(units,)``.
+    """
+
+    first: Array
+    middle: Array
+    zeros: Array
+
+
+def weights_of(network: MLP, dtype: Any) -> tuple[Weights, Transposed]:
+    """The weights of a network whose hidden layers are of one width, both ways."""
     matrices: list[Array] = []
     biases: list[Array] = []
     for layer in network.layers:
@@ -84,30 +101,24 @@ def weights_of(network: MLP, dtype: Any) -> Weights:
         biases.append(np.pad(bias, (0, out)))
     first, *middle, last = matrices
     *hidden, last_bias = biases
+    back = [matrix.T for matrix in middle]
+    back[-1] = back[-1] * last[0]
+    into = np.pad(first.T, ((0, -first.shape[1] % BLOCK), (0, 0)))
     activation = ACTIVATIONS[network.activation]
-    return Weights(first, np.stack(middle), last, np.stack(hidden), last_bias, activation)
+    return (
+        Weights(_blocks(first), _stacked(middle), last, np.stack(hidden), last_bias, activation),
+        Transposed(_blocks(into), _stacked(back), np.zeros_like(hidden[0])),
+    )
 
 
-class Transposed(NamedTuple):
-    """The layers the other way round, for gradients, the last of them times the output's weights.
-
-    Args:
-        first: ``(padded inputs, units)``.
-        middle: ``(layers, units, units)``.
-        zeros: no bias, ``(units,)``.
-    """
-
-    first: Array
-    middle: Array
-    zeros: Array
+def _blocks(matrix: Array) -> Array:
+    """``(outputs, inputs) -> (blocks, inputs, BLOCK)``."""
+    split = matrix.reshape(-1, BLOCK, matrix.shape[1]).transpose(0, 2, 1)
+    return np.ascontiguousarray(split)
 
 
-def transposed(weights: Weights) -> Transposed:
-    """The layers of a network, the other way round."""
-    first, middle = (np.ascontiguousarray(x.swapaxes(-1, -2)) for x in weights[:2])
-    first = np.pad(first, ((0, -len(first) % BLOCK), (0, 0)))
-    middle[-1] *= weights.last[0]
-    return Transposed(first, middle, np.zeros_like(weights.biases[0]))
+def _stacked(matrices: list[Array]) -> Array:
+    return np.stack([_blocks(matrix) for matrix in matrices])
 
 
 @inlined
@@ -123,23 +134,25 @@ def product(matrix: Array, bias: Array, inputs: Array, sums: Array, outputs: Arr
     """``matrix @ inputs + bias`` on ``TILE`` lanes, ``(inputs * TILE,) -> (outputs * TILE,)``.
 
     Args:
+        matrix: in blocks, see :class:`Weights`.
+        bias: ``(outputs,)``.
+        inputs, outputs: rows of lanes.
         sums: ``(BLOCK * PART,)`` of scratch, which the compiler keeps in registers.
     """
-    for k in range(0, matrix.shape[0], BLOCK):
-        for part in range(0, TILE, PART):
+    for part in range(0, TILE, PART):
+        for k in range(matrix.shape[0]):
             for lane in range(PART):
-                sums[lane] = bias[k]
-                sums[PART + lane] = bias[k + 1]
-                sums[2 * PART + lane] = bias[k + 2]
-                sums[3 * PART + lane] = bias[k + 3]
-                sums[4 * PART + lane] = bias[k + 4]
-                sums[5 * PART + lane] = bias[k + 5]
-                sums[6 * PART + lane] = bias[k + 6]
-                sums[7 * PART + lane] = bias[k + 7]
+                sums[lane] = bias[k * BLOCK]
+                sums[PART + lane] = bias[k * BLOCK + 1]
+                sums[2 * PART + lane] = bias[k * BLOCK + 2]
+                sums[3 * PART + lane] = bias[k * BLOCK + 3]
+                sums[4 * PART + lane] = bias[k * BLOCK + 4]
+                sums[5 * PART + lane] = bias[k * BLOCK + 5]
+                sums[6 * PART + lane] = bias[k * BLOCK + 6]
+                sums[7 * PART + lane] = bias[k * BLOCK + 7]
             for j in range(matrix.shape[1]):
-                w0, w1, w2, w3 = matrix[k, j], matrix[k + 1, j], matrix[k + 2, j], matrix[k + 3, j]
-                i = k + 4
-                w4, w5, w6, w7 = matrix[i, j], matrix[i + 1, j], matrix[i + 2, j], matrix[i + 3, j]
+                w0, w1, w2, w3 = matrix[k, j, 0], matrix[k, j, 1], matrix[k, j, 2], matrix[k, j, 3]
+                w4, w5, w6, w7 = matrix[k, j, 4], matrix[k, j, 5], matrix[k, j, 6], matrix[k, j, 7]
                 at = j * TILE + part
                 # One loop, written out: so it becomes 16 vectors that stay where they are.
                 for lane in range(PART):
@@ -152,7 +165,7 @@ def product(matrix: Array, bias: Array, inputs: Array, sums: Array, outputs: Arr
                     sums[5 * PART + lane] += w5 * x
                     sums[6 * PART + lane] += w6 * x
                     sums[7 * PART + lane] += w7 * x
-            at = k * TILE + part
+            at = k * BLOCK * TILE + part
             for lane in range(PART):
                 outputs[at + lane] = sums[lane]
                 outputs[at + TILE + lane] = sums[PART + lane]
@@ -176,24 +189,30 @@ def tanh(x: Any, kind: Array) -> Any:
         kind: any array of the floating type.
     """
     one, two = kind.dtype.type(1), kind.dtype.type(2)
-    y = two * abs(x)
-    y = kind.dtype.type(44) if y > kind.dtype.type(44) else y
+    single = one + kind.dtype.type(1e-10) == one  # known when it is compiled
+    y, top = two * abs(x), kind.dtype.type(20) if single else kind.dtype.type(44)
+    y = top if y > top else y
     n = np.rint(y * kind.dtype.type(1.4426950408889634))
     r = y - n * kind.dtype.type(_LN2_HIGH) - n * kind.dtype.type(_LN2_LOW)
-    tail = kind.dtype.type(_TAYLOR[12])
-    tail = tail * r + kind.dtype.type(_TAYLOR[11])
-    tail = tail * r + kind.dtype.type(_TAYLOR[10])
-    tail = tail * r + kind.dtype.type(_TAYLOR[9])
-    tail = tail * r + kind.dtype.type(_TAYLOR[8])
-    tail = tail * r + kind.dtype.type(_TAYLOR[7])
-    tail = tail * r + kind.dtype.type(_TAYLOR[6])
+    tail = kind.dtype.type(_TAYLOR[6])
+    if not single:
+        tail = kind.dtype.type(_TAYLOR[12])
+        tail = tail * r + kind.dtype.type(_TAYLOR[11])
+        tail = tail * r + kind.dtype.type(_TAYLOR[10])
+        tail = tail * r + kind.dtype.type(_TAYLOR[9])
+        tail = tail * r + kind.dtype.type(_TAYLOR[8])
+        tail = tail * r + kind.dtype.type(_TAYLOR[7])
+        tail = tail * r + kind.dtype.type(_TAYLOR[6])
     tail = tail * r + kind.dtype.type(_TAYLOR[5])
     tail = tail * r + kind.dtype.type(_TAYLOR[4])
     tail = tail * r + kind.dtype.type(_TAYLOR[3])
     tail = tail * r + kind.dtype.type(_TAYLOR[2])
     tail = tail * r + kind.dtype.type(_TAYLOR[1])
     tail = tail * r * r + r
-    power = kind.dtype.type(np.int64(1) << np.int64(n))
+    if single:  # the power of two fits into half the bits, which are twice as many at once
+        power = kind.dtype.type(np.int32(1) << np.int32(n))
+    else:
+        power = kind.dtype.type(np.int64(1) << np.int64(n))
     grown = power * tail + (power - one)
     t = grown / (grown + two)
     return -t if x < kind.dtype.type(0) else t
@@ -222,6 +241,12 @@ def activate(flat: Array, flat_slopes: Array, activation: int) -> None:
                 gate = half + half * tanh(half * x, values)
                 values[k, lane] = x * gate
                 slopes[k, lane] = gate * (one + x * (one - gate))
+
+
+@kernel
+def _scale(values: Array, slopes: Array) -> None:
+    for i in range(values.shape[0]):
+        values[i] *= slopes[i]
 
 
 @kernel
@@ -261,6 +286,5 @@ def input_gradient(
         # What comes from above: at first the last layer's slopes alone, see Transposed.
         above = work[2 * layers - 1] if layer == layers - 2 else work[layer + 1]
         product(back.middle[layer], back.zeros, above, sums, work[layer])
-        for i in range(work.shape[1]):
-            work[layer, i] *= work[layers + layer, i]
+        _scale(work[layer], work[layers + layer])
     product(back.first, back.zeros, work[0], sums, result)

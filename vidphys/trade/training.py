@@ -13,9 +13,11 @@ from torch import Tensor
 from dynamics import Hamiltonian, HamiltonianTerms, Head, Parameters, PhaseState, build
 from vidphys.trade.contenders import episodes
 from vidphys.training.ensemble import Ensemble, stack
+from vidphys.training.learner import FitSettings, Learner, Loss
 from vidphys.training.segments import Segments, scale_of, segment_loss
 
 DT, RATE = 0.002, 1e-3
+MANY = 10**6  # steps of a training that is never ended
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,8 @@ def problem(width: int, batch: int, seed: int = 0) -> Problem:
 
 def our_step(made: Problem) -> Callable[[], Any]:
     """A step of :func:`vidphys.training.loop.fit`: forces written out, one backward, Adam."""
-    head = copy.deepcopy(made.head)
-    loss, examples = segment_loss(head, scale_of(made.segments)), made.segments
-    return _stepped(head, lambda: loss(examples))
+    head, examples = copy.deepcopy(made.head), made.segments
+    return _learning(head, segment_loss(head, scale_of(examples)), examples)
 
 
 def eager_step(made: Problem) -> Callable[[], Any]:
@@ -74,6 +75,11 @@ def eager_step(made: Problem) -> Callable[[], Any]:
     return _stepped(head, loss)
 
 
+def _learning(module: torch.nn.Module, loss: Loss, examples: Segments) -> Callable[[], Any]:
+    learner = Learner(module, loss, FitSettings(MANY, 0, RATE))
+    return lambda: learner.update(examples)
+
+
 def _stepped(module: torch.nn.Module, loss: Callable[[], Tensor]) -> Callable[[], Any]:
     optimiser = torch.optim.Adam(module.parameters(), RATE)
 
@@ -96,4 +102,4 @@ def together_and_apart(
     ensemble: Ensemble[Head] = Ensemble([copy.deepcopy(one.head) for one in made])
     loss = ensemble.loss(lambda head, batch: segment_loss(head, scale)(batch))
     steps = [our_step(one) for one in made]
-    return _stepped(ensemble, lambda: loss(every)), lambda: [step() for step in steps]
+    return _learning(ensemble, loss, every), lambda: [step() for step in steps]

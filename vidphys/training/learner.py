@@ -56,7 +56,7 @@ class Learner:
     ) -> None:
         self.modules, self.batch_loss, self.settings, self.best = modules, loss, settings, best
         self.parameters = [p for p in modules.parameters() if p.requires_grad]
-        self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate)
+        self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate, fused=True)
         self.step, self.loss = 0, math.nan
         self.lost = False
 

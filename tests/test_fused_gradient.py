@@ -1,0 +1,131 @@
+"""The fused input gradient against its twin in plain torch: values and derivatives."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import nn
+from torch.func import functional_call, stack_module_state, vmap
+
+from dynamics import HamiltonianTerms, build
+from dynamics.compiled.gradient import input_gradient, plain_gradient
+from dynamics.mlp import MLP
+from vidphys.training.ensemble import Ensemble
+
+ROUNDING = {torch.float32: 2e-6, torch.float64: 1e-13}
+
+
+def case(rows, inputs, width, dtype=torch.float64):
+    """Rows and the weights of a network, all to be differentiated."""
+    network = MLP((inputs, width, width, 1)).to(dtype)
+    weights = [w.detach().requires_grad_() for w in list(network.parameters())[:-1]]
+    return torch.randn(rows, inputs, dtype=dtype, requires_grad=True), *weights
+
+
+def close(found, wanted, tolerance):
+    assert (found - wanted).abs().max() <= tolerance * wanted.abs().max()
+
+
+@pytest.mark.parametrize(
+    ("rows", "inputs", "width", "dtype"),
+    [(200, 2, 64, torch.float32), (70, 3, 40, torch.float64), (1, 2, 32, torch.float64)],
+)
+def test_values_and_gradients_are_the_twins(rows, inputs, width, dtype):
+    given = case(rows, inputs, width, dtype)
+    found, wanted = input_gradient(*given), plain_gradient(*given)
+    close(found, wanted, ROUNDING[dtype])
+    upstream = torch.randn_like(found)
+    pairs = zip(
+        torch.autograd.grad(found, given, upstream),
+        torch.autograd.grad(wanted, given, upstream),
+        strict=True,
+    )
+    for one, other in pairs:
+        close(one, other, ROUNDING[dtype])
+
+
+def test_first_and_second_derivatives_are_those_of_the_function():
+    given = case(5, 2, 32)
+    assert torch.autograd.gradcheck(input_gradient, given, fast_mode=True)
+    assert torch.autograd.gradgradcheck(input_gradient, given, fast_mode=True)
+
+
+def test_several_calls_before_one_way_back_keep_their_own_memory():
+    given = case(64, 2, 32)
+
+    def twice(function):
+        once = function(*given)
+        return function(once, *given[1:]) * function(-once, *given[1:])
+
+    for _ in range(2):  # the second time in memory that was used before
+        found = torch.autograd.grad(twice(input_gradient).sum(), given)
+        wanted = torch.autograd.grad(twice(plain_gradient).sum(), given)
+        for one, other in zip(found, wanted, strict=True):
+            close(one, other, 1e-12)
+
+
+def test_two_threads_give_what_one_gives():
+    given = case(300, 2, 32)
+    alone = torch.autograd.grad(input_gradient(*given).square().sum(), given)
+    torch.set_num_threads(2)
+    try:
+        both = torch.autograd.grad(input_gradient(*given).square().sum(), given)
+    finally:
+        torch.set_num_threads(1)
+    for one, other in zip(both, alone, strict=True):
+        close(one, other, 1e-13)
+
+
+def test_models_side_by_side_have_the_gradients_that_they_have_alone():
+    networks = [MLP((2, 32, 32, 1)) for _ in range(3)]
+    x = torch.randn(3, 80, 2)
+    weights, _ = stack_module_state(networks)
+
+    def one(state, rows):
+        return functional_call(
+            _Gradient(networks[0]), {f"network.{k}": v for k, v in state.items()}, rows
+        )
+
+    vmap(one)(weights, x).square().sum().backward()
+    for i, (network, rows) in enumerate(zip(networks, x, strict=True)):
+        network.plain_gradient(rows).square().sum().backward()
+        for name, parameter in network.named_parameters():
+            if parameter.grad is not None:
+                close(weights[name].grad[i], parameter.grad, 1e-5)
+
+
+class _Gradient(nn.Module):
+    def __init__(self, network):
+        super().__init__()
+        self.network = network
+
+    def forward(self, x):
+        return self.network.gradient(x)
+
+
+def fused(network, rows=100, dtype=torch.float32):
+    found = network.to(dtype).gradient(torch.randn(rows, 2, dtype=dtype))
+    return "_Gradient" in type(found.grad_fn.next_functions[0][0]).__name__
+
+
+def test_many_rows_of_a_tanh_network_in_single_precision_are_fused_and_nothing_else():
+    assert fused(MLP((2, 32, 32, 1)))
+    assert not fused(MLP((2, 32, 32, 1)), rows=10)
+    assert not fused(MLP((2, 32, 32, 1)), dtype=torch.float64)
+    assert not fused(MLP((2, 32, 32, 1), "softplus"))
+    assert not fused(MLP((2, 32, 32, 32, 1)))
+
+
+def test_an_ensemble_of_heads_trains_through_the_fused_gradient():
+    heads = [build(HamiltonianTerms(width=32), bodies=3, dt=0.002) for _ in range(2)]
+    ensemble = Ensemble(heads)
+    q = torch.randn(2, 30, 3, 2)
+    loss = ensemble.map(lambda head, x: head.potential.pair_gradient(x).square().sum(), q).sum()
+    loss.backward()
+    wanted = torch.zeros(())
+    for head, x in zip(heads, q, strict=True):
+        head.double()
+        wanted = wanted + head.potential.pair_gradient(x.double()).square().sum()
+    wanted.backward()
+    found = ensemble.weights["potential/phi/layers/1/weight"].grad
+    close(found[1], heads[1].potential.phi.layers[1].weight.grad.float(), 1e-5)
