@@ -94,8 +94,8 @@ class AttentionReadout(nn.Module):
         """
         position, attended = self.look(values, centres)
         frames = position.unflatten(1, (self.frames, -1)).flatten(0, 1)
-        nearest = _nearest(frames).reshape(*position.shape[:2], 1)
-        evidence = torch.cat([attended, nearest], -1).detach()
+        apart = nearest(frames).reshape(*position.shape[:2], 1)
+        evidence = torch.cat([attended, apart], -1).detach()
         root = UNSURE * self.doubt(evidence).squeeze(-1)
         return position, confidence_at(root.square())
 
@@ -165,7 +165,7 @@ def distance_at(confidence: Tensor) -> Tensor:
     return PRECISE * (1 / confidence - 1).clamp_min(0).sqrt()
 
 
-def _nearest(position: Float[Tensor, "f n 2"]) -> Float[Tensor, "f n 1"]:
+def nearest(position: Float[Tensor, "f n 2"]) -> Float[Tensor, "f n 1"]:
     """Logarithm of the distance to the nearest other position; as of far ones for a single one."""
     apart = torch.cdist(position, position)
     apart = apart + FAR * torch.eye(position.shape[1], device=position.device)

@@ -9,7 +9,6 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from encoders.features import FeatureMap
-from readouts.attention import AttentionReadout
 from readouts.scale import FeatureScale
 
 
@@ -56,10 +55,9 @@ class PooledReadout(nn.Module):
         return positions, torch.ones_like(positions[..., 0])
 
 
-def pooled_twin(readout: AttentionReadout) -> PooledReadout:
+def pooled_twin(readout: nn.Module, channels: int, bodies: int) -> PooledReadout:
     """The pooled readout that has as nearly as possible as many parameters as ``readout``."""
     budget = sum(p.numel() for p in readout.parameters())
-    channels, bodies = readout.key.in_features, len(readout.query)
     # width^2 + (channels + 2 + 2 bodies) width + 2 bodies = budget
     linear = channels + 2 + 2 * bodies
     width = (math.sqrt(linear**2 + 4 * (budget - 2 * bodies)) - linear) / 2

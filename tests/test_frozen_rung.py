@@ -19,7 +19,7 @@ from vidphys.presets import PixelSizes
 from vidphys.runs.folder import RunFolder
 from vidphys.scenes import gravity
 
-SIZES = PixelSizes(24, 9, 40, 7, 32, 150, 32, 0, 4)
+SIZES = PixelSizes(24, 9, 40, 7, 32, 40, 32, 0, 4)
 WORLD = RgbWorld(Camera(height=32, width=32), radius=0.6)
 
 

@@ -148,7 +148,10 @@ def test_half_precision_features_are_read_in_full() -> None:
 @pytest.mark.parametrize(("channels", "bodies"), [(96, 1), (192, 3), (768, 2)])
 def test_the_control_has_the_same_budget(channels: int, bodies: int) -> None:
     readout = AttentionReadout(channels, bodies)
-    counts = [sum(p.numel() for p in m.parameters()) for m in (readout, pooled_twin(readout))]
+    counts = [
+        sum(p.numel() for p in m.parameters())
+        for m in (readout, pooled_twin(readout, channels, bodies))
+    ]
     assert counts[1] == pytest.approx(counts[0], rel=0.02)
 
 
@@ -184,7 +187,7 @@ def test_each_frame_of_a_feature_frame_has_offsets_of_its_own() -> None:
 def test_attention_localises_far_below_a_cell_and_pooling_does_not() -> None:
     train, held_out, test = labelled(192), labelled(32), labelled(64)
     readout = AttentionReadout(CHANNELS, 2, width=32)
-    control = pooled_twin(readout)
+    control = pooled_twin(readout, CHANNELS, 2)
     settings = FitSettings(steps=250, batch=16, learning_rate=1e-2)
     rmse = {}
     for name, module in (("attention", readout), ("pooled", control)):

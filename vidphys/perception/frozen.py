@@ -7,7 +7,7 @@ it is never trained (inventory E7-E10, Q1). A rung whose weights are not on the 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,13 +19,14 @@ from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
-from readouts.attention import AttentionReadout
+from readouts.local import RefinedReadout
 from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.data.clips import Clips
 from vidphys.data.extraction import FrozenEncoder
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.seeding import derive
+from vidphys.training.candidates import Examples
 from vidphys.training.loop import FitSettings
 from vidphys.training.readouts import (
     ReadoutSettings,
@@ -33,12 +34,13 @@ from vidphys.training.readouts import (
     read_all,
     train_readout,
 )
+from vidphys.training.refinement import train_refined
 
 SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds
 HELD_OUT = 8  # one clip in so many decides which weights of the readout are kept
 LEARNING_RATE, CLIP = 3e-3, 1.0
 AT_ONCE = 16  # clips that are encoded before their features are put by
-STEPS = 4  # of the readout, over the preset's for a perception
+COARSE, FINE = 1, 8  # steps of the readout's two parts, over the preset's for a perception
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class FrozenPerception:
     """
 
     encoder: FrozenEncoder
-    readout: AttentionReadout | PooledReadout
+    readout: RefinedReadout | PooledReadout
     half_extent: float
     folder: Path | None
 
@@ -151,15 +153,32 @@ def fit_readout(
         )
         for part in (slice(0, count - held_out), slice(count - held_out, None))
     )
-    torch.manual_seed(derive(task.seed, "init", encoder_name))
-    channels, bodies = features.values.shape[2], targets.shape[2]
-    attention = AttentionReadout(channels, bodies, frames=frames // seen)
-    readout = pooled_twin(attention) if pooled else attention
-    steps = STEPS * task.sizes.perception_steps
-    fit = FitSettings(steps, task.sizes.perception_batch, LEARNING_RATE, CLIP)
-    order = derive(task.seed, "order", encoder_name)
-    train_readout(readout, train, kept, ReadoutSettings(fit), order, task.progress)
+    readout = _train(encoder_name, Examples(train, kept), frames // seen, task, pooled)
     return FrozenPerception(encoder, readout.eval(), half_extent, task.folder)
+
+
+def _train(
+    encoder_name: str, examples: Examples, frames: int, task: FitTask, pooled: bool
+) -> RefinedReadout | PooledReadout:
+    """A readout of feature frames that stand for so many ``frames`` of the clip."""
+    torch.manual_seed(derive(task.seed, "init", encoder_name))
+    train, kept = examples.train, examples.held_out
+    channels, bodies = train.values.shape[1], train.targets.shape[1]
+    refined = RefinedReadout(channels, bodies, train.grid, frames)
+    order = derive(task.seed, "order", encoder_name)
+    coarse, fine = (
+        FitSettings(
+            part * task.sizes.perception_steps, task.sizes.perception_batch, LEARNING_RATE, CLIP
+        )
+        for part in (COARSE, FINE)
+    )
+    if pooled:
+        control = pooled_twin(refined, channels, bodies)
+        whole = replace(fine, steps=coarse.steps + fine.steps)
+        train_readout(control, train, kept, ReadoutSettings(whole), order, task.progress)
+        return control
+    train_refined(refined, train, kept, ReadoutSettings(coarse), fine, order, task.progress)
+    return refined
 
 
 def _rung(

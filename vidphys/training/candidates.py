@@ -59,7 +59,9 @@ class Candidate:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             attention = AttentionReadout(channels, bodies, self.width)
-            return attention if self.kind == ATTENTION else pooled_twin(attention)
+            if self.kind == ATTENTION:
+                return attention
+            return pooled_twin(attention, channels, bodies)
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,23 @@ class LabelledFrames:
             self.values[index], self.centres, self.targets[index], self.weight[index]
         )
 
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Cells (height, width)."""
+        return self.centres.shape[0], self.centres.shape[1]
+
+    @property
+    def cell(self) -> Tensor:
+        """(width, height) of a cell, normalised image units.
+
+        Raises:
+            ValueError: fewer than two cells on a side.
+        """
+        h, w = self.grid
+        if min(h, w) < 2:
+            raise ValueError(f"readout: needs a grid of at least 2 x 2 cells, got {h} x {w}")
+        return (self.centres[1, 1] - self.centres[0, 0]).abs()
+
 
 class Shifted:
     """Labelled frames, each moved by a whole number of cells with its targets.
@@ -95,20 +112,12 @@ def shift(batch: Frames, down: Tensor, right: Tensor) -> Frames:
     columns = (torch.arange(w) - right[:, None]).clamp(0, w - 1)
     frame = torch.arange(len(batch))[:, None, None]
     cells = batch.values.movedim(1, -1)[frame, rows[:, :, None], columns[:, None, :]]
-    size = _cell(batch.centres)
+    size = batch.cell
     targets = batch.targets + size * torch.stack([right, -down], -1).to(size)[:, None]
     border = batch.centres.abs().amax((0, 1)) + size / 2
     inside = (targets.abs() <= border).all(-1)
     values = cells.movedim(-1, 1)
     return replace(batch, values=values, targets=targets, weight=batch.weight * inside)
-
-
-def _cell(centres: Tensor) -> Tensor:
-    """(width, height) of a cell, normalised image units."""
-    h, w = centres.shape[:2]
-    if min(h, w) < 2:
-        raise ValueError(f"shift: needs a grid of at least 2 x 2 cells, got {h} x {w}")
-    return (centres[1, 1] - centres[0, 0]).abs()
 
 
 @dataclass(frozen=True)
@@ -251,16 +260,24 @@ def position_rmse(positions: Tensor, targets: Tensor, weight: Tensor) -> float:
     return float((weight * square).sum() / weight.sum()) ** 0.5
 
 
+def softened(square: Tensor) -> Tensor:
+    """The distance, not its square, so that a few blurred frames do not rule the others."""
+    return (square + SOFTENING**2).sqrt() - SOFTENING
+
+
+def doubt_error(expected: Tensor, distance: Tensor) -> Tensor:
+    """How wrong an expected distance is: of roots, so that a few large ones do not rule."""
+    root = (distance.detach() + ROOT_SOFTENING).sqrt()
+    return ((expected + ROOT_SOFTENING).sqrt() - root).square()
+
+
 def _loss(reader: PositionReadout) -> Callable[[LabelledFrames], Tensor]:
     def loss(batch: LabelledFrames) -> Tensor:
         positions, confidence = reader.read(batch.values, batch.centres)
         square = (positions - batch.targets).square().sum(-1)
-        # the distance, not its square: a few blurred frames would rule the others
-        distance = (square + SOFTENING**2).sqrt() - SOFTENING
-        # what is expected of it, learned by roots for the same reason, must not bend the positions
-        expected = (distance_at(confidence) + ROOT_SOFTENING).sqrt()
-        doubt = (expected - (square.detach().sqrt() + ROOT_SOFTENING).sqrt()).square()
-        total = batch.weight * (distance + doubt)
+        # what is expected of a position must not bend it
+        doubt = doubt_error(distance_at(confidence), square.detach().sqrt())
+        total = batch.weight * (softened(square) + doubt)
         return total.sum() / batch.weight.sum().clamp_min(1e-12)
 
     return loss

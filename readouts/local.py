@@ -1,0 +1,146 @@
+"""Positions read twice: roughly by attention over the whole map, then from the cells around.
+
+Attention averages what it looks at; where one body half hides another, the arrangement of the
+cells around them says how far. The second reading is the same network at every place.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+from torch.nn import functional
+
+from encoders.features import FeatureMap
+from readouts.attention import UNSURE, AttentionReadout, confidence_at, nearest
+from readouts.scale import FeatureScale
+
+SIGHT = 0.125  # normalised image units that cells are read on each side, if not less than a cell
+CODE = 32  # numbers that a cell's features are brought down to
+WIDTH = 256
+COARSE = 16  # cells a side that attention chooses from
+LOOKS = 2  # readings from the cells around, each at the place that the one before gave
+
+
+class LocalReadout(nn.Module):
+    """Where a body is, from the features of the cells around a place near it.
+
+    Args:
+        scale: of the features.
+        bodies: positions in a feature frame; each has an output, and a mark in the hidden layer.
+        reach: cells that are read on each side.
+    """
+
+    def __init__(self, scale: FeatureScale, bodies: int, reach: int) -> None:
+        super().__init__()
+        self.reach, self.scale = reach, scale
+        self.code = nn.Linear(len(scale.mean), CODE)
+        self.around = nn.Linear(CODE * (2 * reach + 1) ** 2, WIDTH)
+        self.body = nn.Parameter(torch.randn(bodies, WIDTH) / 2)
+        self.mix = nn.Linear(WIDTH, WIDTH)
+        self.place = nn.Parameter(torch.randn(bodies, WIDTH, 2) / (10 * WIDTH**0.5))
+
+    def forward(
+        self,
+        values: Float[Tensor, "f c h w"],
+        centres: Float[Tensor, "h w 2"],
+        near: Float[Tensor, "f n 2"],
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n k"]]:
+        """Positions, and the hidden layer that they were read from.
+
+        Args:
+            values: features of frames.
+            centres: of the cells, normalised image units.
+            near: places to look at, normalised image units.
+        """
+        cells = nearest_cells(near, centres)
+        seen = functional.gelu(self.code(self._cut(values, cells))).flatten(-3)
+        hidden = functional.gelu(self.around(seen) + self.body)
+        hidden = hidden + functional.gelu(self.mix(hidden))
+        step = (centres[1, 1] - centres[0, 0]).abs()
+        offset = step * torch.einsum("fnk,nkd->fnd", hidden, self.place)
+        return centres[cells[..., 0], cells[..., 1]] + offset, hidden
+
+    def _cut(self, values: Tensor, cells: Tensor) -> Tensor:
+        """Standardised features around cells, ``(f, n, k, k, c)``; zero beyond the border."""
+        h, w = values.shape[-2:]
+        step = torch.arange(-self.reach, self.reach + 1, device=cells.device)
+        rows, columns = cells[..., :1] + step, cells[..., 1:] + step
+        inside = ((rows >= 0) & (rows < h))[..., :, None] & ((columns >= 0) & (columns < w))[
+            ..., None, :
+        ]
+        frame = torch.arange(len(values), device=cells.device)[:, None, None, None]
+        rows, columns = rows.clamp(0, h - 1)[..., :, None], columns.clamp(0, w - 1)[..., None, :]
+        return self.scale(values[frame, :, rows, columns]) * inside.unsqueeze(-1)
+
+
+class RefinedReadout(nn.Module):
+    """Attention, then :data:`LOOKS` readings from the cells around the place that it gave.
+
+    Args:
+        channels: of the feature map.
+        bodies: positions in a feature frame.
+        grid: cells (height, width) of the maps; attention reads them averaged over blocks, down to
+            :data:`COARSE` a side.
+        frames: of the clip that a feature frame stands for; see :class:`AttentionReadout`.
+    """
+
+    def __init__(self, channels: int, bodies: int, grid: tuple[int, int], frames: int = 1) -> None:
+        super().__init__()
+        self.frames, longer = frames, max(grid)
+        self.block = max(1, longer // COARSE)
+        self.coarse = AttentionReadout(channels, bodies, frames=frames)
+        self.local = LocalReadout(self.coarse.scale, bodies, max(1, round(SIGHT * longer / 2)))
+        self.doubt = nn.Sequential(
+            nn.Linear(WIDTH + 1, WIDTH // 4), nn.GELU(), nn.Linear(WIDTH // 4, 1), nn.Softplus()
+        )
+
+    def forward(
+        self, features: FeatureMap
+    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
+        """Positions in normalised image units and their confidence in [0, 1]."""
+        b, t = features.values.shape[:2]
+        centres = features.cell_centres()
+        positions, confidence = self.read(features.values.flatten(0, 1), centres)
+        return positions.unflatten(0, (b, t)), confidence.unflatten(0, (b, t))
+
+    def read(
+        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
+        """As :meth:`forward`, on frames without their clip."""
+        position, evidence = self.look(values, centres)
+        return position, confidence_at(self.expected(evidence))
+
+    def look(
+        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n k"]]:
+        """Positions, and what their expected error is judged by."""
+        position, _ = self.coarse.look(*blocks(values, centres, self.block))
+        for _ in range(LOOKS):
+            position, hidden = self.local(values, centres, position)
+        frames = position.unflatten(1, (self.frames, -1)).flatten(0, 1)
+        apart = nearest(frames).reshape(*position.shape[:2], 1)
+        return position, torch.cat([hidden, apart], -1)
+
+    def expected(self, evidence: Float[Tensor, "*n k"]) -> Float[Tensor, "*n"]:
+        """Distance from the truth that is expected of positions, normalised image units."""
+        return (UNSURE * self.doubt(evidence).squeeze(-1)).square()
+
+
+def blocks(
+    values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"], block: int
+) -> tuple[Float[Tensor, "f c y x"], Float[Tensor, "y x 2"]]:
+    """Features and cell centres averaged over blocks of so many cells a side."""
+    if block == 1:
+        return values, centres
+    middle = functional.avg_pool2d(centres.movedim(-1, 0), block).movedim(0, -1)
+    return functional.avg_pool2d(values.float(), block), middle
+
+
+def nearest_cells(
+    near: Float[Tensor, "f n 2"], centres: Float[Tensor, "h w 2"]
+) -> Int[Tensor, "f n 2"]:
+    """(row, column) of the cell that is nearest to each place."""
+    column = (near[..., 0, None] - centres[0, :, 0]).abs().argmin(-1)
+    row = (near[..., 1, None] - centres[:, 0, 1]).abs().argmin(-1)
+    return torch.stack([row, column], -1)

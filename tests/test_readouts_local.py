@@ -1,0 +1,109 @@
+"""Readouts that read twice: the second reading is the same everywhere, and tells what to expect."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from encoders.features import FeatureMap
+from readouts.attention import distance_at
+from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
+from readouts.scale import FeatureScale
+from vidphys.training.learner import FitSettings
+from vidphys.training.readouts import (
+    LabelledFrames,
+    ReadoutSettings,
+    mean_distance,
+    read_all,
+)
+from vidphys.training.refinement import train_refined
+
+CHANNELS, GRID = 4, (10, 8)
+
+
+def grid() -> Tensor:
+    return FeatureMap(torch.zeros(1, 1, 1, *GRID), (8.0, 8.0), torch.zeros(1)).cell_centres()
+
+
+def labelled(count: int) -> LabelledFrames:
+    """One blob a body, a channel each; the first one hides the other. Every second frame is dim."""
+    centres = grid()
+    positions = (torch.rand(count, 2, 2) - 0.5) * torch.tensor([1.2, 1.6])
+    square = (centres - positions[:, :, None, None]).square().sum(-1)
+    first, second = torch.exp(-square / (2 * 0.15**2)).unbind(1)
+    values = 0.02 * torch.randn(count, CHANNELS, *GRID)
+    bright = torch.tensor([1.0, 0.2]).repeat(count // 2)[:, None, None]
+    values[:, 0] += bright * first
+    values[:, 1] += bright * second * (1 - first)
+    return LabelledFrames(values, centres, positions, torch.ones(count, 2))
+
+
+def test_the_nearest_cell_is_the_nearest_and_never_outside() -> None:
+    centres = grid()
+    near = centres[3, 5] + torch.tensor([0.09, -0.09])
+    far = torch.tensor([9.0, 9.0])
+    assert nearest_cells(torch.stack([near, far])[None], centres).tolist() == [[[3, 5], [0, 7]]]
+
+
+def test_what_is_read_does_not_depend_on_where_it_is() -> None:
+    torch.manual_seed(0)
+    local, centres = LocalReadout(FeatureScale(CHANNELS), 2, reach=1), grid()
+    values = torch.zeros(1, CHANNELS, *GRID)
+    values[..., 3:6, 2:5] = torch.randn(1, CHANNELS, 3, 3)
+    moved = values.roll((2, 1), dims=(-2, -1))
+    step = centres[2, 1] - centres[0, 0]
+    near = centres[4, 3] + torch.tensor([[[0.03, -0.02], [-0.05, 0.04]]])
+    here, _ = local(values, centres, near)
+    there, _ = local(moved, centres, near + step)
+    torch.testing.assert_close(there, here + step)
+    assert not torch.allclose(here[:, 0], here[:, 1])
+
+
+def test_beyond_the_border_there_is_nothing() -> None:
+    """A body in the corner is read, and cells of the other side are not."""
+    local, centres = LocalReadout(FeatureScale(CHANNELS), 1, reach=2), grid()
+    values = torch.randn(1, CHANNELS, *GRID)
+    far = values.clone()
+    far[..., 3:, :] += 1
+    far[..., 3:] += 1
+    near = centres[0, 0][None, None]
+    torch.testing.assert_close(local(far, centres, near)[0], local(values, centres, near)[0])
+    far[..., 2, 2] += 1
+    assert not torch.equal(local(far, centres, near)[0], local(values, centres, near)[0])
+
+
+def test_a_second_reading_is_nearer_and_knows_how_near() -> None:
+    torch.manual_seed(0)
+    train, held_out, unseen = labelled(512), labelled(128), labelled(256)
+    readout = RefinedReadout(CHANNELS, 2, GRID)
+    coarse, fine = FitSettings(150, 64, 1e-2, 1.0), FitSettings(200, 64, 3e-3, 1.0)
+    fit = train_refined(readout, train, held_out, ReadoutSettings(coarse), fine, 0)
+    assert fit.held_out_error == pytest.approx(mean_distance(readout, held_out))
+    assert mean_distance(readout, unseen) < 0.5 * mean_distance(readout.coarse, unseen)
+    positions, confidence = read_all(readout, unseen.values, unseen.centres)
+    error, expected = (positions - unseen.targets).norm(dim=-1), distance_at(confidence)
+    assert error[1::2].median() > 2 * error[::2].median()
+    assert expected[1::2].median() > 2 * expected[::2].median()
+    assert 0.5 < expected.median() / error.median() < 2
+
+
+def test_attention_reads_a_fine_map_by_blocks() -> None:
+    """Their centres are the means of the cells', so what is found is where it is."""
+    values = torch.randn(2, CHANNELS, 32, 32)
+    centres = FeatureMap(values[None], (2.0, 2.0), torch.zeros(2)).cell_centres()
+    readout = RefinedReadout(CHANNELS, 3, (32, 32))
+    assert readout.block == 2 and readout.local.reach == 2
+    rough, middle = blocks(values, centres, 2)
+    coarse = FeatureMap(rough[None], (4.0, 4.0), torch.zeros(2)).cell_centres()
+    torch.testing.assert_close(middle, coarse)
+    torch.testing.assert_close(rough[1, 2, 3, 5], values[1, 2, 6:8, 10:12].mean())
+    assert readout.read(values, centres)[0].shape == (2, 3, 2)
+
+
+def test_a_grid_of_one_cell_is_refused() -> None:
+    frames = LabelledFrames(
+        torch.zeros(1, 2, 1, 1), torch.zeros(1, 1, 2), torch.zeros(1, 1, 2), torch.ones(1, 1)
+    )
+    with pytest.raises(ValueError, match="at least 2 x 2 cells, got 1 x 1"):
+        _ = frames.cell

@@ -1,0 +1,110 @@
+"""Training a readout that reads positions twice: the rough one, the one near by, and the doubt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from readouts.local import RefinedReadout, blocks
+from vidphys.training.early_stopping import BestWeights, StopSettings
+from vidphys.training.learner import FitSettings, Learner
+from vidphys.training.loop import Progress, fit, fit_together
+from vidphys.training.readouts import (
+    SCORED_AT_ONCE,
+    LabelledFrames,
+    ReadoutFit,
+    ReadoutSettings,
+    doubt_error,
+    mean_distance,
+    softened,
+    train_readout,
+)
+
+LOOKS = StopSettings(evaluations=10)
+DOUBT = FitSettings(300, 512, 3e-3, 1.0)
+
+
+def train_refined(
+    readout: RefinedReadout,
+    train: LabelledFrames,
+    held_out: LabelledFrames,
+    coarse: ReadoutSettings,
+    fine: FitSettings,
+    seed: int,
+    progress: Progress | None = None,
+) -> ReadoutFit:
+    """Fit a readout in place; the part near by sees places scattered about the true ones.
+
+    What error to expect is learned on the held-out frames: on the others, errors are smaller than
+    they will be.
+
+    Args:
+        readout: see :class:`RefinedReadout`.
+        train, held_out: see :func:`vidphys.training.readouts.train_readouts`.
+        coarse: of the attention's training.
+        fine: of the training of the part that reads near by.
+        seed: of the batch order and of where is looked.
+        progress: called as ``(step, steps, loss)``.
+    """
+    rough = (_rough(readout, frames) for frames in (train, held_out))
+    train_readout(readout.coarse, *rough, coarse, seed, progress)
+    error = partial(mean_distance, readout, held_out)
+    best = BestWeights(readout.local, error, fine.steps, LOOKS)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        learner = Learner(readout.local, partial(_missed, readout), fine, best)
+        fit_together([learner], train, seed, progress=progress)
+    best.restore()
+    _fit_doubt(readout, held_out, seed)
+    return ReadoutFit(best.error, best.step, learner.step, learner.loss)
+
+
+def _rough(readout: RefinedReadout, frames: LabelledFrames) -> LabelledFrames:
+    """The frames as attention reads them."""
+    if readout.block == 1:
+        return frames
+    values = []
+    for some in frames.values.split(SCORED_AT_ONCE):
+        averaged, centres = blocks(some, frames.centres, readout.block)
+        values.append(averaged.to(some.dtype))
+    return replace(frames, values=torch.cat(values), centres=centres)
+
+
+def _missed(readout: RefinedReadout, batch: LabelledFrames) -> Tensor:
+    """Softened distance of what is read half a cell or less beside the true places."""
+    near = batch.targets + batch.cell * (torch.rand_like(batch.targets) - 0.5)
+    positions, _ = readout.local(batch.values, batch.centres, near)
+    distance = softened((positions - batch.targets).square().sum(-1))
+    return (batch.weight * distance).sum() / batch.weight.sum().clamp_min(1e-12)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Positions that were read, each by itself: ``(m, k)`` what they are judged by, ``(m,)``."""
+
+    evidence: Tensor
+    distance: Tensor
+    weight: Tensor
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    def __getitem__(self, index: Tensor) -> Judged:
+        return Judged(self.evidence[index], self.distance[index], self.weight[index])
+
+
+def _fit_doubt(readout: RefinedReadout, frames: LabelledFrames, seed: int) -> None:
+    with torch.no_grad():
+        looks = [readout.look(v, frames.centres) for v in frames.values.split(SCORED_AT_ONCE)]
+    positions, evidence = (torch.cat(each) for each in zip(*looks, strict=True))
+    distance = (positions - frames.targets).norm(dim=-1)
+    judged = Judged(evidence.flatten(0, 1), distance.flatten(), frames.weight.flatten())
+
+    def loss(batch: Judged) -> Tensor:
+        wrong = doubt_error(readout.expected(batch.evidence), batch.distance)
+        return (batch.weight * wrong).sum() / batch.weight.sum().clamp_min(1e-12)
+
+    fit(readout.doubt, loss, judged, DOUBT, seed)
