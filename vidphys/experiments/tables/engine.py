@@ -36,7 +36,7 @@ from vidphys.scenes.scene import Scene
 from vidphys.seeding import derive
 from vidphys.training.segments import from_trajectory
 
-WIDTH = 32
+WIDTH = 64
 HNN = GeneralisedTerms(integrator="tao", width=WIDTH)
 SYMODEN = GeneralisedTerms(metric="inverse", integrator="rk4", width=WIDTH)
 DELAN = GeneralisedTerms(formalism="lagrangian", integrator="rk4", width=WIDTH)
@@ -82,10 +82,15 @@ def examples(scene: Scene, terms: Terms, trajectories: int, seed: int) -> Exampl
 
 
 def sizes_for(terms: Terms, sizes: OracleSizes) -> OracleSizes:
-    """A map's budget, or the same number of examples in small batches for a field."""
+    """A map's budget, or the same number of examples in small batches for a field.
+
+    Rates shrink with the square root of the batch, as the noise of a gradient grows.
+    """
     if not isinstance(terms, GeneralisedTerms):
         return sizes
-    return replace(smaller_batch(sizes, SMALLER), steps=SMALLER * sizes.steps)
+    gentler = tuple(rate / SMALLER**0.5 for rate in sizes.learning_rates)
+    steps = SMALLER * sizes.steps
+    return replace(smaller_batch(sizes, SMALLER), steps=steps, learning_rates=gentler)
 
 
 Score = Callable[[Recorder, Head, Question], None]
