@@ -9,12 +9,14 @@ from torch import Tensor, nn
 
 from dynamics.domain import FARTHEST, MOMENTUM, NEAREST, ORIGIN
 from dynamics.findings import Finding
-from dynamics.head import Head
+from dynamics.head import Head, Trajectory, fused_loops
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
 from dynamics.kinetic import FixedKinetic, Kinetic
 from dynamics.ports import Port
 from dynamics.potentials import NoPotential, PairPotential, Potential
 from dynamics.state import Parameters, PhaseState
+
+FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
 
 
 class Hamiltonian(Head):
@@ -80,6 +82,18 @@ class Hamiltonian(Head):
         kept = memory if self.integrator.needs_separable else None
         state, memory = self.integrator.advance(self.field(params), state, dt, kept)
         return self._kicked(reversed(self.ports), state, params, dt / 2), memory
+
+    def trajectory(
+        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
+    ) -> Trajectory:
+        """All steps: of a learned pair law in fused loops, where they can run."""
+        learned = next(cast(nn.Module, self.potential).parameters(), start.q)
+        if len(self._pair_laws()) == 1 and fused_loops(start.q, learned, FEWEST_EPISODES):
+            from dynamics.compiled.head import fused, refusal
+
+            if refusal(self, "numba", start.q) is None:
+                return fused(self, start, params, steps, dt, every)
+        return super().trajectory(start, params, steps, dt, every)
 
     @staticmethod
     def _kicked(

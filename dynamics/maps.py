@@ -45,14 +45,22 @@ class TransitionMap(Head):
         Raises:
             ValueError: ``dt`` is not the one that the map was trained for.
         """
+        self.check_step(dt)
+        step = self.increment(state, params)
+        after = PhaseState(state.q + self.scale[0] * step.q, state.p + self.scale[1] * step.p)
+        return after, memory
+
+    def check_step(self, dt: float) -> None:
+        """Refuse a step that the map was not trained for.
+
+        Raises:
+            ValueError: which one it was.
+        """
         if abs(dt - self.dt) > 1e-9:
             raise ValueError(
                 f"{type(self).__name__}: trained for dt = {self.dt:g} s, cannot step by {dt:g} s; "
                 "roll it at its own dt"
             )
-        step = self.increment(state, params)
-        after = PhaseState(state.q + self.scale[0] * step.q, state.p + self.scale[1] * step.p)
-        return after, memory
 
     def force(self, state: PhaseState, params: Parameters) -> Tensor:
         """The momentum that one step adds, per second: the map's effective force."""

@@ -7,11 +7,13 @@ from torch import Tensor
 
 from dynamics.angles import Harmonics
 from dynamics.domain import MOMENTUM, ORIGIN
-from dynamics.head import Head
+from dynamics.head import Head, Trajectory, fused_loops
 from dynamics.integrators import Integrator, Memory, VectorField, rk4
 from dynamics.maps import TransitionMap
 from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
+
+FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
 
 
 class ResidualMap(TransitionMap):
@@ -42,6 +44,29 @@ class ResidualMap(TransitionMap):
     @property
     def depends_on(self) -> tuple[str, ...]:
         return (ORIGIN, MOMENTUM) if self.harmonics is None else (MOMENTUM,)
+
+    def trajectory(
+        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
+    ) -> Trajectory:
+        """All steps: in fused loops where they can be, see :mod:`dynamics.compiled.maps`."""
+        if self.harmonics is not None or not fused_loops(start.q, self.scale, FEWEST_EPISODES):
+            return super().trajectory(start, params, steps, dt, every)
+        from dynamics.compiled.maps import roll
+
+        self.check_step(dt)
+        batch, (bodies, space) = start.q.shape[:-2], start.q.shape[-2:]
+        known = params.flat.expand(*batch, -1).reshape(batch.numel(), -1)
+        states = roll(
+            self.network,
+            self.scale.repeat_interleave(bodies * space),
+            start.flat.reshape(batch.numel(), -1),
+            known,
+            steps // every,
+            every,
+        )
+        # Episodes lie innermost in memory: what is handed out is a view.
+        flat = states.permute(2, 0, 1).reshape(*batch, steps // every + 1, 2 * bodies * space)
+        return Trajectory(PhaseState.from_flat(flat, bodies, space), "numba")
 
     def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
         if self.harmonics is None:

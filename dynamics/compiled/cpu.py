@@ -26,6 +26,7 @@ from dynamics.compiled.lanes import (
     aligned,
     inlined,
     kernel,
+    transposed,
     weights_of,
 )
 from dynamics.compiled.pairs import (
@@ -196,7 +197,7 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
     real: Any = {torch.float32: np.float32, torch.float64: np.float64}[like.dtype]
     integers = np.empty(0, np.int32 if real is np.float32 else np.int64)
     network = potential.network if isinstance(potential, PairSpline) else potential
-    weights, back = weights_of(network.phi, real)
+    weights, back = weights_of(network.phi, real), transposed(network.phi, real)
     kind = RADIAL if isinstance(network, RadialPotential) else 0
     if not isinstance(potential, PairSpline):
         return kind, 0, 0, np.zeros(1, real), np.zeros(0, real), integers, weights, back

@@ -24,7 +24,8 @@ from dynamics.state import Parameters, PhaseState
 
 Backend = Literal["torch", "numba", "triton"]
 PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
-MOST_BODIES = 8  # in the Triton kernel, which holds all pairs of an episode in registers
+# Triton holds all pairs of an episode in registers, numba those of a block of them in memory.
+MOST_BODIES = {"triton": 8, "numba": 128}
 REACH = 1000.0  # world units
 
 
@@ -56,50 +57,67 @@ class CompiledHead(Hamiltonian):
         Raises:
             ValueError: the backend cannot run this model here; why is said.
         """
-        device, bodies = start.q.device, start.q.shape[-2]
-        name = best(self, device, bodies) if self.backend is None else self.backend
-        if trouble := refusal(self, name, device, bodies):
+        name = best(self, start.q) if self.backend is None else self.backend
+        if trouble := refusal(self, name, start.q):
             raise ValueError(f"compiled model: backend '{name}' {trouble}")
-        if name == "torch" or not start.q.numel() or bodies < 2:
+        if name == "torch" or not start.q.numel() or start.q.shape[-2] < 2:
             return self._plain(start, params, steps, dt, every)
-        return self._fused(name, start, params, steps, dt, every)
+        key = name, start.q.dtype
+        if key not in self._packed:
+            self._packed[key] = kernels_of(name).packed(self.potential, start.q)
+        found = fused(self, start, params, steps, dt, every, name, self._packed[key])
+        if found.fallbacks and name == "triton":  # its kernel has no network
+            return self._plain(start, params, steps, dt, every)
+        return found
 
     def _plain(
         self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
     ) -> Trajectory:
         spline = self.potential if isinstance(self.potential, PairSpline) else None
         before = spline.outside if spline else 0
-        found = super().trajectory(start, params, steps, dt, every)
+        found = Head.trajectory(self, start, params, steps, dt, every)
         asked = spline.outside - before if spline else 0
         return Trajectory(found.states, "torch", asked)
 
-    def _fused(
-        self, name: str, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
-    ) -> Trajectory:
-        kernels = import_module("dynamics.compiled." + ("cpu" if name == "numba" else "cuda"))
-        key = name, start.q.dtype
-        if key not in self._packed:
-            self._packed[key] = kernels.packed(self.potential, start.q)
-        batch = start.q.shape[:-2]
-        potential = cast(PairPotential, self.potential)
-        mass, strength = episodes_last(potential.law, params, batch)
-        states, asked = kernels.roll(
-            self._packed[key],
-            potential.law.box,
-            torch.stack([start.q, start.p]).reshape(2, -1, *start.q.shape[-2:]).permute(0, 2, 3, 1),
-            mass,
-            strength,
-            [part * dt for part in PARTS[self.integrator.name]],
-            steps // every,
-            every,
-        )
-        if asked and name == "triton":  # its kernel has no network
-            return self._plain(start, params, steps, dt, every)
-        # Episodes lie innermost in memory: what is handed out is a view.
-        q, p = states.permute(1, 4, 0, 2, 3).reshape(
-            2, *batch, *states.shape[:1], *start.q.shape[-2:]
-        )
-        return Trajectory(PhaseState(q, p), name, asked)
+
+def kernels_of(backend: str) -> Any:
+    """The fused loops of a backend."""
+    return import_module("dynamics.compiled." + ("cpu" if backend == "numba" else "cuda"))
+
+
+def fused(
+    head: Hamiltonian,
+    start: PhaseState,
+    params: Parameters,
+    steps: int,
+    dt: float,
+    every: int,
+    backend: str = "numba",
+    packed: Any = None,
+) -> Trajectory:
+    """All steps of a model with one pair law, which :func:`refusal` has nothing against.
+
+    Args:
+        head, start, params, steps, dt, every: see :meth:`dynamics.head.Head.trajectory`.
+        backend: ``numba`` or ``triton``.
+        packed: the pair function as the backend takes it, where it was packed before.
+    """
+    kernels, potential = kernels_of(backend), cast(PairPotential, head.potential)
+    batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
+    mass, strength = episodes_last(potential.law, params, batch)
+    states, asked = kernels.roll(
+        kernels.packed(potential, start.q) if packed is None else packed,
+        potential.law.box,
+        torch.stack([start.q, start.p]).reshape(2, -1, *sizes).permute(0, 2, 3, 1),
+        mass,
+        strength,
+        [part * dt for part in PARTS[head.integrator.name]],
+        steps // every,
+        every,
+    )
+    # Episodes lie innermost in memory: what is handed out is a view.
+    q, p = states.permute(1, 4, 0, 2, 3).reshape(2, *batch, *states.shape[:1], *sizes)
+    return Trajectory(PhaseState(q, p), backend, asked)
 
 
 def episodes_last(law: Any, params: Parameters, batch: torch.Size) -> tuple[Tensor, Tensor]:
@@ -148,8 +166,8 @@ def compile_head(
     else:
         potential, report = pair_spline(phi, tolerance, reach)
     compiled = CompiledHead(head, potential, report, backend).requires_grad_(False)
-    place = next(phi.parameters()).device
-    if backend is not None and (trouble := refusal(compiled, backend, place, 2)):
+    example = torch.empty(1, 2, 2, device=next(phi.parameters()).device)
+    if backend is not None and (trouble := refusal(compiled, backend, example)):
         raise ValueError(f"compile_head: backend '{backend}' {trouble}")
     return compiled
 
@@ -157,23 +175,29 @@ def compile_head(
 _COMPILED = (DisplacementPotential, RadialPotential)
 
 
-def refusal(head: CompiledHead, backend: str, device: torch.device, bodies: int) -> str | None:
-    """Why a backend cannot run a model; ``None`` where it can."""
+def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
+    """Why a backend cannot roll a model from positions ``(..., n, d)``; ``None`` where it can."""
     if backend == "torch":
         return None
     if backend not in ("numba", "triton"):
         return "is unknown; use torch, numba or triton"
     if not isinstance(head.kinetic, FixedKinetic) or len(head.ports):
         return "rolls |p|^2 / 2m and a pair law, with no ports and no learned kinetic energy"
+    if not isinstance(head.potential, (PairSpline, *_COMPILED)):
+        return "rolls one learned pair law, displacement or radial"
     if head.integrator.name not in PARTS:
         return f"has no {head.integrator.name}; it has {', '.join(PARTS)}"
+    bodies, space = states.shape[-2:]
+    if space != 2:
+        return f"rolls bodies in a plane, these are in {space} dimensions"
     if backend == "triton" and not isinstance(head.potential, PairSpline):
         return "evaluates splines only; give a tolerance"
-    if backend == "triton" and bodies > MOST_BODIES:
-        return f"holds at most {MOST_BODIES} bodies, got {bodies}"
+    most = MOST_BODIES[backend]
+    if bodies > most:
+        return f"holds at most {most} bodies, got {bodies}"
     wanted = "cpu" if backend == "numba" else "cuda"
-    if device.type != wanted and not (backend == "triton" and interpreted()):
-        return f"needs states on {wanted}, these are on {device.type}"
+    if states.device.type != wanted and not (backend == "triton" and interpreted()):
+        return f"needs states on {wanted}, these are on {states.device.type}"
     if not installed(backend):
         return f"is not installed; install {backend}"
     return None
@@ -185,10 +209,10 @@ def installed(package: str) -> bool:
     return find_spec(package) is not None
 
 
-def best(head: CompiledHead, device: torch.device, bodies: int) -> Backend:
-    """The fastest backend that can run a model on a device."""
-    fused: Backend = "triton" if device.type == "cuda" else "numba"
-    return "torch" if refusal(head, fused, device, bodies) else fused
+def best(head: CompiledHead, states: Tensor) -> Backend:
+    """The fastest backend that can roll a model from some positions."""
+    fastest: Backend = "triton" if states.device.type == "cuda" else "numba"
+    return "torch" if refusal(head, fastest, states) else fastest
 
 
 def interpreted() -> bool:

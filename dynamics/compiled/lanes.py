@@ -62,7 +62,7 @@ class Weights(NamedTuple):
     Args:
         first: of the first layer.
         middle: the square layers, ``(layers, ...)``.
-        last: ``(outputs, units)``.
+        last: as it is, ``(outputs, units)``.
         biases: of all layers but the last, ``(layers + 1, units)``.
         last_bias: ``(outputs,)``.
         activation: of ``ACTIVATIONS``.
@@ -90,8 +90,26 @@ class Transposed(NamedTuple):
     zeros: Array
 
 
-def weights_of(network: MLP, dtype: Any) -> tuple[Weights, Transposed]:
-    """The weights of a network whose hidden layers are of one width, both ways."""
+def weights_of(network: MLP, dtype: Any) -> Weights:
+    """The weights of a network whose hidden layers are of one width."""
+    (first, *middle, last), (*hidden, last_bias) = _padded(network, dtype)
+    activation = ACTIVATIONS[network.activation]
+    return Weights(
+        blocks_of(first), _stacked(middle), last, np.stack(hidden), last_bias, activation
+    )
+
+
+def transposed(network: MLP, dtype: Any) -> Transposed:
+    """The layers of such a network the other way round."""
+    (first, *middle, last), (bias, *_) = _padded(network, dtype)
+    back = [matrix.T for matrix in middle]
+    back[-1] = back[-1] * last[0]
+    into = np.pad(first.T, ((0, -first.shape[1] % BLOCK), (0, 0)))
+    return Transposed(blocks_of(into), _stacked(back), np.zeros_like(bias))
+
+
+def _padded(network: MLP, dtype: Any) -> tuple[list[Array], list[Array]]:
+    """Matrices and biases with as many outputs, and as many hidden inputs, as make whole blocks."""
     matrices: list[Array] = []
     biases: list[Array] = []
     for layer in network.layers:
@@ -99,26 +117,17 @@ def weights_of(network: MLP, dtype: Any) -> tuple[Weights, Transposed]:
         out, into = (-size % BLOCK for size in weight.shape)
         matrices.append(np.pad(weight, ((0, out), (0, into if matrices else 0))))
         biases.append(np.pad(bias, (0, out)))
-    first, *middle, last = matrices
-    *hidden, last_bias = biases
-    back = [matrix.T for matrix in middle]
-    back[-1] = back[-1] * last[0]
-    into = np.pad(first.T, ((0, -first.shape[1] % BLOCK), (0, 0)))
-    activation = ACTIVATIONS[network.activation]
-    return (
-        Weights(_blocks(first), _stacked(middle), last, np.stack(hidden), last_bias, activation),
-        Transposed(_blocks(into), _stacked(back), np.zeros_like(hidden[0])),
-    )
+    return matrices, biases
 
 
-def _blocks(matrix: Array) -> Array:
+def blocks_of(matrix: Array) -> Array:
     """``(outputs, inputs) -> (blocks, inputs, BLOCK)``."""
     split = matrix.reshape(-1, BLOCK, matrix.shape[1]).transpose(0, 2, 1)
     return np.ascontiguousarray(split)
 
 
 def _stacked(matrices: list[Array]) -> Array:
-    return np.stack([_blocks(matrix) for matrix in matrices])
+    return np.stack([blocks_of(matrix) for matrix in matrices])
 
 
 @inlined
@@ -244,6 +253,24 @@ def activate(flat: Array, flat_slopes: Array, activation: int) -> None:
 
 
 @kernel
+def values_only(values: Array, activation: int) -> None:
+    """:func:`activate` without slopes."""
+    one, half = values.dtype.type(1), values.dtype.type(0.5)
+    if activation == _TANH:
+        for i in range(values.shape[0]):
+            values[i] = tanh(values[i], values)
+    elif activation == _SOFTPLUS:
+        for i in range(values.shape[0]):
+            x = values[i]
+            large = x if x > values.dtype.type(0) else values.dtype.type(0)
+            values[i] = large + values.dtype.type(np.log1p(np.exp(-abs(x))))
+    else:
+        for i in range(values.shape[0]):
+            x = half * values[i]
+            values[i] = x * (one + tanh(x, values))
+
+
+@kernel
 def _scale(values: Array, slopes: Array) -> None:
     for i in range(values.shape[0]):
         values[i] *= slopes[i]
@@ -267,6 +294,21 @@ def hidden(weights: Weights, inputs: Array, sums: Array, work: Array) -> None:
         matrix, bias = weights.middle[layer - 1], weights.biases[layer]
         product(matrix, bias, work[layer - 1], sums, work[layer])
         activate(work[layer], work[layers + layer], weights.activation)
+
+
+@kernel
+def forward(weights: Weights, inputs: Array, sums: Array, work: Array) -> None:
+    """The hidden layers' values alone; see :func:`hidden`, but for ``work``.
+
+    Args:
+        work: ``(hidden layers, units * TILE)``.
+    """
+    product(weights.first, weights.biases[0], inputs, sums, work[0])
+    values_only(work[0], weights.activation)
+    for layer in range(1, work.shape[0]):
+        matrix, bias = weights.middle[layer - 1], weights.biases[layer]
+        product(matrix, bias, work[layer - 1], sums, work[layer])
+        values_only(work[layer], weights.activation)
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import Any
 
 BODIES_DT = 0.002  # seconds
 WIDTH = 256  # of the networks in rollouts
-LONG, SHORT, FEW = 2000, 40, 8  # steps of fast, of slow and of the slowest contenders
+LONG, USUAL, SHORT, FEW = 2000, 150, 40, 8  # steps of fast, of slow and of the slowest contenders
 EPISODES, MANY_EPISODES = 64, 1024
 SETTLE = 0.03  # seconds between calls
 
@@ -256,8 +256,8 @@ def network_unstructured() -> Match:
     torch.manual_seed(0)
     head: Any = build(HEADS["unstructured"], bodies=3, dt=BODIES_DT)
     start, params = episodes(EPISODES)
-    theirs = Contender(peers.jax_map(head, start, params, SHORT), EPISODES * SHORT, "jax")
-    ours = _rolled(head, SHORT)
+    theirs = Contender(peers.jax_map(head, start, params, USUAL), EPISODES * USUAL, "jax")
+    ours = _rolled(head, USUAL)
     return Match("network unstructured", "episode-steps", ours, {"JAX scan": (theirs, 1.0)})
 
 

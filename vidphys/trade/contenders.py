@@ -77,7 +77,10 @@ def deviations(head: Hamiltonian, plunge: bool, steps: int, dt: float) -> dict[s
     truth = exact.trajectory(*wide, steps, dt).states.q
     found = {}
     with torch.no_grad():
-        for name, model in (("network", head), ("compiled", compile_head(head))):
+        for name, model in (
+            ("network", compile_head(head, None, backend="torch")),
+            ("compiled", compile_head(head)),
+        ):
             q = model.trajectory(start, params, steps, dt).states.q
             found[name] = (q - truth).norm(dim=-1).flatten(1).amax(-1)
     apart = truth - truth.roll(1, -2)

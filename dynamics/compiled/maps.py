@@ -1,0 +1,121 @@
+"""Fused rollouts of an unstructured map on the CPU, by numba: all steps of a block, then the next.
+
+The map's whole state is one column of its network's inputs; episodes lie side by side in lanes, see
+:mod:`dynamics.compiled.lanes`. :meth:`dynamics.maps.TransitionMap.advance` is the twin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dynamics.compiled.cpu import in_threads
+from dynamics.compiled.lanes import (
+    BLOCK,
+    PART,
+    TILE,
+    Array,
+    Weights,
+    aligned,
+    blocks_of,
+    forward,
+    kernel,
+    product,
+    weights_of,
+)
+from dynamics.mlp import MLP
+
+
+@kernel
+def _add(state: Array, step: Array, scale: Array) -> None:
+    """``state += scale * step``, as far as there are scales."""
+    for i in range(scale.shape[0]):
+        state[i] += scale[i] * step[i]
+
+
+@kernel
+def _store(state: Array, begin: int, count: int, out: Array) -> None:
+    """The first ``count`` lanes into ``(entries, episodes)``."""
+    rows = state.reshape((-1, TILE))
+    for row in range(out.shape[0]):
+        for lane in range(count):
+            out[row, begin + lane] = rows[row, lane]
+
+
+@kernel
+def _roll(
+    weights: Weights,
+    last: Array,
+    scale: Array,
+    start: Array,
+    known: Array,
+    every: int,
+    out: Array,
+    blocks: tuple[int, int],
+) -> int:
+    """Steps of some blocks of episodes.
+
+    Args:
+        weights: of the network.
+        last: its last layer in blocks.
+        scale: of each entry of the state on each lane, ``(entries * TILE,)``.
+        start: ``(entries, episodes)``.
+        known: what the network is told besides, ``(conditions, episodes)``.
+        every: steps between stored states.
+        out: ``(stored, entries, episodes)``; the first of them is the start.
+        blocks: the first block of episodes, and the one after the last.
+    """
+    entries, episodes = start.shape
+    told, units = entries + known.shape[0], weights.biases.shape[1]
+    inputs = aligned(told * TILE, scale)
+    result = aligned(last.shape[0] * BLOCK * TILE, scale)
+    sums = aligned(BLOCK * PART, scale)
+    layers = weights.biases.shape[0]
+    work = aligned(layers * units * TILE, scale).reshape((layers, units * TILE))
+    for block in range(blocks[0], blocks[1]):
+        begin = block * TILE
+        count = min(TILE, episodes - begin)
+        for lane in range(TILE):
+            source = begin + min(lane, count - 1)  # lanes of no episode repeat the last one
+            for row in range(entries):
+                inputs[row * TILE + lane] = start[row, source]
+            for row in range(known.shape[0]):
+                inputs[(entries + row) * TILE + lane] = known[row, source]
+        for move in range((out.shape[0] - 1) * every + 1):
+            if move > 0:
+                forward(weights, inputs, sums, work)
+                product(last, weights.last_bias, work[layers - 1], sums, result)
+                _add(inputs, result, scale)
+            if move % every == 0:
+                _store(inputs, begin, count, out[move // every])
+    return 0
+
+
+def roll(
+    network: MLP, scale: Tensor, start: Tensor, known: Tensor, stored: int, every: int
+) -> Tensor:
+    """Steps of x' = x + scale * network(x, known).
+
+    Args:
+        network: hidden layers of one width.
+        scale: of each entry of the state, ``(entries,)``.
+        start: ``(episodes, entries)``.
+        known: ``(episodes, conditions)``.
+        stored: states that are stored after the start.
+        every: steps between them.
+
+    Returns:
+        States, ``(stored + 1, entries, episodes)``.
+    """
+    weights = weights_of(network, start.numpy().dtype)
+    first, told = (np.ascontiguousarray(x.numpy().T) for x in (start, known))
+    sizes = np.repeat(scale.numpy(), TILE)
+    out = np.empty((stored + 1, *first.shape), first.dtype)
+    last = blocks_of(weights.last)
+
+    def part(which: tuple[int, int]) -> int:
+        return _roll(weights, last, sizes, first, told, every, out, which)
+
+    in_threads(part, -(-len(start) // TILE))
+    return torch.from_numpy(out)
