@@ -17,6 +17,7 @@ from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
 from vidphys.diagnose.spectrum import distinct, modes_of_data, modes_of_model
 from vidphys.diagnose.windows import FEW
+from vidphys.statistics import NORMAL_95
 
 SAMPLES = 600  # of a changed law
 BLANK = 160  # pixels of a recording's pictures where there is no clip
@@ -162,6 +163,7 @@ def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:
             "model_decay": model.decay,
             "spectrum_frequency": seen.frequency,
             "spectrum_decay": seen.decay,
+            "spectrum_decay_error": seen.error if np.isfinite(seen.error) else None,
         }
         for tiny, model, seen in zip(small, *both, strict=True)
     ]
@@ -171,7 +173,7 @@ def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:
         answered.lines.append(
             f"Oscillation {k}: {model.frequency:.4g} radians per second by the model, "
             f"{seen.frequency:.4g} by the spectrum alone; decay {model.decay:.3g} and "
-            f"{seen.decay:.3g} per second."
+            f"{seen.decay:.3g} ± {NORMAL_95 * seen.error:.1g} per second (95 %)."
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,14 +10,17 @@ from vidphys.diagnose.infer import NUMERICAL, Inference
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, field_of
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.paths import Paths, integrated, smooth
+from vidphys.diagnose.refine import refine
 from vidphys.diagnose.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.structures import Structure
-from vidphys.diagnose.windows import Windows, windows_at
+from vidphys.diagnose.windows import Windows, cut_windows, windows_at
 
 PIECES = (8, 16)  # frames of the windows, at least and at most
 STRIDE = 2  # frames between the windows of the first search
 PRICE = 1.5  # as for terms: of each number, over Schwarz's half logarithm of the rows
 PICARD = 3
+APART = 4.0  # standard errors between the numbers of the two parts
+MATERIAL = 0.05  # share of the usual acceleration that a change of a number must make
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
     gain, before, after = gains[best]
     # One of many moments was picked: that choice has its price too.
     gain -= float(np.log(len(splits)))
-    if gain <= 0:
+    if gain <= 0 or not _confirmed(motion, inference, terms, int(best), size):
         return None
     names = [f"{term.name}: {part}" for term in terms for part in term.coefficients]
     return Switch(
@@ -73,6 +76,34 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
         dict(zip(names, before.tolist(), strict=True)),
         dict(zip(names, after.tolist(), strict=True)),
     )
+
+
+def _confirmed(
+    motion: Motion, inference: Inference, terms: tuple[Term, ...], frame: int, size: int
+) -> bool:
+    """Whether the exact fits of the two parts differ by more than their errors, and visibly.
+
+    The search runs along paths of the whole clip's model, whose error (an under-resolved contact,
+    say) may favour one part by chance; the parts' own fits have none of it.
+    """
+    known = [inference.structure.of(t) if t in inference.structure.terms else [0.0] for t in terms]
+    structure = replace(inference.structure, terms=terms, coefficients=np.concatenate(known))
+    fits = []
+    for half in (motion.cut(0, frame), motion.cut(frame)):
+        windows = cut_windows(half, size)
+        try:
+            fitted = refine(windows, smooth(windows, inference.noise.sigma), structure)
+        except (FloatingPointError, np.linalg.LinAlgError):
+            return True
+        field = field_of(windows, fitted.paths)
+        columns = np.concatenate([term.columns(field) for term in terms], -1)
+        usual = np.sqrt(np.mean(fitted.structure.accelerations(field) ** 2)) + 1e-12
+        fits.append((fitted, np.sqrt((columns**2).mean((0, 1, 2, 3))) / usual))
+    (before, share), (after, other) = fits
+    count = len(share)
+    gap = np.abs(after.values - before.values)[:count]
+    error = np.hypot(after.errors, before.errors)[:count]
+    return bool(((gap > APART * error) & (gap * np.maximum(share, other) > MATERIAL)).any())
 
 
 def _terms(structure: Structure) -> tuple[Term, ...]:

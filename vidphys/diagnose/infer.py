@@ -43,6 +43,7 @@ NO_WORSE = 0.03  # share by which the mean square residual may grow in longer wi
 CHANCE = 2.0  # or so many standard deviations of a mean square
 PICARD = 4
 KICKED = 8.0  # gain of log likelihood from which random kicks are believed
+SHOVED = 3.0  # times the numerical error that kicks must move a row to be no such error
 NUMERICAL = 3e-4  # of the spread of the positions: what the integrals themselves may be wrong by
 UNSURE = 0.9  # probability of a structure under which the diagnosis says that it is not sure
 
@@ -124,10 +125,16 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     noise = measure_noise(motion)
     floor = NUMERICAL * float(np.nanstd(motion.positions))
     search = _Search(motion, angles, max(noise.sigma, floor), floor)
-    found = search.round(search.first_size(), None)
-    found = search.round(found.windows.frames.shape[1], found)
-    found = search.kicked(search.refined(found)[1])
-    return search.conclude(search.grown(found), noise)
+    size = search.first_size()
+    result = search.from_windows(size, noise)
+    # A rare encounter that a long first window smooths over looks like a kick; in shorter ones it
+    # does not.
+    while result.kicks > 0 and not result.leftover.explained and size >= 2 * SHORTEST:
+        size //= 2
+        shorter = search.from_windows(size, noise)
+        if shorter.leftover.explained:
+            return shorter
+    return result
 
 
 @dataclass(frozen=True)
@@ -136,6 +143,13 @@ class _Search:
     angles: bool
     sigma: float
     floor: float
+
+    def from_windows(self, size: int, noise: Noise) -> Inference:
+        """The whole search from first windows of this many frames."""
+        found = self.round(size, None)
+        found = self.round(found.windows.frames.shape[1], found)
+        found = self.kicked(self.refined(found)[1])
+        return self.conclude(self.grown(found), noise)
 
     def first_size(self) -> int:
         """Frames of the first windows: about the time in which velocities change."""
@@ -175,9 +189,9 @@ class _Search:
 
     def ranked(self, menu: Menu, rows: Rows, ratio: float) -> list[Structure]:
         """All combinations, best first; kicks come with the linear friction that balances them."""
-        found = all_structures(menu, normal_equations(rows, ratio), self.floor)
         if not ratio:
-            return found
+            return all_structures(menu, normal_equations(rows), self.floor, self.floor)
+        found = all_structures(menu, normal_equations(rows, ratio), self.floor)
         bath = [s for s in found if "linear" in s.kinds]
         return bath or found
 
@@ -206,7 +220,7 @@ class _Search:
             if term.family != PAIR or term is pair
         ]
         kicks = random_kicks(found.rows, free, self.floor)
-        if kicks.gain <= KICKED:
+        if kicks.gain <= KICKED or kicks.moved < SHOVED * self.floor:
             return found
         structures = self.ranked(found.menu, found.rows, kicks.ratio)
         return replace(found, structures=structures, ratio=kicks.ratio)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vidphys.diagnose.infer import Inference
-from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, external_terms
+from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, external_terms, of_each_body
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.paths import splined
 from vidphys.diagnose.refine import Fitted, refine
@@ -69,20 +69,41 @@ def last_look(motion: Motion, inference: Inference) -> LongFit | None:
     if not found:
         return None
     size = max(fit.windows.frames.shape[1] for fit in found)
-    longest = sorted(
-        (fit for fit in found if fit.windows.frames.shape[1] == size), key=lambda fit: -fit.score()
-    )
+    longest = [fit for fit in found if fit.windows.frames.shape[1] == size]
+    if motion.bodies > 1:
+        apart = [_each_body(fit, motion.bodies) for fit in longest]
+        longest += [fit for fit in apart if fit is not None]
+    longest.sort(key=lambda fit: -fit.score())
     return replace(longest[0], probability=_probability(longest, inference.noise.sigma))
+
+
+def _each_body(fit: LongFit, bodies: int) -> LongFit | None:
+    """The same with a rate of friction for each body; none without friction."""
+    structure, shared = fit.fitted.structure, fit.fitted.structure.term(FRICTION)
+    if shared is None:
+        return None
+    terms = tuple(of_each_body(t, bodies) if t is shared else t for t in structure.terms)
+    known = [np.repeat(structure.of(t), bodies if t is shared else 1) for t in structure.terms]
+    apart = replace(structure, terms=terms, coefficients=np.concatenate(known))
+    try:
+        fitted = refine(fit.windows, fit.fitted.paths, apart)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+    friction = fitted.structure.term(FRICTION)
+    assert friction is not None
+    takes = bool((fitted.structure.of(friction) > 0).all())
+    return LongFit(fitted, fit.windows) if takes else None
 
 
 def _probability(fits: Sequence[LongFit], sigma: float) -> dict[frozenset[str], float]:
     """Of each friction; a residual above the noise is no independent evidence, and counts less."""
     best = fits[0]
     tempered = max(best.fitted.variance / max(sigma, np.finfo(float).tiny) ** 2, 1.0)
-    weight = {
-        fit.fitted.structure.kinds: float(np.exp((fit.score() - best.score()) / tempered))
-        for fit in fits
-    }
+    weight: dict[frozenset[str], float] = {}
+    for fit in fits:
+        kinds = fit.fitted.structure.kinds
+        likely = float(np.exp((fit.score() - best.score()) / tempered))
+        weight[kinds] = max(likely, weight.get(kinds, 0.0))
     total = sum(weight.values())
     return {kinds: value / total for kinds, value in weight.items()}
 

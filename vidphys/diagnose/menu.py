@@ -7,7 +7,7 @@ trap, a resistance. One term of each family at most stands in a structure.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -174,6 +174,22 @@ FRICTIONS = {
     "square": Term("v^2 friction", FRICTION, "square", ("rate",), resistance(2), positive=True),
     "dry": Term("dry friction", FRICTION, "dry", ("rate",), resistance(0), positive=True),
 }
+
+
+def of_each_body(friction: Term, bodies: int) -> Term:
+    """A friction of the same law with a rate of its own for each body."""
+
+    def columns(field: Field) -> np.ndarray:
+        return friction.columns(field) * np.eye(bodies)[:, None, :]
+
+    return replace(
+        friction,
+        name=f"{friction.name} of each body",
+        coefficients=tuple(f"rate {body}" for body in range(1, bodies + 1)),
+        columns=columns,
+    )
+
+
 SOFTENINGS = (0.03, 0.06, 0.12, 0.2, 0.3, 0.45, 0.7)  # over the median distance
 WIDTHS = (0.2, 0.4, 0.7, 1.1)
 CONTACTS = (1.1, 1.25, 1.45, 1.7, 2.0, 2.4, 3.0)  # over the least distance

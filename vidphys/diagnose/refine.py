@@ -141,7 +141,8 @@ def _linearised(windows: Windows, paths: Paths, structure: Structure) -> _Linear
     twice = half * (windows.once @ once)
     flat = nodes * size
     # Operators on the stacked accelerations of all nodes: the law's derivative times an integral.
-    feed = np.einsum("wmij,wml->wmilj", by_q, twice) + np.einsum("wmij,wml->wmilj", by_v, once)
+    feed = by_q[:, :, :, None] * twice[:, :, None, :, None]
+    feed += by_v[:, :, :, None] * once[:, :, None, :, None]
     system = np.eye(flat) - feed.reshape(count, flat, flat)
     since = (windows.node_times - windows.begin[:, None])[:, :, None, None]
     q0 = np.broadcast_to(np.eye(size), (count, nodes, size, size))

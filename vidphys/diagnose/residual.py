@@ -9,7 +9,7 @@ import numpy as np
 
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
 from vidphys.diagnose.refine import Fitted
-from vidphys.diagnose.regression import Rows, normal_equations, rows_of
+from vidphys.diagnose.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.structures import Structure
 from vidphys.diagnose.windows import Windows
 
@@ -27,10 +27,12 @@ class Kicks:
     Args:
         ratio: their variance per second over that of the noise of a position.
         gain: of log likelihood over no kicks.
+        moved: root mean square of what they do to a row, world units.
     """
 
     ratio: float
     gain: float
+    moved: float
 
 
 def random_kicks(rows: Rows, chosen: list[int], floor: float) -> Kicks:
@@ -42,7 +44,11 @@ def random_kicks(rows: Rows, chosen: list[int], floor: float) -> Kicks:
         floor: see :func:`vidphys.diagnose.structures.all_structures`.
     """
     ratio, gain = _likeliest(rows, chosen, floor, rows.kicks)
-    return Kicks(ratio, gain)
+    normal = normal_equations(Rows(rows.x[:, chosen], rows.y, rows.kicks, rows.window), ratio)
+    everything = range(len(chosen))
+    variance = normal.misfit(everything, normal.solve(everything)) / normal.count
+    moved = float(np.sqrt(ratio * max(variance, floor**2) * rows.kicks.mean()))
+    return Kicks(ratio, gain, moved)
 
 
 def _likeliest(
@@ -206,9 +212,16 @@ def _probe_gains(
     for name, extra in places.items():
         price = PRICE * 0.5 * np.log(normal.count) * len(extra)
         gain = log_likelihood(chosen + extra) - without - price
-        if gain > 0:
+        # Below the floor it is the integrals' own error that has such a shape.
+        if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
             gains[name] = float(gain)
     return gains
+
+
+def _moved(normal: Normal, chosen: list[int], extra: list[int]) -> float:
+    """Root mean square of what extra columns add to the rows, world units."""
+    own = normal.solve(chosen + extra)[len(chosen) :]
+    return float(np.sqrt(own @ normal.gram[np.ix_(extra, extra)] @ own / normal.count))
 
 
 def _judged(

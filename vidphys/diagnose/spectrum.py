@@ -19,6 +19,7 @@ PER_PEAK = 10  # trial frequencies in one width of a spectral line
 STRETCHES = 8  # of a recording, in which an amplitude is followed
 PERIODS = 2.0  # that a stretch must hold
 ALIKE = 0.1  # share within which two peaks are one
+STRAIGHT = 3  # stretches through which a line leaves too little to tell its error
 NUDGE = 1e-5
 
 
@@ -29,10 +30,12 @@ class Mode:
     Args:
         frequency: radians per second.
         decay: of its amplitude, per second.
+        error: standard error of the decay, where it was measured.
     """
 
     frequency: float
     decay: float
+    error: float = float("nan")
 
 
 def modes_of_model(structure: Structure, near: np.ndarray, mass: np.ndarray) -> list[Mode]:
@@ -75,12 +78,14 @@ def modes_of_data(times: np.ndarray, positions: np.ndarray, count: int) -> list[
     x = positions.reshape(len(times), -1)
     seen = np.isfinite(x).all(1)
     t, x = times[seen], x[seen] - x[seen].mean(0)
-    found: list[Mode] = []
+    left, frequencies = x, []
     for _ in range(count):
-        frequency = _strongest(t, x)
-        found.append(Mode(frequency, _decay(t, x, frequency)))
-        x = _without(t, x, frequency)
-    return sorted(found, key=lambda mode: mode.frequency)
+        frequencies.append(_strongest(t, left))
+        left = _without(t, left, frequencies[-1])
+    return [
+        Mode(frequency, *_decay(t, x, frequency, [w for w in frequencies if w != frequency]))
+        for frequency in sorted(frequencies)
+    ]
 
 
 def _strongest(t: np.ndarray, x: np.ndarray) -> float:
@@ -97,14 +102,14 @@ def _strongest(t: np.ndarray, x: np.ndarray) -> float:
     return float(finer.x)
 
 
-def _basis(t: np.ndarray, frequency: float) -> np.ndarray:
+def _basis(t: np.ndarray, *frequencies: float) -> np.ndarray:
     middle = t - t.mean()
-    wave = [np.cos(frequency * middle), np.sin(frequency * middle)]
-    return np.stack([np.ones_like(t), *wave], -1)
+    waves = [wave(w * middle) for w in frequencies for wave in (np.cos, np.sin)]
+    return np.stack([np.ones_like(t), *waves], -1)
 
 
-def _misfit(t: np.ndarray, x: np.ndarray, frequency: float) -> float:
-    basis = _basis(t, frequency)
+def _misfit(t: np.ndarray, x: np.ndarray, *frequencies: float) -> float:
+    basis = _basis(t, *frequencies)
     return float(((x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]) ** 2).sum())
 
 
@@ -114,23 +119,33 @@ def _stretches(t: np.ndarray, frequency: float) -> list[np.ndarray]:
     return [(t >= a) & (t <= b) for a, b in zip(edges, edges[1:], strict=False)]
 
 
-def _decay(t: np.ndarray, x: np.ndarray, frequency: float) -> float:
-    """Slope of the logarithm of the amplitude over stretches of the recording."""
+def _decay(
+    t: np.ndarray, x: np.ndarray, frequency: float, others: list[float]
+) -> tuple[float, float]:
+    """Slope of the logarithm of the amplitude over stretches of the recording, and its error.
+
+    The other oscillations are fitted beside it: a stretch may hold less than a period of a slow
+    one, and what that leaves would count as this one's amplitude. The noise of an amplitude is the
+    same in every stretch, that of its logarithm is not: stretches count by their amplitudes.
+    """
     middles, amplitudes = [], []
     for part in _stretches(t, frequency):
         # A pendulum swings faster as it swings less: each stretch has its own frequency.
         span = t[part][-1] - t[part][0]
         reach = min(ALIKE * frequency, np.pi / span)
         own = minimize_scalar(
-            lambda w, part=part: _misfit(t[part], x[part], w),
+            lambda w, part=part: _misfit(t[part], x[part], w, *others),
             bounds=(frequency - reach, frequency + reach),
             method="bounded",
         ).x
-        basis = _basis(t[part], float(own))
-        wave = np.linalg.lstsq(basis, x[part], rcond=None)[0][1:]
+        basis = _basis(t[part], float(own), *others)
+        wave = np.linalg.lstsq(basis, x[part], rcond=None)[0][1:3]
         middles.append(t[part].mean())
         amplitudes.append(np.sqrt((wave**2).sum()))
-    return float(-np.polyfit(middles, np.log(amplitudes), 1)[0])
+    if len(middles) <= STRAIGHT:
+        return float(-np.polyfit(middles, np.log(amplitudes), 1)[0]), float("nan")
+    line, spread = np.polyfit(middles, np.log(amplitudes), 1, w=amplitudes, cov=True)
+    return float(-line[0]), float(np.sqrt(spread[0, 0]))
 
 
 def _without(t: np.ndarray, x: np.ndarray, frequency: float) -> np.ndarray:

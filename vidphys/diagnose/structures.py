@@ -79,13 +79,16 @@ class Menu:
         return np.concatenate([term.columns(field) for term in self.terms], -1)
 
 
-def all_structures(menu: Menu, normal: Normal, floor: float) -> list[Structure]:
+def all_structures(menu: Menu, normal: Normal, floor: float, least: float = 0.0) -> list[Structure]:
     """Every combination, best first.
 
     Args:
         menu: the terms.
         normal: normal equations over their columns.
         floor: standard deviation below which a residual is numerical, world units.
+        least: root mean square, world units, by which a term must move the rows to be told from
+            what the integrals are wrong by; that error is systematic, and many rows do not
+            average it away.
     """
     families: list[list[int | None]] = [
         [None, *(i for i, term in enumerate(menu.terms) if term.family == family)]
@@ -98,7 +101,7 @@ def all_structures(menu: Menu, normal: Normal, floor: float) -> list[Structure]:
         structure = _fit(
             [menu.terms[i] for i in chosen], [places[i] for i in chosen], normal, floor
         )
-        if structure is not None:
+        if structure is not None and _shows(structure, [places[i] for i in chosen], normal, least):
             found.append(structure)
     return sorted(found, key=lambda s: -s.score)
 
@@ -114,6 +117,16 @@ def _fit(
     structure = Structure(tuple(terms), coefficients, score, misfit / normal.count)
     wrong = any(term.positive and structure.of(term)[0] <= 0 for term in terms)
     return None if wrong else structure
+
+
+def _shows(structure: Structure, places: Sequence[list[int]], normal: Normal, least: float) -> bool:
+    """Whether every term moves the rows by at least so much."""
+    for term, place in zip(structure.terms, places, strict=True):
+        own = structure.of(term)
+        moved = own @ normal.gram[np.ix_(place, place)] @ own / normal.count
+        if moved < least**2:
+            return False
+    return True
 
 
 def posterior(structures: Sequence[Structure]) -> dict[frozenset[str], float]:

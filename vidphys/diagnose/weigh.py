@@ -18,6 +18,7 @@ FEW = 3  # bodies, up to which each one's mass is looked for
 SWEEPS = 3
 FARTHEST = 10.0  # ratio of two masses
 ROUGH = np.geomspace(1 / FARTHEST, FARTHEST, 9)
+HELPS = 0.8  # of the residual with equal masses, to which other masses must bring it to go on
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,15 @@ def weigh(
     if not unknown or inference.leftover.explained or not inference.structure.terms:
         return None
     logs = np.zeros(motion.bodies)
+    most = HELPS * _residual(motion, inference)
+    for body in range(1, motion.bodies):
+        logs[body] = _roughly(motion, inference, logs, body)
+        logs[body] = _near(motion, inference, logs, body)
+    if not _residual(_with(motion, logs), inference) < most:
+        return None
     for _ in range(SWEEPS):
         for body in range(1, motion.bodies):
-            logs[body] = _best(motion, inference, logs, body)
+            logs[body] = _near(motion, inference, logs, body)
         weighed = _with(motion, logs)
         # Nearer masses may show terms that stood for others under wrong ones.
         inference = infer(weighed)
@@ -58,19 +65,29 @@ def _with(motion: Motion, logs: np.ndarray) -> Motion:
     return replace(motion, mass=np.tile(mass, (motion.clips, 1)))
 
 
-def _best(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
-    """Logarithm of one mass at which the same terms leave least."""
+def _left(motion: Motion, inference: Inference, logs: np.ndarray, body: int, log: float) -> float:
+    """What the same terms leave if the logarithm of one mass is this."""
+    trial = logs.copy()
+    trial[body] = log
+    return _residual(_with(motion, trial), inference)
 
-    def left(log: float) -> float:
-        trial = logs.copy()
-        trial[body] = log
-        return _residual(_with(motion, trial), inference)
 
-    rough = [left(float(log)) for log in np.log(ROUGH)]
-    middle = float(np.log(ROUGH[int(np.argmin(rough))]))
+def _roughly(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
+    """Logarithm of one mass at which least is left, of a few tried."""
+    tried = np.log(ROUGH)
+    return float(tried[np.argmin([_left(motion, inference, logs, body, x) for x in tried])])
+
+
+def _near(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
+    """The same between the neighbours of what was found so far."""
     step = float(np.log(ROUGH[1] / ROUGH[0]))
-    bounds = (middle - step, middle + step)
-    found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    bounds = (logs[body] - step, logs[body] + step)
+    found = minimize_scalar(
+        lambda log: _left(motion, inference, logs, body, float(log)),
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": 1e-3},
+    )
     return float(found.x)
 
 
