@@ -57,21 +57,28 @@ FULL: Terms = HamiltonianTerms(
 )
 
 
-def recorder(task: CellTask, seed: int, part: str = "", method: str = "diagnose") -> Recorder:
+def recorder(
+    task: CellTask,
+    seed: int,
+    part: str = "",
+    method: str = "diagnose",
+    grounding: str = "tracks",
+    dtype: str = "float64",
+) -> Recorder:
     """A recorder of this cell, or of a part of it, for one seed and method."""
     name = task.cell if not part else f"{task.cell}/{part}"
     origin = Origin(
         experiment=task.table,
         cell=name,
         system="confusion",
-        grounding="tracks",
+        grounding=grounding,
         encoder="none",
         binder="none",
         readout="none",
         head=method,
         seed=seed,
         device=task.device,
-        dtype="float64",
+        dtype=dtype,
     )
     task.recorders.append(Recorder(origin))
     return task.recorders[-1]
@@ -282,7 +289,7 @@ def run_energy_balance(task: CellTask) -> None:
         for interval in CADENCES:
             for sigma in NOISES:
                 damped = _clips(total(attracted, drag(STUDY_RATE, 1)), sigma, interval, seed)
-                rows = recorder(task, seed, f"s{sigma:g}-h{interval:g}")
+                rows = recorder(task, seed, f"noise-{sigma:g}/{interval:g}")
                 rows.add_value("rate_plain", plain_rate(damped, potential).value)
                 rate = corrected_rate(damped, potential)
                 rows.add_value("rate_corrected", rate.value)

@@ -25,7 +25,9 @@ from vidphys.experiments.confusion_scores import (
     pysindy,
     scores,
 )
+from vidphys.experiments.second_law_questions import run_second_law
 from vidphys.experiments.tables.base import CellTask, Table
+from vidphys.experiments.tables.figures import Panel, Sweep
 from vidphys.metrics import Summary
 
 # (noise in world units, seconds between frames); a preset takes as many as it has episodes for
@@ -120,9 +122,10 @@ DIAGNOSE = Table(
     about=(
         "Clips of bodies whose law is known, as noisy tracks: which terms are found, which are "
         "added or missed, and is what the menu lacks refused? Beside it the full menu always, a "
-        "Hamiltonian always, and PySINDy with our columns."
+        "Hamiltonian always, and PySINDy with our columns. Then the second law from video: the "
+        "rate of friction by the balance of energy, and by a port that learns it."
     ),
-    ids="X1-X5, N85",
+    ids="X1-X6, N80-N85",
     cells={
         "scenes": run_scenes,
         "nulls": run_nulls,
@@ -131,6 +134,7 @@ DIAGNOSE = Table(
         "cost": run_cost,
         "switch": run_switch,
         "energy-balance": run_energy_balance,
+        "second-law": run_second_law,
     },
     settings={
         "clips": CLIPS,
@@ -141,4 +145,17 @@ DIAGNOSE = Table(
         },
         "settings": [list(s) for s in SETTINGS],
     },
+    sweeps=(
+        Sweep(
+            (
+                Panel("rate_plain", "rate per second, as the study has it", logarithmic=False),
+                Panel("rate_corrected", "rate per second, corrected for noise", logarithmic=False),
+            ),
+            "Rate of friction by the balance of energy (truth 1.5 per second), over the frame "
+            "interval, for three noises of the positions in world units.",
+            "cell",
+            "seconds between frames",
+            logarithmic=True,
+        ),
+    ),
 )
