@@ -10,6 +10,7 @@ from dynamics.findings import (
     Finding,
     NoSteadyState,
     OverlapWarning,
+    RoundingWarning,
     StabilityWarning,
 )
 from dynamics.hamiltonian import Hamiltonian, ballistic
@@ -50,6 +51,7 @@ __all__ = [
     "PhaseState",
     "ResidualTerms",
     "Rollout",
+    "RoundingWarning",
     "StabilityWarning",
     "Terms",
     "VectorField",

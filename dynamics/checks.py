@@ -14,6 +14,7 @@ from dynamics.findings import (
     EnergyWarning,
     FailureWarning,
     Finding,
+    RoundingWarning,
     StabilityWarning,
     counted,
     first,
@@ -26,6 +27,7 @@ from dynamics.state import Parameters, PhaseState
 NOT_BELIEVED = 1.0  # omega * dt of a fixed step; a harmonic oscillator diverges at 2
 ENERGY_LOST = 1e-2  # relative drift from which on a conserving model is not believed
 NEAR_ZERO = 0.1  # of K + |V|: a smaller energy is not what drift is relative to
+HIDDEN = 5e-3  # of the way that bodies move: rounding of positions from which on it is not believed
 # States whose energy is looked at: all while they are few, by whether the model is learned; else
 # the two ends and one in so many steps.
 FEW_STATES, SHARE = {True: 64, False: 8192}, 100
@@ -169,6 +171,33 @@ def domain(head: Head, states: PhaseState, every: int) -> list[Finding]:
             )
             return [Finding(DomainWarning, text, episodes, step)]
     return []
+
+
+def rounding(states: PhaseState, every: int) -> list[Finding]:
+    """Whether positions are kept finely enough for the way that the bodies move.
+
+    A step adds a little to a position that may be far from the origin; what is lost each time adds
+    up as a random walk. The way is the largest of any body, at three stored states.
+    """
+    stored, q = states.q.shape[-3], states.q
+    if stored < 2 or not q.numel():
+        return []
+    looked = torch.tensor([0, stored // 2, stored - 1], device=q.device)
+    few = q.index_select(-3, looked).flatten(-2)
+    moved = (few - few[..., :1, :]).abs().amax((-2, -1))
+    size, steps = few.abs().amax((-2, -1)), (stored - 1) * every
+    lost = torch.finfo(q.dtype).eps * steps**0.5 * size
+    moves = (states.p[..., 0, :, :] != 0).flatten(-2).any(-1)
+    episodes = (lost > HIDDEN * moved) & moves
+    if not bool(episodes.any()):
+        return []
+    one = first(episodes)
+    text = (
+        f"positions near {float(size[one]):.3g} are kept to {float(lost[one]):.1g} over {steps} "
+        f"steps of {q.dtype}, in {counted(episodes)} whose bodies move by {float(moved[one]):.1g}: "
+        "move the origin to the scene, or use float64"
+    )
+    return [Finding(RoundingWarning, text, episodes)]
 
 
 def failure(

@@ -24,6 +24,10 @@ class DomainWarning(DynamicsWarning):
     """A learned model was asked about states far outside those it was trained on."""
 
 
+class RoundingWarning(DynamicsWarning):
+    """Positions are so far from the origin that their rounding hides how the bodies move."""
+
+
 class OverlapWarning(DynamicsWarning):
     """Hard bodies overlap at the start: their collisions are not defined."""
 

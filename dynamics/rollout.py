@@ -122,6 +122,7 @@ def rollout(
             *checks.failure(head, states, params, first_bad, dt, every),
             *checks.energy(head, states, params, every, bool(rates)),
             *checks.domain(head, states, every),
+            *checks.rounding(states, every),
         ]
         if stepper is not None:
             found += stepper.findings()

@@ -16,7 +16,7 @@ import torch
 from dynamics import INTEGRATORS, EnergyWarning, PhaseState
 from dynamics.integrators import Integrator
 from vidphys.cli import main
-from vidphys.stress import baths, contacts, inputs, methods, orbits, pictures
+from vidphys.stress import balance, baths, compiled, contacts, inputs, methods, orbits, pictures
 from vidphys.stress.bodies import Orbit, invariant_error
 from vidphys.stress.case import REFUSED, SILENT, SKIPPED, SOUND, WARNED, Case, Skip
 from vidphys.stress.figures import MET, MISSED, NOT_MEASURED, PROMISES, figure_rows
@@ -95,8 +95,8 @@ def test_the_standard_preset_has_the_promised_cells() -> None:
     cells = [case for family in families(PRESETS["standard"]).values() for case in family]
     assert len(cells) >= 600
     assert max(Counter(case.name for case in cells).values()) == 1
-    assert {c.figure for c in cells} - {""} == set(PROMISES) - {"A22"}
-    assert len([c for family in families(PRESETS["quick"]).values() for c in family]) < 300
+    assert {c.figure for c in cells} - {""} == set(PROMISES)
+    assert len([c for family in families(PRESETS["quick"]).values() for c in family]) < 350
 
 
 def test_figures_are_met_missed_or_not_measured() -> None:
@@ -124,6 +124,38 @@ def test_cheap_families_are_as_their_figures_ask(family) -> None:
     for case in list(family())[::5]:
         outcome = judge(case)
         assert outcome.verdict != SILENT and outcome.allowed, outcome
+
+
+def test_compiled_laws_are_their_networks_or_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "FITS", 30)
+    compiled.network_of.cache_clear()
+    wanted = ("force", "circle, G = -1", "distances times 100", "trained 100 times nearer")
+    numba = [c for c in compiled.compiled() if c.path == "compiled, numba"]
+    radial = [c for c in numba if c.system == "factored-radial" and c.dtype == "float64"]
+    found = {c.extreme: judge(c) for c in radial if c.extreme in wanted}
+    assert [found[name].verdict for name in wanted] == [SOUND, SOUND, SOUND, WARNED]
+    fast = compiled.Fast("factored-radial", "numba", "float64")
+    with torch.no_grad():
+        fast.head().potential.table.mul_(1 + 1e-4)  # a spline that is off
+    fast.head()._packed.clear()
+    assert judge(next(c for c in radial if c.extreme == "force")).verdict == SILENT
+    compiled.network_of.cache_clear()
+    compiled.Fast.head.cache_clear()
+
+
+def test_a_rate_is_right_or_its_interval_is_wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    cases = {(c.system[-3:], c.extreme): c for c in balance.energy_balance()}
+    assert judge(cases["0.3", "0.04 s, noise 0, seed 0"]).verdict == SOUND
+    unresolved = cases["0.1", "0.08 s, noise 0, seed 0"]
+    assert judge(unresolved).verdict == WARNED
+
+    monkeypatch.setattr(balance, "corrected_rate", partial(_narrow, balance.corrected_rate))
+    assert judge(unresolved).verdict == SILENT
+
+
+def _narrow(estimate, motion, potential):
+    found = estimate(motion, potential)
+    return replace(found, low=found.value - 0.01, high=found.value + 0.01)
 
 
 @pytest.mark.parametrize("shape", ["circle", "plunge"])

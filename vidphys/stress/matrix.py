@@ -13,7 +13,19 @@ from vidphys.metrics import FAILED, OK, Summary
 from vidphys.runs.atomic import write_json
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder
-from vidphys.stress import baths, contacts, crowds, inputs, learned, methods, orbits, pictures
+from vidphys.stress import (
+    balance,
+    baths,
+    compiled,
+    contacts,
+    crowds,
+    inputs,
+    learned,
+    long,
+    methods,
+    orbits,
+    pictures,
+)
 from vidphys.stress.case import SILENT, SKIPPED, Case
 from vidphys.stress.figures import figure_rows
 from vidphys.stress.verdict import Outcome, judge
@@ -48,6 +60,7 @@ def families(sizes: StressSizes) -> dict[str, list[Case]]:
         "softening": orbits.softening(),
         "mass-ratio": orbits.mass_ratio(),
         "scale": orbits.scale(),
+        "origin": orbits.origin(),
         "time-step": orbits.time_step(),
         "stiffness": contacts.stiffness(),
         "coincidence": contacts.coincidence(),
@@ -58,10 +71,12 @@ def families(sizes: StressSizes) -> dict[str, list[Case]]:
         "image-size": pictures.sizes(),
         "reading": pictures.readings(),
         "training-range": learned.heads(),
+        "compiled": compiled.compiled(),
+        "energy-balance": balance.energy_balance(),
         "input": inputs.inputs(),
     }
     if sizes.long_steps:
-        made["long"] = orbits.long_rollouts(sizes.long_steps)
+        made["long"] = long.long_rollouts(sizes.long_steps)
     return {name: _thinned(list(cases), sizes) for name, cases in made.items()}
 
 

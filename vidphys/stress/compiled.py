@@ -1,0 +1,269 @@
+"""Compiled pair laws on both backends, against the float64 network that they stand for."""
+
+from __future__ import annotations
+
+import copy
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import cast
+
+import torch
+from torch import Tensor
+
+from dynamics import HEADS, Hamiltonian, HamiltonianTerms, Parameters, PhaseState, build, rollout
+from dynamics.compiled import CompiledHead, compile_head
+from dynamics.compiled.head import Backend
+from dynamics.potentials import PairPotential, SoftenedGravity
+from vidphys.stress.bodies import DTYPES, STEP, Orbit
+from vidphys.stress.case import ANY_HONEST, REFUSED, SOUND, WARNED, Case
+
+FAMILIES = ("factored", "factored-radial")
+BACKENDS: tuple[Backend, ...] = ("torch", "numba")
+SOFTENING = 0.1  # world units, of the law that the networks are fitted to
+FITS, PAIRS, RATE, WIDTH = 400, 256, 1e-2, 16  # steps and size of that fit
+PATH = {"float64": 1e-4, "float32": 5e-3}  # bound of a path; the splines' forces are within 1e-6
+SHAPES = {"circle": 0.0, "ellipse": 0.9, "plunge": 1.0}
+FACTORS = (1e-6, 1e-4, 1e-2, 10.0, 1e2, 1e4, 1e6, 1e12)  # of the distances seen in training
+SHIFTS = (1e2, 1e4, 1e6)  # world units of the whole scene from the origin
+STEPS, LONG = 450, 100_000  # 450 are past the closest approach of all shapes
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a compiled model and its network are both asked.
+
+    Args:
+        start, params: in float64.
+        steps: of a rollout.
+        dt: seconds.
+    """
+
+    start: PhaseState
+    params: Parameters
+    steps: int = STEPS
+    dt: float = STEP
+
+
+@dataclass(frozen=True)
+class Fast:
+    """One way to evaluate one compiled law.
+
+    Args:
+        family: of the network.
+        backend: that must run it, in fixed steps; with ``torch`` they are taken apart where needed.
+        dtype: of the state and of the model.
+    """
+
+    family: str
+    backend: Backend
+    dtype: str
+
+    @lru_cache  # noqa: B019 (one for each of eight paths, and the splines take a while)
+    def head(self) -> CompiledHead:
+        """The compiled model."""
+        network = copy.deepcopy(network_of(self.family)).to(DTYPES[self.dtype])
+        return compile_head(network, 1e-6, backend=self.backend)
+
+    def asked(self, question: Question) -> PhaseState:
+        """The last state, ``(..., n, d)``, in float64.
+
+        Raises:
+            AssertionError: another backend has run it.
+        """
+        kind = DTYPES[self.dtype]
+        start = question.start.map(lambda x: x.to(kind))
+        params = question.params.map(lambda x: x.to(kind))
+        substeps = self.backend == "torch"
+        steps, dt = question.steps, question.dt
+        run = rollout(self.head(), start, params, steps, dt, steps, substeps=substeps)
+        assert run.backend == self.backend or start.q.shape[-2] < 2, run.backend
+        return run.at(-1).map(Tensor.double)
+
+    def error(self, question: Callable[[], Question]) -> float:
+        """Largest difference of the last state from the network's, over its largest change."""
+        asked = question()
+        found, substeps = self.asked(asked).flat, self.backend == "torch"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the reference's worries are not what is judged
+            head, steps = network_of(self.family), asked.steps
+            exact = rollout(
+                head, asked.start, asked.params, steps, asked.dt, steps, substeps=substeps
+            )
+        moved = (exact.at(-1).flat - asked.start.flat).abs().max() if found.numel() else 1.0
+        wrong = (found - exact.at(-1).flat).abs()
+        return float(wrong.max() / moved) if found.numel() else 0.0
+
+
+@lru_cache
+def network_of(family: str) -> Hamiltonian:
+    """A network fitted to softened gravity, in float64, that was shown two of the orbits."""
+    with torch.random.fork_rng([]):
+        torch.manual_seed(0)
+        terms = cast(HamiltonianTerms, HEADS[family])
+        head = cast(Hamiltonian, build(replace(terms, width=WIDTH), 2, STEP)).double()
+        _fit(cast(PairPotential, head.potential))
+    law = Orbit(0.0, SOFTENING).law("leapfrog")
+    seen = [rollout(law, *Orbit(e, SOFTENING).start(torch.float64), STEPS, STEP) for e in (0, 0.9)]
+    head.see(PhaseState.stack([run.states for run in seen], 0))
+    return head.requires_grad_(False)
+
+
+def _fit(potential: PairPotential) -> None:
+    """Teach a network the pair force, at distances spread evenly in their logarithm."""
+    exact = SoftenedGravity(SOFTENING)
+    optimiser = torch.optim.Adam(potential.parameters(), RATE)
+    for _ in range(FITS):
+        r = 10 ** (3 * torch.rand(PAIRS, 1, dtype=torch.float64) - 2.3)
+        turn = 2 * math.pi * torch.rand(PAIRS, 1, dtype=torch.float64)
+        apart = r * torch.cat([turn.cos(), turn.sin()], -1)
+        wrong = potential.pair_gradient(apart) - exact.pair_gradient(apart)
+        optimiser.zero_grad()
+        wrong.square().mean().backward()
+        optimiser.step()
+
+
+def compiled() -> Iterator[Case]:
+    """Each compiled law, on each backend, in each precision: where it was trained and far away."""
+    for family in FAMILIES:
+        for backend in BACKENDS:
+            for dtype in DTYPES:
+                yield from _cells(Fast(family, backend, dtype))
+
+
+def _cells(fast: Fast) -> Iterator[Case]:
+    cell = partial(_cell, fast)
+    yield cell("force", 1.0, _at_rest, 1e-5, "A24", (SOUND,))
+    for shape, eccentricity in SHAPES.items():
+        for coupling in (1.0, -1.0, 100.0):
+            steps = round(STEPS / abs(coupling) ** 0.5)  # as far along the orbit
+            question = partial(_orbit, eccentricity, coupling, steps=steps)
+            yield cell(f"{shape}, G = {coupling:g}", 1 - eccentricity, question, figure="A12")
+    for power in (2, 4, 6):
+        question = partial(_orbit, 0.5, 1.0, mass=10.0**-power)
+        yield cell(f"mass ratio 1e{power}", 10.0**power, question, figure="A13")
+    for dt in (1e-4, 1e-2, 1e-1):
+        question = partial(_orbit, 0.5, 1.0, dt=dt)
+        yield cell(f"steps of {dt:g} s", dt, question, figure="A11")
+    for factor in FACTORS:
+        yield cell(f"distances times {factor:g}", factor, partial(_spread, factor))
+        yield _unknown(fast, factor)
+    for shift in SHIFTS:
+        yield cell(f"{shift:g} from the origin", shift, partial(_shifted, shift))
+    for count in (0, 1, 3, 10):
+        yield cell(f"N = {count}", count, partial(_crowd, count), figure="A15", must=(SOUND,))
+    for value in (math.nan, math.inf):
+        for field in ("q", "p", "coupling", "mass"):
+            question = partial(_spoiled, field, value)
+            yield cell(f"{field} is {value}", 1.0, question, 0.0, "A30", (REFUSED,))
+    yield cell("G = 1e30", 1e30, partial(_orbit, 0.5, 1e30, steps=2))
+    if fast.backend == "numba":
+        yield _long(fast)
+
+
+def _cell(
+    fast: Fast,
+    extreme: str,
+    value: float,
+    question: Callable[[], Question],
+    bound: float | None = None,
+    figure: str = "",
+    must: tuple[str, ...] = ANY_HONEST,
+) -> Case:
+    run = partial(fast.error, question)
+    return _case(
+        fast, extreme, value, run, PATH[fast.dtype] if bound is None else bound, figure, must
+    )
+
+
+def _case(
+    fast: Fast,
+    extreme: str,
+    value: float,
+    run: Callable[[], float],
+    bound: float,
+    figure: str,
+    must: tuple[str, ...],
+) -> Case:
+    path = f"compiled, {fast.backend}"
+    return Case(
+        "compiled", fast.family, extreme, max(value, 0.5e-6), run, bound, "leapfrog",
+        fast.dtype, path, figure, must,
+    )  # fmt: skip
+
+
+def _unknown(fast: Fast, factor: float) -> Case:
+    """There is no right answer where nothing was learned: it must be said."""
+
+    def run() -> float:
+        fast.asked(_spread(factor))
+        return math.inf
+
+    return _case(fast, f"trained {factor:g} times nearer", factor, run, 0.0, "", (WARNED,))
+
+
+def _long(fast: Fast) -> Case:
+    """The compiled model's own energy, in fused steps."""
+
+    def run() -> float:
+        kind = DTYPES[fast.dtype]
+        start, params = Orbit(0.05, SOFTENING).start(kind, 8)
+        head = copy.deepcopy(fast.head())
+        states = rollout(head, start, params, LONG, STEP, LONG // 100, substeps=False).states
+        head, params = head.double(), params.map(lambda x: x.double().unsqueeze(1))
+        energy = head.energy(states.map(Tensor.double), params)
+        return float((energy / energy[:, :1] - 1).abs().max())
+
+    extreme, bound = f"{LONG:,} steps, energy", PATH[fast.dtype]
+    return _case(fast, extreme, float(LONG), run, bound, "", ANY_HONEST)
+
+
+def _orbit(
+    eccentricity: float,
+    coupling: float,
+    mass: float = 1.0,
+    dt: float = STEP,
+    steps: int = STEPS,
+) -> Question:
+    start, params = Orbit(eccentricity, SOFTENING, (1.0, mass)).start(torch.float64)
+    law = params.with_coupling(coupling * float(params.coupling))
+    return Question(start, law, min(steps, round(4 / dt)), dt)
+
+
+def _at_rest() -> Question:
+    """One step from rest, whose momenta are the mean of two forces, at distances of training."""
+    rng = torch.Generator().manual_seed(0)
+    corners = torch.tensor([[0.5, 0.0], [-0.25, 0.4], [-0.25, -0.4]], dtype=torch.float64)
+    q = corners + 0.1 * torch.rand(64, 3, 2, generator=rng, dtype=torch.float64)
+    params = Parameters(torch.ones(64), torch.ones(64, 3)).map(Tensor.double)
+    return Question(PhaseState(q, torch.zeros_like(q)), params, 1)
+
+
+def _spread(factor: float) -> Question:
+    """Distances as many times as large, at the orbit's own speeds."""
+    asked = _orbit(0.0, 1.0)
+    return replace(asked, start=PhaseState(factor * asked.start.q, asked.start.p), steps=20)
+
+
+def _shifted(shift: float) -> Question:
+    asked = _orbit(0.0, 1.0)
+    return replace(asked, start=PhaseState(asked.start.q + shift, asked.start.p), steps=20)
+
+
+def _crowd(count: int) -> Question:
+    rng = torch.Generator().manual_seed(count)
+    q, p = torch.randn(2, count, 2, generator=rng, dtype=torch.float64)
+    params = Parameters(torch.ones(()), torch.ones(count)).map(Tensor.double)
+    return Question(PhaseState(max(1, count) ** 0.5 * q, 0.1 * p), params, 20)
+
+
+def _spoiled(field: str, value: float) -> Question:
+    asked = _orbit(0.0, 1.0)
+    parts = {"q": asked.start.q, "p": asked.start.p}
+    parts |= {"coupling": asked.params.coupling, "mass": asked.params.mass}
+    parts[field] = parts[field].clone()
+    parts[field].view(-1)[-1] = value
+    law = Parameters(parts["coupling"], parts["mass"])
+    return replace(asked, start=PhaseState(parts["q"], parts["p"]), params=law)
