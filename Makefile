@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder test check setup
+.PHONY: ladder test check mutate setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -18,6 +18,10 @@ check: $(READY)
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+
+# Whether the tests would notice: each tolerance of the physics' tests tightened, each sign turned.
+mutate: $(READY)
+	$(VENV)/bin/python -m tests.mutation --out runs/mutation.json
 
 setup: $(READY)
 

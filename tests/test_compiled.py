@@ -53,7 +53,7 @@ def test_the_force_is_the_exact_gradient_of_the_spline(kind):
     spline = compile_head(model(kind), 1e-3).potential
     apart = spread(300).requires_grad_()
     (gradient,) = torch.autograd.grad(spline.pair_energy(apart).sum(), apart)
-    torch.testing.assert_close(spline.pair_gradient(apart), gradient, rtol=1e-11, atol=1e-13)
+    torch.testing.assert_close(spline.pair_gradient(apart), gradient, rtol=1e-13, atol=3e-15)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -127,7 +127,7 @@ def test_other_activations_in_numba(activation):
     start, params = episodes(5)
     fused, twin = (compile_head(head, None, backend=b) for b in ("numba", "torch"))
     found, expected = (x.trajectory(start, params, 10, DT).states.p for x in (fused, twin))
-    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(found, expected, rtol=1e-14, atol=1e-14)
 
 
 @needs_numba
@@ -136,7 +136,7 @@ def test_numba_in_a_box_with_the_fourth_order_and_another_coupling():
     start, params = episodes(4, bodies=5)
     fused, twin = (compile_head(head, 1e-5, backend=b) for b in ("numba", "torch"))
     found, expected = (x.trajectory(start, params, 20, DT).states.q for x in (fused, twin))
-    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(found, expected, rtol=1e-14, atol=1e-14)
 
 
 @needs_numba
@@ -148,7 +148,7 @@ def test_a_changed_law_is_followed_and_the_force_is_odd_in_it():
     found = rollout(compiled, start, inverted, 40, DT)
     assert found.backend == "numba"
     expected = rollout(head, start, inverted, 40, DT)
-    torch.testing.assert_close(found.states.q, expected.states.q, rtol=1e-7, atol=1e-7)
+    torch.testing.assert_close(found.states.q, expected.states.q, rtol=1e-12, atol=1e-12)
     assert torch.equal(compiled.force(start, inverted), -compiled.force(start, params))
 
 

@@ -28,7 +28,7 @@ def test_the_step_has_the_driven_steady_state(friction, share, heat, dt):
     params = bath_params(1, friction, heat, drive=share * friction)
     decay, variance = ExactBath().moments(params, dt)
     expected = params.mass.unsqueeze(-1) * steady_temperature(params)[:, None, None]
-    torch.testing.assert_close(variance / (1 - decay.square()), expected)
+    torch.testing.assert_close(variance / (1 - decay.square()), expected, rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.parametrize("strength", [-1.0, 0.5, 1.4])
@@ -48,7 +48,7 @@ def test_equal_drive_and_friction_spread_without_bound():
     decay, variance = ExactBath().moments(params, 3.0)
     assert float(decay.max()) == 1
     expected = params.mass.unsqueeze(-1) * 2 * 0.7 * 2.0 * 3.0
-    torch.testing.assert_close(variance, expected)
+    torch.testing.assert_close(variance, expected, rtol=3e-15, atol=3e-15)
 
 
 @pytest.mark.parametrize("strength", [2.0, 2.5])

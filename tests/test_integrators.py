@@ -77,7 +77,7 @@ def test_the_exact_solution_solves_the_problem(problem: Problem) -> None:
     assert largest(rate - slope.flat) < 1e-9
     assert largest(problem.energy(here) - problem.energy(problem.start)) < 1e-13
     if problem is not CHAIN:  # three frequencies: no common period
-        assert largest(problem.exact(problem.period).flat - problem.start.flat) < 1e-12
+        assert largest(problem.exact(problem.period).flat - problem.start.flat) < 1e-14
 
 
 # --- order -------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def test_reversed_momentum_returns_to_the_start(method: Integrator, problem: Pro
         memory = memory.reversed
     back, _ = march(method, problem.field, there.reversed, dt, 200, memory)
     assert largest(there.flat - problem.start.flat) > 0.1
-    assert largest(back.reversed.flat - problem.start.flat) < 1e-12
+    assert largest(back.reversed.flat - problem.start.flat) < 1e-13
 
 
 @pytest.mark.parametrize("method", SYMPLECTIC, ids=lambda m: m.name)
@@ -139,7 +139,7 @@ def test_a_negative_step_undoes_a_step(method: Integrator) -> None:
     problem = PENDULUM if method.needs_separable else NON_SEPARABLE
     there, memory = march(method, problem.field, problem.exact(0.4), 0.05, 20)
     back, _ = march(method, problem.field, there, -0.05, 20, memory)
-    assert largest(back.flat - problem.exact(0.4).flat) < 1e-12
+    assert largest(back.flat - problem.exact(0.4).flat) < 1e-14
 
 
 def test_rk4_does_not_retrace() -> None:
@@ -182,12 +182,12 @@ def one_step(method: Integrator, field: VectorField, bodies: int, space: int, dt
 def test_the_flow_of_three_bodies_is_symplectic(method: Integrator) -> None:
     head, start, params = three_bodies()
     step = one_step(method, head.field(params), 3, 2, dt=0.02)
-    assert symplectic_defect(step, start.flat) < 1e-13
+    assert symplectic_defect(step, start.flat) < 1e-14
 
 
 def test_the_flow_of_implicit_midpoint_is_symplectic_where_energies_do_not_separate() -> None:
     step = one_step(implicit_midpoint, NON_SEPARABLE.field, 1, 1, dt=0.1)
-    assert symplectic_defect(step, NON_SEPARABLE.exact(0.6).flat) < 1e-13
+    assert symplectic_defect(step, NON_SEPARABLE.exact(0.6).flat) < 3e-15
 
 
 def test_rk4_is_not_symplectic() -> None:
@@ -205,7 +205,7 @@ def test_tao_is_symplectic_in_the_doubled_phase_space(problem: Problem) -> None:
         return torch.cat([now.q, shadow.q, now.p, shadow.p]).flatten()
 
     apart = torch.tensor([0.7, 0.65, -0.4, -0.35], dtype=torch.float64)
-    assert symplectic_defect(step, apart) < 1e-13
+    assert symplectic_defect(step, apart) < 1e-14
 
 
 # --- energy over long times --------------------------------------------------------------------
@@ -264,7 +264,7 @@ def test_leapfrog_energy_oscillates_with_the_square_of_the_step() -> None:
             energies.append(PENDULUM.energy(now))
         every = torch.stack(energies)
         amplitudes.append(float(every.max() - every.min()))
-    assert slope_of(amplitudes, dts) == pytest.approx(2, abs=0.1)
+    assert slope_of(amplitudes, dts) == pytest.approx(2, abs=0.01)
 
 
 def test_leapfrog_conserves_the_modified_hamiltonian_of_a_spring() -> None:
@@ -279,7 +279,7 @@ def test_leapfrog_conserves_the_modified_hamiltonian_of_a_spring() -> None:
     before = modified(now)
     for _ in range(200):
         now, force = leapfrog.advance(field, now, dt, force)
-        assert modified(now) == pytest.approx(before, abs=1e-12)
+        assert modified(now) == pytest.approx(before, abs=1e-13)
 
 
 # --- cost and re-use ---------------------------------------------------------------------------
@@ -343,7 +343,7 @@ def test_reuse_changes_no_bit(method: Integrator) -> None:
 def test_implicit_midpoint_conserves_quadratic_invariants() -> None:
     dt, steps = 0.05, 1000
     there, _ = march(implicit_midpoint, CHAIN.field, CHAIN.start, dt, steps)
-    assert largest(CHAIN.energy(there) / CHAIN.energy(CHAIN.start) - 1) < 1e-12
+    assert largest(CHAIN.energy(there) / CHAIN.energy(CHAIN.start) - 1) < 1e-13
     control, _ = march(leapfrog, CHAIN.field, CHAIN.start, dt, steps)
     assert largest(CHAIN.energy(control) / CHAIN.energy(CHAIN.start) - 1) > 1e-6
 
@@ -351,7 +351,7 @@ def test_implicit_midpoint_conserves_quadratic_invariants() -> None:
         return s.q[0, 0] * s.p[0, 1] - s.q[0, 1] * s.p[0, 0]
 
     there, _ = march(implicit_midpoint, KEPLER.field, KEPLER.start, dt, 200)
-    assert largest(spin(there) - spin(KEPLER.start)) < 1e-12
+    assert largest(spin(there) - spin(KEPLER.start)) < 1e-14
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
@@ -387,7 +387,7 @@ def test_implicit_midpoint_converges_for_each_episode_not_for_the_batch() -> Non
     small, large = state([1e-3], [2e-3], space=1), state([1e6], [2e6], space=1)
     together = implicit_midpoint(field, PhaseState.stack([small] + 1000 * [large], 0), 0.1)
     alone = implicit_midpoint(field, small, 0.1)
-    assert largest(together[0].flat / alone.flat - 1) < 1e-14
+    assert largest(together[0].flat / alone.flat - 1) < 3e-15
 
 
 def test_implicit_midpoint_stops_where_rounding_keeps_it_from_settling() -> None:
@@ -395,7 +395,7 @@ def test_implicit_midpoint_stops_where_rounding_keeps_it_from_settling() -> None
     field = VectorField(lambda q, p: p, lambda q, p: -((q + 1000) - 1000))
     start = state([1.0], [0.3], space=1)
     end, _ = march(implicit_midpoint, field, start, 0.5, 300)
-    assert largest(end.flat.square().sum() - start.flat.square().sum()) < 1e-10
+    assert largest(end.flat.square().sum() - start.flat.square().sum()) < 1e-12
 
 
 def test_implicit_midpoint_keeps_a_still_body_still() -> None:
@@ -474,7 +474,7 @@ def test_a_batch_steps_as_its_slices(method: Integrator) -> None:
     together = Hamiltonian(head.kinetic, head.potential, method).advance(batch, many, 0.002)[0]
     for k in range(3):
         alone = method(head.field(params), batch[k], 0.002)
-        assert largest(together[k].flat - alone.flat) < 1e-14
+        assert largest(together[k].flat - alone.flat) < 3e-15
 
 
 @pytest.mark.parametrize("method", [leapfrog, yoshida4, rk4, tao], ids=lambda m: m.name)
@@ -487,10 +487,10 @@ def test_vmap_and_jvp_pass_through_advance(method: Integrator) -> None:
 
     q, p = (torch.stack([x, 1.1 * x]) for x in (start.q, start.p))
     mapped = torch.func.vmap(step)(q, p)
-    assert largest(mapped[1] - step(q[1], p[1])) < 1e-14
+    assert largest(mapped[1] - step(q[1], p[1])) < 3e-15
 
     direction = torch.randn_like(start.q)
     _, tangent = torch.func.jvp(lambda x: step(x, start.p), (start.q,), (direction,))
     h = 1e-6
     ahead, behind = (step(start.q + s * h * direction, start.p) for s in (1, -1))
-    assert largest(tangent - (ahead - behind) / (2 * h)) < 1e-7
+    assert largest(tangent - (ahead - behind) / (2 * h)) < 1e-8
