@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+SINGLE = (".safetensors", ".pt")  # endings of weights that are one file
+
 
 @dataclass(frozen=True)
 class WeightsEntry:
     """A set of weights.
 
     Args:
-        file: name in the weights folder; a release folder where it does not end in
-            ``.safetensors``.
+        file: name in the weights folder; a release folder where it has no ending of
+            :data:`SINGLE`.
         sha256: the hashes of known releases; others are accepted once locked.
         licence: SPDX name.
         hub: repository on the Hugging Face hub; ``None`` where no hub has them.
         revision: commit of the hub repository; ``None`` is resolved and locked by the first fetch.
         about: one line for people.
         packaged: whether they are our own and lie in the package.
+        url: of the file, where it is released elsewhere than on the hub.
     """
 
     file: str
@@ -27,17 +30,19 @@ class WeightsEntry:
     revision: str | None
     about: str
     packaged: bool = False
+    url: str | None = None
 
     @property
     def is_folder(self) -> bool:
         """Whether the weights are a release folder."""
-        return not self.file.endswith(".safetensors")
+        return not self.file.endswith(SINGLE)
 
     def how_to_get(self, name: str) -> str:
         """What to do where the weights ``name`` are not here."""
         if self.packaged:
             return "installing vidphys again: they are a part of it"
-        return f"`vidphys weights fetch {name}`" if self.hub else "another way: no hub has them"
+        released = self.hub or self.url
+        return f"`vidphys weights fetch {name}`" if released else "another way: no hub has them"
 
 
 def _released(name: str, hub: str, licence: str, about: str) -> WeightsEntry:
@@ -98,6 +103,15 @@ KNOWN = {
         )
         for size, parameters in (("l", 300), ("h", 600), ("g", 1000))
     },
+    "vjepa2-ac": WeightsEntry(
+        file="vjepa2-ac-vitg.pt",
+        sha256=(),
+        licence="MIT",
+        hub=None,
+        revision=None,
+        about="V-JEPA 2-AC ViT-g and its predictor, 1300 M parameters (arXiv:2506.09985)",
+        url="https://dl.fbaipublicfiles.com/vjepa2/vjepa2-ac-vitg.pt",
+    ),
     "dino-tiny": _own(
         "dino-tiny",
         "17887e6edfbc2843ab46bdaa66fae2e1f38369e7068f10ab819d7cea455bea68",

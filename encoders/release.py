@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,10 +78,17 @@ def load_strict(
     Raises:
         ValueError: not a safetensors file, missing or unknown keys, or another shape.
     """
+    renamed = {rename(k) if rename else k: v for k, v in _tensors(path).items()}
+    load_tensors(module, path, renamed, unused)
+
+
+def load_tensors(
+    module: nn.Module, path: Path, tensors: Mapping[str, Tensor], unused: Iterable[str] = ()
+) -> None:
+    """As :func:`load_strict`, of tensors that were read from ``path``."""
     prefixes = tuple(unused)
     wanted = module.state_dict()
-    renamed = {rename(k) if rename else k: v for k, v in _tensors(path).items()}
-    used = {k: v for k, v in renamed.items() if not k.startswith(prefixes)}
+    used = {k: v for k, v in tensors.items() if not k.startswith(prefixes)}
     _same_keys(path, wanted, used, prefixes)
     module.load_state_dict({**wanted, **used})
 

@@ -12,10 +12,11 @@ import json
 import os
 import shutil
 import tempfile
+import urllib.request
 from pathlib import Path
 from typing import Any
 
-from encoders.known_weights import WeightsEntry, entry
+from encoders.known_weights import SINGLE, WeightsEntry, entry
 from encoders.release import (
     CONFIG,
     INDEX,
@@ -76,7 +77,7 @@ def weights_path(name: str, where: Path | None = None) -> Path:
 
     Those of the package are elsewhere only where ``where`` is itself a release folder.
     """
-    if where is not None and (where.suffix == ".safetensors" or (where / CONFIG).is_file()):
+    if where is not None and (where.suffix in SINGLE or (where / CONFIG).is_file()):
         return where
     known = entry(name)
     return (PACKAGED if known.packaged else weights_folder(where)) / known.file
@@ -91,18 +92,22 @@ def lock(path: Path, revision: str | None) -> str:
 
 
 def fetch(name: str, folder: Path | None = None) -> WeightsFile:
-    """Download the weights ``name`` from the hub at the pinned (or then locked) revision.
+    """Download the weights ``name``, from the hub at the pinned (or then locked) revision.
 
     Those of the package need no download.
 
     Raises:
         ValueError: unknown name, or weights that no hub has.
-        ConnectionError: the hub did not give them.
+        ConnectionError: they could not be had from there.
     """
     known = entry(name)
     if known.packaged:
         return find_weights(name)
     target = weights_folder(folder) / known.file
+    if known.url is not None:
+        _from_url(known.url, target)
+        lock(target, None)
+        return find_weights(name, folder)
     if known.hub is None:
         raise ValueError(
             f"weights of {name!r}: no hub has them; get {known.file} elsewhere and put it at "
@@ -119,6 +124,17 @@ def fetch(name: str, folder: Path | None = None) -> WeightsFile:
         raise ConnectionError(str(error)) from error
     lock(target, revision)
     return find_weights(name, folder)
+
+
+def _from_url(url: str, target: Path) -> None:
+    """Download a file, whole or not at all."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        try:
+            urllib.request.urlretrieve(url, Path(scratch) / "weights")
+        except OSError as error:
+            raise ConnectionError(f"{url}: {error}") from error
+        (Path(scratch) / "weights").replace(target)
 
 
 def _fetch_folder(repository: str, revision: str | None, target: Path) -> str:

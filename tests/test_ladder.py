@@ -54,6 +54,7 @@ LEFT_OUT = (
     "vjepa2-l",
     "vjepa2-h",
     "vjepa2-g",
+    "vjepa2-ac",
     "videomae-tiny",
     "vjepa2-tiny",
 )

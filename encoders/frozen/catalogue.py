@@ -14,6 +14,7 @@ from encoders.frozen.hiera import HieraSettings, load_hiera
 from encoders.frozen.i3d import I3DSettings, load_i3d
 from encoders.frozen.videomae import VideoMAESettings, load_videomae
 from encoders.frozen.vjepa2 import VJEPA2Settings, VJEPA2TinySettings, load_vjepa2
+from encoders.frozen.vjepa2_ac import VJEPA2ACSettings, load_vjepa2_ac
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ CATALOGUE = {
     "vjepa2-l": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-l")),
     "vjepa2-h": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-h")),
     "vjepa2-g": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-g")),
+    "vjepa2-ac": Adapter(VJEPA2ACSettings, load_vjepa2_ac),
 }
 
 

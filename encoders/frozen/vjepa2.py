@@ -119,13 +119,7 @@ class VJEPA2Encoder(FrozenEncoder):
         pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
         frames = clips.shape[1] // self.config.tubelet_size
         rows, columns = size[0] // patch, size[1] // patch
-        encoder = networks["encoder"]
-        tokens = encoder.embeddings(pixels)
-        places = _places(frames, rows, columns, self.settings.resolution // patch, tokens)
-        for block in encoder.layer[: self.layer]:
-            tokens = block(tokens, places)[0]
-        if self.layer == self.config.num_hidden_layers:
-            tokens = encoder.layernorm(tokens)
+        tokens, places = encoder_tokens(networks["encoder"], self.config, pixels, self.layer)
         if self.settings.predictor:
             if rows != columns:
                 raise ValueError(
@@ -135,6 +129,29 @@ class VJEPA2Encoder(FrozenEncoder):
             masks = [places.expand(len(tokens), -1)]
             tokens = networks["predictor"](tokens, masks, masks).last_hidden_state
         return token_maps(tokens, frames, rows, columns)
+
+
+def encoder_tokens(
+    encoder: Any, config: Any, pixels: Float[Tensor, "n f c h w"], layers: int
+) -> tuple[Float[Tensor, "n tokens k"], Int[Tensor, "1 tokens"]]:
+    """Tokens after some blocks of the library's encoder, and the numbers of their places.
+
+    Args:
+        encoder: the ``VJEPA2Encoder`` of the library.
+        config: its configuration.
+        pixels: as the network takes them.
+        layers: blocks that are run; after all of them comes the final norm.
+    """
+    patch = config.patch_size
+    frames = pixels.shape[1] // config.tubelet_size
+    rows, columns = pixels.shape[-2] // patch, pixels.shape[-1] // patch
+    tokens = encoder.embeddings(pixels)
+    places = _places(frames, rows, columns, config.crop_size // patch, tokens)
+    for block in encoder.layer[:layers]:
+        tokens = block(tokens, places)[0]
+    if layers == config.num_hidden_layers:
+        tokens = encoder.layernorm(tokens)
+    return tokens, places
 
 
 def _places(

@@ -198,5 +198,5 @@ FROZEN_GROUNDINGS = [
     _rung("dinov2", "dinov2-small", video=False),
     _rung("videomae", "videomae-base", video=True),
     _rung("videomae-pooled", "videomae-base", video=True, pooled=True),
-    *(_rung(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g")),
+    *(_rung(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g", "ac")),
 ]
