@@ -129,3 +129,18 @@ def test_an_ensemble_of_heads_trains_through_the_fused_gradient():
     wanted.backward()
     found = ensemble.weights["potential/phi/layers/1/weight"].grad
     close(found[1], heads[1].potential.phi.layers[1].weight.grad.float(), 1e-5)
+
+
+def test_the_way_back_is_the_same_whichever_thread_is_first():
+    given = case(4096, 2, 32, torch.float32)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(4)
+    try:
+        upstream = torch.ones(4096, 2)
+        found = {
+            torch.autograd.grad(input_gradient(*given), given[1], upstream)[0].numpy().tobytes()
+            for _ in range(40)
+        }
+    finally:
+        torch.set_num_threads(threads)
+    assert len(found) == 1

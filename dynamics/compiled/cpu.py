@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -42,6 +42,8 @@ from dynamics.compiled.pairs import (
 )
 from dynamics.compiled.spline import PairSpline
 from dynamics.potentials import DisplacementPotential, RadialPotential
+
+Part = TypeVar("Part")
 
 
 @kernel
@@ -206,8 +208,11 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
     return kind + SPLINE, cells, first, reach, table, integers, weights, back
 
 
-def in_threads(part: Callable[[tuple[int, int]], int], blocks: int) -> list[int]:
-    """``part(first, end)`` of the blocks for each thread that torch has been told to use."""
+def in_threads(part: Callable[[tuple[int, int]], Part], blocks: int) -> list[Part]:
+    """``part(first, end)`` of the blocks for each thread that torch has been told to use.
+
+    What the parts give stands in the order of the blocks, whichever thread is first.
+    """
     threads = min(torch.get_num_threads(), blocks)
     if threads == 1:
         return [part((0, blocks))]

@@ -93,14 +93,13 @@ class _Gradient(Function):
             return tuple(_differentiable(ctx.saved_tensors, upstream))
         net, rows, above = ctx.net, ctx.rows, _tiled(upstream)
         on_rows = np.empty_like(rows)
-        totals: list[Layers] = []
 
-        def part(tiles: tuple[int, int]) -> int:
+        def part(tiles: tuple[int, int]) -> Layers:
             total = Layers(*(np.zeros_like(w) for w in net))
-            totals.append(total)
-            return backward_rows(net, rows, *ctx.hidden.layers, above, on_rows, total, tiles)
+            backward_rows(net, rows, *ctx.hidden.layers, above, on_rows, total, tiles)
+            return total
 
-        in_threads(part, len(rows))
+        totals = in_threads(part, len(rows))
         x, first, *_ = ctx.saved_tensors
         return _untiled(on_rows, x), *_as_torch(totals, *first.shape)
 
