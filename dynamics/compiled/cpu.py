@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,7 +24,6 @@ from dynamics.compiled.lanes import (
     Transposed,
     Weights,
     aligned,
-    inlined,
     kernel,
     transposed,
     weights_of,
@@ -42,8 +41,6 @@ from dynamics.compiled.pairs import (
 )
 from dynamics.compiled.spline import PairSpline
 from dynamics.potentials import DisplacementPotential, RadialPotential
-
-Part = TypeVar("Part")
 
 
 @kernel
@@ -80,17 +77,21 @@ def _pull(here: Array, there: Array, weight: Array, pair: Array) -> None:
         there[LANES + lane] += pull
 
 
-@inlined
-def of_body(rows: Array, body: int) -> Array:
-    """Both coordinates of a body side by side, ``(bodies * 2, LANES) -> (2 * LANES,)``."""
-    return rows[2 * body : 2 * body + 2].reshape(2 * LANES)
-
-
 @kernel
 def kick(p: Array, force: Array, half: Any) -> None:
     """Half a kick of all coordinates."""
     for i in range(p.shape[0]):
         p[i] += half * force[i]
+
+
+@kernel
+def _store(q: Array, p: Array, begin: int, count: int, out: Array) -> None:
+    """The first ``count`` lanes into ``(2, bodies * 2, episodes)``."""
+    for row in range(2 * q.shape[0]):
+        for lane in range(count):
+            at = row % 2 * LANES + lane
+            out[0, row, begin + lane] = q[row // 2, at]
+            out[1, row, begin + lane] = p[row // 2, at]
 
 
 @kernel
@@ -136,10 +137,10 @@ def _roll(
     for block in range(blocks[0], blocks[1]):
         begin = block * LANES
         count = min(LANES, episodes - begin)
-        q = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
-        p = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
-        force = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
-        loose = aligned(bodies * 2 * LANES, reach).reshape((bodies * 2, LANES))
+        q = aligned(bodies * 2 * LANES, reach).reshape((bodies, 2 * LANES))
+        p = aligned(bodies * 2 * LANES, reach).reshape((bodies, 2 * LANES))
+        force = aligned(bodies * 2 * LANES, reach).reshape((bodies, 2 * LANES))
+        loose = aligned(bodies * 2 * LANES, reach).reshape((bodies, 2 * LANES))
         weight = aligned(pairs * LANES, reach).reshape((pairs, LANES))
         work = aligned(pairs * ROWS * LANES, reach).reshape((pairs, ROWS * LANES))
         inputs, result = aligned(BLOCK * TILE, reach), aligned(BLOCK * TILE, reach)
@@ -151,8 +152,9 @@ def _roll(
         for lane in range(LANES):
             source = begin + min(lane, count - 1)  # lanes of no episode repeat the last one
             for row in range(2 * bodies):
-                q[row, lane], p[row, lane] = start[0, row, source], start[1, row, source]
-                loose[row, lane] = mobility[row // 2, source]
+                at = row % 2 * LANES + lane
+                q[row // 2, at], p[row // 2, at] = start[0, row, source], start[1, row, source]
+                loose[row // 2, at] = mobility[row // 2, source]
             for row in range(pairs):
                 weight[row, lane] = strength[row, source]
         # Before the first step comes one of no length, which finds the first force.
@@ -163,7 +165,7 @@ def _roll(
             pair, out_of_reach = 0, 0
             for i in range(bodies):
                 for j in range(i + 1, bodies):
-                    _apart(of_body(q, i), of_body(q, j), box, work[pair])
+                    _apart(q[i], q[j], box, work[pair])
                     if kind == RADIAL + SPLINE:
                         out_of_reach += radial_spline(
                             cells, first, reach, table, integers, work[pair]
@@ -178,15 +180,12 @@ def _roll(
             pair = 0
             for i in range(bodies):
                 for j in range(i + 1, bodies):
-                    _pull(of_body(force, i), of_body(force, j), weight[pair], work[pair])
+                    _pull(force[i], force[j], weight[pair], work[pair])
                     pair += 1
             kick(p.reshape(-1), force.reshape(-1), half)
             if move % (every * parts) == 0:
                 stored = move // (every * parts)
-                for row in range(2 * bodies):
-                    for lane in range(count):
-                        out[stored, 0, row, begin + lane] = q[row, lane]
-                        out[stored, 1, row, begin + lane] = p[row, lane]
+                _store(q, p, begin, count, out[stored])
     return asked
 
 
@@ -208,11 +207,8 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
     return kind + SPLINE, cells, first, reach, table, integers, weights, back
 
 
-def in_threads(part: Callable[[tuple[int, int]], Part], blocks: int) -> list[Part]:
-    """``part(first, end)`` of the blocks for each thread that torch has been told to use.
-
-    What the parts give stands in the order of the blocks, whichever thread is first.
-    """
+def in_threads(part: Callable[[tuple[int, int]], int], blocks: int) -> list[int]:
+    """``part(first, end)`` of the blocks for each thread that torch has been told to use."""
     threads = min(torch.get_num_threads(), blocks)
     if threads == 1:
         return [part((0, blocks))]
