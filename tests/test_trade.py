@@ -13,6 +13,9 @@ from hypothesis import strategies as st
 
 from vidphys.cli import main
 from vidphys.cli.extract import ExtractConfig
+from vidphys.cli.ladder import LadderConfig
+from vidphys.cli.profiles import with_profile
+from vidphys.cli.train import TrainConfig
 from vidphys.errors import InputError
 from vidphys.trade.compare import compare
 from vidphys.trade.measure import Job, Scale, measure
@@ -204,6 +207,29 @@ def test_a_verb_takes_its_options_from_a_measured_point(tmp_path):
     assert profile_options(profile, "extract") == options
     config = under_profile(ExtractConfig((Path("a.mp4"),), Path("o")), profile, "extract")
     assert (config.encoder, config.layer, config.resolution) == ("hiera", 8, 64)
+
+
+def test_a_verb_of_several_layers_takes_the_measured_one(tmp_path):
+    config = TrainConfig(Path("clips"), profile=encoder_profile(tmp_path / "p.json", 0))
+    found = with_profile(config, "train")
+    assert (found.encoder, found.layers, found.resolution) == ("hiera", (8,), 64)
+
+
+@pytest.mark.parametrize("verb", ["rollout", "ladder", "reproduce", "diagnose"])
+def test_a_verb_of_which_nothing_is_measured_says_so_in_a_line(tmp_path, capsys, verb):
+    config = LadderConfig(profile=encoder_profile(tmp_path / "p.json", 0))
+    assert with_profile(config, verb) is config
+    said = capsys.readouterr().err
+    assert said.startswith(f"{verb}: --profile") and said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "verb", ["extract", "train", "render", "rollout", "ladder", "reproduce", "diagnose"]
+)
+def test_every_verb_that_computes_has_the_option(verb, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main([verb, "--help"])
+    assert "--profile" in capsys.readouterr().out
 
 
 def test_an_option_that_differs_from_the_profile_is_refused(tmp_path):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from vidphys.runs.records import Recorder
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
-ELSEWHERE = ("out", "overwrite", "quiet", "input")
+ELSEWHERE = ("out", "profile", "overwrite", "quiet", "input")
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class DiagnoseConfig:
         start: first frame that is used.
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
@@ -59,6 +61,7 @@ class DiagnoseConfig:
     start: int = 0
     stop: int | None = None
     rate: float | None = None
+    profile: Path | None = None
     overwrite: bool = False
     quiet: bool = False
 
@@ -70,6 +73,7 @@ def diagnose(config: DiagnoseConfig) -> None:
         InputError: an input that cannot be read or is too short, options that make no sense, or
             another run in the folder.
     """
+    config = with_profile(config, "diagnose")
     from vidphys.diagnose.answers import answer
     from vidphys.runs.folder import RunFolder
 

@@ -11,9 +11,9 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
+from vidphys.cli.profiles import with_profile
 from vidphys.data.video import ClipSelection, Video, read_video
 from vidphys.errors import InputError
-from vidphys.trade.profile import under_profile
 
 if TYPE_CHECKING:
     from encoders.frozen import FrozenEncoder
@@ -56,7 +56,7 @@ class ExtractConfig:
         dtype: of the computation.
         batch: frames, or windows of a video encoder, per forward pass.
         runtime: what computes the network, for encoders that have a choice.
-        profile: take encoder and options from a point that `vidphys trade --pick` chose.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         store_dtype: of the values on disk.
         start: first frame of each clip.
         stop: frame to stop before.
@@ -109,7 +109,7 @@ def extract(config: ExtractConfig) -> None:
         InputError: no clip, a clip that cannot be read, weights that are missing or wrong, a
             device that is not there, or a damaged store entry.
     """
-    config = under_profile(config, config.profile, "extract")
+    config = with_profile(config, "extract")
     if not config.clips:
         raise InputError("extract: no clips; name at least one video file")
     for path in config.clips:

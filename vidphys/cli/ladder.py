@@ -8,6 +8,7 @@ from typing import Literal
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
+from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
 
@@ -24,6 +25,7 @@ class LadderConfig:
         heads: heads of every named rung, instead of the rung's own.
         seeds: number of seeds, instead of the preset's.
         workers: processes.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         device: where to compute.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -35,6 +37,7 @@ class LadderConfig:
     heads: tuple[str, ...] = ()
     seeds: int | None = None
     workers: int = 2
+    profile: Path | None = None
     device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
     quiet: bool = False
@@ -50,6 +53,7 @@ def ladder(config: LadderConfig) -> int:
     Raises:
         InputError: see :func:`vidphys.experiments.ladder.plan` and the run folder.
     """
+    config = with_profile(config, "ladder")
     from encoders.release import WeightsMissing
     from vidphys.experiments.ladder import plan, run_unit, settings_of
     from vidphys.presets import preset

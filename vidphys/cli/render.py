@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from vidphys.cli.console import Console
+from vidphys.cli.profiles import with_profile
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class RenderConfig:
         frames: of a clip, in place of the preset's.
         image: pixels on a side, in place of the preset's.
         seed: of the episodes.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
@@ -37,6 +39,7 @@ class RenderConfig:
     frames: int | None = None
     image: int | None = None
     seed: int = 0
+    profile: Path | None = None
     overwrite: bool = False
     quiet: bool = False
 
@@ -47,6 +50,7 @@ def render(config: RenderConfig) -> None:
     Raises:
         InputError: sizes that make no sense, or another run in the folder.
     """
+    config = with_profile(config, "render")
     from vidphys.data.rendered import RenderSettings, render_folder
     from vidphys.presets import preset
     from vidphys.runs.folder import RunFolder

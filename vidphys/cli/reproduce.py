@@ -11,6 +11,7 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
+from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
 
@@ -27,6 +28,7 @@ class ReproduceConfig:
         preset: sizes and seeds; quick is minutes on two cores.
         seeds: number of seeds, instead of the preset's.
         workers: processes.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         device: where to train.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -38,6 +40,7 @@ class ReproduceConfig:
     preset: Literal["quick", "standard", "paper"] = "quick"
     seeds: int | None = None
     workers: int = 2
+    profile: Path | None = None
     device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
     quiet: bool = False
@@ -54,6 +57,7 @@ def reproduce(config: ReproduceConfig) -> int:
         InputError: an unknown table, no seed or worker, a device that is not there, or a run
             folder that holds something else.
     """
+    config = with_profile(config, "reproduce")
     from encoders.release import WeightsMissing
     from vidphys.experiments.reproduce import (
         choose,

@@ -10,6 +10,7 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
+from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ class RolloutConfig:
         stop: frame to stop before, from which it is rolled on.
         rate: frames per second, in place of the container's time stamps.
         weights: file or folder of the encoder's weights; else VIDPHYS_WEIGHTS.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         device: where the encoder runs.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -57,6 +59,7 @@ class RolloutConfig:
     stop: int | None = None
     rate: float | None = None
     weights: Path | None = None
+    profile: Path | None = None
     device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
     quiet: bool = False
@@ -69,6 +72,7 @@ def rollout(config: RolloutConfig) -> None:
         InputError: no pipeline, other weights, a clip that cannot be read or is too short, a head
             that cannot do what is asked, or another run in the folder.
     """
+    config = with_profile(config, "rollout")
     from vidphys.cli.recordings import record_rollout
     from vidphys.data.dataset import clip_file
     from vidphys.data.video import ClipSelection, read_video, require_frames

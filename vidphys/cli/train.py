@@ -10,6 +10,7 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
+from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 ENCODER_OPTIONS = ("resolution", "frames", "hop", "frame_stride", "dtype")
 HEADS = 4  # by which the width of a readout's attention is divided
 # where things lie and what is shown make no other run
-ELSEWHERE = ("data", "store", "out", "weights", "overwrite", "quiet")
+ELSEWHERE = ("data", "store", "out", "weights", "profile", "overwrite", "quiet")
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class TrainConfig:
         specification: of `vidphys diagnose`; data is then a table of tracks, and a model of
             exactly these terms is trained on it.
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         device: where the encoder runs.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -108,6 +110,7 @@ class TrainConfig:
     beyond: float = 3.0
     specification: Path | None = None
     seed: int = 0
+    profile: Path | None = None
     device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
     quiet: bool = False
@@ -123,6 +126,7 @@ def train(config: TrainConfig) -> int:
         InputError: data that cannot be read or trained on, options that make no sense, weights
             that are missing or wrong, a device that is not there, or another run in the folder.
     """
+    config = with_profile(config, "train")
     from vidphys.data.dataset import find_dataset
     from vidphys.reader import load_layers
     from vidphys.runs.folder import RunFolder

@@ -98,8 +98,10 @@ def under_profile(config: Config, path: Path | None, verb: str) -> Config:
     """
     if path is None:
         return config
-    chosen = profile_options(path, verb)
     usual = {f.name: f.default for f in fields(config)}  # type: ignore[arg-type]
+    chosen: dict[str, Any] = profile_options(path, verb)
+    for name in [name for name in chosen if name not in usual]:  # a verb that takes several
+        chosen[f"{name}s"] = (chosen.pop(name),)
     for name, value in chosen.items():
         given = getattr(config, name)
         if given not in (usual[name], value):
