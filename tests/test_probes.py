@@ -171,3 +171,41 @@ def test_the_feature_frame_that_is_kept_is_the_labelled_frames():
     other = temporal_views.OneFrame(Colours(2), 3)
     assert float(other(frames, times).values.max()) == 0
     assert other.identity != temporal_views.OneFrame(Colours(2), 5).identity
+
+
+class Foresees(Colours):
+    """Says of the next frame a share of the way from this one to it; it looks it up."""
+
+    def __init__(self, share):
+        super().__init__(1)
+        self.share = share
+        self.windowing = Windowing(4, shortens=True)
+
+    def see(self, clips):
+        self.whole = self.encode(clips)
+        return self.whole
+
+    def foresee(self, seen):
+        after = self.whole[:, 1 : seen.shape[1] + 1]
+        return seen + self.share * (after - seen[:, : after.shape[1]])
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.5, "ok"), (0.02, "void")])
+def test_probes_of_a_predictor_that_foresees_no_more_than_a_copy_are_void(
+    monkeypatch, share, status, tmp_path
+):
+    monkeypatch.setattr(probes, "load_encoder", lambda name, options: Foresees(share))
+    monkeypatch.setattr(probes, "NO_OPS", ("zero",))
+    sizes = OracleSizes(1, 1, 1, (1.0,), 1)
+    task = CellTask("probes", "vjepa2-ac", (0,), sizes, TINY, folder=tmp_path)
+    TABLES["probes"].cells["vjepa2-ac"](task)
+    rows = merged_tables(task.recorders)[0].to_pylist()
+    (control,) = [r for r in rows if r["metric"] == "foresight_over_copy"]
+    assert control["cell"] == "vjepa2-ac/zero" and control["status"] == "ok"
+    assert control["value"] == pytest.approx(1 - share, rel=1e-3)
+    probed = [r for r in rows if r["metric"] == "momentum_nmse"]
+    assert {r["cell"] for r in probed} == {
+        f"vjepa2-ac/zero-{view}" for view in ("clip", "repeated", "shuffled")
+    }
+    assert {r["status"] for r in probed} == {status}
+    assert {r["status"] for r in merged_tables(task.recorders)[1].to_pylist()} == {status}

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from dynamics import PhaseState
 
-OK, FAILED, INVALID = "ok", "failed", "invalid"
+OK, FAILED, INVALID, VOID = "ok", "failed", "invalid", "void"
 ENERGY_NEAR_ZERO = 1e-3
 
 

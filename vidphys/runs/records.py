@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from torch import Tensor
 
-from vidphys.metrics import OK, Summary
+from vidphys.metrics import OK, VOID, Summary
 from vidphys.runs.atomic import write_with
 
 
@@ -127,6 +127,11 @@ class Recorder:
                     "status": OK if finite else "failed",
                 }
             )
+
+    def void(self) -> None:
+        """Say of all numbers so far that a positive control failed: they prove nothing."""
+        for row in self.rows + self.episode_rows:
+            row["status"] = VOID
 
     def tables(self) -> tuple[pa.Table, pa.Table]:
         """The records and the episodes as Arrow tables."""

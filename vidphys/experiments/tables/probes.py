@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -24,6 +24,7 @@ from readouts.differencing import central_difference
 from readouts.probes import StateProbe, side_by_side
 from renderers import Camera, RgbWorld
 from vidphys.data.clips import Clips, render_clips
+from vidphys.experiments.foresight import BETTER, Foreseeing, foresight
 from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.pixels import score_state
 from vidphys.experiments.scoring import Question
@@ -43,6 +44,8 @@ ENCODERS: dict[str, dict[str, Any]] = {
     "vjepa2-l": {},
     "dinov2-small": {},
 }
+FORESEEING = "vjepa2-ac"
+NO_OPS = ("zero", "resting")  # states of its arm, which does nothing in both
 DATA_SEED = 0  # all seeds' probes see the same clips, so that features are made once
 HELD_OUT = 8  # one clip in so many decides which weights are kept
 BATCH, LEARNING_RATE, CLIP = 64, 3e-3, 1.0
@@ -57,6 +60,7 @@ class Study:
         name: of the encoder.
         encoder: frozen.
         train, test: clips; the label is the true state at their middle frame.
+        void: a positive control failed, so that the probes prove nothing.
     """
 
     task: CellTask
@@ -64,6 +68,7 @@ class Study:
     encoder: FrozenEncoder
     train: Clips
     test: Clips
+    void: bool = False
 
     @property
     def centre(self) -> int:
@@ -118,6 +123,8 @@ class Study:
             scene = pixel_scene()
             recorder = self.task.recorder(seed, scene, "none", part, self.name, self.name)
             score_state(recorder.reading("probe"), Question(scene, state, truth, self.test.params))
+            if self.void:
+                recorder.void()
 
 
 def encoder_cell(name: str, options: Mapping[str, Any]) -> Cell:
@@ -131,6 +138,22 @@ def encoder_cell(name: str, options: Mapping[str, Any]) -> Cell:
     return run
 
 
+def foreseeing_cell(task: CellTask) -> None:
+    """The probes of V-JEPA 2-AC's predictor, void where a copy of the last frame is as good.
+
+    Its arm does nothing, in two states.
+    """
+    clips = draw_clips(task)
+    for state in NO_OPS:
+        encoder = load_encoder(FORESEEING, {"state": state})
+        found = foresight(cast(Foreseeing, encoder), clips[1].frames)
+        name = f"{FORESEEING}-{state}"
+        recorder = task.recorder(task.seeds[0], pixel_scene(), "none", state, name, FORESEEING)
+        recorder.add_value("foresight_over_copy", found.over_copy)
+        recorder.add_value("frame_step", found.step)
+        study_video(Study(task, name, encoder, *clips, void=not found.foresees), f"{state}-")
+
+
 def draw_clips(task: CellTask) -> tuple[Clips, Clips]:
     """Training and test clips of coloured disks, of the preset's sizes."""
     sizes = task.pixel
@@ -142,9 +165,10 @@ def draw_clips(task: CellTask) -> tuple[Clips, Clips]:
     )
 
 
-def study_video(study: Study) -> None:
-    """The three temporal configurations of a video encoder."""
-    for part, view in VIEWS.items():
+def study_video(study: Study, prefix: str = "") -> None:
+    """The three temporal configurations of a video encoder; ``prefix`` begins their names."""
+    for name, view in VIEWS.items():
+        part = prefix + name
         train, test = (
             study.labelled_frame(clips, view(clips.frames, study.centre))
             for clips in (study.train, study.test)
@@ -196,11 +220,15 @@ PROBES = Table(
         "an image encoder's single frame, and from its neighbours' differences. Seeds are the "
         "probes'; all see the same clips."
     ),
-    ids="N76, Q3, Q4, E10",
-    cells={name: encoder_cell(name, options) for name, options in ENCODERS.items()},
+    ids="N76, N77, Q3, Q4, E10",
+    cells={
+        **{name: encoder_cell(name, options) for name, options in ENCODERS.items()},
+        FORESEEING: foreseeing_cell,
+    },
     settings={
         "scene": pixel_scene().settings,
-        "encoders": ENCODERS,
+        "encoders": {**ENCODERS, FORESEEING: {"state": NO_OPS}},
+        "foresees_below": BETTER,
         "batch": BATCH,
         "learning_rate": LEARNING_RATE,
     },
