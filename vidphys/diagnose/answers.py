@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from vidphys.diagnose.advice import advise
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose
-from vidphys.diagnose.forecast import Validation, changed_laws, last_state, roll, validate
+from vidphys.diagnose.forecast import (
+    Validation,
+    changed_laws,
+    compared,
+    last_state,
+    roll,
+    validate,
+)
 from vidphys.diagnose.identity import check_identity
 from vidphys.diagnose.longer import LongFit
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
 from vidphys.diagnose.spectrum import distinct, modes_of_data, modes_of_model
+from vidphys.diagnose.wall import find_wall
 from vidphys.diagnose.windows import FEW
 from vidphys.statistics import NORMAL_95
 
@@ -121,7 +129,10 @@ def answer(motion: Motion, angles: bool, hold_out: float) -> Answered:
             _validated(answered, validate(found.look, motion.cut(end)))
         _modes(answered, motion, found.look)
         _changed(answered, found.look, motion)
+    if not found.explained or inference.kicks > 0:
+        _walled(answered, motion, end)
     described = specification(inference, motion.interval)
+    described["explained"] &= "wall" not in answered.data
     described["mass"] = found.motion.mass[0].tolist()
     return Answered(**{**vars(answered), "specification": described})
 
@@ -138,6 +149,60 @@ def _validated(answered: Answered, tail: Validation) -> None:
         f"Rolled over the {len(tail.times)} frames that nothing was fitted to, the model is off "
         f"by {tail.errors['model']:.3g} ({others}){worse}."
     )
+
+
+def _walled(answered: Answered, motion: Motion, end: int) -> None:
+    """Bounces off a wall, which the menu lacks and may take for random kicks: fitted, rolled on."""
+    fit = find_wall(motion.cut(0, end))
+    if fit is None:
+        return
+    wall, errors = fit.wall, fit.errors
+    axis = "xyz"[fit.axis]
+    answered.lines.append(
+        f"Rather than these, a wall: the body swings along {axis} and strikes {axis} = "
+        f"{fit.sign * wall.place:.4g} {fit.count} times, each time keeping "
+        f"{wall.restitution:.3g} ± {NORMAL_95 * errors['restitution']:.1g} of its speed; between, "
+        f"stiffness {wall.stiffness:.4g} ± {NORMAL_95 * errors['stiffness']:.1g} and friction "
+        f"{wall.rate:.2g} ± {NORMAL_95 * errors['rate']:.1g} per second (95 %). The fit is off by "
+        f"{fit.left:.2g}."
+    )
+    answered.data["wall"] = {**asdict(wall), "errors": errors, "bounces": fit.count}
+    answered.numbers["wall_restitution"] = wall.restitution
+    times = motion.times[0] - motion.times[0, 0]
+    if end < len(times) - LEAST_FRAMES:
+        tail = _beside_wall(fit.positions(times), motion, end)
+        _validated(answered, tail)
+    later = wall.later(float(times[end - 1]))
+    since = np.linspace(0, times[-1] - times[end - 1] + 0.3 * times[end - 1], SAMPLES)
+    changes = {
+        "no friction, no loss at the wall": replace(later, rate=0.0, restitution=1.0),
+        "half the length": replace(later, stiffness=2 * later.stiffness),
+    }
+    for name, changed in changes.items():
+        path = fit.positions(since, changed)
+        answered.rolled[name] = motion.times[0, end - 1] + since, path
+
+
+def _beside_wall(path: np.ndarray, motion: Motion, end: int) -> Validation:
+    """The forecast of the tail beside simple ones, which begin at the model's last fitted frames.
+
+    Args:
+        path: of the model at every frame, ``(t, n, d)``.
+        motion: the recording.
+        end: first frame of the tail.
+    """
+    h = motion.interval
+    last, v = path[end - 1], (path[end - 1] - path[end - 2]) / h
+    a = (path[end - 1] - 2 * path[end - 2] + path[end - 3]) / h**2
+    since = (motion.times[0, end:] - motion.times[0, end - 1])[:, None, None]
+    straight = last + v * since
+    forecasts = {
+        "model": path[end:],
+        "persistence": np.broadcast_to(last, path[end:].shape),
+        "constant velocity": straight,
+        "constant acceleration": straight + 0.5 * a * since**2,
+    }
+    return compared(motion.times[0, end:], motion.positions[0, end:], forecasts)
 
 
 def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:

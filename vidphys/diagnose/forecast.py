@@ -91,6 +91,11 @@ def validate(look: LongFit, tail: Motion) -> Validation:
         "constant velocity": start.q + start.v * since,
         "constant acceleration": start.q + start.v * since + 0.5 * a * since**2,
     }
+    return compared(times, seen, forecasts)
+
+
+def compared(times: np.ndarray, seen: np.ndarray, forecasts: dict[str, np.ndarray]) -> Validation:
+    """Forecasts by name, ``model`` first, ``(t, n, d)`` each, against what was seen."""
     errors = {
         name: float(np.sqrt(np.nanmean(((path - seen) ** 2).sum(-1))))
         for name, path in forecasts.items()

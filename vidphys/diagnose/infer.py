@@ -132,7 +132,7 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     while result.kicks > 0 and not result.leftover.explained and size >= 2 * SHORTEST:
         size //= 2
         shorter = search.from_windows(size, noise)
-        if shorter.leftover.explained:
+        if shorter.leftover.explained and not shorter.kicks:
             return shorter
     return result
 
