@@ -186,7 +186,7 @@ def encoder_config(tensors: dict[str, Tensor], resolution: int) -> Any:
     from transformers import VJEPA2Config
 
     width, _, tubelet, patch, _ = tensors["patch_embed.proj.weight"].shape
-    return VJEPA2Config(
+    config: Any = VJEPA2Config(
         patch_size=patch,
         crop_size=resolution,
         tubelet_size=tubelet,
@@ -195,8 +195,9 @@ def encoder_config(tensors: dict[str, Tensor], resolution: int) -> Any:
         num_hidden_layers=_depth(tensors, "blocks"),
         # the library rounds the product down
         mlp_ratio=(tensors["blocks.0.mlp.fc1.weight"].shape[0] + 0.5) / width,
-        attn_implementation="sdpa",
     )
+    config._attn_implementation = "sdpa"  # as the library sets it for a whole model
+    return config
 
 
 def _predictor(tensors: dict[str, Tensor]) -> Predictor:

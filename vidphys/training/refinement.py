@@ -49,8 +49,8 @@ def train_refined(
         seed: of the batch order and of where is looked.
         progress: called as ``(step, steps, loss)``.
     """
-    rough = (_rough(readout, frames) for frames in (train, held_out))
-    train_readout(readout.coarse, *rough, coarse, seed, progress)
+    rough = _rough(readout, train), _rough(readout, held_out)
+    train_readout(readout.coarse, rough[0], rough[1], coarse, seed, progress)
     error = partial(mean_distance, readout, held_out)
     best = BestWeights(readout.local, error, fine.steps, LOOKS)
     with torch.random.fork_rng(devices=[]):
