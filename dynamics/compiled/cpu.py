@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -41,6 +41,8 @@ from dynamics.compiled.pairs import (
 )
 from dynamics.compiled.spline import PairSpline
 from dynamics.potentials import DisplacementPotential, RadialPotential
+
+Found = TypeVar("Found")
 
 
 @kernel
@@ -207,7 +209,7 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
     return kind + SPLINE, cells, first, reach, table, integers, weights, back
 
 
-def in_threads(part: Callable[[tuple[int, int]], int], blocks: int) -> list[int]:
+def in_threads(part: Callable[[tuple[int, int]], Found], blocks: int) -> list[Found]:
     """``part(first, end)`` of the blocks for each thread that torch has been told to use."""
     threads = min(torch.get_num_threads(), blocks)
     if threads == 1:
