@@ -220,3 +220,21 @@ def test_a_file_that_is_no_specification_is_refused(tmp_path):
     (tmp_path / "s.json").write_text("{}")
     with pytest.raises(InputError, match="not a scene specification"):
         read_specification(tmp_path / "s.json")
+
+
+# what the integrals themselves are wrong by is no physics
+
+
+def test_no_friction_is_read_from_what_the_integrals_are_wrong_by():
+    found = infer(record(KINDS["gravity-field"], Setting(0.0, 0.08, 3, 102)))
+    assert found.kinds == {"pair", "uniform"} and found.leftover.explained
+
+
+def test_a_contact_that_frames_hardly_show_is_no_switch():
+    seen_coarsely = record(KINDS["disks-trap"], Setting(0.0, 0.04, 2, 104))
+    assert find_switch(seen_coarsely, infer(seen_coarsely)) is None
+
+
+def test_rare_encounters_in_long_windows_are_no_kicks():
+    found = infer(record(KINDS["repulsion"], Setting(0.02, 0.08, 5, 201), 4))
+    assert found.kinds == {"pair"} and found.leftover.explained

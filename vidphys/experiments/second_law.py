@@ -48,15 +48,16 @@ class Film:
         return Motion(self.seen.double().numpy(), times, np.ones((clips, BODIES)))
 
 
-def film(law: Law, seed: int) -> Film:
+def film(law: Law, seed: int, clips: int = CLIPS) -> Film:
     """Draw clips of a law and fit every frame's positions to its pixels.
 
     Args:
         law: acceleration, see :mod:`vidphys.experiments.confusion`.
-        seed: of the episodes; those that leave the picture are dropped.
+        seed: of the episodes.
+        clips: how many; those that leave the picture are dropped.
     """
     setting = Setting(0.0, INTERVAL, BODIES, seed)
-    recorded = record(Kind("video", law, None), setting, CLIPS, FRAMES).positions
+    recorded = record(Kind("video", law, None), setting, clips, FRAMES).positions
     truth = torch.from_numpy(recorded).float()
     truth = truth[truth.abs().amax((1, 2, 3)) < EDGE]
     world = ChannelWorld(Camera(height=IMAGE, width=IMAGE))
@@ -128,7 +129,7 @@ def port_of(head: Hamiltonian) -> Friction:
 
 def rate_of(head: Hamiltonian) -> float:
     """The port's rate, per second."""
-    return float(port_of(head).coefficient(unit_law(1)))
+    return float(port_of(head).coefficient(unit_law(1)).detach())
 
 
 def imbalance(head: Hamiltonian, batch: Tensor) -> Tensor:
