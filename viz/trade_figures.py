@@ -142,26 +142,27 @@ def _grid(count: int) -> tuple[Figure, list[Axes]]:
 def _name(figure: Figure, panels: Sequence[Axes], by: str) -> None:
     handles = _handles(panels)
     if len(handles) > 1:
-        figure.legend(
-            list(handles.values()),
-            [f"{by} {label}" for label in handles],
-            loc="outside upper left",
-            ncols=4,
-            frameon=False,
-            fontsize=9,
-            labelcolor=FAINT,
-        )
+        _beside(figure, handles, by)
 
 
 def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    handles = _handles(panels)
+    _beside(figure, _handles(panels), None)
+
+
+def _beside(figure: Figure, handles: Mapping[str, Any], title: str | None) -> None:
+    """A narrow legend beside the panels, which keep their size: the figure grows by it."""
+    width, height = figure.get_size_inches()
+    longest = max(len(label) for label in (*handles, title or ""))
+    figure.set_size_inches(width + 0.5 + 0.075 * longest, height)
     figure.legend(
         list(handles.values()),
         list(handles),
-        loc="outside upper left",
-        ncols=3,
+        title=title,
+        loc="outside right upper",
         frameon=False,
-        fontsize=9,
+        fontsize=8,
+        title_fontsize=8,
+        labelcolor=FAINT,
     )
 
 

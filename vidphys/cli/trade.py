@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
@@ -169,29 +170,52 @@ def _compare(config: TradeConfig, old: Path) -> int:
 
 
 def _benchmark(config: TradeConfig) -> int:
-    """Rows one by one, each printed as it is measured; all of them are kept as JSON."""
+    """Rows one by one, each printed and kept as it is measured; what is kept is not done again."""
     from vidphys.runs.atomic import write_json
+    from vidphys.runs.folder import code_version
     from vidphys.trade.benchmark import ROWS, run_benchmark, table
     from vidphys.trade.session import surroundings
 
     if unknown := [row for row in config.rows if row not in ROWS]:
         raise InputError(f"--rows {unknown[0]}: no such row; there are {', '.join(ROWS)}")
     names = config.rows or tuple(ROWS)
-    found, skipped = [], {}
+    path = config.out / "benchmark.json"
+    about = {"code_version": code_version(), "repeats": REPEATS[config.preset]}
+    about |= surroundings(config.device)
+    kept = _kept(path, about, config.overwrite)
     with Console(config.quiet, len(names), "benchmark") as console:
         for number, name in enumerate(names):
+            if name in kept["rows"]:
+                console.done(number)
+                continue
             try:
                 rows = run_benchmark([name], REPEATS[config.preset], config.threads)
             except ImportError as error:
-                skipped[name] = f"{error}; pip install 'vidphys[bench]'"
-                console.warn(f"{name} skipped: {skipped[name]}")
+                kept["skipped"][name] = f"{error}; pip install 'vidphys[bench]'"
+                console.warn(f"{name} skipped: {kept['skipped'][name]}")
                 continue
-            found += [asdict(row) for row in rows]
+            kept["rows"][name] = [asdict(row) for row in rows]
+            kept["skipped"].pop(name, None)
+            write_json(path, kept)
             console.done(number)
             console.result(table(rows))
-    path = config.out / "benchmark.json"
-    about = surroundings(config.device)
-    write_json(path, {"surroundings": about, "rows": found, "skipped": skipped})
+    found = [row for name in names for row in kept["rows"].get(name, ())]
     missed = sum(not row["reached"] for row in found)
     print(f"{len(found)} rows, {missed} below their bar; {path}")
     return 0
+
+
+def _kept(path: Path, about: dict[str, Any], overwrite: bool) -> dict[str, Any]:
+    """What an interrupted benchmark has measured in the same surroundings; else nothing.
+
+    Raises:
+        InputError: it was measured in others.
+    """
+    if overwrite or not path.is_file():
+        return {"surroundings": about, "rows": {}, "skipped": {}}
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    if kept["surroundings"] != about:
+        raise InputError(
+            f"{path}: measured in other surroundings; use another --out, or --overwrite"
+        )
+    return kept
