@@ -30,7 +30,7 @@ NEAR_ZERO = 0.1  # of K + |V|: a smaller energy is not what drift is relative to
 HIDDEN = 5e-3  # of the way that bodies move: rounding of positions from which on it is not believed
 # States whose energy is looked at: all while they are few, by whether the model is learned; else
 # the two ends and one in so many steps.
-FEW_STATES, SHARE = {True: 64, False: 8192}, 100
+FEW_STATES, SHARE = {True: 64, False: 8192}, {True: 500, False: 100}
 
 
 def start(start: PhaseState, params: Parameters, dt: float) -> None:
@@ -135,8 +135,9 @@ def energy(
     stored, batch = states.q.shape[-3], states.q.shape[:-3].numel()
     if not head.conserves or not states.q.numel() or stored < 2:
         return []
-    few = stored * batch <= FEW_STATES[is_learned(head)]
-    count = stored if closely or few else 2 + stored * every // SHARE
+    learned = is_learned(head)
+    few = stored * batch <= FEW_STATES[learned]
+    count = stored if closely or few else 2 + stored * every // SHARE[learned]
     looked = torch.linspace(0, stored - 1, min(count, stored)).round().long().to(states.q.device)
     drift = energy_drift(head, states.map(lambda x: x.index_select(-3, looked)), params)
     lost = drift > ENERGY_LOST

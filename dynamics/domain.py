@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
 import torch
 from torch import Tensor
 
@@ -16,6 +19,7 @@ ORIGIN, MOMENTUM, FARTHEST, NEAREST = EXTENTS = (
     "distance between bodies",
     "nearness of bodies",
 )
+FEW = 6  # bodies whose pairs are taken one by one
 UNKNOWN = torch.inf  # nothing is known of training: no state is outside
 
 
@@ -30,10 +34,30 @@ def extents(state: PhaseState, box: float | None = None) -> Tensor:
     if not bodies:
         return state.q.new_zeros(*batch, len(EXTENTS))
     nearest, farthest = state.q.new_full(batch, torch.inf), state.q.new_zeros(batch)
-    for i, j in pair_tiles(bodies, batch.numel(), state.q.device) if bodies > 1 else ():
-        apart = state.q.index_select(-2, i) - state.q.index_select(-2, j)
-        squared = PairLaw(box=box).nearest(apart).square().sum(-1)
+    for squared in _squared_distances(state.q, box):
         nearest = torch.minimum(nearest, squared.amin(-1))
         farthest = torch.maximum(farthest, squared.amax(-1))
-    q, p = (x.square().sum(-1).amax(-1) for x in (state.q, state.p))
+    q, p = (_squared(x.unbind(-1)).amax(-1) for x in (state.q, state.p))
     return torch.stack([q, p, farthest, 1 / nearest], -1).sqrt()
+
+
+def _squared_distances(q: Tensor, box: float | None) -> Iterator[Tensor]:
+    """Of all pairs, some pairs at a time, ``(..., pairs)``."""
+    nearest, columns, bodies = PairLaw(box=box).nearest, q.unbind(-1), q.shape[-2]
+    if bodies <= FEW:  # whole rollouts are looked at: views, where an index would gather copies
+        for i, j in combinations(range(bodies), 2):
+            here, there = slice(i, i + 1), slice(j, j + 1)
+            yield _squared([nearest(x[..., here] - x[..., there]) for x in columns])
+        return
+    for first, second in pair_tiles(bodies, q.shape[:-2].numel(), q.device):
+        yield _squared(
+            [nearest(x.index_select(-1, first) - x.index_select(-1, second)) for x in columns]
+        )
+
+
+def _squared(columns: Sequence[Tensor]) -> Tensor:
+    """Sum of the squares of coordinates."""
+    total = columns[0].square()
+    for x in columns[1:]:
+        total = total + x.square()
+    return total

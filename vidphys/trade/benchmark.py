@@ -353,6 +353,10 @@ ROWS |= {
     )
 }
 ROWS |= {
+    name: _lies_in("guard_rows", name)
+    for name in (f"guards-{head}-{count}" for head in ("exact", "factored") for count in (1, 64))
+}
+ROWS |= {
     name: _lies_in("encoder_rows", name)
     for name in ("dinov2", "dinov2-cached", "videomae", "videomae-cached")
 }
