@@ -123,12 +123,14 @@ def session(copy: Path, kind: str, places: int, files: list[str]) -> dict[str, A
 
 
 def judged(kind: str, number: int, place: Place, found: dict[str, Any]) -> dict[str, Any] | None:
-    """A mutant's row; none for a comparison that was never held to or is as tight as rounding."""
+    """A mutant's row; none for what is none: a count's sign, a tolerance as tight as rounding."""
     if kind == "tolerance":
         room = found["room"].get(str(number))
         verdict = KILLED if room is not None and room < HUNDREDTH else SURVIVED
         return None if room is None else {**asdict(place), "verdict": verdict, "room": room}
-    sign = found["signs"][str(number)]
+    sign = found["signs"].get(str(number))
+    if sign is None:
+        return None
     verdict = KILLED if sign["killed"] else SURVIVED
     return {**asdict(place), "verdict": verdict, "tests": sign["tests"]}
 

@@ -22,7 +22,7 @@ from _pytest.runner import runtestprotocol
 
 # Seconds of the processor's time, which other work on the machine does not change: of a test that
 # is used at all, of one that a mutant may have sent round in circles, of all tests of a mutant.
-USED, STUCK, SPENT = 2.0, 20.0, 10.0
+USED, STUCK, SPENT = 2.0, 8.0, 3.0
 
 
 class AskTolerances:
@@ -46,9 +46,9 @@ class TurnSigns:
         tests = {item.nodeid: item for item in session.items}
         table = self.result.with_suffix(".baseline.json")
         in_child(lambda: table.write_text(json.dumps(baseline(session.items)), encoding="utf-8"))
-        rows = json.loads(table.read_text(encoding="utf-8"))
+        rows, whole = json.loads(table.read_text(encoding="utf-8"))
         found = {}
-        for site in range(self.places):
+        for site in set(range(self.places)).difference(whole):
             covering = [row for row in rows if site in row["sites"]]
             covering.sort(key=lambda row: row["seconds"])
             chosen = [tests[row["name"]] for row in _affordable(covering)]
@@ -59,8 +59,11 @@ class TurnSigns:
         return True
 
 
-def baseline(items: list[pytest.Item]) -> list[dict[str, Any]]:
-    """How long each test takes, and which signs it computes; without those that are too slow."""
+def baseline(items: list[pytest.Item]) -> tuple[list[dict[str, Any]], list[int]]:
+    """How long each test takes, and which signs it computes; without the slow ones.
+
+    Also the places that have turned out to be of counts and indices.
+    """
     rows = []
     for item, after in _in_turn(items):
         probe.reached.clear()
@@ -69,7 +72,8 @@ def baseline(items: list[pytest.Item]) -> list[dict[str, Any]]:
             seconds = time.process_time() - began
             sites = sorted(probe.reached)
             rows.append({"name": item.nodeid, "seconds": seconds, "sites": sites})
-    return rows
+    terms = {site for row in rows for site in row["sites"]}
+    return rows, sorted(probe.whole - terms)
 
 
 def mutant(site: int, items: list[pytest.Item]) -> bool:

@@ -18,12 +18,14 @@ USUAL = {torch.float64: (1e-7, 1e-7), torch.float32: (1.3e-6, 1e-5)}  # of torch
 
 active: int | None = None  # the sign that is turned round
 reached: set[int] = set()  # the signs that were met since the set was last cleared
+whole: set[int] = set()  # signs of counts and indices, which are no terms
 room: dict[int, int] = {}  # tolerance -> powers of ten by which it could have been smaller
 
 
 def flip(site: int, term: Any) -> Any:
     """The term, or its negative where this sign is the one that is turned round."""
     if isinstance(term, WHOLE):
+        whole.add(site)
         return term
     reached.add(site)
     if active != site:
