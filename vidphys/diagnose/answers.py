@@ -22,7 +22,7 @@ from vidphys.diagnose.longer import LongFit
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
-from vidphys.diagnose.spectrum import distinct, modes_of_data, modes_of_model
+from vidphys.diagnose.spectrum import Mode, distinct, modes_of_data, modes_of_model
 from vidphys.diagnose.wall import find_wall
 from vidphys.diagnose.windows import FEW
 from vidphys.statistics import NORMAL_95
@@ -238,8 +238,15 @@ def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:
         answered.lines.append(
             f"Oscillation {k}: {model.frequency:.4g} radians per second by the model, "
             f"{seen.frequency:.4g} by the spectrum alone; decay {model.decay:.3g} and "
-            f"{seen.decay:.3g} ± {NORMAL_95 * seen.error:.1g} per second (95 %)."
+            f"{_sure_to(seen)} per second."
         )
+
+
+def _sure_to(mode: Mode) -> str:
+    """A measured decay, with its interval where it is known."""
+    if not np.isfinite(mode.error):
+        return f"{mode.decay:.3g}"
+    return f"{mode.decay:.3g} ± {NORMAL_95 * mode.error:.1g} (95 %)"
 
 
 def _changed(answered: Answered, look: LongFit, motion: Motion) -> None:
