@@ -8,7 +8,14 @@ from test_thermostat import TINY, ask_briefly, bath_params, made, momenta
 from torch import Tensor
 
 from dynamics import Hamiltonian, rollout
-from dynamics.bath import ConstantBath, DrivenBath, ExactBath, NoSteadyState, steady_temperature
+from dynamics.bath import (
+    ConstantBath,
+    DrivenBath,
+    ExactBath,
+    NoSteadyState,
+    relaxation_time,
+    steady_temperature,
+)
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from vidphys.errors import InputError
@@ -112,3 +119,10 @@ def test_every_row_of_the_tables_finds_its_number(monkeypatch):
     assert simulator["diverged_fraction"] == simulator["flagged_fraction"] == 1
     control = {r["metric"]: r["value"] for r in records if r["cell"] == "control"}
     assert control["diverged_fraction"] == control["flagged_fraction"] == 0
+
+
+def test_a_driven_bath_forgets_its_start_in_its_relaxation_time():
+    told = bath_params(2, 2.0, 1.0, drive=1.5)
+    assert relaxation_time(told).tolist() == [2.0, 2.0]
+    assert relaxation_time(bath_params(2, 2.0, 1.0, drive=2.0)).isinf().all()
+    assert relaxation_time(bath_params(2, 4.0, 1.0)).tolist() == [0.25, 0.25]

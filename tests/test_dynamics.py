@@ -30,6 +30,7 @@ from dynamics import (
     yoshida4,
 )
 from dynamics.build import parameter_count
+from dynamics.fields import UniformField
 from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic, Kinetic
 from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
 from dynamics.pairs import pair_indices
@@ -812,3 +813,13 @@ def test_friction_takes_energy_at_its_exact_rate_and_none_is_the_conservative_he
     ours, _ = head.advance(PhaseState(q, p), params, 0.01)
     theirs, _ = plain.advance(PhaseState(q, p), params, 0.01)
     assert torch.equal(ours.p, theirs.p) and torch.equal(ours.q, theirs.q)
+
+
+def test_a_uniform_field_pulls_every_body_alike_along_itself(float64: None) -> None:
+    field = UniformField(2)
+    field.acceleration.data = torch.tensor([0.3, -9.8])
+    state, params = episode(4)
+    q = state.q.requires_grad_()
+    (slope,) = torch.autograd.grad(field.energy(q, params).sum(), q)
+    assert largest(field.force(q, params) + slope) < 1e-14
+    assert largest(field.force(q, params) / params.mass.unsqueeze(-1) - field.acceleration) < 1e-14

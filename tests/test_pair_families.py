@@ -158,6 +158,7 @@ def test_a_shortcut_adds_its_force_keeps_momentum_and_is_counted(float64):
         atol=3e-15,
     )
     torch.testing.assert_close(free.sum(-2), torch.zeros(16, 2), rtol=3e-15, atol=3e-15)
+    assert torch.equal(part.energy(start.q, params), part.factored.energy(start.q, params))
     share = shortcut_share(head, start, params)
     assert 0 < float(share) < 1
     for parameter in part.free.layers[-1].parameters():

@@ -36,6 +36,7 @@ COVERING = [
     "dissipation",
     "drive",
     "engine",
+    "factorial",
     "scenes",
     "thermostat",
     "neighbours",

@@ -94,6 +94,8 @@ class Signs(_Rewriter):
             return value
         if isinstance(value, ast.UnaryOp):  # its own sign is the result's
             return self.visit(value)
+        if isinstance(value, ast.Call) and "zeros" in ast.unparse(value.func):
+            return value  # no force at all has no sign
         return self._flipped(value)
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:

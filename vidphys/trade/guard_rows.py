@@ -25,7 +25,7 @@ def guards(name: str, count: int) -> Match:
     head: Any = gravity().law if name == "exact" else fitted("displacement", WIDTH)
     start, params = episodes(count)
     if name != "exact":
-        head.see(rollout(gravity().law, start, params, STEPS, BODIES_DT).states)
+        head.see(gravity().simulate(start, params, STEPS).states)
 
     def bare() -> Any:
         with torch.no_grad():
