@@ -12,6 +12,7 @@ from vidphys.diagnose.refine import Fitted
 from vidphys.diagnose.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.structures import Structure
 from vidphys.diagnose.windows import Windows
+from vidphys.statistics import NORMAL_95
 
 PRICE = 1.5  # of each number of a probe, over Schwarz's half logarithm of the rows
 EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
@@ -187,12 +188,17 @@ def leftover(
 
 
 def _one_temperature(fitted: Fitted, kicks: float, field: Field) -> bool:
-    """Whether kicks and friction balance at about the temperature at which the bodies move."""
+    """Whether kicks and friction balance at about the temperature at which the bodies move.
+
+    A friction that may be zero balances no kicks at all.
+    """
     friction = fitted.structure.term(FRICTION)
     if friction is None or fitted.structure.of(friction)[0] <= 0:
         return False
     rate = fitted.structure.of(friction)[0]
     error = fitted.errors[fitted.place(friction)] / rate
+    if NORMAL_95 * error > 1:
+        return False
     kinetic = float((field.v**2 * field.mass[:, None, :, None]).mean())
     apart = abs(np.log(kicks / (2 * rate) / kinetic))
     return bool(apart < np.log(BALANCE) + 2 * error)
