@@ -6,13 +6,13 @@ call, and the way back is written out, so that no graph of small operations is b
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import Function
-from torch.nn.functional import linear
 
 from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.lanes import Array
@@ -27,16 +27,17 @@ def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
         x: rows, ``(rows, inputs)``.
         weights: both hidden layers' matrices and biases, and the last layer's matrix.
     """
-    function = _Gradient if torch._C._functorch.peek_interpreter_stack() is None else _Mapped
-    return function.apply(x, *weights)
+    if torch._C._functorch.peek_interpreter_stack() is not None:
+        return _Mapped.apply(x, *weights)
+    return _Gradient.apply(x.unsqueeze(0), *(w.unsqueeze(0) for w in weights)).squeeze(0)
 
 
 def plain_gradient(
     x: Tensor, first: Tensor, first_bias: Tensor, square: Tensor, bias: Tensor, last: Tensor
 ) -> Tensor:
     """The same by torch's own operations, which can be differentiated again."""
-    low = torch.tanh(linear(x, first, first_bias))
-    top = torch.tanh(linear(low, square, bias))
+    low = torch.tanh(x @ first.mT + first_bias.unsqueeze(-2))
+    top = torch.tanh(low @ square.mT + bias.unsqueeze(-2))
     return ((last * (1 - top.square())) @ square * (1 - low.square())) @ first
 
 
@@ -53,7 +54,7 @@ class _Mapped(Function):
 
     @staticmethod
     def forward(x: Tensor, *weights: Tensor) -> Tensor:
-        return _Gradient.apply(x, *weights)
+        return input_gradient(x, *weights)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
@@ -61,47 +62,83 @@ class _Mapped(Function):
 
     @staticmethod
     def vmap(info: Any, dims: tuple[Any, ...], *parts: Tensor) -> tuple[Tensor, int]:
-        """A call for each model."""
-        each = [
-            [part] * info.batch_size if dim is None else part.unbind(dim)
+        """All models in one call."""
+        every = (
+            part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
             for part, dim in zip(parts, dims, strict=True)
-        ]
-        return torch.stack([_Gradient.apply(*one) for one in zip(*each, strict=True)]), 0
+        )
+        return _Gradient.apply(*every), 0
 
 
 class _Gradient(Function):
+    """Of models along a first axis: rows ``(models, rows, inputs)`` and likewise the weights."""
+
     @staticmethod
     def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
-        net = layers(*(w.detach().numpy() for w in weights))
+        parts = [w.detach().numpy() for w in weights]
+        nets = [layers(*each) for each in zip(*parts, strict=True)]
         rows = _tiled(x)
-        kept = _Hidden(rows, len(net.last)) if any(ctx.needs_input_grad) else None
+        models, tiles = rows.shape[:2]
+        panels = len(nets[0].last)
+        kept = _Hidden(models, tiles, panels, rows.dtype) if any(ctx.needs_input_grad) else None
         out = np.empty_like(rows)
 
-        def part(tiles: tuple[int, int]) -> int:
-            hidden = kept or _Hidden(rows[:1], len(net.last))
-            return gradient_rows(net, rows, *hidden.layers, out, tiles)
+        def part(which: tuple[int, int]) -> int:
+            hidden = (kept or _Hidden(1, 1, panels, rows.dtype)).layers
+            for model, some in _shares(which, tiles):
+                at = 0 if kept is None else model
+                gradient_rows(
+                    nets[model], rows[model], hidden[0, at], hidden[1, at], out[model], some
+                )
+            return 0
 
-        in_threads(part, len(rows))
+        in_threads(part, models * tiles)
         if kept is not None:
             ctx.save_for_backward(x, *weights)
-            ctx.net, ctx.rows, ctx.hidden = net, rows, kept
+            ctx.nets, ctx.rows, ctx.hidden = nets, rows, kept
         return _untiled(out, x)
 
     @staticmethod
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
         if torch.is_grad_enabled():
             return tuple(_differentiable(ctx.saved_tensors, upstream))
-        net, rows, above = ctx.net, ctx.rows, _tiled(upstream)
+        nets, rows, above, hidden = ctx.nets, ctx.rows, _tiled(upstream), ctx.hidden.layers
         on_rows = np.empty_like(rows)
 
-        def part(tiles: tuple[int, int]) -> Layers:
-            total = Layers(*(np.zeros_like(w) for w in net))
-            backward_rows(net, rows, *ctx.hidden.layers, above, on_rows, total, tiles)
-            return total
+        def part(which: tuple[int, int]) -> list[tuple[int, Layers]]:
+            found = []
+            for model, some in _shares(which, rows.shape[1]):
+                total = Layers(*(np.zeros_like(w) for w in nets[model]))
+                found.append((model, total))
+                backward_rows(
+                    nets[model],
+                    rows[model],
+                    hidden[0, model],
+                    hidden[1, model],
+                    above[model],
+                    on_rows[model],
+                    total,
+                    some,
+                )
+            return found
 
-        totals = in_threads(part, len(rows))
+        totals: list[list[Layers]] = [[] for _ in nets]
+        for found in in_threads(part, rows.shape[0] * rows.shape[1]):
+            for model, total in found:
+                totals[model].append(total)
         x, first, *_ = ctx.saved_tensors
-        return _untiled(on_rows, x), *_as_torch(totals, *first.shape)
+        each = [_as_torch(total, *first.shape[1:]) for total in totals]
+        return _untiled(on_rows, x), *(torch.stack(list(w)) for w in zip(*each, strict=True))
+
+
+def _shares(which: tuple[int, int], tiles: int) -> Iterator[tuple[int, tuple[int, int]]]:
+    """Each model's tiles of some of all models' tiles."""
+    begin, end = which
+    while begin < end:
+        model = begin // tiles
+        stop = min(end, (model + 1) * tiles)
+        yield model, (begin - model * tiles, stop - model * tiles)
+        begin = stop
 
 
 def _differentiable(given: tuple[Tensor, ...], upstream: Tensor) -> list[Tensor | None]:
@@ -126,15 +163,15 @@ def _as_torch(totals: list[Layers], units: int, inputs: int) -> list[Tensor]:
 
 
 def _tiled(x: Tensor) -> Array:
-    """Rows in tiles, the last one filled up with zeros, ``(tiles, ROWS, inputs)``."""
+    """Rows in tiles, the last filled up with zeros, ``(models, tiles, ROWS, inputs)``."""
     rows = x.detach().numpy()
-    if missing := -len(rows) % ROWS:
-        rows = np.pad(rows, ((0, missing), (0, 0)))
-    return np.ascontiguousarray(rows).reshape(-1, ROWS, rows.shape[1])
+    if missing := -rows.shape[1] % ROWS:
+        rows = np.pad(rows, ((0, 0), (0, missing), (0, 0)))
+    return np.ascontiguousarray(rows).reshape(len(rows), -1, ROWS, rows.shape[2])
 
 
 def _untiled(tiles: Array, like: Tensor) -> Tensor:
-    return torch.from_numpy(tiles).reshape(-1, like.shape[-1])[: len(like)]
+    return torch.from_numpy(tiles).reshape(len(tiles), -1, like.shape[-1])[:, : like.shape[1]]
 
 
 MOST_SPARE = 2**28  # bytes
@@ -147,8 +184,8 @@ class _Hidden:
     Fresh memory of this size costs a tenth of a training step in page faults.
     """
 
-    def __init__(self, tiles: Array, panels: int) -> None:
-        shape, dtype = (2, len(tiles), panels, ROWS, PANEL), tiles.dtype
+    def __init__(self, models: int, tiles: int, panels: int, dtype: Any) -> None:
+        shape = (2, models, tiles, panels, ROWS, PANEL)
         self.key = (shape, dtype)
         spare = _spare.get(self.key)
         self.layers = spare.pop() if spare else np.empty(shape, dtype)
