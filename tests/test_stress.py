@@ -129,7 +129,12 @@ def test_cheap_families_are_as_their_figures_ask(family) -> None:
 def test_compiled_laws_are_their_networks_or_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiled, "FITS", 30)
     compiled.network_of.cache_clear()
-    wanted = ("force", "circle, G = -1", "distances times 100", "trained 100 times nearer")
+    wanted = (
+        "from rest",
+        "circle, G = -1",
+        "distances times 100",
+        "100 times those of training",
+    )
     numba = [c for c in compiled.compiled() if c.path == "compiled, numba"]
     radial = [c for c in numba if c.system == "factored-radial" and c.dtype == "float64"]
     found = {c.extreme: judge(c) for c in radial if c.extreme in wanted}
@@ -138,7 +143,7 @@ def test_compiled_laws_are_their_networks_or_say_so(monkeypatch: pytest.MonkeyPa
     with torch.no_grad():
         fast.head().potential.table.mul_(1 + 1e-4)  # a spline that is off
     fast.head()._packed.clear()
-    assert judge(next(c for c in radial if c.extreme == "force")).verdict == SILENT
+    assert judge(next(c for c in radial if c.extreme == "from rest")).verdict == SILENT
     compiled.network_of.cache_clear()
     compiled.Fast.head.cache_clear()
 

@@ -95,7 +95,8 @@ def _axis(run: Path, name: str, cells: Cells) -> str:
     anchor = "".join(c for c in name if c.isalnum())
     counts = Counter(cell["verdict"] for cell in cells)
     parts = [_tally(counts)]
-    if any(cell["verdict"] in MARKS for cell in cells):
+    drawn = [cell for cell in cells if cell["verdict"] in MARKS]
+    if len({cell["value"] for cell in drawn}) > 1:  # at one place there is nothing to be seen along
         path = run / "figures" / f"stress-{anchor}.svg"
         save_svg(axis_figure(name, cells), path)
         label = f"Error against bound along {name}"

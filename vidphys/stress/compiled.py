@@ -135,36 +135,41 @@ def compiled() -> Iterator[Case]:
 
 def _cells(fast: Fast) -> Iterator[Case]:
     cell = partial(_cell, fast)
-    yield cell("force", 1.0, _at_rest, 1e-5, "A24", (SOUND,))
+    yield cell("force", "from rest", 1.0, _at_rest, 1e-5, "A24", (SOUND,))
     for shape, eccentricity in SHAPES.items():
         for coupling in (1.0, -1.0, 100.0):
             steps = round(STEPS / abs(coupling) ** 0.5)  # as far along the orbit
             question = partial(_orbit, eccentricity, coupling, steps=steps)
-            yield cell(f"{shape}, G = {coupling:g}", 1 - eccentricity, question, figure="A12")
+            yield cell(
+                "orbit", f"{shape}, G = {coupling:g}", 1 - eccentricity, question, figure="A12"
+            )
     for power in (2, 4, 6):
         question = partial(_orbit, 0.5, 1.0, mass=10.0**-power)
-        yield cell(f"mass ratio 1e{power}", 10.0**power, question, figure="A13")
+        yield cell("mass ratio", f"1e{power}", 10.0**power, question, figure="A13")
     for dt in (1e-4, 1e-2, 1e-1):
         question = partial(_orbit, 0.5, 1.0, dt=dt)
-        yield cell(f"steps of {dt:g} s", dt, question, figure="A11")
+        yield cell("time step", f"{dt:g} s", dt, question, figure="A11")
     for factor in FACTORS:
-        yield cell(f"distances times {factor:g}", factor, partial(_spread, factor))
+        yield cell("distance", f"distances times {factor:g}", factor, partial(_spread, factor))
         yield _unknown(fast, factor)
     for shift in SHIFTS:
-        yield cell(f"{shift:g} from the origin", shift, partial(_shifted, shift))
+        yield cell("origin", f"{shift:g} away", shift, partial(_shifted, shift))
     for count in (0, 1, 3, 10):
-        yield cell(f"N = {count}", count, partial(_crowd, count), figure="A15", must=(SOUND,))
+        yield cell(
+            "bodies", f"N = {count}", count, partial(_crowd, count), figure="A15", must=(SOUND,)
+        )
     for value in (math.nan, math.inf):
         for field in ("q", "p", "coupling", "mass"):
             question = partial(_spoiled, field, value)
-            yield cell(f"{field} is {value}", 1.0, question, 0.0, "A30", (REFUSED,))
-    yield cell("G = 1e30", 1e30, partial(_orbit, 0.5, 1e30, steps=2))
+            yield cell("input", f"{field} is {value}", 1.0, question, 0.0, "A30", (REFUSED,))
+    yield cell("coupling", "G = 1e30", 1e30, partial(_orbit, 0.5, 1e30, steps=2))
     if fast.backend == "numba":
         yield _long(fast)
 
 
 def _cell(
     fast: Fast,
+    axis: str,
     extreme: str,
     value: float,
     question: Callable[[], Question],
@@ -174,12 +179,13 @@ def _cell(
 ) -> Case:
     run = partial(fast.error, question)
     return _case(
-        fast, extreme, value, run, PATH[fast.dtype] if bound is None else bound, figure, must
+        fast, axis, extreme, value, run, PATH[fast.dtype] if bound is None else bound, figure, must
     )
 
 
 def _case(
     fast: Fast,
+    axis: str,
     extreme: str,
     value: float,
     run: Callable[[], float],
@@ -189,7 +195,7 @@ def _case(
 ) -> Case:
     path = f"compiled, {fast.backend}"
     return Case(
-        "compiled", fast.family, extreme, max(value, 0.5e-6), run, bound, "leapfrog",
+        f"compiled: {axis}", fast.family, extreme, max(value, 0.5e-6), run, bound, "leapfrog",
         fast.dtype, path, figure, must,
     )  # fmt: skip
 
@@ -201,7 +207,9 @@ def _unknown(fast: Fast, factor: float) -> Case:
         fast.asked(_spread(factor))
         return math.inf
 
-    return _case(fast, f"trained {factor:g} times nearer", factor, run, 0.0, "", (WARNED,))
+    return _case(
+        fast, "distance", f"{factor:g} times those of training", factor, run, 0.0, "", (WARNED,)
+    )
 
 
 def _long(fast: Fast) -> Case:
@@ -217,7 +225,7 @@ def _long(fast: Fast) -> Case:
         return float((energy / energy[:, :1] - 1).abs().max())
 
     extreme, bound = f"{LONG:,} steps, energy", PATH[fast.dtype]
-    return _case(fast, extreme, float(LONG), run, bound, "", ANY_HONEST)
+    return _case(fast, "long rollout", extreme, float(LONG), run, bound, "", ANY_HONEST)
 
 
 def _orbit(
