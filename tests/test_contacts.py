@@ -149,6 +149,7 @@ def test_events_keep_energy_and_momentum_to_rounding_and_run_backwards():
     there = scene.simulate(start, params, 1500, 1500).at(-1)
     energies = law.energy(start, params), law.energy(there, params)
     torch.testing.assert_close(energies[0], energies[1], rtol=1e-14, atol=0)
+    assert bool((energies[0] > 0).all())
     back = scene.simulate(there.reversed, params, 1500, 1500).at(-1)
     torch.testing.assert_close(back.q, start.q, atol=1e-12, rtol=0)
 
