@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from viz.figures import FAINT, INK, SPARE, STYLES
-from viz.summary import median
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 Rows = Sequence[Mapping[str, Any]]
@@ -44,7 +43,7 @@ def sweep_figure(sweep: Mapping[str, Any], records: Rows) -> Figure | None:
             _curves(ax, panel, lines, names)
             ax.set_xlabel(sweep["label"], color=INK)
             if sweep["logarithmic"]:
-                _logarithmic(ax.xaxis)
+                _logarithmic(ax, "x")
         else:
             _levels(ax, panel, lines, names)
         ax.spines[["top", "right"]].set_visible(False)
@@ -70,7 +69,8 @@ def lines_of(panel: Mapping[str, Any], along: str, records: Rows) -> dict[str, P
     for record in records:
         if not _belongs(record, panel):
             continue
-        name, place = record["cell"], 0.0
+        name: str = record["cell"]
+        place: float | None = 0.0
         if along == "coupling":
             place = record["coupling"]
         elif along == "cell":
@@ -111,20 +111,21 @@ def _looks(name: str, names: Sequence[str]) -> tuple[str, str, str]:
     return (*palette[spare % len(palette)], ("-", "--", ":")[spare // len(palette) % 3])
 
 
-def _scale(axis: Axis, logarithmic: bool) -> None:
+def _scale(axes: Axes, name: Literal["x", "y"], logarithmic: bool) -> None:
     """Logarithmic, or linear; shares are seen between 0 and 1."""
-    low, high = axis.get_view_interval()
+    low, high = axes.get_xlim() if name == "x" else axes.get_ylim()
     if logarithmic:
-        _logarithmic(axis)
+        _logarithmic(axes, name)
     elif low > -0.1 and high < 1.1:
-        axis.axes.set(**{f"{axis.axis_name}lim": (-0.05, 1.05)})
+        axes.set(**{f"{name}lim": (-0.05, 1.05)})
 
 
-def _logarithmic(axis: Axis) -> None:
+def _logarithmic(axes: Axes, name: Literal["x", "y"]) -> None:
     """A scale whose labels do not run into each other."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    axes.set(**{f"{name}scale": "log"})
+    axis = axes.xaxis if name == "x" else axes.yaxis
     low, high = axis.get_view_interval()
     if high < 30 * low:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -138,7 +139,7 @@ def _curves(
     for name, points in lines.items():
         colour, marker, dashes = _looks(name, names)
         kept = {x: [v for v in values if v is not None] for x, values in sorted(points.items())}
-        known = {x: median(values) for x, values in kept.items() if values}
+        known = {x: statistics.median(values) for x, values in kept.items() if values}
         axes.plot(
             list(known), list(known.values()), dashes, color=colour, marker=marker, ms=5, label=name
         )
@@ -146,7 +147,7 @@ def _curves(
             axes.plot([x] * len(values), values, marker, color=colour, ms=2.5, alpha=0.6)
             if len(values) < len(points[x]):
                 axes.plot(x, 0.985, "x", color=colour, ms=7, transform=axes.get_xaxis_transform())
-    _scale(axes.yaxis, panel["logarithmic"])
+    _scale(axes, "y", panel["logarithmic"])
     axes.set_ylabel(panel["label"], color=INK)
     axes.grid(color="#e6e9ec", lw=0.6)
 
@@ -159,10 +160,10 @@ def _levels(
         values = [value for value in _values(points) if value is not None]
         axes.plot(values, [level] * len(values), "|", color=FAINT, ms=9)
         if values:
-            axes.plot(median(values), level, "o", color=INK, ms=5)
+            axes.plot(statistics.median(values), level, "o", color=INK, ms=5)
         if len(values) < sum(1 for _ in _values(points)):
             axes.plot(0.985, level, "x", color=INK, ms=7, transform=axes.get_yaxis_transform())
-    _scale(axes.xaxis, panel["logarithmic"])
+    _scale(axes, "x", panel["logarithmic"])
     axes.set_xlabel(panel["label"], color=INK)
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.set_ylim(len(names) - 0.5, -0.5)
