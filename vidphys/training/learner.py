@@ -110,11 +110,17 @@ class Learner:
             )
         self.modules.load_state_dict(under("model", tensors))
         for i, parameter in enumerate(self.parameters):
-            self.optimiser.state[parameter] = under(f"adam/{i}", tensors)
+            kept = under(f"adam/{i}", tensors)
+            self.optimiser.state[parameter] = {k: _laid_out(v, parameter) for k, v in kept.items()}
         if self.best is not None:
             self.best.load(under("best", tensors))
         self.lost = meta["loss"] is None
         self.step, self.loss = meta["step"], math.nan if self.lost else meta["loss"]
+
+
+def _laid_out(value: Tensor, parameter: Tensor) -> Tensor:
+    """In memory as its parameter is: fused Adam takes the two for granted to be alike."""
+    return torch.empty_like(parameter).copy_(value) if value.dim() else value
 
 
 def one_cycle(progress: float) -> float:
