@@ -7,7 +7,7 @@ from torch import Generator
 from dynamics import HEADS, PhaseState
 from encoders.cnn import ConvEncoder
 from encoders.release import WeightsMissing
-from readouts.attention import AttentionReadout
+from readouts.local import RefinedReadout
 from readouts.pooled import PooledReadout
 from renderers import Camera, ChannelWorld, RgbWorld
 from vidphys.cli import reproduce as verb
@@ -147,7 +147,7 @@ def test_own_cnns_features_are_read_by_either_readout(tmp_path):
     sizes = PixelSizes(16, 4, 40, 4, 32, 2, 8, 4, 4)
     world = RgbWorld(camera=Camera(height=32, width=32))
     clips = render_clips(pixel_scene(), world, 16, 4, 40, 0, "train")
-    for control, kind in ((False, AttentionReadout), (True, PooledReadout)):
+    for control, kind in ((False, RefinedReadout), (True, PooledReadout)):
         perception = fit_own_cnn(FitTask(clips, sizes, 0, "factored"), control)
         assert isinstance(perception.readout, kind)
         assert perception.tracks(clips).positions.shape == clips.states.q.shape
