@@ -50,9 +50,10 @@ def shoot(
     ``first_window`` frames and then takes in the rest.
 
     Args:
-        roll: ``(start (b, n, d), frames) -> states (b, frames, n, d)``, the start included;
-            differentiable by ``torch.func.jvp``. An episode may depend on its own start only.
-        positions: observed positions, world units, NaN-free.
+        roll: ``(start (..., b, n, d), frames) -> states (..., b, frames, n, d)``, the start
+            included. An episode may depend on its own start only.
+        positions: observed positions, world units, NaN-free; float64 for an exact fit, because
+            the Jacobian is one of differences.
         guess: states at the first frame, ``(b, n, d)``.
         rounds: Gauss-Newton rounds per window.
         first_window: frames of the first window, at least 3.
@@ -96,24 +97,21 @@ class _Problem:
         start = PhaseState.from_flat(x, self.positions.shape[2], self.positions.shape[3])
         predicted = self.roll(start, frames).q
         difference = self.weight[:, :frames] * (predicted - self.positions[:, :frames])
-        return difference.flatten(1)
+        return difference.flatten(-3)
 
     def cost(self, x: Tensor, frames: int) -> Tensor:
         cost = self.residual(x, frames).square().sum(1)
         return torch.where(torch.isfinite(cost), cost, torch.inf)
 
     def linearise(self, x: Tensor, frames: int) -> tuple[Tensor, Tensor]:
-        """Residual ``(b, r)`` and Jacobian ``(b, r, unknowns)`` by forward differentiation."""
+        """Residual ``(b, r)`` and Jacobian ``(b, r, unknowns)`` by forward differences.
 
-        def push(direction: Tensor) -> tuple[Tensor, Tensor]:
-            pushed = torch.func.jvp(
-                lambda y: self.residual(y, frames), (x,), (direction.expand_as(x),)
-            )
-            return pushed[0], pushed[1]
-
-        basis = torch.eye(x.shape[1], dtype=x.dtype, device=x.device)
-        residual, columns = torch.func.vmap(push)(basis)
-        return residual[0], columns.movedim(0, -1)
+        All moved starts are rolled beside the unmoved one, so that a fused rollout serves.
+        """
+        step = torch.finfo(x.dtype).eps ** 0.5
+        moved = step * torch.eye(x.shape[1], dtype=x.dtype, device=x.device)
+        residual = self.residual(torch.cat([x[None], x + moved[:, None]]), frames)
+        return residual[0], ((residual[1:] - residual[0]) / step).movedim(0, -1)
 
 
 def _levenberg_marquardt(problem: _Problem, x: Tensor, frames: int, rounds: int) -> Tensor:

@@ -12,10 +12,9 @@ from torch import Tensor
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, rollout
 from readouts.differencing import central_difference
-from readouts.shooting import shoot
 from vidphys.data.charts import Curve
 from vidphys.errors import InputError
-from vidphys.initial_state import by_shooting, frame_roll
+from vidphys.initial_state import by_shooting, fit_window
 from vidphys.training.clip_dynamics import Dynamics, Followed
 
 WINDOW_SECONDS = 1.5  # of a curve's positions, that a start state is fitted to
@@ -71,10 +70,8 @@ def state_at(head: Head, clip: Followed, end: int, dynamics: Dynamics) -> PhaseS
         return by_shooting(head, tracks, clip.law, interval)
     window = tracks.positions[:, -round(WINDOW_SECONDS / interval) :].float()
     first = central_difference(window, clip.law.mass.float(), interval)[:, 0]
-    with torch.no_grad():
-        law = clip.law.map(torch.Tensor.float)
-        guess = PhaseState(window[:, 0], first.p)
-        return shoot(frame_roll(head, law, interval), window, guess).states[:, -1]
+    fitted = fit_window(head, window, PhaseState(window[:, 0], first.p), clip.law, interval)
+    return fitted.states[:, -1].map(torch.Tensor.float)
 
 
 def forecast(

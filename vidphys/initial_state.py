@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 
 import torch
@@ -72,8 +73,8 @@ def by_shooting(
         interval: seconds between frames.
         fade: weight of a frame against the next one; see :func:`choose_fade`.
     """
-    positions, confidence = tracks.positions.float(), tracks.confidence.float()
-    params = params.map(torch.Tensor.float)
+    positions, confidence = tracks.positions.double(), tracks.confidence.double()
+    params = params.map(torch.Tensor.double)
     best = _fit(head, positions[:, -WINDOWS[0] :], confidence, params, interval, fade)
     state, rmse = best.states[:, -1], best.rmse
     usual = UNUSUAL * float(rmse.median())
@@ -87,7 +88,7 @@ def by_shooting(
         rows = bad[better]
         state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
         rmse[rows] = again.rmse[better]
-    return state
+    return state.map(torch.Tensor.float)
 
 
 def _fit(
@@ -101,28 +102,43 @@ def _fit(
     a, b, c = positions[:, 0], positions[:, 1], positions[:, 2]
     momentum = params.mass[..., None] * (-3 * a + 4 * b - c) / (2 * interval)
     frames = positions.shape[1]
-    weight = fade ** torch.arange(frames - 1, -1, -1.0)
+    weight = fade ** torch.arange(frames - 1, -1, -1.0).to(positions)
     confidence = confidence[:, -frames:].clamp_min(1e-3) * weight[:, None]
+    return fit_window(head, positions, PhaseState(a, momentum), params, interval, confidence)
+
+
+def fit_window(
+    head: Head,
+    positions: Tensor,
+    guess: PhaseState,
+    params: Parameters,
+    interval: float,
+    confidence: Tensor | None = None,
+) -> ShootingFit:
+    """The rollout of a head that passes through a window, see :func:`readouts.shooting.shoot`.
+
+    It is fitted in double precision, where differences of rollouts are as good as derivatives.
+    """
+    exact, law = copy.deepcopy(head).double(), params.map(torch.Tensor.double)
+    roll = frame_roll(exact, law, interval)
     with torch.no_grad():
         return shoot(
-            frame_roll(head, params, interval),
-            positions,
-            PhaseState(a, momentum),
-            confidence=confidence,
+            roll, positions.double(), guess.map(torch.Tensor.double), confidence=confidence
         )
 
 
 def frame_roll(
     head: Head, params: Parameters, interval: float
 ) -> Callable[[PhaseState, int], PhaseState]:
-    """The head as a function from a start to the states at frames, the start included."""
+    """The head as a function from starts to the states at frames, the starts included.
+
+    Further axes of starts may stand before that of the episodes.
+    """
     dt, every = model_step(interval)
 
     def rolled(start: PhaseState, frames: int) -> PhaseState:
-        later = roll(head, start, params, frames - 1, dt, every)
-        return PhaseState(
-            torch.cat([start.q.unsqueeze(-3), later.q], -3),
-            torch.cat([start.p.unsqueeze(-3), later.p], -3),
-        )
+        batch = start.q.shape[:-2]
+        law = params.map(lambda x: x.expand(*batch, *x.shape[1:]))
+        return head.trajectory(start, law, (frames - 1) * every, dt, every).states
 
     return rolled

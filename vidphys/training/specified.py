@@ -13,11 +13,10 @@ from binders import Tracks
 from dynamics import Head, Parameters, build, rollout
 from dynamics.terms import HamiltonianTerms
 from readouts.differencing import central_difference
-from readouts.shooting import shoot
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.specification import BATH
 from vidphys.errors import InputError
-from vidphys.initial_state import frame_roll
+from vidphys.initial_state import fit_window
 from vidphys.perception.base import model_step
 from vidphys.training.loop import Progress
 from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
@@ -110,9 +109,8 @@ def _foretold(
 ) -> Trained:
     window = positions[:, max(0, end - WINDOW) : end]
     guess = central_difference(window, params.mass, interval)[:, 0]
-    with torch.no_grad():
-        fitted = shoot(frame_roll(head, params, interval), window[:, 1:], guess)
-    start = fitted.states[:, -1]
+    fitted = fit_window(head, window[:, 1:], guess, params, interval)
+    start = fitted.states[:, -1].map(lambda x: x.to(positions))
     dt, every = model_step(interval)
     ahead = positions.shape[1] - end
     rolled = rollout(head, start, params, ahead * every, dt, every).states.q[:, 1:]
