@@ -8,7 +8,7 @@ from typing import cast
 import torch
 from torch import Tensor
 
-from dynamics.domain import EXTENTS, FAR, extents
+from dynamics.domain import EXTENTS, FAR, extents, largest
 from dynamics.findings import (
     DomainWarning,
     EnergyWarning,
@@ -104,16 +104,24 @@ def energy_drift(head: Head, states: PhaseState, params: Parameters) -> Tensor:
     Returns:
         ``(..., t)``.
     """
+    energy = _energies(head, states, params)
+    return (energy - energy[..., :1]).abs() / _size(head, states, params, energy[..., 0])
+
+
+def _energies(head: Head, states: PhaseState, params: Parameters) -> Tensor:
+    """Of each state, ``(..., t)``."""
     batch, stored = states.q.shape[:-3], states.q.shape[-3]
     law, flat = flat_parameters(params, batch), states.map(lambda x: x.reshape(-1, *x.shape[-2:]))
     who = torch.arange(batch.numel(), device=states.q.device)
-    energy = _energy(head, flat, law[who.repeat_interleave(stored)]).reshape(-1, stored)
-    start = PhaseState(flat.q[::stored], torch.zeros_like(flat.p[::stored]))
-    rest = _energy(head, start, law)
-    size = (energy[:, 0] - rest).abs() + rest.abs()
-    least = torch.finfo(size.dtype).tiny
-    size = torch.maximum(energy[:, 0].abs(), NEAR_ZERO * size).clamp_min(least).unsqueeze(-1)
-    return ((energy - energy[:, :1]).abs() / size).reshape(*batch, stored)
+    return _energy(head, flat, law[who.repeat_interleave(stored)]).reshape(*batch, stored)
+
+
+def _size(head: Head, states: PhaseState, params: Parameters, energy: Tensor) -> Tensor:
+    """What the drift from a start of this ``energy`` ``(...)`` is relative to, ``(..., 1)``."""
+    rest = states.map(lambda x: x[..., :1, :, :])
+    rest = _energies(head, PhaseState(rest.q, torch.zeros_like(rest.p)), params)[..., 0]
+    size = torch.maximum(energy.abs(), NEAR_ZERO * ((energy - rest).abs() + rest.abs()))
+    return size.clamp_min(torch.finfo(size.dtype).tiny).unsqueeze(-1)
 
 
 def _energy(head: Head, state: PhaseState, params: Parameters) -> Tensor:
@@ -139,7 +147,13 @@ def energy(
     few = stored * batch <= FEW_STATES[learned]
     count = stored if closely or few else 2 + stored * every // SHARE[learned]
     looked = torch.linspace(0, stored - 1, min(count, stored)).round().long().to(states.q.device)
-    drift = energy_drift(head, states.map(lambda x: x.index_select(-3, looked)), params)
+    # An index, not index_select, which makes a contiguous copy of all states first.
+    states = states.map(lambda x: x[..., looked, :, :])
+    energy = _energies(head, states, params)
+    change = (energy - energy[..., :1]).abs()
+    if not bool((change > ENERGY_LOST * energy[..., :1].abs()).any()):
+        return []  # what drift is relative to is no less: the potential energy need not be asked
+    drift = change / _size(head, states, params, energy[..., 0])
     lost = drift > ENERGY_LOST
     if not bool(lost.any()):
         return []
@@ -158,6 +172,9 @@ def domain(head: Head, states: PhaseState, every: int) -> list[Finding]:
     known = dict(zip(EXTENTS, head.domain.tolist(), strict=True))
     watched = [name for name in head.depends_on if math.isfinite(known[name])]
     if not watched or not states.q.numel():
+        return []
+    reach = largest(states, watched, head.box)
+    if all(reach[name] <= FAR * known[name] for name in watched):
         return []
     reached = extents(states, head.box)
     for name in watched:
@@ -183,8 +200,7 @@ def rounding(states: PhaseState, every: int) -> list[Finding]:
     stored, q = states.q.shape[-3], states.q
     if stored < 2 or not q.numel():
         return []
-    looked = torch.tensor([0, stored // 2, stored - 1], device=q.device)
-    few = q.index_select(-3, looked).flatten(-2)
+    few = q[..., [0, stored // 2, stored - 1], :, :].flatten(-2)
     moved = (few - few[..., :1, :]).abs().amax((-2, -1))
     size, steps = few.abs().amax((-2, -1)), (stored - 1) * every
     lost = torch.finfo(q.dtype).eps * steps**0.5 * size

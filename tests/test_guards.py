@@ -30,6 +30,7 @@ from dynamics import (
 )
 from dynamics.checks import energy_drift
 from dynamics.contact import KnotPotential, SoftContact
+from dynamics.domain import EXTENTS, extents, largest
 from dynamics.kinetic import FixedKinetic
 from dynamics.pairs import MOST_PAIRS, pair_indices, pair_tiles
 from dynamics.potentials import (
@@ -289,6 +290,15 @@ def test_energy_is_not_asked_of_models_that_do_not_conserve_it() -> None:
 
 
 # --- where a learned model was trained ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("bodies", [1, 3, 9])
+@pytest.mark.parametrize("box", [None, 2.0])
+def test_the_largest_extents_of_a_rollout_are_those_of_its_states(bodies: int, box) -> None:  # noqa: ANN001
+    state = PhaseState(*torch.randn(2, 4, 5, bodies, 2).double())
+    whole = extents(state, box).reshape(-1, len(EXTENTS)).amax(0)
+    found = largest(state, EXTENTS, box)
+    assert list(found.values()) == pytest.approx(whole.tolist(), rel=1e-14)
 
 
 @pytest.mark.parametrize("name", list(HEADS))
