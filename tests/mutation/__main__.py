@@ -14,7 +14,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from tests.mutation.rewrite import PROBE, Place, Signs, Tolerances, rewritten
 
 HOME = Path(__file__).resolve().parents[2]
 PACKAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "vidphys", "tests")
-PHYSICS = ("dynamics", "vidphys/scenes")
+PHYSICS = ["dynamics", "vidphys/scenes"]
 NOT_RUN = ("cuda.py",)  # needs a device
 COVERING = [
     "dynamics",
@@ -58,82 +57,82 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/mutation.json"))
     parser.add_argument("--only", choices=("tolerance", "sign"), help="one kind of mutants")
     parser.add_argument("--tests", nargs="*", default=COVERING, help="names without test_ and .py")
+    parser.add_argument("--sources", nargs="*", default=PHYSICS, help="whose signs are turned")
     told = parser.parse_args()
-    rows = []
-    for kind in ("tolerance", "sign"):
-        if told.only in (None, kind):
-            rows += run(kind, told.tests)
     told.out.parent.mkdir(parents=True, exist_ok=True)
+    files = [f"tests/test_{name}.py" for name in told.tests]
+    rows = []
+    if told.only != "sign":
+        rows += tolerances(files)
+    if told.only != "tolerance":
+        rows += signs(files, told.sources, told.out.with_suffix(".signs.json").resolve())
     told.out.write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return 0 if report(rows) >= LEAST else 1
 
 
-def run(kind: str, tests: Iterable[str]) -> list[dict[str, Any]]:
-    """Mutants of a kind, a row each with its verdict, see :func:`report`."""
-    files = [f"tests/test_{name}.py" for name in tests]
+def tolerances(files: list[str]) -> list[dict[str, Any]]:
+    """Each tolerance that is held to, a row each with its verdict, see :func:`report`."""
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder)
-        places = copied(copy, kind, files)
-        found = session(copy, kind, len(places), files)
+        copy, result = Path(folder), Path(folder) / "result.json"
+        places = copied(copy, Tolerances, files)
+        session(copy, f"AskTolerances({str(result)!r})", files)
+        found = json.loads(result.read_text(encoding="utf-8"))
     if found["failed"]:
         raise SystemExit(f"error: tests fail before anything is changed: {found['failed']}")
-    return [row for i, place in enumerate(places) if (row := judged(kind, i, place, found))]
+    rows = []
+    for number, place in enumerate(places):
+        room = found["room"].get(str(number))
+        if room is not None:  # else it is as tight as rounding
+            verdict = KILLED if room < HUNDREDTH else SURVIVED
+            rows.append({**asdict(place), "verdict": verdict, "room": room})
+    return rows
 
 
-def copied(copy: Path, kind: str, files: list[str]) -> list[Place]:
-    """Write a copy of the tree in which all places of a kind ask the probe; the places."""
+def signs(files: list[str], sources: list[str], result: Path) -> list[dict[str, Any]]:
+    """Each sign of a term, a row each; they are in ``result`` as soon as they are known."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy, told = Path(folder), Path(folder) / "places.json"
+        places = [asdict(place) for place in copied(copy, Signs, sources)]
+        told.write_text(json.dumps(places), encoding="utf-8")
+        # Compiled, a function would keep the sign that it was first compiled with. The plugin
+        # limits the processor's time itself.
+        slow = {"NUMBA_DISABLE_JIT": "1"}
+        session(copy, f"TurnSigns({str(result)!r}, {str(told)!r})", files, slow, "--timeout=0")
+    rows = json.loads(result.read_text(encoding="utf-8"))
+    return [{**row, "verdict": KILLED if row["killer"] else SURVIVED} for row in rows]
+
+
+def copied(copy: Path, rewriter: type[Signs | Tolerances], sources: list[str]) -> list[Place]:
+    """Write a copy of the tree in which all places of some sources ask the probe; the places."""
     for name in PACKAGES:
         shutil.copytree(HOME / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(HOME / "pyproject.toml", copy)
     shutil.copy(Path(__file__).with_name("probe.py"), copy / f"{PROBE}.py")
     shutil.copy(Path(__file__).with_name("plugin.py"), copy / "mutation_plugin.py")
     places: list[Place] = []
-    sources = [copy / file for file in files]
-    if kind == "sign":
-        sources = [f for name in PHYSICS for f in sorted((copy / name).rglob("*.py"))]
-    for path in sources:
-        if path.name not in NOT_RUN:
-            file = str(path.relative_to(copy))
-            rewriter = Signs if kind == "sign" else Tolerances
-            text = rewritten(path.read_text(encoding="utf-8"), rewriter, file, places)
-            path.write_text(text, encoding="utf-8")
+    for name in sources:
+        source = copy / name
+        for path in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
+            if path.name not in NOT_RUN:
+                file = str(path.relative_to(copy))
+                text = rewritten(path.read_text(encoding="utf-8"), rewriter, file, places)
+                path.write_text(text, encoding="utf-8")
     return places
 
 
-def session(copy: Path, kind: str, places: int, files: list[str]) -> dict[str, Any]:
-    """Run pytest over the copy, and read what it leaves."""
-    result = copy / "result.json"
-    begin = (
-        "import sys, pytest; from pathlib import Path; import mutation_plugin as m; "
-        f"result = Path({str(result)!r}); "
-        f"plugin = m.TurnSigns(result, {places}) if {kind == 'sign'} else m.AskTolerances(result); "
-        "sys.exit(pytest.main(sys.argv[1:], [plugin]))"
-    )
+def session(
+    copy: Path, plugin: str, files: list[str], told: dict[str, str] | None = None, *options: str
+) -> None:
+    """Run pytest over the copy with a plugin, which leaves what it finds in a file."""
+    begin = f"import sys, pytest; from mutation_plugin import *; plugin = {plugin}; "
+    begin += "sys.exit(pytest.main(sys.argv[1:], [plugin]))"
     # Types are not checked: a mutant must be found out by its numbers, and tests take half as long.
-    options = ["-q", "-p", "no:cacheprovider", "-o", "addopts=", "-W", "ignore", "--tb=short"]
-    environment = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
-    if kind == "sign":
-        # Compiled, a function would keep the sign that it was first compiled with.
-        environment["NUMBA_DISABLE_JIT"] = "1"
-        options.append("--timeout=0")  # the plugin has its own, of the processor's time
-    command = [sys.executable, "-c", begin, *options, *files]
+    usual = ["-q", "-p", "no:cacheprovider", "-o", "addopts=", "-W", "ignore", "--tb=native"]
+    environment = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", **(told or {})}
+    command = [sys.executable, "-c", begin, *usual, "--assert=plain", *options, *files]
     done = subprocess.run(command, cwd=copy, env=environment, check=False)
-    if not result.exists():
-        raise SystemExit(f"error: the {kind} session broke down with exit status {done.returncode}")
-    return json.loads(result.read_text(encoding="utf-8"))
-
-
-def judged(kind: str, number: int, place: Place, found: dict[str, Any]) -> dict[str, Any] | None:
-    """A mutant's row; none for what is none: a count's sign, a tolerance as tight as rounding."""
-    if kind == "tolerance":
-        room = found["room"].get(str(number))
-        verdict = KILLED if room is not None and room < HUNDREDTH else SURVIVED
-        return None if room is None else {**asdict(place), "verdict": verdict, "room": room}
-    sign = found["signs"].get(str(number))
-    if sign is None:
-        return None
-    verdict = KILLED if sign["killed"] else SURVIVED
-    return {**asdict(place), "verdict": verdict, "tests": sign["tests"]}
+    if done.returncode > 1:  # 1: some tests have failed
+        raise SystemExit(f"error: the tests broke down with exit status {done.returncode}")
 
 
 def report(rows: list[dict[str, Any]]) -> float:

@@ -12,24 +12,26 @@ import signal
 import sys
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import mutation_probe as probe
 import pytest
 from _pytest.runner import runtestprotocol
 
 # Seconds of the processor's time, which other work on the machine does not change: of a test that
 # is used at all, of one that a mutant may have sent round in circles, of all tests of a mutant.
-USED, STUCK, SPENT = 2.0, 8.0, 3.0
+USED, STUCK, SPENT = 2.0, 4.0, 3.0
 
 
 class AskTolerances:
     """Runs all tests and leaves by how much the tolerances could be smaller."""
 
-    def __init__(self, result: Path) -> None:
-        self.result = result
+    def __init__(self, result: str) -> None:
+        self.result = Path(result)
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         found = {"failed": session.testsfailed, "room": probe.room}
@@ -37,26 +39,52 @@ class AskTolerances:
 
 
 class TurnSigns:
-    """Runs, for each sign, the tests that compute it, until one fails."""
+    """Runs, for each sign, the tests that compute it, until one fails.
 
-    def __init__(self, result: Path, places: int) -> None:
-        self.result, self.places = result, places
+    Args:
+        result: where a row for each sign is kept as soon as its verdict is known.
+        places: file with what is told of each sign.
+    """
+
+    def __init__(self, result: str, places: str) -> None:
+        self.result = Path(result)
+        self.places = json.loads(Path(places).read_text(encoding="utf-8"))
+
+    def pytest_sessionstart(self) -> None:
+        # One failing example is enough; the smallest would take a hundred times as long.
+        settings = hypothesis.settings
+        phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
+        settings.register_profile("mutation", settings(phases=phases, report_multiple_bugs=False))
+        settings.load_profile("mutation")
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         tests = {item.nodeid: item for item in session.items}
         table = self.result.with_suffix(".baseline.json")
         in_child(lambda: table.write_text(json.dumps(baseline(session.items)), encoding="utf-8"))
         rows, whole = json.loads(table.read_text(encoding="utf-8"))
-        found = {}
-        for site in set(range(self.places)).difference(whole):
+        terms = [site for site in range(len(self.places)) if site not in whole]
+        killers: Counter[tuple[str, str]] = Counter()
+        found: list[dict[str, Any]] = []
+        for site in terms:
+            place = self.places[site]
             covering = [row for row in rows if site in row["sites"]]
-            covering.sort(key=lambda row: row["seconds"])
-            chosen = [tests[row["name"]] for row in _affordable(covering)]
-            killer = in_child(lambda: mutant(site, chosen)) if chosen else None  # noqa: B023
-            found[site] = {"tests": len(chosen), "killed": bool(killer)}
-            print(f"\r{site + 1} of {self.places} signs", end="", file=sys.stderr, flush=True)
-        self.result.write_text(json.dumps({"failed": 0, "signs": found}), encoding="utf-8")
+            # First the quick ones, and those that have found out others of the same file.
+            kills = {row["name"]: killers[place["file"], row["name"]] for row in covering}
+            covering.sort(key=lambda row: row["seconds"] / (1 + kills[row["name"]]))  # noqa: B023
+            chosen = [row["name"] for row in _affordable(covering)]
+            killer = self._killer(site, [tests[name] for name in chosen])
+            killers[place["file"], killer] += 1
+            found.append({**place, "tests": len(chosen), "killer": killer})
+            self.result.write_text(json.dumps(found, indent=1), encoding="utf-8")
+            print(f"\r{len(found)} of {len(terms)} signs", end="", file=sys.stderr, flush=True)
         return True
+
+    def _killer(self, site: int, tests: list[pytest.Item]) -> str:
+        """The test that fails with a sign turned round, or none; a crash is a failure too."""
+        told = self.result.with_suffix(".killer")
+        told.write_text("", encoding="utf-8")
+        ended = in_child(lambda: mutant(site, tests, told)) if tests else True
+        return told.read_text(encoding="utf-8") if ended else "a crash"
 
 
 def baseline(items: list[pytest.Item]) -> tuple[list[dict[str, Any]], list[int]]:
@@ -76,23 +104,26 @@ def baseline(items: list[pytest.Item]) -> tuple[list[dict[str, Any]], list[int]]
     return rows, sorted(probe.whole - terms)
 
 
-def mutant(site: int, items: list[pytest.Item]) -> bool:
-    """Whether some test fails with this sign turned round."""
+def mutant(site: int, items: list[pytest.Item], told: Path) -> None:
+    """Tell which test fails with this sign turned round."""
     probe.active = site
-    turns = _in_turn(items)
-    return any(report.failed for item, after in turns for report in _run(item, after, STUCK))
+    for item, after in _in_turn(items):
+        if any(report.failed for report in _run(item, after, STUCK)):
+            told.write_text(item.nodeid, encoding="utf-8")
+            return
 
 
 def in_child(work: Callable[[], Any]) -> bool:
-    """Do the work in a copy of this process; whether it came out as true, or the copy died."""
+    """Do the work in a copy of this process; whether the copy ended well."""
     child = os.fork()
     if not child:
         try:
-            os._exit(int(bool(work())))
+            work()
+            os._exit(0)
         finally:  # whatever it was, the copy must not go on as pytest
             traceback.print_exc(file=sys.__stderr__)
             os._exit(2)
-    return os.waitpid(child, 0)[1] != 0
+    return os.waitpid(child, 0)[1] == 0
 
 
 def _affordable(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -115,7 +146,7 @@ def _run(item: pytest.Item, after: pytest.Item | None, limit: float) -> list[pyt
         raise TimeoutError(f"{item.nodeid} took more than {limit:g} s")
 
     signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, limit)
+    signal.setitimer(signal.ITIMER_PROF, limit, 1.0)  # again, if an example is tried again
     try:
         return runtestprotocol(item, log=False, nextitem=after)
     finally:
