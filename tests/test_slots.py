@@ -16,7 +16,7 @@ from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.perception.dreams import Dreams, light_spread
 from vidphys.perception.reconstruction import Reconstruction, told
-from vidphys.perception.slots import FrameTokens, SlotDetector, fit_slots, mirrored
+from vidphys.perception.slots import FrameTokens, SlotDetector, decided, fit_slots, mirrored
 from vidphys.presets import PixelSizes
 from vidphys.scenes import gravity
 from vidphys.training.loop import FitSettings, fit
@@ -155,6 +155,19 @@ def test_a_frame_is_explained_from_positions_nearby_or_from_its_neighbours():
     together = teacher.explain(frames, start)
     assert bool(together.believed.all())
     torch.testing.assert_close(together.positions, truth, atol=1e-2, rtol=0)
+
+
+def test_what_slots_propose_is_moved_to_where_it_explains_the_frame_and_else_left():
+    world = AnonymousWorld(Camera(4.0, 32, 32), radius=1.0, softness=0.2)
+    q = torch.tensor([[[[-1.5, 0.5], [1.0, -1.0]]]])
+    frames = world(q)
+    unsure = torch.full((1, 1, 2), 0.3)
+    teacher = Reconstruction.through(world)
+    moved, sure = decided(teacher, frames, q + 0.2, unsure)
+    assert (moved - q).abs().max() < 1e-3 and (sure == 1).all()
+    blank = torch.zeros_like(frames)
+    kept, still = decided(teacher, blank, q, unsure)
+    assert torch.equal(kept, q) and torch.equal(still, unsure)
 
 
 def test_errors_fall_towards_the_truth_and_an_unexplained_frame_still_draws():

@@ -1,8 +1,9 @@
 """The rung of slot attention: detection and binding learned together, from frames alone.
 
 Slots find the bodies of a frame and are carried to the next. They learn by reconstruction through
-the fixed renderer; a learned tracker (B3) then says who is who where bodies that look alike met.
-The study's own slot attention fails here (N68).
+the fixed renderer, and are read the same way: slots propose, the frame's reconstruction decides. A
+learned tracker (B3) then says who is who where bodies that look alike met. The study's own slot
+attention fails here (N68).
 """
 
 from __future__ import annotations
@@ -178,10 +179,13 @@ class SlotSight:
     Args:
         detector: trained.
         show: what its tokens are made of, ``(b, t, ...)``; by default the frames.
+        teacher: takes the places that slots propose to where they explain the frame; without one
+            they stand as they are.
     """
 
     detector: SlotDetector
     show: Callable[[Clips], Tensor] | None = None
+    teacher: Reconstruction | None = None
 
     def __call__(self, clips: Clips) -> Detections:
         world = anonymous_world(clips)
@@ -192,9 +196,22 @@ class SlotSight:
                 few = slice(at, at + CHUNK)
                 frames = clips.images(few)
                 seen = frames if shown is None else shown[few]
-                parts.append(self.detector.detect(seen, frames, world))
+                found = self.detector.detect(seen, frames, world)
+                parts.append(
+                    found if self.teacher is None else decided(self.teacher, frames, *found)
+                )
         positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
         return Detections(positions, confidence, clips.times.float())
+
+
+def decided(
+    teacher: Reconstruction, frames: Tensor, positions: Tensor, confidence: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Positions that explain their frame, and trust in them; elsewhere what was proposed."""
+    explained = teacher.explain(frames, positions)
+    believed = explained.believed[..., None]
+    moved = torch.where(believed[..., None], explained.positions, positions)
+    return moved, torch.where(believed, torch.ones_like(confidence), confidence)
 
 
 def fit_slots(task: FitTask) -> Perception:
@@ -220,7 +237,7 @@ def fit_slots(task: FitTask) -> Perception:
     train(task, NAME + "-asleep", detector, asleep, dreams, settings)
     later = replace(settings, steps=int(AWAKE * settings.steps), learning_rate=AWAKE_RATE)
     train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, LENGTH), later)
-    sight = SlotSight(detector.eval())
+    sight = SlotSight(detector.eval(), teacher=teacher)
     fewer = replace(task, clips=task.clips.first(TRACKER_CLIPS))
     tracker = learn_hindsight(fewer, NAME + "-tracker", sight(fewer.clips))
     return LearnedBinding(tracker, detect=sight)
