@@ -16,7 +16,9 @@ rewrite = import_module("tests.mutation.rewrite")
 LAW = """
 def force(q, k, g):
     pull = -k * q[..., -1]
-    return pull + g
+    if g < 0:
+        raise ValueError(f"{g - k}")
+    return pull + g + 0 * k * torch.randn_like(q)
 
 def helper(n):
     return n - 1
@@ -41,9 +43,10 @@ def untouched(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_signs_of_terms_are_found_and_turned(untouched: None, monkeypatch) -> None:
     places: list = []
     source = rewrite.rewritten(LAW, rewrite.Signs, "law.py", places)
-    assert [place.text for place in places] == ["k", "pull + g", "g"]
+    total = "pull + g + 0 * k * torch.randn_like(q)"
+    assert [place.text for place in places] == ["k", total, "g"]
     monkeypatch.setitem(sys.modules, rewrite.PROBE, probe)
-    law: dict = {}
+    law: dict = {"torch": torch}
     exec(source, law)
     found = []
     for active in (None, 0, 1, 2):

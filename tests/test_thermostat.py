@@ -148,6 +148,27 @@ def test_the_likelihood_is_the_density_of_the_step(kind):
     torch.testing.assert_close(found.detach(), expected.view(1), rtol=0.03, atol=0.05)
 
 
+@pytest.mark.parametrize("kind", [PassiveBath, FullBath])
+def test_the_likelihood_knows_how_wide_steps_scatter(kind):
+    bath, n, found = made(kind), 4000, []
+    still = momenta(n).map(torch.zeros_like)
+    for dt, heat in ((0.4, 0.7), (0.1, 2.0)):
+        params = bath_params(n, 1.3, heat)
+        with torch.no_grad():
+            after = bath.kick(still, params, dt)
+            surprise = bath.nll(still.p, after, params, dt).mean()
+        # Of a normal step: half of log det of its covariance, and what no parameter changes.
+        found.append(float(surprise - 0.5 * after.flatten(1).T.cov().logdet()))
+    assert found[0] == pytest.approx(found[1], abs=0.1)
+
+
+def test_a_full_operator_without_friction_has_a_likelihood():
+    bath, params = made(FullBath), bath_params(1, 1.3, 0.7)
+    bath.raw.data.zero_()
+    p = momenta(1).p
+    assert bool(torch.isfinite(bath.nll(p, p, params, 0.4)).all())
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.floats(-3.0, 3.0), st.floats(1e-3, 10.0))
 @pytest.mark.parametrize("kind", [PassiveBath, UntiedBath, FullBath])

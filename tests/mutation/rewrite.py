@@ -98,6 +98,9 @@ class Signs(_Rewriter):
             return value  # no force at all has no sign
         return self._flipped(value)
 
+    def visit_Raise(self, node: ast.Raise) -> ast.AST:
+        return node  # a sign in an error's text is no term's
+
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
         if isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
             node.operand = self._flipped(node.operand)
@@ -128,9 +131,20 @@ class Signs(_Rewriter):
         return self.generic_visit(node)
 
     def _flipped(self, node: ast.expr) -> ast.expr:
+        if _random(node):
+            return self.visit(node)
         call = self._call("flip", node)
         call.args.append(self.visit(node))
         return call
+
+
+def _random(term: ast.expr) -> bool:
+    """Whether a product has a normal random factor: turned round, it is the same noise."""
+    while isinstance(term, ast.BinOp) and isinstance(term.op, ast.Mult):
+        if _random(term.right):
+            return True
+        term = term.left
+    return isinstance(term, ast.Call) and "randn" in ast.unparse(term.func)
 
 
 class Tolerances(_Rewriter):
