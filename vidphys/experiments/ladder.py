@@ -197,10 +197,11 @@ def _run_oracle(
                 raise FloatingPointError(f"{name}: the trained weights are not finite")
             head = trained[unit.seed]
             score_oracle(recorder, head, question)
-            _keep(run, unit, name, head, question, folder)
+            _keep(name, head, question, folder)
+            _show(run, unit, name, head, question)
         except FloatingPointError:
             score_lost(recorder, preset.oracle.held_out)
-        recorder.add_value("seconds", time.perf_counter() - began)
+        recorder.took(time.perf_counter() - began)
         run.finish(unit.part(name), *recorder.tables())
 
 
@@ -220,6 +221,7 @@ def _run_pixels(
             progress = _stage(report, f"{part}: seeing")
             perception = fit_perception(grounding, seen, sizes, unit.seed, name, folder, progress)
             perceived = perceive(perception, seen)
+        shown = None
         for readout in TRAINERS:
             reading = recorder.reading(readout)
             folder = run.checkpoints(part) / readout
@@ -237,11 +239,13 @@ def _run_pixels(
                     folder,
                     _stage(report, f"{part}: {readout}"),
                 )
-                # The last readout is the better one; its episode is the one shown.
-                _keep(run, unit, name, head, question, folder, seen.test, perceived.test)
+                _keep(name, head, question, folder)
+                shown = head, question  # the last readout is the better one
             except FloatingPointError:
                 score_lost(reading, sizes.held_out)
-            reading.add_value("seconds", time.perf_counter() - began)
+            reading.took(time.perf_counter() - began)
+        if shown is not None:
+            _show(run, unit, name, *shown, seen.test, perceived.test)
         run.finish(part, *recorder.tables())
 
 
@@ -265,18 +269,16 @@ def _stage(report: Report, name: str) -> Callable[[int, int, float], None]:
     return lambda step, steps, _loss: report(name, step, steps)
 
 
-def _keep(
-    run: RunFolder,
-    unit: Unit,
-    name: str,
-    head: Head,
-    question: Question,
-    folder: Path,
-    *seen: Any,
-) -> None:
-    """Keep the trained head, and for the first seed the arrays of its recording."""
+def _keep(name: str, head: Head, question: Question, folder: Path) -> None:
+    """Keep the trained head."""
     meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": question.scene.bodies}
     checkpoint.save(folder / "head.json", dict(head.state_dict()), meta)
+
+
+def _show(
+    run: RunFolder, unit: Unit, name: str, head: Head, question: Question, *seen: Any
+) -> None:
+    """For the first seed, keep the arrays of a cell's recording."""
     if unit.seed == 0:
         cell = f"{unit.grounding}/{name}"
         write_showcase(run.showcase(cell), head, question, {"cell": cell, "seed": "0"}, *seen)

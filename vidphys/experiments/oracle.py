@@ -18,7 +18,7 @@ from vidphys.experiments.scoring import (
 )
 from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder
-from vidphys.scenes import Scene, lyapunov_time
+from vidphys.scenes import Scene
 from vidphys.seeding import derive
 from vidphys.training.loop import Progress
 from vidphys.training.segments import Segments, from_trajectory
@@ -107,5 +107,4 @@ def score_oracle(recorder: Recorder, head: Head, question: Question) -> None:
     score_inversion(recorder, head, question)
     score_drift(recorder, head, question)
     score_long_drift(recorder, head, question)
-    time = lyapunov_time(question.scene, question.start, question.params)
-    recorder.add_value("lyapunov_time", float(time.median()))
+    recorder.add_value("lyapunov_time", float(question.lyapunov_time.median()))

@@ -36,10 +36,14 @@ TRAINERS = {"differencing": train_by_differencing, "shooting": train_by_shooting
 
 @dataclass(frozen=True)
 class Seen:
-    """Training and held-out clips of a rung; the held-out ones end at t0."""
+    """Training and held-out clips of a rung; the held-out ones end at t0.
+
+    ``asked`` is the question about them, from the true start; all readouts and heads share it.
+    """
 
     train: Clips
     test: Clips
+    asked: Question
 
 
 def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Seen:
@@ -49,7 +53,8 @@ def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Se
     train = render_clips(scene, world, clips, sizes.frames, sizes.stride, seed, "train")
     context = sizes.frames if grounding.whole_context else sizes.context
     test = render_clips(scene, world, sizes.held_out, context, sizes.stride, seed, "test")
-    return Seen(train, test)
+    start = test.states[:, -1]
+    return Seen(train, test, Question(scene, start, start, test.params))
 
 
 @dataclass(frozen=True)
@@ -108,8 +113,7 @@ def train_and_score(
     tell_scale(head, task)
     result = TRAINERS[readout](head, task)
     recorder.add_value("training_loss", result.final_loss)
-    start = read_start(readout, head, seen, perceived)
-    question = Question(scene, start, seen.test.states[:, -1], seen.test.params)
+    question = seen.asked.starting(read_start(readout, head, seen, perceived))
     score_state(recorder, question)
     score_inversion(recorder, head, question)
     score_drift(recorder, head, question)

@@ -135,7 +135,9 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
     TABLES[unit.table].cells[unit.cell](task)
     if not task.recorders:
         raise RuntimeError(f"{name}: the cell left no record")
-    task.recorders[0].add_value("seconds", time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    for recorder in task.recorders:
+        recorder.took(seconds)
     run.finish(unit.part, *merged_tables(task.recorders))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -10,7 +11,7 @@ from torch import Tensor
 from dynamics import Head, Parameters, PhaseState, Rollout, rollout
 from vidphys import metrics
 from vidphys.runs.records import Recorder
-from vidphys.scenes import Scene
+from vidphys.scenes import Scene, lyapunov_time
 
 COUPLINGS = (-0.5, -1.0, -1.5)
 INVERSION_STEPS = 150
@@ -38,6 +39,22 @@ class Question:
     steps: int = INVERSION_STEPS
     every: int = 5
 
+    @cached_property
+    def _known(self) -> dict[bytes, Rollout]:
+        """References under laws that were asked about before."""
+        return {}
+
+    @cached_property
+    def lyapunov_time(self) -> Tensor:
+        """Seconds in which a small error of each true start grows by e, ``(b,)``."""
+        return lyapunov_time(self.scene, self.truth, self.params)
+
+    def starting(self, start: PhaseState) -> Question:
+        """The same question from another start; what the truth answers is shared."""
+        other = replace(self, start=start)
+        other.__dict__["_known"] = self._known
+        return other
+
     def ask(self, head: Head, steps: int, params: Parameters | None = None) -> Rollout:
         """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
         dtype = next((p.dtype for p in head.parameters()), torch.float64)
@@ -48,8 +65,11 @@ class Question:
         return rollout(head, self.start.map(_to(dtype)), law, count, dt, every)
 
     def reference(self, params: Parameters) -> Rollout:
-        """The truth under a law, from the true start."""
-        return self.scene.simulate(self.truth, params, self.steps, self.every)
+        """The truth under a law, from the true start; rolled once for each law."""
+        law = params.flat.numpy().tobytes()
+        if law not in self._known:
+            self._known[law] = self.scene.simulate(self.truth, params, self.steps, self.every)
+        return self._known[law]
 
     def straight_lines(self) -> Rollout:
         """The zero-force predictor from the *true* start, the stricter yardstick."""

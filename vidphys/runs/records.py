@@ -128,6 +128,12 @@ class Recorder:
                 }
             )
 
+    def took(self, seconds: float) -> None:
+        """Say how long the work behind the numbers so far took, where that is not yet said."""
+        for row in self.rows:
+            if row["seconds"] is None:
+                row["seconds"] = seconds
+
     def void(self) -> None:
         """Say of all numbers so far that a positive control failed: they prove nothing."""
         for row in self.rows + self.episode_rows:
