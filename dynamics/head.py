@@ -56,7 +56,8 @@ def fused_loops(states: Tensor, like: Tensor, fewest: int) -> bool:
         like: a number of the model's, whose precision the states must have.
         fewest: episodes from which on it pays.
     """
-    plain = not torch.is_grad_enabled() and not torch.compiler.is_compiling()
+    mapped = torch._C._functorch.peek_interpreter_stack() is not None
+    plain = not (mapped or torch.is_grad_enabled() or torch.compiler.is_compiling())
     known = states.dtype in (torch.float32, torch.float64) and states.dtype == like.dtype
     enough = states.shape[:-2].numel() >= fewest and states.numel() > 0
     return plain and known and enough and states.device.type == "cpu" and has_numba()

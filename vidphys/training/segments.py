@@ -141,12 +141,8 @@ def roll(
     head: Head, start: PhaseState, params: Parameters, stored: int, dt: float, every: int
 ) -> PhaseState:
     """``stored`` later states, ``every`` steps apart, ``(..., stored, n, d)``; differentiable."""
-    states, state, memory = [], start, None
-    for _ in range(stored):
-        for _ in range(every):
-            state, memory = head.advance(state, params, dt, memory)
-        states.append(state)
-    return PhaseState.stack(states, -3)
+    states = head.trajectory(start, params, stored * every, dt, every).states
+    return states.map(lambda x: x[..., 1:, :, :])
 
 
 def standardise(head: Head, segments: Segments) -> None:
