@@ -3,7 +3,7 @@
 Slots over frozen tokens are the detector, a learned tracker (B3) binds. The detector starts by
 distillation from the fixed one and is then released: it goes on by reconstruction alone, a tenth
 as fast, and the running mean of its weights is what is kept. No true position is read, and when
-clips are read there is no fixed detector.
+clips are read there is no fixed detector: slots propose, the frame's reconstruction decides.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def fit_composed(encoder_name: str, options: dict[str, Any], task: FitTask) -> P
     released = Released(detector)
     train(task, f"{name}-released", released, lambda v: released.loss(v, teacher), views, slower)
     sight = SlotSight(
-        released.mean.eval(), lambda seen: encode_clips(encoder, seen, task.folder).values
+        released.mean.eval(), teacher, lambda seen: encode_clips(encoder, seen, task.folder).values
     )
     tracker = learn_hindsight(task, f"{name}-tracker", sight(task.clips))
     return LearnedBinding(tracker, detect=sight)

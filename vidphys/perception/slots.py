@@ -178,14 +178,13 @@ class SlotSight:
 
     Args:
         detector: trained.
-        show: what its tokens are made of, ``(b, t, ...)``; by default the frames.
-        teacher: takes the places that slots propose to where they explain the frame; without one
-            they stand as they are.
+        teacher: takes the places that slots propose to where they explain the frame.
+        show: what the detector's tokens are made of, ``(b, t, ...)``; by default the frames.
     """
 
     detector: SlotDetector
+    teacher: Reconstruction
     show: Callable[[Clips], Tensor] | None = None
-    teacher: Reconstruction | None = None
 
     def __call__(self, clips: Clips) -> Detections:
         world = anonymous_world(clips)
@@ -197,9 +196,7 @@ class SlotSight:
                 frames = clips.images(few)
                 seen = frames if shown is None else shown[few]
                 found = self.detector.detect(seen, frames, world)
-                parts.append(
-                    found if self.teacher is None else decided(self.teacher, frames, *found)
-                )
+                parts.append(decided(self.teacher, frames, *found))
         positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
         return Detections(positions, confidence, clips.times.float())
 
@@ -237,7 +234,7 @@ def fit_slots(task: FitTask) -> Perception:
     train(task, NAME + "-asleep", detector, asleep, dreams, settings)
     later = replace(settings, steps=int(AWAKE * settings.steps), learning_rate=AWAKE_RATE)
     train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, LENGTH), later)
-    sight = SlotSight(detector.eval(), teacher=teacher)
+    sight = SlotSight(detector.eval(), teacher)
     fewer = replace(task, clips=task.clips.first(TRACKER_CLIPS))
     tracker = learn_hindsight(fewer, NAME + "-tracker", sight(fewer.clips))
     return LearnedBinding(tracker, detect=sight)
