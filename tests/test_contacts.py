@@ -196,6 +196,19 @@ def test_impulses_act_along_the_line_and_keep_momentum(make, float64):
     torch.testing.assert_close(cross, torch.zeros(1), rtol=3e-15, atol=3e-15)
 
 
+class AsItSlides(ImpulsePort):
+    """Impulses as large as the speed across the line."""
+
+    def impulse(self, r, approach, slide, mass):
+        return slide
+
+
+def test_the_sliding_speed_is_across_the_line_between_bodies():
+    state, params = pair(0.5, 2.0, aside=0.5)  # the line is halfway between the axes
+    gained = (AsItSlides(BOX).kick(state, params, 0.01) - state.p)[0, 0]
+    assert gained.norm().item() == pytest.approx(2.0 * math.sin(math.pi / 4), rel=1e-14)
+
+
 @torch.no_grad()
 def test_full_restitution_is_the_elastic_bounce_and_parting_bodies_are_left_alone(float64):
     port = Restitution(BOX)

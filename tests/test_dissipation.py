@@ -143,7 +143,7 @@ def test_what_each_strength_may_be():
     assert float(positive.coefficient(told(1.0))) > 0
     factored = Friction("linear", "factored")
     there, back = (factored.coefficient(told(x)) for x in (0.4, -0.4))
-    assert torch.equal(there, -back)
+    assert torch.equal(there, -back) and float(there) > 0
     with pytest.raises(ValueError, match="use linear, square"):
         Friction("cubic")
     with pytest.raises(ValueError, match="strength 'firm'"):

@@ -162,6 +162,18 @@ def models() -> tuple[Lagrangian, GeneralisedHamiltonian]:
     return Lagrangian(*parts).double(), GeneralisedHamiltonian(*parts).double()
 
 
+@pytest.mark.parametrize("conditions", [0, 3])
+def test_a_law_of_angles_is_its_network_times_a_typical_force(conditions: int):
+    potential = AnglePotential(2, conditions, 8, "tanh").double()
+    potential.set_scale(3.0)
+    _, start, params = sample(2)
+    given = params.flat if conditions else start.q.new_zeros(2, 0)
+    inputs = torch.cat([potential.harmonics(start.q.flatten(-2)), given], -1)
+    expected = 3 * potential.network(inputs).squeeze(-1)
+    expected = expected if conditions else expected * params.coupling
+    torch.testing.assert_close(potential.energy(start.q, params), expected, rtol=1e-14, atol=0)
+
+
 def test_both_formalisms_move_alike():
     lagrangian, hamiltonian = models()
     _, start, params = sample(4)

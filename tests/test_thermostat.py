@@ -19,7 +19,7 @@ from dynamics.bath import (
 )
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
-from dynamics.stochastic import half_steps
+from dynamics.stochastic import NeuralSDE, half_steps
 from dynamics.terms import DiffusionTerms
 from vidphys.errors import InputError
 from vidphys.experiments import bath as training
@@ -146,6 +146,17 @@ def test_the_likelihood_is_the_density_of_the_step(kind):
     found = bath.nll(before, one, params, dt) - bath.nll(before, two, params, dt)
     expected = normal.log_prob(two.flatten()) - normal.log_prob(one.flatten())
     torch.testing.assert_close(found.detach(), expected.view(1), rtol=0.03, atol=0.05)
+
+
+@torch.no_grad()
+def test_the_force_of_a_neural_sde_is_the_mean_that_its_momenta_gain():
+    params, start = bath_params(1, 1.3, 0.7), momenta(1)
+    head = NeuralSDE(3, 2, params.flat.shape[-1], 4, 0.1).double()
+    last = head.network.layers[-1]
+    last.weight.zero_()
+    last.bias.copy_(torch.cat([torch.arange(12) - 3.0, torch.full((12,), -50.0)]))  # no noise
+    gained = (head.advance(start, params, 0.1)[0].p - start.p) / 0.1
+    torch.testing.assert_close(head.force(start, params), gained, atol=0.05, rtol=0)
 
 
 @pytest.mark.parametrize("kind", [PassiveBath, FullBath])
