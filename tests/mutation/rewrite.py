@@ -96,6 +96,8 @@ class Signs(_Rewriter):
             return self.visit(value)
         if isinstance(value, ast.Call) and "zeros" in ast.unparse(value.func):
             return value  # no force at all has no sign
+        if isinstance(value, ast.IfExp) and _marks(value):
+            return value  # a mark, which is asked whether it is zero
         return self._flipped(value)
 
     def visit_Raise(self, node: ast.Raise) -> ast.AST:
@@ -136,6 +138,11 @@ class Signs(_Rewriter):
         call = self._call("flip", node)
         call.args.append(self.visit(node))
         return call
+
+
+def _marks(choice: ast.IfExp) -> bool:
+    """Whether it chooses between zero and one."""
+    return {ast.unparse(choice.body), ast.unparse(choice.orelse)} == {"zero", "one"}
 
 
 def _random(term: ast.expr) -> bool:
