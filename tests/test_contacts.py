@@ -210,6 +210,20 @@ def test_the_sliding_speed_is_across_the_line_between_bodies():
 
 
 @torch.no_grad()
+def test_a_positive_impulse_pushes_bodies_apart():
+    port, (state, params) = FreeImpulse(BOX, 4).double(), pair(0.5, 2.0)
+    port.network.layers[-1].weight.zero_()
+    port.network.layers[-1].bias.fill_(1.0)
+    gained = port.kick(state, params, 0.01) - state.p
+    torch.testing.assert_close(gained[0, :, 0], torch.tensor([-0.5, 0.5]).double())
+
+
+def test_bodies_that_do_not_touch_do_not_bounce():
+    state, params = pair(1.0, 2.0)
+    torch.testing.assert_close(Restitution(BOX).kick(state, params, 0.01), state.p)
+
+
+@torch.no_grad()
 def test_full_restitution_is_the_elastic_bounce_and_parting_bodies_are_left_alone(float64):
     port = Restitution(BOX)
     port.raw.fill_(40.0)
