@@ -10,7 +10,7 @@ from torch import Generator
 
 from dynamics import HamiltonianTerms, PairLaw, Parameters, PhaseState, build, rollout
 from dynamics.contact import CutSpring
-from dynamics.hybrid import shortcut_of, shortcut_share
+from dynamics.hybrid import Shortcut, shortcut_of, shortcut_share
 from dynamics.potentials import PIECE, DisplacementPotential, RadialPotential, SoftenedGravity
 from vidphys.experiments.losses import floored, shortcut_penalised
 from vidphys.experiments.tables.base import CellTask
@@ -260,4 +260,14 @@ def test_a_pair_law_learned_for_three_is_the_law_of_many():
     ours = rollout(head, start, params, 20, scene.dt).states
     torch.testing.assert_close(
         ours.q, scene.simulate(start, params, 20).states.q, rtol=3e-15, atol=3e-15
+    )
+
+
+@torch.no_grad()
+def test_a_shortcut_does_not_see_where_the_scene_is():
+    torch.manual_seed(0)
+    law, q = Shortcut(SoftenedGravity(0.1), 2, 8).double(), torch.randn(3, 2).double()
+    params = Parameters(torch.ones(()).double(), torch.ones(3).double())
+    torch.testing.assert_close(
+        law.free_force(q + 5.0, params), law.free_force(q, params), rtol=1e-12, atol=1e-12
     )
