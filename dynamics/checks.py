@@ -118,8 +118,8 @@ def _energies(head: Head, states: PhaseState, params: Parameters) -> Tensor:
 
 def _size(head: Head, states: PhaseState, params: Parameters, energy: Tensor) -> Tensor:
     """What the drift from a start of this ``energy`` ``(...)`` is relative to, ``(..., 1)``."""
-    rest = states.map(lambda x: x[..., :1, :, :])
-    rest = _energies(head, PhaseState(rest.q, torch.zeros_like(rest.p)), params)[..., 0]
+    start = states.q[..., :1, :, :]
+    rest = _energies(head, PhaseState(start, torch.zeros_like(start)), params)[..., 0]
     size = torch.maximum(energy.abs(), NEAR_ZERO * ((energy - rest).abs() + rest.abs()))
     return size.clamp_min(torch.finfo(size.dtype).tiny).unsqueeze(-1)
 
