@@ -9,7 +9,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.features import FeatureMap
+from readouts.frames import FrameReadout
 from readouts.scale import FeatureScale
 
 FREQUENCIES = 6
@@ -18,7 +18,7 @@ NEAR, FAR = 0.01, 1.0  # normalised image units, of bodies from each other
 PRECISE = 0.005  # normalised image units; the distance at which a position is half sure
 
 
-class AttentionReadout(nn.Module):
+class AttentionReadout(FrameReadout):
     """N queries cross-attend over the cells of one frame; each gives one body's position.
 
     The position is the attention-weighted mean of the cell centres plus an offset read from the
@@ -73,15 +73,6 @@ class AttentionReadout(nn.Module):
     def fit_scale(self, values: Float[Tensor, "f c h w"]) -> None:
         """Standardise features from now on by the statistics of these."""
         self.scale.fit(values)
-
-    def forward(
-        self, features: FeatureMap
-    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
-        """Positions in normalised image units and their confidence in [0, 1]."""
-        b, t = features.values.shape[:2]
-        centres = features.cell_centres().to(features.values.device)
-        positions, confidence = self.read(features.values.flatten(0, 1), centres)
-        return positions.unflatten(0, (b, t)), confidence.unflatten(0, (b, t))
 
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]

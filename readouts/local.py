@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional
 
-from encoders.features import FeatureMap
 from readouts.attention import UNSURE, AttentionReadout, confidence_at, nearest
+from readouts.frames import FrameReadout
 from readouts.scale import FeatureScale
 
 SIGHT = 0.125  # normalised image units that cells are read on each side, if not less than a cell
@@ -74,7 +74,7 @@ class LocalReadout(nn.Module):
         return self.scale(values[frame, :, rows, columns]) * inside.unsqueeze(-1)
 
 
-class RefinedReadout(nn.Module):
+class RefinedReadout(FrameReadout):
     """Attention, then :data:`LOOKS` readings from the cells around the place that it gave.
 
     Args:
@@ -94,15 +94,6 @@ class RefinedReadout(nn.Module):
         self.doubt = nn.Sequential(
             nn.Linear(WIDTH + 1, WIDTH // 4), nn.GELU(), nn.Linear(WIDTH // 4, 1), nn.Softplus()
         )
-
-    def forward(
-        self, features: FeatureMap
-    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
-        """Positions in normalised image units and their confidence in [0, 1]."""
-        b, t = features.values.shape[:2]
-        centres = features.cell_centres()
-        positions, confidence = self.read(features.values.flatten(0, 1), centres)
-        return positions.unflatten(0, (b, t)), confidence.unflatten(0, (b, t))
 
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]

@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.features import FeatureMap
+from readouts.frames import FrameReadout
 from readouts.scale import FeatureScale
 
 
-class PooledReadout(nn.Module):
+class PooledReadout(FrameReadout):
     """Mean over the cells of one frame, then a two-layer network to N positions.
 
     Args:
@@ -37,19 +37,10 @@ class PooledReadout(nn.Module):
         """Standardise pooled features from now on by the statistics of these."""
         self.scale.fit(torch.stack([v.float().mean((-2, -1)) for v in values])[..., None, None])
 
-    def forward(
-        self, features: FeatureMap
-    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
-        """Positions in normalised image units; the confidence is 1, as nothing measures it."""
-        b, t = features.values.shape[:2]
-        centres = features.cell_centres()
-        positions, confidence = self.read(features.values.flatten(0, 1), centres)
-        return positions.unflatten(0, (b, t)), confidence.unflatten(0, (b, t))
-
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
-        """As :meth:`forward`, on frames without their clip; the cell centres are not used."""
+        """As :meth:`forward`; the cell centres are not used, and nothing measures a confidence."""
         pooled = self.scale(values.float().mean((-2, -1)))
         positions = self.network(pooled).unflatten(-1, (self.bodies, 2))
         return positions, torch.ones_like(positions[..., 0])
