@@ -1,6 +1,8 @@
 """The run folder: resumes, extends, refuses, and is never half-written."""
 
 import json
+import subprocess
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -9,7 +11,7 @@ import torch
 from vidphys.errors import InputError
 from vidphys.metrics import Summary
 from vidphys.runs.atomic import write_with
-from vidphys.runs.folder import RunFolder
+from vidphys.runs.folder import RunFolder, code_version
 from vidphys.runs.records import Origin, Recorder
 
 SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
@@ -113,3 +115,12 @@ def test_a_run_that_could_not_begin_leaves_nothing_and_finished_work_stays(tmp_p
     kept.finish("a-b-s0", *recorder().tables())
     kept.abandon()
     assert kept.is_done("a-b-s0")
+
+
+def test_a_checkouts_code_is_known_by_its_commit():
+    home = Path(__file__).resolve().parents[1]
+    if not (home / ".git").exists():
+        pytest.skip("not a source checkout")
+    command = ["git", "-C", str(home), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    assert code_version().removesuffix("+dirty") == commit

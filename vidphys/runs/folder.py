@@ -180,7 +180,7 @@ def _surroundings() -> dict[str, Any]:
 
 def code_version() -> str:
     """The commit of a source checkout (with ``+dirty`` for local changes), else the version."""
-    source = Path(__file__).resolve().parent.parent
+    source = Path(__file__).resolve().parents[2]
     if not (source / ".git").exists():
         return importlib.metadata.version("vidphys")
     try:
