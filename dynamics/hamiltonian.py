@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 from dynamics.domain import FARTHEST, MOMENTUM, NEAREST, ORIGIN
 from dynamics.findings import Finding
-from dynamics.head import Head, Trajectory, fused_loops
+from dynamics.fused import fused_loops
+from dynamics.head import Head, Trajectory
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
 from dynamics.kinetic import FixedKinetic, Kinetic
 from dynamics.ports import Port

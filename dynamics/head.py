@@ -5,8 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.util import find_spec
 from typing import Any
 
 import torch
@@ -46,27 +44,6 @@ def stepped(
         if step % every == 0:
             stored.append(state)
     return PhaseState.stack(stored, -3)
-
-
-def fused_loops(states: Tensor, like: Tensor, fewest: int) -> bool:
-    """Whether a rollout can run in fused loops on the CPU: no gradient is asked, numba is there.
-
-    Args:
-        states: q of the start, ``(..., n, d)``.
-        like: a number of the model's, whose precision the states must have.
-        fewest: episodes from which on it pays.
-    """
-    mapped = torch._C._functorch.peek_interpreter_stack() is not None
-    plain = not (mapped or torch.is_grad_enabled() or torch.compiler.is_compiling())
-    known = states.dtype in (torch.float32, torch.float64) and states.dtype == like.dtype
-    enough = states.shape[:-2].numel() >= fewest and states.numel() > 0
-    return plain and known and enough and states.device.type == "cpu" and has_numba()
-
-
-@lru_cache
-def has_numba() -> bool:
-    """Whether numba can be imported."""
-    return find_spec("numba") is not None
 
 
 class Head(nn.Module, ABC):

@@ -7,12 +7,12 @@ gives the force without an autograd graph in rollouts, and one single backward i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
-from importlib.util import find_spec
 from typing import cast
 
 import torch
 from torch import Tensor, nn
+
+from dynamics.fused import has_numba
 
 FEWEST_ROWS = 64  # fewer are left to torch
 TANH, SOFTPLUS, SILU = "tanh", "softplus", "silu"
@@ -67,7 +67,7 @@ class MLP(nn.Module):
         hidden, last = self._split()
         sizes = [layer.out_features for layer in hidden]
         known = self.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
-        if not known or last.out_features != 1 or len(x) < FEWEST_ROWS or not _has_numba():
+        if not known or last.out_features != 1 or len(x) < FEWEST_ROWS or not has_numba():
             return None
         from dynamics.compiled.gradient import can_run, input_gradient
 
@@ -100,11 +100,6 @@ class MLP(nn.Module):
             x = value(pre)
             rate = (rate @ layer.weight.T) * slope(pre, x)
         return (rate @ last.weight.T).reshape(*batch, last.out_features)
-
-
-@lru_cache
-def _has_numba() -> bool:
-    return find_spec("numba") is not None
 
 
 def _rows(x: Tensor) -> Tensor:

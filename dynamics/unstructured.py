@@ -7,7 +7,8 @@ from torch import Tensor
 
 from dynamics.angles import Harmonics
 from dynamics.domain import MOMENTUM, ORIGIN
-from dynamics.head import Head, Trajectory, fused_loops
+from dynamics.fused import fused_loops
+from dynamics.head import Head, Trajectory
 from dynamics.integrators import Integrator, Memory, VectorField, rk4
 from dynamics.maps import TransitionMap
 from dynamics.mlp import MLP, SILU
