@@ -8,9 +8,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-BETTER = (
-    0.9  # of the copy's error: a predictor above it foresees nothing, and probes of it are void
-)
+# Of the copy's error: a predictor above it foresees nothing, and probes of it are void.
+BETTER = 0.9
 CLIPS = 32  # at most, that are looked at
 AT_ONCE = 4  # clips
 

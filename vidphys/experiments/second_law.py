@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import cast
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -18,7 +17,7 @@ from dynamics import Hamiltonian, HamiltonianTerms, Parameters, build
 from dynamics.friction import Friction
 from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
-from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.motion import Motion, motion_of
 from vidphys.experiments.confusion import Kind, Law, Setting, record
 from vidphys.perception.aim import surprise
 from vidphys.perception.synthesis import fit_positions
@@ -43,9 +42,7 @@ class Film:
 
     def motion(self) -> Motion:
         """The tracks that were read back, for the energy balance."""
-        clips, frames = self.seen.shape[:2]
-        times = np.tile(np.arange(frames) * INTERVAL, (clips, 1))
-        return Motion(self.seen.double().numpy(), times, np.ones((clips, BODIES)))
+        return motion_of(self.seen.numpy(), INTERVAL)
 
 
 def film(law: Law, seed: int, clips: int = CLIPS) -> Film:
@@ -65,27 +62,9 @@ def film(law: Law, seed: int, clips: int = CLIPS) -> Film:
     return Film(truth, fit_positions(world, pictures)[0])
 
 
-@dataclass(frozen=True)
-class Windows:
-    """Every window of ``length`` neighbouring frames of some tracks."""
-
-    positions: Tensor
-    length: int
-
-    def __len__(self) -> int:
-        return len(self.positions) * self._starts
-
-    @property
-    def _starts(self) -> int:
-        return self.positions.shape[1] - self.length + 1
-
-    def __getitem__(self, index: Tensor) -> Tensor:
-        frame = (index % self._starts)[:, None] + torch.arange(self.length)
-        return self.positions[(index // self._starts)[:, None], frame]
-
-    def all(self) -> Tensor:
-        """``(windows, length, n, 2)``."""
-        return self[torch.arange(len(self))]
+def windows(tracks: Tensor, length: int) -> Tensor:
+    """Every window of neighbouring frames, ``(e, t, n, 2) -> (windows, length, n, 2)``."""
+    return tracks.unfold(1, length, 1).movedim(-1, 2).flatten(0, 1)
 
 
 def unit_law(count: int) -> Parameters:
@@ -118,7 +97,7 @@ def train_port(
         return total + balance * imbalance(head, batch) if balance else total
 
     settings = FitSettings(steps, BATCH, PEAK_RATE, CLIP_GRADIENT)
-    fit(head, loss, Windows(tracks, AHEAD + 2), settings, derive(seed, "order"))
+    fit(head, loss, windows(tracks, AHEAD + 2), settings, derive(seed, "order"))
     return head
 
 

@@ -20,11 +20,11 @@ from vidphys.experiments.second_law import (
     INTERVAL,
     POSITIVE,
     Film,
-    Windows,
     film,
     rate_of,
     train_port,
     unit_law,
+    windows,
 )
 from vidphys.experiments.tables.base import CellTask
 from vidphys.perception.aim import aim
@@ -42,7 +42,7 @@ def momentum_floor(head: Head, tracks: Tensor) -> float:
     Forecasts start at the state that the head carries from a window's first frame to its second;
     the momenta that they are held to are central differences.
     """
-    batch = Windows(tracks, AHEAD + 3).all()
+    batch = windows(tracks, AHEAD + 3)
     law = unit_law(len(batch))
     start = aim(head, batch[:, 0], batch[:, 1], law, INTERVAL / EVERY, EVERY)
     with torch.no_grad():

@@ -16,7 +16,7 @@ from dynamics.friction import Friction
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import SoftenedGravity
 from vidphys.diagnose.energy_balance import corrected_rate
-from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.motion import motion_of
 from vidphys.stress.bodies import STEP
 from vidphys.stress.case import SOUND, WARNED, Case
 
@@ -63,8 +63,7 @@ def _bias(softening: float, interval: float, noise: float, seed: int) -> float:
     """Error of the rate, over the rate."""
     q = _positions(softening, interval, seed)
     q = q + noise * np.random.default_rng(seed).standard_normal(q.shape)
-    times = np.tile(np.arange(FRAMES) * interval, (CLIPS, 1))
-    motion = Motion(q, times, np.ones((CLIPS, BODIES)))
+    motion = motion_of(q, interval)
     law = SoftenedGravity(softening)
 
     def potential(places: np.ndarray) -> np.ndarray:

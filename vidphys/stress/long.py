@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 
 import torch
 from torch import Tensor
@@ -15,7 +15,6 @@ from vidphys.stress.case import SOUND, Case
 
 EPISODES = 128  # turned copies: their rounding differs, and its growth is an average
 COARSE = 0.05  # seconds: long enough steps for rounding in the forces to show above the storage's
-_DRIFTS: dict[tuple[str, str, int, float], tuple[Tensor, Tensor]] = {}
 
 
 def long_rollouts(steps: int) -> Iterator[Case]:
@@ -29,57 +28,38 @@ def long_rollouts(steps: int) -> Iterator[Case]:
         ("leapfrog", "float32", 1e-3),
         ("leapfrog_compensated", "float32", 1e-3),
     ):
-        run = partial(_long, name, dtype, steps)
-        yield Case(
-            "long rollout",
-            "circular orbit",
-            f"{steps:,} steps, energy",
-            float(steps),
-            run,
-            bound,
-            name,
-            dtype,
-            "batched",
-            "A8",
-            (SOUND,),
-        )
-    yield Case(
+        yield _case(steps, "energy", _long, name, dtype, steps, bound, "A8")
+    what = "last decade over first"
+    yield _case(steps, what, _growth, "leapfrog", "float64", steps, 1.5, "A8")
+    fewer, name = steps // 5, "leapfrog_compensated"
+    what = "exponent of the growth less a half"
+    yield _case(steps, what, _exponent_off, name, "float32", fewer, 0.15, "A9")
+    what = "exponent of the growth outside 1/2 to 1"
+    yield _case(steps, what, _grows_faster_than_time, "leapfrog", "float32", fewer, 0.15, "A8")
+
+
+def _case(
+    steps: int,
+    what: str,
+    measure: Callable[[str, str, int], float],
+    integrator: str,
+    dtype: str,
+    taken: int,
+    bound: float,
+    figure: str,
+) -> Case:
+    """A cell of the axis at ``steps``; what it measures is of a rollout of ``taken`` steps."""
+    return Case(
         "long rollout",
         "circular orbit",
-        f"{steps:,} steps, last decade over first",
+        f"{steps:,} steps, {what}",
         float(steps),
-        partial(_growth, "leapfrog", "float64", steps),
-        1.5,
-        "leapfrog",
-        "float64",
+        partial(measure, integrator, dtype, taken),
+        bound,
+        integrator,
+        dtype,
         "batched",
-        "A8",
-        (SOUND,),
-    )
-    yield Case(
-        "long rollout",
-        "circular orbit",
-        f"{steps:,} steps, exponent of the growth less a half",
-        float(steps),
-        partial(_exponent_off, "leapfrog_compensated", "float32", steps // 5),
-        0.15,
-        "leapfrog_compensated",
-        "float32",
-        "batched",
-        "A9",
-        (SOUND,),
-    )
-    yield Case(
-        "long rollout",
-        "circular orbit",
-        f"{steps:,} steps, exponent of the growth outside 1/2 to 1",
-        float(steps),
-        partial(_grows_faster_than_time, "leapfrog", "float32", steps // 5),
-        0.15,
-        "leapfrog",
-        "float32",
-        "batched",
-        "A8",
+        figure,
         (SOUND,),
     )
 
@@ -90,23 +70,21 @@ def _grows_faster_than_time(integrator: str, dtype: str, steps: int) -> float:
     return max(0.5 - found, found - 1.0, 0.0)
 
 
+@cache
 def drifts(
     integrator: str, dtype: str, steps: int, dt: float = STEP, eccentricity: float = 0.05
 ) -> tuple[Tensor, Tensor]:
     """Steps, and the relative energy error there of each episode, ``(episodes, t)``; kept."""
-    key = integrator, dtype, steps, dt
-    if key not in _DRIFTS:
-        orbit = Orbit(eccentricity, 0.1)
-        start, params = orbit.start(DTYPES[dtype], EPISODES)
-        every = max(1, steps // 1000)
-        law = orbit.law(integrator)
-        # Rounding is what is looked at here: both precisions take the same fixed steps.
-        run = rollout(law, start, params, steps, dt, every, substeps=False)
-        states = run.states.map(Tensor.double)
-        energy = law.energy(states, params.map(lambda x: x.double().unsqueeze(1)))
-        drift = energy / energy[:, :1] - 1
-        _DRIFTS[key] = torch.arange(drift.shape[1]) * every, drift
-    return _DRIFTS[key]
+    orbit = Orbit(eccentricity, 0.1)
+    start, params = orbit.start(DTYPES[dtype], EPISODES)
+    every = max(1, steps // 1000)
+    law = orbit.law(integrator)
+    # Rounding is what is looked at here: both precisions take the same fixed steps.
+    run = rollout(law, start, params, steps, dt, every, substeps=False)
+    states = run.states.map(Tensor.double)
+    energy = law.energy(states, params.map(lambda x: x.double().unsqueeze(1)))
+    drift = energy / energy[:, :1] - 1
+    return torch.arange(drift.shape[1]) * every, drift
 
 
 def _long(integrator: str, dtype: str, steps: int) -> float:
