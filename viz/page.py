@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 CSS = """
 :root { --ink:#1d2329; --dim:#5d6873; --line:#dde2e7; --soft:#f5f7f9; --good:#00664b; --bad:#a33a00;
@@ -81,6 +83,21 @@ def page(title: str, body: str) -> str:
         f"<title>{escape(title)}</title>\n<style>{CSS}</style>\n</head>\n"
         f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
+
+
+def read_verdicts(run: Path) -> tuple[Any, Any]:
+    """What ``run.json`` and ``verdicts.json`` of a run folder hold.
+
+    Raises:
+        ValueError: one of the two is missing or cannot be read.
+    """
+    try:
+        return tuple(
+            json.loads((run / name).read_text(encoding="utf-8"))
+            for name in ("run.json", "verdicts.json")
+        )
+    except (OSError, ValueError) as error:
+        raise ValueError(f"report: {run} cannot be read: {error}") from error
 
 
 def heading(title: str, lead: str) -> str:

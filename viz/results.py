@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -12,12 +11,13 @@ from typing import Any
 from viz.cells import chip, number, numeric, tally
 from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import drift_curves, margin_figure
-from viz.page import heading, inline_svg, paragraph, section, write_page
+from viz.page import heading, inline_svg, paragraph, read_verdicts, section, write_page
 from viz.summary import one_sided_p
 from viz.sweeps import sweep_figure
 
 TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
 MARKS = "Small marks are seeds; a cross at the edge is a seed without a number."
+ByTable = Mapping[str, Sequence[Mapping[str, Any]]]
 COLUMNS = ("id", "what", "the study", "ours", "over seeds", "bar", "verdict")
 
 
@@ -27,13 +27,10 @@ def write_results(run: Path) -> Path:
     Raises:
         ValueError: one of the two is missing or cannot be read.
     """
-    try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
-        tables = json.loads((run / "verdicts.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"report: {run} cannot be read: {error}") from error
+    about, tables = read_verdicts(run)
+    records = _by_table(run)
     drawn: set[str] = set()
-    parts = [_table(run, name, table, drawn) for name, table in tables.items()]
+    parts = [_table(run, name, table, records, drawn) for name, table in tables.items()]
     sections = [_short(about, tables), *parts, _bars(about)]
     lead = (
         "Every figure is recomputed from the raw records of this run. Bars "
@@ -75,7 +72,19 @@ def _said(row: Mapping[str, Any]) -> str:
     return f"{row['row']['what']}: {value}{bar}{why}{remark}"
 
 
-def _table(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> str:
+def _by_table(run: Path) -> dict[str, list[dict[str, Any]]]:
+    """The records of each table that left some."""
+    import pyarrow.parquet as pq
+
+    found: dict[str, list[dict[str, Any]]] = {}
+    for record in pq.read_table(run / "records.parquet").to_pylist():
+        found.setdefault(record["experiment"], []).append(record)
+    return found
+
+
+def _table(
+    run: Path, name: str, table: Mapping[str, Any], records: ByTable, drawn: set[str]
+) -> str:
     head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
     body = "".join(map(_row, table["rows"]))
     counts = Counter(row["verdict"] for row in table["rows"] if row["row"]["bar"])
@@ -83,28 +92,28 @@ def _table(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> s
     held = f" Of the rows with a bar: {said}." if said else ""
     lead = paragraph(f"{table['about']} ({table['ids']}){held}")
     html = f'<div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div>'
-    return section(_anchor(name), table["title"], lead, html, *_figures(run, name, table, drawn))
+    figures = _figures(run, name, table, records, drawn)
+    return section(_anchor(name), table["title"], lead, html, *figures)
 
 
-def _figures(run: Path, name: str, table: Mapping[str, Any], drawn: set[str]) -> list[str]:
+def _figures(
+    run: Path, name: str, table: Mapping[str, Any], records: ByTable, drawn: set[str]
+) -> list[str]:
     """A table's sweeps and margins, and the drift where no table before showed these records."""
-    import pyarrow.parquet as pq
-
     source = table["records_of"]
-    wanted = [("experiment", "==", source)]
-    records = pq.read_table(run / "records.parquet", filters=wanted).to_pylist()
+    rows = records.get(source, [])
     captions = {
         "margins": "How far each number is from its bar, in decades.",
         "drift": f"Drift of the true energy; values above {DRIFT_CAP:g} are drawn there.",
     }
     found = {}
     for position, sweep in enumerate(table["sweeps"], start=1):
-        found[f"sweep-{position}"] = sweep_figure(sweep, records)
+        found[f"sweep-{position}"] = sweep_figure(sweep, rows)
         captions[f"sweep-{position}"] = f"{sweep['caption']} {MARKS}"
     found["margins"] = margin_figure(table["rows"])
     if source not in drawn:
         drawn.add(source)
-        found["drift"] = drift_curves(records)
+        found["drift"] = drift_curves(rows)
     parts = []
     for kind, figure in found.items():
         if figure is not None:

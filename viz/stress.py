@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from viz.cells import chip, tally
 from viz.figures import FAINT, INK, save_svg
-from viz.page import heading, inline_svg, paragraph, section, write_page
+from viz.page import heading, inline_svg, paragraph, read_verdicts, section, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,11 +41,7 @@ def write_stress_report(run: Path) -> Path:
     Raises:
         ValueError: one of the two is missing or cannot be read.
     """
-    try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
-        found = json.loads((run / "verdicts.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"report: {run} cannot be read: {error}") from error
+    about, found = read_verdicts(run)
     axes: dict[str, list[Mapping[str, Any]]] = {}
     for cell in found["cells"]:
         axes.setdefault(cell["axis"], []).append(cell)
