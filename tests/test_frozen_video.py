@@ -560,7 +560,7 @@ def test_extract_verb(
     name: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clip = write_clip(tmp_path / "a.avi", 9)
-    config = ExtractConfig((clip,), tmp_path / "store", name, folder, **QUICK[name])
+    config = ExtractConfig((clip,), tmp_path / "store", encoder=name, weights=folder, **QUICK[name])
     extract(config)
     first = capsys.readouterr().out
     step = load_encoder(name, QUICK[name], folder).windowing.tubelet
@@ -570,7 +570,11 @@ def test_extract_verb(
     assert "hit rate 100%" in capsys.readouterr().out
     refused = "leave out layer" if name == "vjepa2-l" else f"{name}: takes no predictor"
     with pytest.raises(InputError, match=refused) as caught:
-        extract(ExtractConfig((clip,), tmp_path / "o", name, folder, predictor=True, layer=1))
+        extract(
+            ExtractConfig(
+                (clip,), tmp_path / "o", encoder=name, weights=folder, predictor=True, layer=1
+            )
+        )
     assert "\n" not in str(caught.value)
 
 

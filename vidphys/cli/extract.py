@@ -12,7 +12,8 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
 from vidphys.cli.profiles import with_profile
-from vidphys.data.video import ClipSelection, Video, read_video
+from vidphys.cli.seeing import SeeingOptions
+from vidphys.data.video import Video, read_video
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,21 +21,8 @@ if TYPE_CHECKING:
     from vidphys.training.loop import Progress
 
 
-OPTIONS = (
-    "layer",
-    "resolution",
-    "frames",
-    "hop",
-    "frame_stride",
-    "predictor",
-    "dtype",
-    "batch",
-    "runtime",
-)
-
-
 @dataclass(frozen=True)
-class ExtractConfig:
+class ExtractConfig(SeeingOptions):
     """Encode clips with a frozen encoder; what the store holds already is not encoded again.
 
     Example: vidphys extract clip.mp4 --out features --weights weights --layer 8
@@ -42,64 +30,29 @@ class ExtractConfig:
     Args:
         clips: video files.
         out: folder of the feature store; made if it is not there.
-        encoder: the frozen encoder; `vidphys weights list` names them. The options from layer to
-            runtime keep its own default where they are not given; one that it does not take is
-            refused.
-        weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
         layer: what is read: hiera 4, 8, 16 or 32 (stride in network pixels); i3d a stage, such as
             Mixed_4f; the transformers a number of blocks.
-        resolution: network pixels of the longer image side.
-        frames: in a window of a video encoder.
-        hop: frames from a window's start to the next one's.
-        frame_stride: let the encoder take each so-many-th of the frames.
-        predictor: read the predictor of V-JEPA 2 in place of its encoder.
-        dtype: of the computation.
         batch: frames, or windows of a video encoder, per forward pass.
         runtime: what computes the network, for encoders that have a choice.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         store_dtype: of the values on disk.
-        start: first frame of each clip.
-        stop: frame to stop before.
-        stride: take each so-many-th frame.
-        side: shrink frames so that their longer side has at most this many pixels.
-        rate: frames per second, in place of the container's time stamps.
-        device: where the encoder runs.
+        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         quiet: show no progress.
     """
 
     clips: Annotated[tuple[Path, ...], tyro.conf.Positional]
     out: Path
-    encoder: str = "hiera"
-    weights: Path | None = None
     layer: int | str | None = None
-    resolution: int | None = None
-    frames: int | None = None
-    hop: int | None = None
-    frame_stride: int | None = None
-    predictor: bool = False
-    dtype: Literal["float32", "bfloat16", "float16"] | None = None
     batch: int | None = None
     runtime: Literal["torch", "compile", "openvino"] | None = None
-    profile: Path | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
-    start: int = 0
-    stop: int | None = None
-    stride: int = 1
-    side: int | None = None
-    rate: float | None = None
-    device: Literal["cpu", "cuda"] = "cpu"
+    profile: Path | None = None
     quiet: bool = False
 
     @property
-    def selection(self) -> ClipSelection:
-        """Which frames are read."""
-        return ClipSelection(self.start, self.stop, self.stride, self.side, self.rate)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """What the encoder is set to; ``None`` is its own default."""
-        given = {name: getattr(self, name) for name in OPTIONS}
-        return {**given, "predictor": self.predictor or None}
+    def encoder_options(self) -> dict[str, Any]:
+        """Those of one encoder at one layer, and how it computes."""
+        how = {"layer": self.layer, "batch": self.batch, "runtime": self.runtime}
+        return {**super().encoder_options, **how}
 
 
 def extract(config: ExtractConfig) -> None:
@@ -132,7 +85,7 @@ def frozen_encoder(config: ExtractConfig) -> FrozenEncoder:
     from encoders.frozen import load_encoder
 
     check_cuda(config.device)
-    return load_encoder(config.encoder, config.options, config.weights, config.device)
+    return load_encoder(config.encoder, config.encoder_options, config.weights, config.device)
 
 
 def _extract_all(config: ExtractConfig, encoder: FrozenEncoder) -> None:

@@ -11,6 +11,7 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.devices import check_cuda
 from vidphys.cli.profiles import with_profile
+from vidphys.cli.seeing import SeeingOptions
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,14 +22,13 @@ if TYPE_CHECKING:
     from vidphys.runs.records import Recorder
     from vidphys.training.loop import Progress
 
-ENCODER_OPTIONS = ("resolution", "frames", "hop", "frame_stride", "dtype")
 HEADS = 4  # by which the width of a readout's attention is divided
 # where things lie and what is shown make no other run
 ELSEWHERE = ("data", "store", "out", "weights", "profile", "overwrite", "quiet")
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(SeeingOptions):
     """Train readouts and dynamics on a clip, a folder of clips, or a rendered folder.
 
     Example: vidphys train clips --encoder hiera --widths 64 128 --seeds 3 --out runs/clips
@@ -39,17 +39,9 @@ class TrainConfig:
 
     Args:
         data: a video file, a folder of them, or a folder of `vidphys render`.
-        encoder: the frozen encoder; `vidphys weights list` names them.
         store: folder of the feature store; what is missing in it is extracted.
         out: the run folder.
-        weights: file or folder of the encoder's weights; else VIDPHYS_WEIGHTS.
         layers: of the encoder that are read, its own default if none is named.
-        resolution: network pixels of the longer image side.
-        frames: in a window of a video encoder.
-        hop: frames from a window's start to the next one's.
-        frame_stride: let the encoder take each so-many-th of the frames.
-        predictor: read the predictor of V-JEPA 2 in place of its encoder.
-        dtype: of the encoder's computation.
         widths: of the readouts, multiples of 4; every combination of layer, width, learning rate
             and seed is trained, and the best on what is held out is kept.
         learning_rates: of the readouts.
@@ -60,11 +52,6 @@ class TrainConfig:
             training; 0 ends none early.
         shift: move training features by up to so many cells, so that few labels show more places.
         bodies: that the hand-made binder follows.
-        start: first frame of each clip that is used (a hand may hold the body before it).
-        stop: frame to stop before.
-        stride: take each so-many-th frame.
-        side: shrink frames so that their longer side has at most this many pixels.
-        rate: frames per second, in place of the containers' time stamps.
         train_share: of the clips that is trained on; of a single clip, its first part.
         head_steps: optimiser steps of each dynamics head.
         friction: whether the factored head has friction; auto leaves it out where the data set
@@ -74,23 +61,14 @@ class TrainConfig:
             exactly these terms is trained on it.
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
-        device: where the encoder runs.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
 
     data: Annotated[Path, tyro.conf.Positional]
-    encoder: str = "hiera"
     store: Path = Path("features")
     out: Path = Path("runs/clip")
-    weights: Path | None = None
     layers: tuple[int | str, ...] = ()
-    resolution: int | None = None
-    frames: int | None = None
-    hop: int | None = None
-    frame_stride: int | None = None
-    predictor: bool = False
-    dtype: Literal["float32", "bfloat16", "float16"] | None = None
     widths: tuple[int, ...] = (128,)
     learning_rates: tuple[float, ...] = (3e-3,)
     seeds: int = 1
@@ -99,11 +77,6 @@ class TrainConfig:
     patience: int = 20
     shift: int = 4
     bodies: int = 1
-    start: int = 0
-    stop: int | None = None
-    stride: int = 1
-    side: int | None = None
-    rate: float | None = None
     train_share: float = 0.6
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
@@ -111,7 +84,6 @@ class TrainConfig:
     specification: Path | None = None
     seed: int = 0
     profile: Path | None = None
-    device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
     quiet: bool = False
 
@@ -138,9 +110,7 @@ def train(config: TrainConfig) -> int:
 
         return train_on_tracks(config)
     dataset = find_dataset(config.data)
-    options = {name: getattr(config, name) for name in ENCODER_OPTIONS}
-    options["predictor"] = config.predictor or None
-    layers = config.layers or (None,)
+    layers, options = config.layers or (None,), config.encoder_options
     try:
         encoders = load_layers(config.encoder, options, layers, config.weights, config.device)
     except ValueError as error:
@@ -198,7 +168,6 @@ def _about(
 
 
 def _settings(config: TrainConfig) -> TrainSettings:
-    from vidphys.data.video import ClipSelection
     from vidphys.experiments.training import TrainSettings
     from vidphys.training.candidates import Grid
     from vidphys.training.early_stopping import StopSettings
@@ -209,9 +178,8 @@ def _settings(config: TrainConfig) -> TrainSettings:
     readout = ReadoutSettings(fit, config.shift, StopSettings(patience=config.patience))
     seeds = tuple(range(config.seed, config.seed + config.seeds))
     grid = Grid(config.widths, config.learning_rates, seeds)
-    selection = ClipSelection(config.start, config.stop, config.stride, config.side, config.rate)
     return TrainSettings(
-        readout, grid, selection, config.train_share, config.head_steps, config.seed
+        readout, grid, config.selection, config.train_share, config.head_steps, config.seed
     )
 
 
