@@ -11,8 +11,8 @@ import pytest
 from vidphys.experiments.tables.catalogue import TABLES
 from vidphys.experiments.tables.figures import DRIFT, Panel, Sweep
 from vidphys.runs.records import RECORD_SCHEMA
-from viz.margins import DECADES, drift_curves, margin_figure
-from viz.results import write_results
+from viz.margins import DECADES, margin_figure
+from viz.results import ALONG_STEPS, drift_along_steps, write_results
 from viz.sweeps import lines_of, split_number, sweep_figure
 
 
@@ -114,11 +114,12 @@ def test_margins_are_decades_from_the_bar():
 def test_drift_is_drawn_for_cells_with_three_horizons_and_capped():
     rows = [drift("a", h, v) for h, v in ((100, 1e-2), (500, 1.0), (2000, 1e9))]
     rows += [drift("b", 100, 1.0), drift("b", 500, 1.0)]
-    axes = drift_curves(rows).axes[0]
+    axes = sweep_figure(ALONG_STEPS, drift_along_steps(rows)).axes[0]
     curve = next(line for line in axes.lines if line.get_label() == "a")
+    assert list(curve.get_xdata()) == [100, 500, 2000]
     assert list(curve.get_ydata()) == [1e-2, 1.0, 1e4]
     assert not any(line.get_label() == "b" for line in axes.lines)
-    assert drift_curves(rows[3:]) is None
+    assert sweep_figure(ALONG_STEPS, drift_along_steps(rows[3:])) is None
 
 
 def error(cell, value, coupling=None, seed=0, horizon=150):

@@ -1,4 +1,4 @@
-"""The figures of ``reproduce``: how far each number is from its bar, and drift along rollouts."""
+"""The figure of ``reproduce``: how far each number is from its bar."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from viz.figures import DRIFT_CAP, FAINT, INK, SPARE, STYLES
+from viz.figures import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,49 +62,3 @@ def _decades(ratio: float) -> float:
 def _label(row: Mapping[str, Any]) -> str:
     what = row["what"] if len(row["what"]) < 70 else row["what"][:67] + "..."
     return f"{what}  ({row['bar']})"
-
-
-def drift_curves(records: Sequence[Mapping[str, Any]]) -> Figure | None:
-    """Median energy drift against steps, a line a cell, capped for display.
-
-    Args:
-        records: of one experiment. Cells with fewer than three horizons are left out, and so is
-            the figure if none remains.
-    """
-    from matplotlib.figure import Figure
-
-    curves = _curves(records)
-    if not curves:
-        return None
-    figure = Figure(figsize=(8.6, 4.6))
-    axes = figure.subplots()
-    spare = 0
-    for cell, points in curves.items():
-        if cell in STYLES:
-            colour, marker = STYLES[cell]
-        else:
-            colour, marker = SPARE[spare % len(SPARE)]
-            spare += 1
-        steps = sorted(points)
-        values = [min(DRIFT_CAP, sum(points[s]) / len(points[s])) for s in steps]
-        dashes = "-" if cell in STYLES else ("--", ":", "-.")[spare // len(SPARE) % 3]
-        axes.plot(steps, values, dashes, color=colour, marker=marker, ms=5, lw=1.4, label=cell)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.axhline(DRIFT_CAP, color=FAINT, lw=0.8, ls=":")
-    axes.set_xlabel("simulation steps")
-    axes.set_ylabel("relative energy drift, median episode")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
-    figure.tight_layout()
-    return figure
-
-
-def _curves(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[int, list[float]]]:
-    """Cell -> steps -> values of the seeds that have one."""
-    curves: dict[str, dict[int, list[float]]] = {}
-    for record in records:
-        if record["metric"] == "energy_drift_median" and record["value"]:
-            points = curves.setdefault(record["cell"], {})
-            points.setdefault(record["horizon"], []).append(record["value"])
-    return {cell: points for cell, points in curves.items() if len(points) >= 3}

@@ -10,7 +10,7 @@ from typing import Any
 
 from viz.cells import chip, number, numeric, tally
 from viz.figures import DRIFT_CAP, save_svg
-from viz.margins import drift_curves, margin_figure
+from viz.margins import margin_figure
 from viz.page import heading, inline_svg, paragraph, read_verdicts, section, write_page
 from viz.summary import one_sided_p
 from viz.sweeps import sweep_figure
@@ -18,6 +18,21 @@ from viz.sweeps import sweep_figure
 TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
 MARKS = "Small marks are seeds; a cross at the edge is a seed without a number."
 ByTable = Mapping[str, Sequence[Mapping[str, Any]]]
+ALONG_STEPS = {
+    "panels": [
+        {
+            "metric": "energy_drift_median",
+            "label": "relative energy drift, median episode",
+            "coupling": None,
+            "horizon": None,
+            "logarithmic": True,
+            "cells": "",
+        }
+    ],
+    "along": "horizon",
+    "label": "simulation steps",
+    "logarithmic": True,
+}
 COLUMNS = ("id", "what", "the study", "ours", "over seeds", "bar", "verdict")
 
 
@@ -104,7 +119,7 @@ def _figures(
     rows = records.get(source, [])
     captions = {
         "margins": "How far each number is from its bar, in decades.",
-        "drift": f"Drift of the true energy; values above {DRIFT_CAP:g} are drawn there.",
+        "drift": f"Drift of the true energy; values above {DRIFT_CAP:g} are drawn there. {MARKS}",
     }
     found = {}
     for position, sweep in enumerate(table["sweeps"], start=1):
@@ -113,7 +128,7 @@ def _figures(
     found["margins"] = margin_figure(table["rows"])
     if source not in drawn:
         drawn.add(source)
-        found["drift"] = drift_curves(rows)
+        found["drift"] = sweep_figure(ALONG_STEPS, drift_along_steps(rows))
     parts = []
     for kind, figure in found.items():
         if figure is not None:
@@ -122,6 +137,19 @@ def _figures(
             label = f"{table['title']}: {kind}"
             parts.append(inline_svg(path.read_text(encoding="utf-8"), label, captions[kind]))
     return parts
+
+
+def drift_along_steps(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The drifts of cells with three horizons or more, capped for display."""
+    horizons: dict[str, set[int]] = {}
+    drifts = [record for record in records if record["metric"] == "energy_drift_median"]
+    for record in drifts:
+        horizons.setdefault(record["cell"], set()).add(record["horizon"])
+    return [
+        {**record, "value": record["value"] and min(DRIFT_CAP, record["value"])}
+        for record in drifts
+        if len(horizons[record["cell"]]) >= 3
+    ]
 
 
 def _row(found: Mapping[str, Any]) -> str:

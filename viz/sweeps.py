@@ -1,4 +1,4 @@
-"""Figures of a table over one axis: a coupling, a size, or the cells below each other."""
+"""Figures of a table over one axis: a coupling, steps, a size, or cells below each other."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ def lines_of(panel: Mapping[str, Any], along: str, records: Rows) -> dict[str, P
             continue
         name: str = record["cell"]
         place: float | None = 0.0
-        if along == "coupling":
-            place = record["coupling"]
+        if along in ("coupling", "horizon"):
+            place = record[along]
         elif along == "cell":
             name, place = split_number(name)
         if place is not None:

@@ -32,8 +32,8 @@ class Sweep:
 
     Args:
         panels: share the axis.
-        along: ``coupling``; ``cell``: the number that ends a cell's name; or nothing, where cells
-            stand below each other.
+        along: ``coupling``; ``horizon``: steps; ``cell``: the number that ends a cell's name; or
+            nothing, where cells stand below each other.
         label: of the axis, with its unit.
         logarithmic: whether the axis is.
         caption: what to see.
@@ -41,7 +41,7 @@ class Sweep:
 
     panels: tuple[Panel, ...]
     caption: str
-    along: Literal["coupling", "cell", ""] = ""
+    along: Literal["coupling", "horizon", "cell", ""] = ""
     label: str = ""
     logarithmic: bool = False
 
