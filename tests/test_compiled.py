@@ -81,6 +81,16 @@ def test_the_tolerance_is_met_and_reported(kind, tolerance):
     assert Sample.of(head.potential, 20.0).error(compiled.potential) == compiled.report.error
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_reported_error_holds_in_the_model_s_own_precision(kind):
+    fine, coarse = (compile_head(model(kind).to(d), 1e-6) for d in (torch.float64, torch.float32))
+    rounding = torch.finfo(torch.float32).eps
+    # What is evaluated in single precision is never closer than its rounding, and says so.
+    assert fine.report.error <= 1e-6 and rounding / 4 < coarse.report.error <= 1e-6
+    with pytest.raises(ValueError, match="in float32, not 1.0e-08"):
+        compile_head(model(kind).float(), 1e-8)
+
+
 def test_a_tolerance_that_no_spline_meets_is_refused():
     with pytest.raises(ValueError, match="the finest spline .* has a force error"):
         compile_head(model("radial"), 1e-16)

@@ -25,10 +25,10 @@ class Report:
 
     Args:
         tolerance: of the force, as it was asked for.
-        error: as it was measured, see :class:`Sample`.
+        error: as it was measured in the model's floating type, see :class:`Sample`.
         resolution: of the spline, see its class.
         reach: world units up to which it stands for the network.
-        size: bytes of its table in the model's floating type.
+        size: bytes of its table in that type.
     """
 
     tolerance: float
@@ -55,14 +55,14 @@ def pair_spline(
     exact = copy.deepcopy(network).double()
     sample = Sample.of(exact, reach)
     for resolution in _resolutions(network):
-        spline = _spline(exact, resolution, reach)
+        spline = _spline(exact, resolution, reach).to(real)
         error = sample.error(spline)
         if error <= tolerance:
-            size = spline.table.numel() * torch.finfo(real).bits // 8
-            return spline.to(real), Report(tolerance, error, resolution, reach, size)
+            return spline, Report(tolerance, error, resolution, reach, spline.table.nbytes)
+    name = str(real).removeprefix("torch.")
     raise ValueError(
-        f"compile_head: the finest spline ({resolution}) has a force error of {error:.1e}, not "
-        f"{tolerance:.1e}; ask for a larger tolerance, or for None to keep the network"
+        f"compile_head: the finest spline ({resolution}) has a force error of {error:.1e} in "
+        f"{name}, not {tolerance:.1e}; ask for a larger tolerance, or for None to keep the network"
     )
 
 
@@ -88,7 +88,7 @@ class Sample:
     direction within a third of the distance: a force that passes through zero has a size there.
 
     Args:
-        places: displacements ``(radii, directions, 2)``.
+        places: displacements ``(radii, directions, 2)``, each of which float32 holds exactly.
         forces: of the network there.
         size: ``(radii,)``.
     """
@@ -105,6 +105,7 @@ class Sample:
         golden = math.pi * (math.sqrt(5) - 1)
         turns = golden * torch.arange(RADII * directions).double().reshape(RADII, directions)
         places = radii[:, None, None] * torch.stack([turns.cos(), turns.sin()], -1)
+        places = places.float().double()
         with torch.no_grad():
             forces = torch.cat([network.pair_gradient(part) for part in places.split(500)])
         largest = forces.norm(dim=-1).amax(-1)
