@@ -118,7 +118,7 @@ def test_pixel_tables_are_asked_for_by_one_word():
 
 
 def test_pixel_tables_say_that_they_compute_on_the_cpu(monkeypatch, tmp_path):
-    monkeypatch.setattr(verb, "check_cuda", lambda device: None)
+    monkeypatch.setattr("vidphys.cli.study.check_cuda", lambda device: None)
     asked = verb.ReproduceConfig(("stability", "probes"), tmp_path / "run", device="cuda")
     with pytest.raises(InputError, match="tables with pixels compute on the CPU"):
         verb.reproduce(asked)
