@@ -49,6 +49,7 @@ from dynamics.terms import (
 )
 from dynamics.triples import LearnedTriple
 from dynamics.unstructured import NeuralODE, ResidualMap
+from dynamics.walls import Wall, Walled
 
 
 @dataclass(frozen=True)
@@ -154,12 +155,23 @@ def _hamiltonian(terms: HamiltonianTerms, sizes: Sizes) -> Head:
         ),
     }
     sizes = replace(sizes, box=terms.box)
-    return Hamiltonian(
+    head = Hamiltonian(
         pick("kinetic energy", kinetics, terms.kinetic)(),
         _potential(terms, sizes),
         pick("integrator", INTEGRATORS, terms.integrator),
         [pick("port", PORTS, name)(sizes) for name in terms.ports],
     )
+    return Walled(head, _wall(terms.wall, sizes.space)) if terms.wall else head
+
+
+def _wall(numbers: tuple[float, ...], space: int) -> Wall:
+    if len(numbers) != 2 + space:
+        raise ValueError(
+            f"build: a wall in {space} dimensions is its place, restitution and {space} numbers of "
+            f"its normal, got {numbers}"
+        )
+    place, restitution, *normal = numbers
+    return Wall(place, restitution, normal)
 
 
 def _potential(terms: HamiltonianTerms, sizes: Sizes) -> Potential:

@@ -23,6 +23,7 @@ from dynamics.pairs import FEW, pair_indices, pair_tiles
 from dynamics.potentials import HarmonicTrap, PairPotential
 from dynamics.state import Parameters, PhaseState
 from dynamics.stiffness import QuadraticPotential
+from dynamics.walls import Walled
 
 # World units: shortest and longest distance at which K is tabulated, and how many in each decade.
 EXACT = 1e-8, 1e8, 40
@@ -184,6 +185,8 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
         start: gives sizes, dtype and device.
         params: of every episode of the batch, ``(...)``, not broadcast.
     """
+    if isinstance(head, Walled):
+        head = head.free
     if not isinstance(head, Hamiltonian) or not isinstance(head.kinetic, FixedKinetic):
         return []
     found: list[Rates] = []

@@ -30,6 +30,7 @@ class HamiltonianTerms:
         shortcut: whether a free force between pairs stands beside the potential.
         trap: stiffness of a known harmonic confinement, or ``None``.
         uniform: whether a learned uniform field acts on every body.
+        wall: place, restitution and outward normal of a known wall; nothing where there is none.
         width, activation: of the networks.
         integrator: of :data:`dynamics.INTEGRATORS`.
         ports: of :data:`PORTS`, in the order in which they act.
@@ -47,6 +48,7 @@ class HamiltonianTerms:
     shortcut: bool = False
     trap: float | None = None
     uniform: bool = False
+    wall: tuple[float, ...] = ()
     width: int = 64
     activation: str = TANH
     integrator: str = "leapfrog"

@@ -1,0 +1,122 @@
+"""A flat wall that bodies bounce off, within a step and with the field that acts on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from dynamics.findings import Finding, OverlapWarning, counted
+from dynamics.hamiltonian import Hamiltonian
+from dynamics.head import Head
+from dynamics.integrators import Memory
+from dynamics.state import Parameters, PhaseState
+
+
+class Wall(nn.Module):
+    """The half-space ``q . normal > place``, which no body enters.
+
+    A step that ends behind the wall is taken back to where the body met it and ended after the
+    bounce, under the force at its end: exact in a uniform field, first order in how the force
+    changes on the way. A body that would meet the wall again within the step lies at it.
+
+    Args:
+        place: along the normal, world units.
+        restitution: speed across the wall after a bounce over that before it.
+        normal: towards the wall, ``(d,)``, of any length above zero.
+
+    Raises:
+        ValueError: a restitution outside [0, 1], or a normal without a direction.
+    """
+
+    normal: Tensor
+
+    def __init__(self, place: float, restitution: float, normal: Sequence[float]) -> None:
+        super().__init__()
+        if not 0 <= restitution <= 1:
+            raise ValueError(f"Wall: restitution must be within 0 and 1, got {restitution}")
+        towards = torch.tensor(normal, dtype=torch.float64)
+        if not float(towards.norm()) > 0:
+            raise ValueError(f"Wall: the normal must point somewhere, got {tuple(normal)}")
+        self.place, self.restitution = place, restitution
+        self.register_buffer("normal", towards / towards.norm())
+
+    def depth(self, q: Tensor) -> Tensor:
+        """How far behind the wall, ``(..., n, d) -> (..., n)``, world units."""
+        return q @ self.normal.to(q) - self.place
+
+    def bounced(self, state: PhaseState, force: Tensor, mass: Tensor) -> PhaseState:
+        """The state after the bounces of a step.
+
+        Args:
+            state: at the end of the step, as if there were no wall, ``(..., n, d)``.
+            force: there, same shape.
+            mass: ``(..., n)``.
+        """
+        normal, depth = self.normal.to(state.q), self.depth(state.q)
+        v, a = state.p @ normal / mass, force @ normal / mass
+        hit = (depth > 0) & (v > 0)
+        # in a uniform field the speed at the wall follows from energy, the time since from both
+        met = (v.square() - 2 * a * depth).clamp_min(0).sqrt()
+        since = 2 * depth / torch.where(hit, v + met, torch.ones_like(v))
+        after = -self.restitution * met
+        back, speed = (after + 0.5 * a * since) * since, after + a * since
+        lies = (speed >= 0) | (back > 0)
+        back, speed = torch.where(lies, 0, back), torch.where(lies, 0, speed)
+        shift = torch.where(hit, back - depth, 0).unsqueeze(-1) * normal
+        push = torch.where(hit, mass * (speed - v), 0).unsqueeze(-1) * normal
+        return PhaseState(state.q + shift, state.p + push)
+
+
+class Walled(Head):
+    """A Hamiltonian model beside a wall.
+
+    Args:
+        free: the model without the wall.
+        wall: what its bodies bounce off.
+    """
+
+    def __init__(self, free: Hamiltonian, wall: Wall) -> None:
+        super().__init__()
+        self.free, self.wall = free, wall
+
+    def advance(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
+    ) -> tuple[PhaseState, Memory]:
+        state, memory = self.free.advance(state, params, dt, memory)
+        if not bool((self.wall.depth(state.q) > 0).any()):
+            return state, memory
+        return self.wall.bounced(state, self.force(state, params), params.mass), None
+
+    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+        """Of the model without the wall, which stores none."""
+        return self.free.energy(state, params)
+
+    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+        return self.free.force(state, params)
+
+    def check(self, params: Parameters) -> None:
+        self.free.check(params)
+
+    def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
+        found = self.free.concerns(params, start)
+        if start is None:
+            return found
+        behind = (self.wall.depth(start.q) > 0).any(-1)
+        if bool(behind.any()):
+            text = f"Wall: bodies start behind it in {counted(behind)}; they bounce as they leave"
+            found.append(Finding(OverlapWarning, text, behind, 0, term="Wall"))
+        return found
+
+    @property
+    def conserves(self) -> bool:
+        return self.free.conserves and self.wall.restitution == 1
+
+    @property
+    def box(self) -> float | None:
+        return self.free.box
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return self.free.depends_on
