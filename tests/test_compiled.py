@@ -131,6 +131,31 @@ def test_numba_is_its_torch_twin_to_rounding(kind, tolerance, reach, dtype):
 
 
 @needs_numba
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("tolerance", "reach", "box"),
+    [(1e-4, 100.0, None), (1e-4, 0.2, None), (None, 100.0, None), (None, 100.0, 1.5)],
+)
+def test_one_step_in_numba_has_the_pair_law_s_forces(kind, tolerance, reach, box):
+    """A single pair and step, by hand: short enough for kernels that are not compiled."""
+    head = compile_head(model(kind, width=4, box=box), tolerance, reach, backend="numba")
+    start, params = episodes(3, bodies=2)
+    found = head.trajectory(start, params, 1, DT).states
+    mass, strength = params.mass.unsqueeze(-1), (params.coupling * params.mass.prod(-1))[:, None]
+
+    def kick(p: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
+        apart = q[:, 0] - q[:, 1]
+        nearest = apart if box is None else apart - box * (apart / box).round()
+        pull = strength * head.potential.pair_gradient(nearest)
+        return p + DT / 2 * torch.stack([-pull, pull], 1)
+
+    half = kick(start.p, start.q)
+    q = start.q + DT * half / mass
+    torch.testing.assert_close(found.q[:, 1], q, rtol=0, atol=3e-15)
+    torch.testing.assert_close(found.p[:, 1], kick(half, q), rtol=0, atol=3e-15)
+
+
+@needs_numba
 @pytest.mark.parametrize("activation", ["softplus", "silu"])
 def test_other_activations_in_numba(activation):
     head = model("displacement", activation=activation)

@@ -2,7 +2,8 @@
 
 Two kinds of mutants, in a copy of the tree: each tolerance of the physics' tests a hundredth as
 large, which a test must no longer hold to, or it would not see a fault a hundred times as large as
-what it measures; and each force, energy and port term with its sign turned round.
+what it measures; and each force, energy and port term with its sign turned round. The same command
+again goes on where it was, as long as no source and no test has changed.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import asdict
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from tests.mutation.equivalent import reason_of, stale
 from tests.mutation.rewrite import PROBE, Place, Signs, Tolerances, rewritten
 
 HOME = Path(__file__).resolve().parents[2]
@@ -37,6 +40,7 @@ COVERING = [
     "engine",
     "factorial",
     "scenes",
+    "values_by_hand",
     "thermostat",
     "neighbours",
     "renderers",
@@ -44,7 +48,7 @@ COVERING = [
 ]
 HUNDREDTH = 2  # powers of ten
 LEAST = 0.95  # share of mutants that must be killed
-KILLED, SURVIVED = "killed", "survived"
+KILLED, SURVIVED, EQUIVALENT = "killed", "survived", "equivalent"
 
 
 def main() -> int:
@@ -62,21 +66,23 @@ def main() -> int:
     told.out.parent.mkdir(parents=True, exist_ok=True)
     files = [f"tests/test_{name}.py" for name in told.tests]
     rows = []
+    kept = told.out.resolve()
     if told.only != "sign":
-        rows += tolerances(files)
+        rows += tolerances(files, kept.with_suffix(".tolerances.json"))
     if told.only != "tolerance":
-        rows += signs(files, told.sources, told.out.with_suffix(".signs.json").resolve())
+        rows += signs(files, told.sources, kept.with_suffix(".signs.json"))
     told.out.write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return 0 if report(rows) >= LEAST else 1
 
 
-def tolerances(files: list[str]) -> list[dict[str, Any]]:
+def tolerances(files: list[str], kept: Path) -> list[dict[str, Any]]:
     """Each tolerance that is held to, a row each with its verdict, see :func:`report`."""
     with tempfile.TemporaryDirectory() as folder:
-        copy, result = Path(folder), Path(folder) / "result.json"
-        places = copied(copy, Tolerances, files)
-        session(copy, f"AskTolerances({str(result)!r})", files)
-        found = json.loads(result.read_text(encoding="utf-8"))
+        copy = Path(folder)
+        places, code = copied(copy, Tolerances, files)
+        if not kept.exists() or json.loads(kept.read_text(encoding="utf-8"))["code"] != code:
+            session(copy, f"AskTolerances({str(kept)!r}, {code!r})", files)
+        found = json.loads(kept.read_text(encoding="utf-8"))
     if found["failed"]:
         raise SystemExit(f"error: tests fail before anything is changed: {found['failed']}")
     rows = []
@@ -88,22 +94,49 @@ def tolerances(files: list[str]) -> list[dict[str, Any]]:
     return rows
 
 
-def signs(files: list[str], sources: list[str], result: Path) -> list[dict[str, Any]]:
-    """Each sign of a term, a row each; they are in ``result`` as soon as they are known."""
+def signs(files: list[str], sources: list[str], kept: Path) -> list[dict[str, Any]]:
+    """Each sign of a term, a row each; they are in ``kept`` as soon as they are known.
+
+    Raises:
+        SystemExit: a sign that is said to be equivalent is not there, or a test sees it.
+    """
     with tempfile.TemporaryDirectory() as folder:
         copy, told = Path(folder), Path(folder) / "places.json"
-        places = [asdict(place) for place in copied(copy, Signs, sources)]
-        told.write_text(json.dumps(places), encoding="utf-8")
+        places, code = copied(copy, Signs, sources)
+        if gone := stale(places, sources):
+            raise SystemExit(f"error: said to be equivalent, but not there: {gone}")
+        told.write_text(json.dumps([asdict(place) for place in places]), encoding="utf-8")
         # Compiled, a function would keep the sign that it was first compiled with. The plugin
         # limits the processor's time itself.
         slow = {"NUMBA_DISABLE_JIT": "1"}
-        session(copy, f"TurnSigns({str(result)!r}, {str(told)!r})", files, slow, "--timeout=0")
-    rows = json.loads(result.read_text(encoding="utf-8"))
-    return [{**row, "verdict": KILLED if row["killer"] else SURVIVED} for row in rows]
+        plugin = f"TurnSigns({str(kept)!r}, {str(told)!r}, {code!r})"
+        session(copy, plugin, files, slow, "--timeout=0")
+    rows = json.loads(kept.read_text(encoding="utf-8"))["rows"]
+    return [judged(row) for row in rows]
 
 
-def copied(copy: Path, rewriter: type[Signs | Tolerances], sources: list[str]) -> list[Place]:
-    """Write a copy of the tree in which all places of some sources ask the probe; the places."""
+def judged(row: dict[str, Any]) -> dict[str, Any]:
+    """A sign's row with its verdict.
+
+    Raises:
+        SystemExit: it is said to be equivalent, but a test sees it.
+    """
+    reason = reason_of(row["file"], row["function"], row["text"])
+    if reason and row["killer"]:
+        raise SystemExit(f"error: said to be equivalent, but {row['killer']} sees it: {row}")
+    if reason:
+        return {**row, "verdict": EQUIVALENT, "reason": reason}
+    return {**row, "verdict": KILLED if row["killer"] else SURVIVED}
+
+
+def copied(
+    copy: Path, rewriter: type[Signs | Tolerances], sources: list[str]
+) -> tuple[list[Place], str]:
+    """Write a copy of the tree in which all places of some sources ask the probe.
+
+    Returns:
+        The places, and a name of all code that is in the copy.
+    """
     for name in PACKAGES:
         shutil.copytree(HOME / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(HOME / "pyproject.toml", copy)
@@ -117,7 +150,10 @@ def copied(copy: Path, rewriter: type[Signs | Tolerances], sources: list[str]) -
                 file = str(path.relative_to(copy))
                 text = rewritten(path.read_text(encoding="utf-8"), rewriter, file, places)
                 path.write_text(text, encoding="utf-8")
-    return places
+    code = sha256()
+    for path in sorted(copy.rglob("*.py")):
+        code.update(str(path.relative_to(copy)).encode() + path.read_bytes())
+    return places, code.hexdigest()
 
 
 def session(
@@ -136,15 +172,20 @@ def session(
 
 
 def report(rows: list[dict[str, Any]]) -> float:
-    """Print the survivors and, for each kind and for all, the share that was killed."""
+    """Print what was not killed and, for each kind and for all, the share that was.
+
+    Equivalent mutants, which no test can see, are told and not counted.
+    """
     for row in rows:
+        where = f"{row['file']}:{row['line']}"
         if row["verdict"] == SURVIVED:
-            where = f"{row['file']}:{row['line']}"
             spare = f" (1e-{row['room']} of it would do)" if "room" in row else ""
             print(f"{row['kind']} survived{spare}: {where} {row['function']}: {row['text'][:100]}")
+        elif row["verdict"] == EQUIVALENT:
+            print(f"{row['kind']} is equivalent: {where} {row['text'][:100]}: {row['reason']}")
     share = 0.0
     for kind in ("tolerance", "sign", "all"):
-        of_kind = [row for row in rows if kind in (row["kind"], "all")]
+        of_kind = [r for r in rows if kind in (r["kind"], "all") and r["verdict"] != EQUIVALENT]
         killed = sum(row["verdict"] == KILLED for row in of_kind)
         share = killed / max(1, len(of_kind))
         print(f"{kind}: {killed} of {len(of_kind)} mutants killed ({100 * share:.1f} %)")

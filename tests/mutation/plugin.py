@@ -14,6 +14,8 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +27,19 @@ from _pytest.runner import runtestprotocol
 
 # Seconds of the processor's time, which other work on the machine does not change: of a test that
 # is used at all, of one that a mutant may have sent round in circles, of all tests of a mutant.
-USED, STUCK, SPENT = 2.0, 4.0, 3.0
+USED, STUCK, SPENT = 2.0, 10.0, 3.0
+# Imported before the first child is forked, or each would import them again.
+WARM = ("scipy.spatial", "mujoco", "numba", "dynamics.compiled.cpu")
 
 
 class AskTolerances:
     """Runs all tests and leaves by how much the tolerances could be smaller."""
 
-    def __init__(self, result: str) -> None:
-        self.result = Path(result)
+    def __init__(self, result: str, code: str) -> None:
+        self.result, self.code = Path(result), code
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        found = {"failed": session.testsfailed, "room": probe.room}
+        found = {"code": self.code, "failed": session.testsfailed, "room": probe.room}
         self.result.write_text(json.dumps(found), encoding="utf-8")
 
 
@@ -43,12 +47,14 @@ class TurnSigns:
     """Runs, for each sign, the tests that compute it, until one fails.
 
     Args:
-        result: where a row for each sign is kept as soon as its verdict is known.
+        result: where a row for each sign is kept as soon as its verdict is known; those that are
+            there already, of the same code, are not run again.
         places: file with what is told of each sign.
+        code: name of all code that is run.
     """
 
-    def __init__(self, result: str, places: str) -> None:
-        self.result = Path(result)
+    def __init__(self, result: str, places: str, code: str) -> None:
+        self.result, self.code = Path(result), code
         self.places = json.loads(Path(places).read_text(encoding="utf-8"))
 
     def pytest_sessionstart(self) -> None:
@@ -61,14 +67,14 @@ class TurnSigns:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         # Its first call imports sympy, two seconds that every child would spend again.
         torch.testing.assert_close(torch.zeros(1), torch.zeros(1))
+        for name in WARM:
+            with suppress(ImportError):
+                import_module(name)
         tests = {item.nodeid: item for item in session.items}
-        table = self.result.with_suffix(".baseline.json")
-        in_child(lambda: table.write_text(json.dumps(baseline(session.items)), encoding="utf-8"))
-        rows, whole = json.loads(table.read_text(encoding="utf-8"))
+        rows, whole, found = self._kept(session.items)
         terms = [site for site in range(len(self.places)) if site not in whole]
-        killers: Counter[tuple[str, str]] = Counter()
-        found: list[dict[str, Any]] = []
-        for site in terms:
+        killers = Counter((row["file"], row["killer"]) for row in found)
+        for site in terms[len(found) :]:
             place = self.places[site]
             covering = [row for row in rows if site in row["sites"]]
             # First the quick ones, and those that have found out others of the same file.
@@ -78,9 +84,27 @@ class TurnSigns:
             killer = self._killer(site, [tests[name] for name in chosen])
             killers[place["file"], killer] += 1
             found.append({**place, "tests": len(chosen), "killer": killer})
-            self.result.write_text(json.dumps(found, indent=1), encoding="utf-8")
+            self._keep(self.result, {"rows": found})
             print(f"\r{len(found)} of {len(terms)} signs", end="", file=sys.stderr, flush=True)
         return True
+
+    def _kept(self, items: list[pytest.Item]) -> tuple[list[Any], list[int], list[Any]]:
+        """Tests and counts, see :func:`baseline`, and the rows of signs that are known."""
+        table = self.result.with_suffix(".baseline.json")
+        if not self._known(table):
+            in_child(lambda: self._keep(table, baseline(items)))
+        if not self._known(self.result):
+            self._keep(self.result, {"rows": []})
+        tests, found = (json.loads(x.read_text(encoding="utf-8")) for x in (table, self.result))
+        return tests["rows"], tests["whole"], found["rows"]
+
+    def _known(self, file: Path) -> bool:
+        return file.exists() and json.loads(file.read_text(encoding="utf-8"))["code"] == self.code
+
+    def _keep(self, file: Path, what: dict[str, Any]) -> None:
+        part = file.with_suffix(".part")  # a run that is stopped leaves the last whole file
+        part.write_text(json.dumps({"code": self.code, **what}, indent=1), encoding="utf-8")
+        part.replace(file)
 
     def _killer(self, site: int, tests: list[pytest.Item]) -> str:
         """The test that fails with a sign turned round, or none; a crash is a failure too."""
@@ -90,7 +114,7 @@ class TurnSigns:
         return told.read_text(encoding="utf-8") if ended else "a crash"
 
 
-def baseline(items: list[pytest.Item]) -> tuple[list[dict[str, Any]], list[int]]:
+def baseline(items: list[pytest.Item]) -> dict[str, Any]:
     """How long each test takes, and which signs it computes; without the slow ones.
 
     Also the places that have turned out to be of counts and indices.
@@ -104,7 +128,7 @@ def baseline(items: list[pytest.Item]) -> tuple[list[dict[str, Any]], list[int]]
             sites = sorted(probe.reached)
             rows.append({"name": item.nodeid, "seconds": seconds, "sites": sites})
     terms = {site for row in rows for site in row["sites"]}
-    return rows, sorted(probe.whole - terms)
+    return {"rows": rows, "whole": sorted(probe.whole - terms)}
 
 
 def mutant(site: int, items: list[pytest.Item], told: Path) -> None:
