@@ -16,7 +16,7 @@ from vidphys.diagnose.columns import detect_columns
 from vidphys.diagnose.energy_balance import corrected_rate, envelope_rate, plain_rate, sliding_rates
 from vidphys.diagnose.motion import motion_of
 from vidphys.diagnose.spectrum import modes_of_data
-from vidphys.diagnose.tables import read_motion
+from vidphys.diagnose.tables import read_motion, write_tracks
 from vidphys.errors import InputError
 from vidphys.experiments.confusion import KINDS, Kind, Setting, attracted, drag, record, total
 from vidphys.experiments.confusion_questions import potential
@@ -244,3 +244,12 @@ def test_real_recordings_are_modelled_and_foretold(tmp_path, name, terms, modes)
 def test_a_motion_needs_frames_and_increasing_times():
     with pytest.raises(ValueError, match="8 frames or more"):
         motion_of(np.zeros((1, 5, 1, 2)), STEP)
+
+
+def test_written_tracks_are_read_as_they_were(tmp_path):
+    q = np.random.default_rng(0).normal(size=(1, 9, 2, 2))
+    q[0, 3, 1] = np.nan
+    write_tracks(tmp_path / "tracks.csv", motion_of(q, 0.04))
+    read = read_motion(tmp_path / "tracks.csv").motion
+    np.testing.assert_array_equal(read.positions, q)
+    np.testing.assert_allclose(read.times[0], 0.04 * np.arange(9), rtol=1e-12)

@@ -31,7 +31,7 @@ class DiagnoseConfig:
     Example: vidphys diagnose tracks.csv --out runs/diagnosis
 
     Writes a summary, diagnosis.json, specification.json (from which `vidphys train` builds exactly
-    that model), a figure and a recording for `vidphys view`.
+    that model), the tracks of a clip, a figure and a recording for `vidphys view`.
 
     Args:
         input: a table (CSV, Parquet, NPZ, motion-capture text) of times and positions, or a clip
@@ -145,6 +145,7 @@ def _about(config: DiagnoseConfig) -> dict[str, Any]:
 
 
 def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answered) -> None:
+    from vidphys.diagnose.tables import write_tracks
     from vidphys.runs.atomic import write_json, write_with
 
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
@@ -152,6 +153,8 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     write_json(run.path / "diagnosis.json", found.data)
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
+    if config.input.suffix.lower() in VIDEOS:
+        write_with(run.path / "tracks.csv", lambda path: write_tracks(path, loaded.motion))
     run.finish("diagnosis", *_record(config, found).tables())
     run.join()
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from vidphys.diagnose.advice import advise
+from vidphys.diagnose.beside_wall import SAMPLES, BesideWall
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose
 from vidphys.diagnose.forecast import (
     Validation,
     changed_laws,
-    compared,
     last_state,
     roll,
     validate,
@@ -23,11 +23,9 @@ from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
 from vidphys.diagnose.spectrum import Mode, distinct, modes_of_data, modes_of_model
-from vidphys.diagnose.wall import find_wall
 from vidphys.diagnose.windows import FEW
 from vidphys.statistics import NORMAL_95
 
-SAMPLES = 600  # of a changed law
 BLANK = 160  # pixels of a recording's pictures where there is no clip
 
 
@@ -129,10 +127,12 @@ def answer(motion: Motion, angles: bool, hold_out: float) -> Answered:
             _validated(answered, validate(found.look, motion.cut(end)))
         _modes(answered, motion, found.look)
         _changed(answered, found.look, motion)
-    if not found.explained or inference.kicks > 0:
-        _walled(answered, motion, end)
     described = specification(inference, motion.interval)
-    described["explained"] &= "wall" not in answered.data
+    # bounces are no term of the menu, which may take them for random kicks
+    wall = BesideWall.of(motion, end) if not found.explained or inference.kicks > 0 else None
+    if wall is not None:
+        described = wall.specification()
+        _walled(answered, wall)
     described["mass"] = found.motion.mass[0].tolist()
     return Answered(**{**vars(answered), "specification": described})
 
@@ -151,58 +151,15 @@ def _validated(answered: Answered, tail: Validation) -> None:
     )
 
 
-def _walled(answered: Answered, motion: Motion, end: int) -> None:
-    """Bounces off a wall, which the menu lacks and may take for random kicks: fitted, rolled on."""
-    fit = find_wall(motion.cut(0, end))
-    if fit is None:
-        return
-    wall, errors = fit.wall, fit.errors
-    axis = "xyz"[fit.axis]
-    answered.lines.append(
-        f"Rather than these, a wall: the body swings along {axis} and strikes {axis} = "
-        f"{fit.sign * wall.place:.4g} {fit.count} times, each time keeping "
-        f"{wall.restitution:.3g} ± {NORMAL_95 * errors['restitution']:.1g} of its speed; between, "
-        f"stiffness {wall.stiffness:.4g} ± {NORMAL_95 * errors['stiffness']:.1g} and friction "
-        f"{wall.rate:.2g} ± {NORMAL_95 * errors['rate']:.1g} per second (95 %). The fit is off by "
-        f"{fit.left:.2g}."
-    )
-    answered.data["wall"] = {**asdict(wall), "errors": errors, "bounces": fit.count}
-    answered.numbers["wall_restitution"] = wall.restitution
-    times = motion.times[0] - motion.times[0, 0]
-    if end < len(times) - LEAST_FRAMES:
-        tail = _beside_wall(fit.positions(times), motion, end)
+def _walled(answered: Answered, wall: BesideWall) -> None:
+    """A wall in place of what the menu has."""
+    answered.lines.append(wall.line())
+    answered.data["wall"] = wall.data()
+    answered.numbers["wall_restitution"] = wall.fit.wall.restitution
+    tail = wall.forecast()
+    if tail is not None:
         _validated(answered, tail)
-    later = wall.later(float(times[end - 1]))
-    since = np.linspace(0, times[-1] - times[end - 1] + 0.3 * times[end - 1], SAMPLES)
-    changes = {
-        "no friction, no loss at the wall": replace(later, rate=0.0, restitution=1.0),
-        "half the length": replace(later, stiffness=2 * later.stiffness),
-    }
-    for name, changed in changes.items():
-        path = fit.positions(since, changed)
-        answered.rolled[name] = motion.times[0, end - 1] + since, path
-
-
-def _beside_wall(path: np.ndarray, motion: Motion, end: int) -> Validation:
-    """The forecast of the tail beside simple ones, which begin at the model's last fitted frames.
-
-    Args:
-        path: of the model at every frame, ``(t, n, d)``.
-        motion: the recording.
-        end: first frame of the tail.
-    """
-    h = motion.interval
-    last, v = path[end - 1], (path[end - 1] - path[end - 2]) / h
-    a = (path[end - 1] - 2 * path[end - 2] + path[end - 3]) / h**2
-    since = (motion.times[0, end:] - motion.times[0, end - 1])[:, None, None]
-    straight = last + v * since
-    forecasts = {
-        "model": path[end:],
-        "persistence": np.broadcast_to(last, path[end:].shape),
-        "constant velocity": straight,
-        "constant acceleration": straight + 0.5 * a * since**2,
-    }
-    return compared(motion.times[0, end:], motion.positions[0, end:], forecasts)
+    answered.rolled.update(wall.changed())
 
 
 def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:

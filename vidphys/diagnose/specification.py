@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -62,37 +62,65 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
         interval: seconds between frames.
     """
     structure, fitted = inference.structure, inference.fitted
-    numbers, origin, trap, reach = {}, [0.0] * inference.windows.frames.shape[-1], None, 1.0
+    numbers: dict[str, tuple[float, float]] = {}
+    origin, trap, reach = [0.0] * inference.windows.frames.shape[-1], None, 1.0
     for family in (PAIR, EXTERNAL, FRICTION):
         term = structure.term(family)
         if term is None:
             continue
         at = fitted.place(term)
         for k, name in enumerate(term.coefficients, at):
-            numbers[f"{term.kind}: {name}"] = [float(fitted.values[k]), float(fitted.errors[k])]
+            numbers[f"{term.kind}: {name}"] = float(fitted.values[k]), float(fitted.errors[k])
         if term.scale is not None:
-            numbers[f"{term.kind}: length"] = [float(fitted.values[-1]), float(fitted.errors[-1])]
+            numbers[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
         if term.kind == "trap":
             trap, *pulls = (float(x) for x in structure.of(term))
             origin = [pull / trap for pull in pulls]
         if term.kind == "contact" and term.scale is not None:
             reach = float(term.scale)
     if inference.kicks > 0:
-        numbers["bath: temperature"] = [temperature(inference), float("nan")]
-    terms = terms_of(inference.kinds, trap, reach)
+        numbers["bath: temperature"] = temperature(inference), float("nan")
+    return as_specification(
+        terms_of(inference.kinds, trap, reach),
+        inference.windows.frames.shape[2],
+        origin,
+        numbers,
+        inference.leftover.explained,
+        interval,
+    )
+
+
+def as_specification(
+    terms: HamiltonianTerms,
+    bodies: int,
+    origin: Sequence[float],
+    numbers: Mapping[str, tuple[float, float]],
+    explained: bool,
+    interval: float,
+) -> dict[str, Any]:
+    """A scene as JSON; see :func:`read_specification`.
+
+    Args:
+        terms: that it has.
+        bodies: N.
+        origin: of the model's coordinates in those of the tracks, ``(d,)``.
+        numbers: what is known of the terms, each with its standard error, which may be infinite.
+        explained: whether the terms leave no more than noise.
+        interval: seconds between frames.
+    """
     return {
         "schema_version": SCHEMA_VERSION,
-        "bodies": inference.windows.frames.shape[2],
-        "space": inference.windows.frames.shape[-1],
+        "bodies": bodies,
+        "space": len(origin),
         "interval_seconds": interval,
-        "origin": origin,
+        "origin": list(origin),
         "terms": to_config(terms),
         "numbers": {name: _finite(value) for name, value in numbers.items()},
-        "explained": inference.leftover.explained,
+        "explained": explained,
     }
 
 
-def _finite(pair: list[float]) -> dict[str, float | None]:
+def _finite(pair: tuple[float, float]) -> dict[str, float | None]:
     value, error = pair
     return {"value": value, "standard_error": error if np.isfinite(error) else None}
 

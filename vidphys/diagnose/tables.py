@@ -215,3 +215,15 @@ def _of_clips(
         return None
     values = _numbers(table, name)
     return np.array([np.median(values[clip == c]) for c in np.unique(clip)])
+
+
+def write_tracks(path: Path, motion: Motion) -> None:
+    """Write the tracks of one clip as a table that :func:`read_motion` reads."""
+    import pyarrow as pa
+    import pyarrow.csv as pc
+
+    columns = {"t": motion.times[0]}
+    for body in range(motion.bodies):
+        for axis in range(motion.space):
+            columns[f"{'xyz'[axis]}{body + 1}"] = motion.positions[0, :, body, axis]
+    pc.write_csv(pa.table(columns), path)

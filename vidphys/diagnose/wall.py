@@ -149,11 +149,14 @@ class WallFit:
 
     def positions(self, times: np.ndarray, wall: Wall | None = None) -> np.ndarray:
         """Places ``(t, 1, d)`` at seconds since the first frame, perhaps of a changed wall."""
-        s = (wall or self.wall).path(times)
-        out = np.zeros((len(times), 1, 1 + len(self.arc)))
-        out[:, 0, self.axis] = self.sign * s
+        return self.place((wall or self.wall).path(times))[:, None]
+
+    def place(self, s: np.ndarray) -> np.ndarray:
+        """Coordinates ``(..., d)`` of places ``(...)`` along the path."""
+        out = np.zeros((*np.shape(s), 1 + len(self.arc)))
+        out[..., self.axis] = self.sign * s
         for other, quadratic in self.arc.items():
-            out[:, 0, other] = np.polyval(quadratic, s)
+            out[..., other] = np.polyval(quadratic, s)
         return out
 
 
