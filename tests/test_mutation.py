@@ -12,6 +12,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[1]))
 probe = import_module("tests.mutation.probe")
 rewrite = import_module("tests.mutation.rewrite")
+equivalent = import_module("tests.mutation.equivalent")
 
 LAW = """
 def force(q, k, g):
@@ -58,6 +59,7 @@ def test_signs_of_terms_are_found_and_turned(untouched: None, monkeypatch) -> No
         "w[0] = zero if far else one",
         "return s * torch.randn_like(p)",
         "raise E(f'{a - b}')",
+        "return []",
     ],
 )
 def test_what_has_no_sign_is_no_mutant(statement: str) -> None:
@@ -87,3 +89,12 @@ def test_controls_and_tolerances_of_rounding_are_no_mutants(untouched: None) -> 
     assert probe.below(1, 0.0, lambda scale: scale * 1e-15, False)
     probe.close(2, torch.testing.assert_close, torch.ones(1), torch.ones(1), rtol=1e-6, atol=1e-6)
     assert probe.room == {}
+
+
+def test_a_sign_that_is_said_to_be_equivalent_must_be_there() -> None:
+    key = ("dynamics/couplings.py", "_charge", "params.charge")
+    place = rewrite.Place("sign", *key[:1], 28, *key[1:])
+    assert equivalent.reason_of(*key) and not equivalent.reason_of(*key[:2], "params.coupling")
+    assert equivalent.stale([place], ["dynamics/couplings.py"]) == [
+        ("dynamics/couplings.py", "PairLaw.strength", "amount")
+    ]

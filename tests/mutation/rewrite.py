@@ -94,6 +94,8 @@ class Signs(_Rewriter):
             return value
         if isinstance(value, ast.UnaryOp):  # its own sign is the result's
             return self.visit(value)
+        if isinstance(value, ast.List):
+            return value  # findings, not numbers
         if isinstance(value, ast.Call) and "zeros" in ast.unparse(value.func):
             return value  # no force at all has no sign
         if isinstance(value, ast.IfExp) and _marks(value):
