@@ -16,7 +16,8 @@ from dynamics.mlp import MLP
 from dynamics.potentials import SoftenedGravity
 from dynamics.stochastic import HalfSteps, NeuralSDE
 from dynamics.unstructured import NeuralODE
-from vidphys.scenes.oscillators import coupling_stiffness
+from vidphys.scenes.gravity import gravity
+from vidphys.scenes.oscillators import coupling_stiffness, curl_matrix
 
 EPISODES, BODIES, SPACE, WIDTH = 2, 3, 2, 4
 TWO_PI = float(np.log(2 * np.pi) / 2)  # what a density leaves out, for each coordinate
@@ -123,3 +124,20 @@ def test_the_rings_stiffness_has_the_eigenvalues_of_its_bonds():
         found = torch.linalg.eigvalsh(coupling_stiffness(kind))
         expected = torch.tensor(values, dtype=torch.float64)
         torch.testing.assert_close(found, expected, rtol=0, atol=3e-15)
+
+
+def test_the_curl_pushes_each_coordinate_along_the_next_one_and_against_the_last():
+    # The ring's C has a norm of 0.375 |(0, 2, 2, 4)|; eight entries share its part of it.
+    found = curl_matrix(0.1, "coupled")
+    size = 0.1 * 0.375 * 24**0.5 / 8**0.5
+    ring = torch.tensor([[0.0, 1, 0, -1], [-1, 0, 1, 0], [0, -1, 0, 1], [1, 0, -1, 0]])
+    torch.testing.assert_close(found, size * ring.double(), rtol=0, atol=3e-16)
+
+
+def test_the_energy_scale_is_kinetic_energy_and_the_potential_s_size():
+    q = torch.tensor([[[-0.6, 0.0], [0.6, 0.0]]], dtype=torch.float64)
+    state = PhaseState(q, torch.tensor([[[0.0, 0.5], [0.0, -0.5]]], dtype=torch.float64))
+    params = Parameters(torch.ones(1), torch.tensor([[1.0, 2.0]])).map(torch.Tensor.double)
+    kinetic, potential = 0.5 * (0.25 + 0.25 / 2), 2 / (1.2**2 + 0.1**2) ** 0.5
+    found = gravity(bodies=2).energy_scale(state, params)
+    assert float(found) == pytest.approx(kinetic + potential, rel=3e-15)

@@ -43,6 +43,7 @@ COVERING = [
     "values_by_hand",
     "thermostat",
     "neighbours",
+    "walls",
     "renderers",
     "metrics",
 ]

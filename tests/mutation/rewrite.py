@@ -20,7 +20,8 @@ TERMS = frozenset(
     triple_gradient spline_energy spline_gradient unsquashed kinetic_energy relaxation_time
     steady_temperature free_force _accumulated _linear _square _dry _charge strength _strength
     straight_lines energies heights energy_scale curl_matrix coupling_stiffness simulate
-    radial_spline plane_spline _plane_network _radial_network _pull _apart move_all
+    radial_spline plane_spline _plane_network _radial_network _pull _apart move_all bounced _back
+    depth
     """.split()  # noqa: SIM905 (a list of names is read more easily)
 )
 BOUNDS = frozenset({"bar", "bound", "tolerance", "size", "amplitude"})  # names that tests give them
