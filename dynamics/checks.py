@@ -200,11 +200,13 @@ def rounding(states: PhaseState, every: int) -> list[Finding]:
     stored, q = states.q.shape[-3], states.q
     if stored < 2 or not q.numel():
         return []
-    few = q[..., [0, stored // 2, stored - 1], :, :].flatten(-2)
+    three = [0, stored // 2, stored - 1]
+    few = q[..., three, :, :].flatten(-2)
     moved = (few - few[..., :1, :]).abs().amax((-2, -1))
     size, steps = few.abs().amax((-2, -1)), (stored - 1) * every
     lost = torch.finfo(q.dtype).eps * steps**0.5 * size
-    moves = (states.p[..., 0, :, :] != 0).flatten(-2).any(-1)
+    # what starts at rest has a momentum later, also where its position cannot show it
+    moves = (states.p[..., three, :, :] != 0).flatten(-3).any(-1)
     episodes = (lost > HIDDEN * moved) & moves
     if not bool(episodes.any()):
         return []

@@ -13,13 +13,15 @@ from dynamics.head import Head
 from dynamics.integrators import Memory
 from dynamics.state import Parameters, PhaseState
 
+MOST = 64  # bounces within a step
+
 
 class Wall(nn.Module):
     """The half-space ``q . normal > place``, which no body enters.
 
     A step that ends behind the wall is taken back to where the body met it and ended after the
     bounce, under the force at its end: exact in a uniform field, first order in how the force
-    changes on the way. A body that would meet the wall again within the step lies at it.
+    changes on the way. A body that still is behind it after ``MOST`` bounces in a step lies at it.
 
     Args:
         place: along the normal, world units.
@@ -56,17 +58,28 @@ class Wall(nn.Module):
         """
         normal, depth = self.normal.to(state.q), self.depth(state.q)
         v, a = state.p @ normal / mass, force @ normal / mass
-        hit = (depth > 0) & (v > 0)
+        place, speed = depth, v
+        for _ in range(MOST):
+            hit = (place > 0) & (speed > 0)
+            if not bool(hit.any()):
+                break
+            place, speed = self._back(place, speed, a, hit)
+        lies = (place > 0) & (speed > 0)
+        place, speed = torch.where(lies, 0, place), torch.where(lies, 0, speed)
+        shift, push = (place - depth).unsqueeze(-1) * normal, (mass * (speed - v)).unsqueeze(-1)
+        return PhaseState(state.q + shift, state.p + push * normal)
+
+    def _back(self, depth: Tensor, v: Tensor, a: Tensor, hit: Tensor) -> tuple[Tensor, Tensor]:
+        """Depth and speed after one bounce, where a body is behind the wall and goes on into it."""
         # in a uniform field the speed at the wall follows from energy, the time since from both
         met = (v.square() - 2 * a * depth).clamp_min(0).sqrt()
         since = 2 * depth / torch.where(hit, v + met, torch.ones_like(v))
         after = -self.restitution * met
         back, speed = (after + 0.5 * a * since) * since, after + a * since
-        lies = (speed >= 0) | (back > 0)
-        back, speed = torch.where(lies, 0, back), torch.where(lies, 0, speed)
-        shift = torch.where(hit, back - depth, 0).unsqueeze(-1) * normal
-        push = torch.where(hit, mass * (speed - v), 0).unsqueeze(-1) * normal
-        return PhaseState(state.q + shift, state.p + push)
+        # a body that was pushed out of rest did not meet the wall, but for rounding
+        bounces = met > 2 * torch.finfo(v.dtype).eps ** 0.5 * v
+        back, speed = torch.where(bounces, back, 0), torch.where(bounces, speed, 0)
+        return torch.where(hit, back, depth), torch.where(hit, speed, v)
 
 
 class Walled(Head):

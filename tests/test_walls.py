@@ -22,6 +22,7 @@ from dynamics.potentials import HarmonicTrap
 from dynamics.terms import from_config, to_config
 from dynamics.walls import Wall, Walled
 from vidphys.diagnose.wall import Wall as Swing
+from vidphys.stress.walls import height
 
 DOWN = (0.6, -0.8)  # a floor that is tilted, so that no axis is special
 PULL = 2.0
@@ -76,6 +77,14 @@ def test_a_ball_that_loses_speed_comes_to_lie_on_the_wall_and_stays():
     assert float(heights(path).min()) > -1e-12
     assert float(heights(path)[-1000:].abs().max()) < 1e-12
     assert float(path.states.p[0, -1].abs().max()) < 1e-12
+
+
+def test_several_bounces_in_one_step_are_all_made():
+    start, params = dropped(1.0)
+    path = rollout(floor(0.3), start, params, 30, 0.1)
+    expected = torch.tensor([height(0.1 * k, 0.3) for k in range(31)], dtype=torch.float64)
+    assert float((heights(path) - expected).abs().max()) < 1e-12
+    assert 0.005 < float(expected[17]) and float(expected[18]) < 0.001  # two bounces between
 
 
 def test_only_what_goes_into_the_wall_is_turned_and_along_it_nothing_changes():

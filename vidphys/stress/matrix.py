@@ -25,6 +25,7 @@ from vidphys.stress import (
     methods,
     orbits,
     pictures,
+    walls,
 )
 from vidphys.stress.case import SILENT, SKIPPED, Case
 from vidphys.stress.figures import figure_rows
@@ -64,6 +65,7 @@ def families(sizes: StressSizes) -> dict[str, list[Case]]:
         "time-step": orbits.time_step(),
         "stiffness": contacts.stiffness(),
         "coincidence": contacts.coincidence(),
+        "wall": walls.walls(),
         "friction": baths.friction(),
         "temperature": baths.temperature(),
         "drive": baths.drive(),
