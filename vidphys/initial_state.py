@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
-from readouts.differencing import backward_difference
+from readouts.differencing import backward_difference, central_difference
 from readouts.shooting import ShootingFit, shoot
+from readouts.smoothing import Smoothed, smooth
 from vidphys.perception.aim import PRECISE
 from vidphys.perception.base import model_step
 from vidphys.training.segments import roll
 
-WINDOWS = (7, 5, 4, 3)  # frames; a shorter window where the longer one cannot be explained
-UNUSUAL = 3.0  # times the median residual
-FADES = (0.5, 0.7, 1.0)  # weights of a frame against the next that are tried
-PRACTICE, AHEAD = 32, 2  # clips and frames that they are tried on
+WINDOWS = (16, 7, 5, 4, 3)  # frames; a shorter window where the longer one is not explained
+UNUSUAL = 2.0  # times the median cost of a frame
+SLACKS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)  # of momenta, relative to their size
+COARSE, SURE = 0.02, 0.01  # world units of a position half sure; part of its odds at full trust
+PRACTICE, AHEAD = 32, 2  # clips and frames that slacks are tried on
 
 
 def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
@@ -27,12 +29,11 @@ def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: fl
     return backward_difference(tracks.positions, params.mass.to(tracks.positions), interval)
 
 
-def choose_fade(head: Head, tracks: Tracks, params: Parameters, interval: float) -> float:
-    """The fade under which a head foretells the last frames of some tracks best.
+def choose_slack(head: Head, tracks: Tracks, params: Parameters, interval: float) -> float:
+    """The slack under which a head foretells the last frames of some tracks best.
 
-    A head errs the more the further it is rolled, and positions err in every frame: where the one
-    is worse, old frames should count little, where the other is, as much as new ones. Nothing but
-    tracks is asked.
+    Positions err and heads err: the better the head, the more all frames of a window say about
+    its last one. Nothing but tracks is asked.
 
     Args:
         head: trained.
@@ -47,64 +48,80 @@ def choose_fade(head: Head, tracks: Tracks, params: Parameters, interval: float)
     past = Tracks(positions[:, :-AHEAD], confidence[:, :-AHEAD], tracks.times[:-AHEAD])
     dt, every = model_step(interval)
 
-    def missed(fade: float) -> float:
-        start = by_shooting(head, past, law, interval, fade)
+    def missed(start: PhaseState) -> float:
         with torch.no_grad():
-            ahead = roll(head, start, law, AHEAD, dt, every).q
+            ahead = roll(head, start.map(torch.Tensor.float), law, AHEAD, dt, every).q
         error = (ahead - positions[:, -AHEAD:]).square().sum(-1) / PRECISE**2
         return float((confidence[:, -AHEAD:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
 
-    return min(FADES, key=missed)
+    tried = _smooth(head, past, law, interval, SLACKS)
+    return min((missed(fit.states[:, -1]), at) for at, fit in zip(SLACKS, tried, strict=True))[1]
 
 
 def by_shooting(
-    head: Head, tracks: Tracks, params: Parameters, interval: float, fade: float = FADES[0]
+    head: Head, tracks: Tracks, params: Parameters, interval: float, slack: float = SLACKS[-1]
 ) -> PhaseState:
-    """The end of the rollout that passes through the window's positions under the head.
+    """The end of the states that pass through the window's positions, nearly under the head.
 
-    Episodes whose residual is unusually large (an encounter in the window that the head or the
-    binder got wrong) are fitted again on shorter windows that end at the same frame; the one
-    with the smallest residual per frame is kept where none is usual.
+    Episodes whose cost is unusual (an encounter in the window that the head or the binder got
+    wrong) are fitted again on shorter windows that end at the same frame; the one of least cost a
+    frame is kept where none is usual.
 
     Args:
         head: the law.
         tracks: perceived positions.
         params: of each clip.
         interval: seconds between frames.
-        fade: weight of a frame against the next one; see :func:`choose_fade`.
+        slack: see :func:`choose_slack`.
     """
-    positions, confidence = tracks.positions.double(), tracks.confidence.double()
-    params = params.map(torch.Tensor.double)
-    best = _fit(head, positions[:, -WINDOWS[0] :], confidence, params, interval, fade)
-    state, rmse = best.states[:, -1], best.rmse
-    usual = UNUSUAL * float(rmse.median())
+    slacks = SLACKS[: SLACKS.index(slack) + 1]
+
+    def fitted(rows: Tensor | slice, window: int) -> Smoothed:
+        part = Tracks(
+            tracks.positions[rows, -window:],
+            tracks.confidence[rows, -window:],
+            tracks.times[-window:],
+        )
+        *_, last = _smooth(head, part, params[rows], interval, slacks)
+        return last
+
+    best = fitted(slice(None), WINDOWS[0])
+    state, cost = best.states[:, -1].map(torch.clone), best.cost.clone()
+    usual = UNUSUAL * float(cost.median())
     for window in WINDOWS[1:]:
-        bad = torch.nonzero(~(rmse <= usual)).squeeze(-1)
-        if not len(bad) or window >= positions.shape[1]:
+        bad = torch.nonzero(~(cost <= usual)).squeeze(-1)
+        if not len(bad) or window >= tracks.positions.shape[1]:
             continue
-        few = positions[bad, -window:]
-        again = _fit(head, few, confidence[bad], params[bad], interval, fade)
-        better = again.rmse < rmse[bad]
+        again = fitted(bad, window)
+        better = again.cost < cost[bad]
         rows = bad[better]
         state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
-        rmse[rows] = again.rmse[better]
+        cost[rows] = again.cost[better]
     return state.map(torch.Tensor.float)
 
 
-def _fit(
-    head: Head,
-    positions: Tensor,
-    confidence: Tensor,
-    params: Parameters,
-    interval: float,
-    fade: float,
-) -> ShootingFit:
-    a, b, c = positions[:, 0], positions[:, 1], positions[:, 2]
-    momentum = params.mass[..., None] * (-3 * a + 4 * b - c) / (2 * interval)
-    frames = positions.shape[1]
-    weight = fade ** torch.arange(frames - 1, -1, -1.0).to(positions)
-    confidence = confidence[:, -frames:].clamp_min(1e-3) * weight[:, None]
-    return fit_window(head, positions, PhaseState(a, momentum), params, interval, confidence)
+def _smooth(
+    head: Head, tracks: Tracks, params: Parameters, interval: float, slacks: Sequence[float]
+) -> Iterator[Smoothed]:
+    """The window under a head; slacks are relative to the size of the momenta in it."""
+    positions, law = tracks.positions.double(), params.map(torch.Tensor.double)
+    ends = -3 * positions[:, 0] + 4 * positions[:, 1] - positions[:, 2]
+    first = law.mass[..., None] * ends / (2 * interval)
+    last = backward_difference(positions, law.mass, interval).p
+    inner = central_difference(positions, law.mass, interval).p
+    momenta = torch.cat([first[:, None], inner, last[:, None]], 1)
+    size = float(momenta.square().mean().sqrt()) or 1.0
+    confidence = tracks.confidence.double().clamp(1e-3, 1)
+    error = COARSE * (1 / confidence - 1 + SURE).sqrt()
+    exact = copy.deepcopy(head).double()
+
+    def step(start: PhaseState, rows: Tensor) -> PhaseState:
+        rolled = frame_roll(exact, law[rows], interval)(start, 2)
+        return rolled.map(lambda x: x[..., 1, :, :])
+
+    with torch.no_grad():
+        guess = PhaseState(positions, momenta)
+        yield from smooth(step, positions, error, guess, interval, [size * s for s in slacks])
 
 
 def fit_window(

@@ -16,7 +16,7 @@ from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
-from vidphys.initial_state import by_differencing, by_shooting, choose_fade
+from vidphys.initial_state import by_differencing, by_shooting, choose_slack
 from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
@@ -125,8 +125,8 @@ def read_start(readout: str, head: Head, seen: Seen, perceived: Perceived) -> Ph
     test = perceived.test, seen.test.params, seen.test.interval
     if readout == "differencing":
         return by_differencing(head, *test)
-    fade = choose_fade(head, perceived.train, seen.train.params, seen.train.interval)
-    return by_shooting(head, *test, fade)
+    slack = choose_slack(head, perceived.train, seen.train.params, seen.train.interval)
+    return by_shooting(head, *test, slack)
 
 
 def score_state(recorder: Recorder, question: Question) -> None:
