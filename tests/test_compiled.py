@@ -171,7 +171,7 @@ def test_numba_in_a_box_with_the_fourth_order_and_another_coupling():
     start, params = episodes(4, bodies=5)
     fused, twin = (compile_head(head, 1e-5, backend=b) for b in ("numba", "torch"))
     found, expected = (x.trajectory(start, params, 20, DT).states.q for x in (fused, twin))
-    torch.testing.assert_close(found, expected, rtol=1e-14, atol=1e-14)
+    torch.testing.assert_close(found, expected, rtol=3e-15, atol=3e-15)
 
 
 @needs_numba

@@ -298,7 +298,7 @@ def test_the_largest_extents_of_a_rollout_are_those_of_its_states(bodies: int, b
     state = PhaseState(*torch.randn(2, 4, 5, bodies, 2).double())
     whole = extents(state, box).reshape(-1, len(EXTENTS)).amax(0)
     found = largest(state, EXTENTS, box)
-    assert list(found.values()) == pytest.approx(whole.tolist(), rel=1e-14)
+    assert list(found.values()) == pytest.approx(whole.tolist(), rel=3e-15)
 
 
 @pytest.mark.parametrize("name", list(HEADS))

@@ -190,7 +190,7 @@ def test_passive_friction_never_injects(kind, seed, friction, dt):
         after = made(kind, seed).kick(state, params, dt)
     energy = (state.p.square() / params.mass.unsqueeze(-1)).sum((-2, -1))
     left = (after.square() / params.mass.unsqueeze(-1)).sum((-2, -1))
-    assert bool((left <= energy * (1 + 3e-15)).all())
+    assert float((left / energy).max()) - 1 < 3e-15
 
 
 def test_factored_friction_injects_when_its_sign_is_turned():
@@ -307,7 +307,7 @@ def test_heads_learn_side_by_side_as_alone(name):
     together = Ensemble(heads).map(
         lambda head, b: training.likelihood(head, b, scale), stack([batch, batch])
     )
-    torch.testing.assert_close(together, alone, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(together, alone, rtol=1e-6, atol=1e-6)
 
 
 def test_a_neural_sde_spreads_as_its_diffusion_says():
