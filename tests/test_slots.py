@@ -157,6 +157,22 @@ def test_a_frame_is_explained_from_positions_nearby_or_from_its_neighbours():
     torch.testing.assert_close(together.positions, truth, atol=1e-2, rtol=0)
 
 
+def test_a_body_that_stands_where_none_is_is_set_down_where_two_passed_for_one():
+    teacher = Reconstruction.through(WORLD)
+    truth = torch.tensor([[-2.0, 0.0], [2.0, 1.0], [2.2, 0.8]]).expand(1, 2, -1, -1)
+    frames = WORLD(truth)
+    start = truth.clone()
+    start[:, :, 1] = torch.tensor([-2.1, 0.1])  # one of the pair stands at the single body
+    stuck = teacher.explain(frames, start)
+    assert not bool(stuck.believed.any())
+    found = teacher.regrouped(frames, stuck)
+    assert bool(found.believed.all())
+    missed = torch.cdist(truth, found.positions).amin(-1)  # a pair that looks alike may be swapped
+    assert missed.max() < 1e-2
+    blank = teacher.regrouped(torch.zeros_like(frames), stuck)
+    assert not bool(blank.believed.any()) and torch.equal(blank.positions, stuck.positions)
+
+
 def test_what_slots_propose_is_moved_to_where_it_explains_the_frame_and_else_left():
     world = AnonymousWorld(Camera(4.0, 32, 32), radius=1.0, softness=0.2)
     q = torch.tensor([[[[-1.5, 0.5], [1.0, -1.0]]]])

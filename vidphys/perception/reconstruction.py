@@ -8,6 +8,7 @@ says in which direction light is missing. No label and no other detector is invo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import torch
 from torch import Tensor
@@ -22,6 +23,7 @@ EXPLAINED = 6 / 255  # rms pixel error below which a frame counts as explained
 BLUR = 0.75  # world units, standard deviation: light is felt from half a body away
 FINE = 0.1  # pixels: position errors below it count as squares, above it as their logarithm
 FAINT = 1e-3  # squared light: pixel errors likewise
+BESIDE = 0.25  # of a body's reach: where a body that stood wrong is set down by another
 LOST = 1.0  # world units: the error that an unexplained frame counts as
 
 
@@ -98,6 +100,32 @@ class Reconstruction:
                 kept = better < error[rows, here]
                 q[rows[kept], here], error[rows[kept], here] = again[kept], better[kept]
         return Explained(q, error < EXPLAINED)
+
+    def regrouped(self, frames: Tensor, found: Explained) -> Explained:
+        """Explain frames that are not yet by moving one body beside another.
+
+        A fit cannot: between a body that stands where none is and two that pass for one lies a
+        dark frame. All pairs are tried, and the best is kept where it explains the frame.
+
+        Args:
+            frames: in [0, 1], ``(m, t, 1, H, W)``.
+            found: as :meth:`explain` left them.
+        """
+        clip, frame = torch.nonzero(~found.believed, as_tuple=True)
+        seen = self.light.sampled(frames[clip, frame, 0])
+        start = found.positions[clip, frame]
+        q, least = start.clone(), torch.full_like(start[:, 0, 0], EXPLAINED)
+        beside = self.light.reach * BESIDE * torch.eye(2).to(start)
+        for body, other in permutations(range(start.shape[1]), 2):
+            for apart in beside:
+                moved = start.clone()
+                moved[:, body] = start[:, other] + apart
+                again, error = self._fit(seen, moved)
+                better = error < least
+                q[better], least[better] = again[better], error[better]
+        positions, believed = found.positions.clone(), found.believed.clone()
+        positions[clip, frame], believed[clip, frame] = q, least < EXPLAINED
+        return Explained(positions, believed)
 
     def _fit(self, seen: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
         """Positions and rms pixel errors of single frames."""

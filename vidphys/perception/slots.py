@@ -205,7 +205,7 @@ def decided(
     teacher: Reconstruction, frames: Tensor, positions: Tensor, confidence: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Positions that explain their frame, and trust in them; elsewhere what was proposed."""
-    explained = teacher.explain(frames, positions)
+    explained = teacher.regrouped(frames, teacher.explain(frames, positions))
     believed = explained.believed[..., None]
     moved = torch.where(believed[..., None], explained.positions, positions)
     return moved, torch.where(believed, torch.ones_like(confidence), confidence)
