@@ -150,7 +150,7 @@ def test_smoothing_refuses_what_says_nothing(frames, value):
 def test_an_unexplained_window_is_shortened_not_trusted():
     truth, tracks, params = window(episodes=24)
     broken = tracks.positions.clone()
-    broken[3, 0] += 1.5  # one wild first frame in one episode
+    broken[3, :3] = tracks.positions[7, :3]  # in one episode, three frames of another
     state = by_shooting(
         SCENE.law, Tracks(broken, tracks.confidence, tracks.times), params, INTERVAL
     )
