@@ -24,6 +24,19 @@ def fused_loops(states: Tensor, like: Tensor, fewest: int) -> bool:
     return plain and known and enough and states.device.type == "cpu" and has_numba()
 
 
+def differentiable_loops(states: Tensor, like: Tensor, fewest: int) -> bool:
+    """Whether a rollout can run in fused loops that have a way back; see :func:`fused_loops`.
+
+    Rows are in single precision on the CPU, and models are mapped over at most once.
+    """
+    if states.device.type != "cpu" or torch.compiler.is_compiling() or not has_numba():
+        return False
+    stack = torch._C._functorch.get_interpreter_stack()
+    plain = stack is None or [each.key().name for each in stack] == ["Vmap"]
+    single = states.dtype == like.dtype == torch.float32
+    return plain and single and states.shape[:-2].numel() >= fewest
+
+
 @lru_cache
 def has_numba() -> bool:
     """Whether numba can be imported."""

@@ -45,10 +45,15 @@ def test_batch_axes_are_kept_and_parameters_broadcast(name):
 
 
 @pytest.mark.parametrize("name", ["factored", "unstructured"])
-def test_where_a_gradient_is_asked_or_episodes_are_few_steps_are_single(name):
+def test_where_episodes_are_few_steps_are_single(name):
     head, start, params = case(name)
-    assert head.trajectory(start, params, 2, DT).backend == "torch"
     assert rollout(head, start[:3], params[:3], 2, DT).backend == "torch"
+
+
+def test_where_a_gradient_is_asked_steps_are_single_but_for_a_map():
+    for name, backend in (("factored", "torch"), ("unstructured", "numba")):
+        head, start, params = case(name)
+        assert head.trajectory(start, params, 2, DT).backend == backend
 
 
 def test_a_fused_map_refuses_another_step_as_well():

@@ -16,6 +16,7 @@ from torch.autograd import Function
 
 from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.lanes import Array
+from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS, out_of_panels
 from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers
 
@@ -79,13 +80,13 @@ class _Gradient(Function):
         nets = [layers(*each) for each in zip(*parts, strict=True)]
         rows = _tiled(x)
         models, tiles = rows.shape[:2]
-        panels = len(nets[0].last)
-        kept = _Hidden(models, tiles, panels, rows.dtype) if any(ctx.needs_input_grad) else None
+        shape = 2, models, tiles, len(nets[0].last), ROWS, PANEL
+        kept = Kept(shape, rows.dtype) if any(ctx.needs_input_grad) else None
         out = np.empty_like(rows)
 
         def part(which: tuple[int, int]) -> int:
-            hidden = (kept or _Hidden(1, 1, panels, rows.dtype)).layers
-            for model, some in _shares(which, tiles):
+            hidden = (kept or Kept((2, 1, 1, *shape[3:]), rows.dtype)).array
+            for model, some in shares(which, tiles):
                 at = 0 if kept is None else model
                 gradient_rows(
                     nets[model], rows[model], hidden[0, at], hidden[1, at], out[model], some
@@ -102,12 +103,12 @@ class _Gradient(Function):
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
         if torch.is_grad_enabled():
             return tuple(_differentiable(ctx.saved_tensors, upstream))
-        nets, rows, above, hidden = ctx.nets, ctx.rows, _tiled(upstream), ctx.hidden.layers
+        nets, rows, above, hidden = ctx.nets, ctx.rows, _tiled(upstream), ctx.hidden.array
         on_rows = np.empty_like(rows)
 
         def part(which: tuple[int, int]) -> list[tuple[int, Layers]]:
             found = []
-            for model, some in _shares(which, rows.shape[1]):
+            for model, some in shares(which, rows.shape[1]):
                 total = Layers(*(np.zeros_like(w) for w in nets[model]))
                 found.append((model, total))
                 backward_rows(
@@ -131,7 +132,7 @@ class _Gradient(Function):
         return _untiled(on_rows, x), *(torch.stack(list(w)) for w in zip(*each, strict=True))
 
 
-def _shares(which: tuple[int, int], tiles: int) -> Iterator[tuple[int, tuple[int, int]]]:
+def shares(which: tuple[int, int], tiles: int) -> Iterator[tuple[int, tuple[int, int]]]:
     """Each model's tiles of some of all models' tiles."""
     begin, end = which
     while begin < end:
@@ -172,26 +173,3 @@ def _tiled(x: Tensor) -> Array:
 
 def _untiled(tiles: Array, like: Tensor) -> Tensor:
     return torch.from_numpy(tiles).reshape(len(tiles), -1, like.shape[-1])[:, : like.shape[1]]
-
-
-MOST_SPARE = 2**28  # bytes
-_spare: dict[tuple[Any, ...], list[Array]] = {}
-
-
-class _Hidden:
-    """Memory for what the hidden layers of some tiles give; used again once it is let go.
-
-    Fresh memory of this size costs a tenth of a training step in page faults.
-    """
-
-    def __init__(self, models: int, tiles: int, panels: int, dtype: Any) -> None:
-        shape = (2, models, tiles, panels, ROWS, PANEL)
-        self.key = (shape, dtype)
-        spare = _spare.get(self.key)
-        self.layers = spare.pop() if spare else np.empty(shape, dtype)
-
-    def __del__(self) -> None:
-        held = sum(array.nbytes for arrays in _spare.values() for array in arrays)
-        if held + self.layers.nbytes > MOST_SPARE:
-            _spare.clear()
-        _spare.setdefault(self.key, []).append(self.layers)

@@ -160,8 +160,8 @@ def _outer_block(left: Array, right: Array, j: int, sums: Array) -> None:
 
 
 @kernel
-def outer(a: Array, b: Array, c: Array, d: Array, sums: Array, total: Array) -> None:
-    """Add ``a.T @ b + c.T @ d``, of panels, to a matrix in panels, ``(panels, units, PANEL)``."""
+def outer(a: Array, b: Array, sums: Array, total: Array) -> None:
+    """Add ``a.T @ b``, of panels, to a matrix in panels, ``(panels, units, PANEL)``."""
     for p in range(total.shape[0]):
         for q in range(a.shape[0]):
             for j in range(0, PANEL, BLOCK):
@@ -176,7 +176,6 @@ def outer(a: Array, b: Array, c: Array, d: Array, sums: Array, total: Array) -> 
                     sums[6 * PANEL + lane] = total[p, at + 6, lane]
                     sums[7 * PANEL + lane] = total[p, at + 7, lane]
                 _outer_block(a[q], b[p], j, sums)
-                _outer_block(c[q], d[p], j, sums)
                 for lane in range(PANEL):
                     total[p, at, lane] = sums[lane]
                     total[p, at + 1, lane] = sums[PANEL + lane]

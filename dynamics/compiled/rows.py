@@ -204,7 +204,8 @@ def backward_rows(
         times(b, net.up, net.none, sums, a)  # reaches what the second layer gave
         _bend_top(net.last, top[tile], a, d, total.last, total.bias)  # d: the second's argument
         _descend(net.last, top[tile], a)
-        outer(b, a, low, d, sums, total.up)
+        outer(b, a, sums, total.up)
+        outer(low, d, sums, total.up)
         times(d, net.down, net.none, sums, a)
         _join(low, c, a, b, total.first_bias)  # b reaches the first layer's argument
         enter_back(b, x[tile], sums, total.first)

@@ -1,0 +1,189 @@
+"""A residual map's rollout that can be differentiated, in fused loops; torch's own is the twin.
+
+It is what trains an unstructured map on a CPU: all steps of a tile of rows in one call, and the way
+back through them in another. See :mod:`dynamics.compiled.residual`.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd import Function
+from torch.nn.functional import linear, silu
+
+from dynamics.compiled.cpu import in_threads
+from dynamics.compiled.gradient import shares
+from dynamics.compiled.lanes import Array
+from dynamics.compiled.memory import Kept
+from dynamics.compiled.panels import PANEL, ROWS
+from dynamics.compiled.residual import Net, backward_rows, forward_rows, net_of, weights_of
+from dynamics.mlp import MLP
+
+
+def unrolled(
+    network: MLP, scale: Tensor, start: Tensor, known: Tensor, stored: int, every: int
+) -> Tensor:
+    """Steps of x' = x + scale * network(x, known).
+
+    Args:
+        network: of silu layers of one width, at least two.
+        scale: of each entry of the state, ``(entries,)``.
+        start: ``(rows, entries)``.
+        known: ``(rows, conditions)``.
+        stored: states that are stored after the start.
+        every: steps between them.
+
+    Returns:
+        States, ``(stored + 1, rows, entries)``.
+    """
+    weights = [x for layer in network.layers for x in layer.parameters()]
+    given = scale, torch.cat([start, known], -1), *weights
+    if torch._C._functorch.peek_interpreter_stack() is not None:
+        return _Mapped.apply(stored, every, *given)
+    return _Unrolled.apply(stored, every, *(x.unsqueeze(0) for x in given)).squeeze(0)
+
+
+def plainly(stored: int, every: int, scale: Tensor, x: Tensor, *weights: Tensor) -> Tensor:
+    """The same by torch's own operations, of models along a first axis; see :class:`_Unrolled`."""
+    found = []
+    for model in range(len(x)):
+        size, now = scale[model], x[model]
+        layers = [(w[model], b[model]) for w, b in zip(weights[::2], weights[1::2], strict=True)]
+        states = [now[:, : len(size)]]
+        for step in range(stored * every):
+            value = now
+            for matrix, bias in layers[:-1]:
+                value = silu(linear(value, matrix, bias))
+            state = now[:, : len(size)] + size * linear(value, *layers[-1])
+            now = torch.cat([state, now[:, len(size) :]], -1)
+            if (step + 1) % every == 0:
+                states.append(state)
+        found.append(torch.stack(states))
+    return torch.stack(found)
+
+
+class _Mapped(Function):
+    """The same for several models side by side, each with its own weights."""
+
+    @staticmethod
+    def forward(stored: int, every: int, *parts: Tensor) -> Tensor:
+        return _Unrolled.apply(stored, every, *(x.unsqueeze(0) for x in parts)).squeeze(0)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        """Nothing is kept here: what :meth:`vmap` calls has its own way back."""
+
+    @staticmethod
+    def vmap(
+        info: Any, dims: tuple[Any, ...], stored: int, every: int, *parts: Tensor
+    ) -> tuple[Tensor, int]:
+        """All models in one call."""
+        each = (
+            part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
+            for part, dim in zip(parts, dims[2:], strict=True)
+        )
+        return _Unrolled.apply(stored, every, *each), 0
+
+
+class _Unrolled(Function):
+    """Of models along a first axis.
+
+    Scales ``(models, entries)``, rows ``(models, rows, entries + conditions)`` and, of each layer,
+    a matrix and a bias; gives ``(models, stored + 1, rows, entries)``.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, stored: int, every: int, scale: Tensor, x: Tensor, *weights: Tensor
+    ) -> Tensor:
+        parts = [w.detach().numpy() for w in weights]
+        nets = [net_of(list(p[::2]), list(p[1::2])) for p in zip(*parts, strict=True)]
+        sizes, rows = np.ascontiguousarray(scale.detach().numpy()), _in_tiles(x)
+        models, tiles = rows.shape[:2]
+        steps = stored * every
+        back = any(ctx.needs_input_grad)
+        shape = len(nets[0].up), len(nets[0].none), ROWS, PANEL
+        hidden = Kept((models, tiles, steps, *shape), rows.dtype) if back else None
+        seen = np.empty((models, tiles, steps if back else 0, *rows.shape[2:]), rows.dtype)
+        out = np.empty((models, stored + 1, tiles, ROWS, sizes.shape[1]), rows.dtype)
+
+        def part(which: tuple[int, int]) -> int:
+            spare = np.empty((1, *shape), rows.dtype)
+            for model, (begin, end) in shares(which, tiles):
+                for tile in range(begin, end):
+                    kept = spare if hidden is None else hidden.array[model, tile]
+                    here, told = rows[model, tile], seen[model, tile]
+                    forward_rows(
+                        nets[model], sizes[model], here, every, told, kept, out[model], tile
+                    )
+            return 0
+
+        in_threads(part, models * tiles)
+        if back:
+            ctx.save_for_backward(scale, x, *weights)
+            ctx.lengths, ctx.nets, ctx.seen, ctx.hidden = (stored, every), nets, seen, hidden
+        return torch.from_numpy(out).reshape(models, stored + 1, -1, sizes.shape[1])[
+            :, :, : x.shape[1]
+        ]
+
+    @staticmethod
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
+        if torch.is_grad_enabled() or ctx.needs_input_grad[2]:  # the loops know none of the sizes
+            return None, None, *_by_twin(ctx, upstream)
+        nets, seen, hidden, every = ctx.nets, ctx.seen, ctx.hidden.array, ctx.lengths[1]
+        scale, x, *weights = ctx.saved_tensors
+        sizes = np.ascontiguousarray(scale.numpy())
+        models, tiles = seen.shape[:2]
+        above = _in_tiles(upstream.flatten(0, 1)).reshape(models, -1, tiles, ROWS, sizes.shape[1])
+        on_x = np.empty((models, tiles, ROWS, x.shape[2]), seen.dtype)
+
+        def part(which: tuple[int, int]) -> list[tuple[int, Net]]:
+            found = []
+            for model, (begin, end) in shares(which, tiles):
+                total = Net(*(np.zeros_like(w) for w in nets[model]))
+                found.append((model, total))
+                for tile in range(begin, end):
+                    told, kept, here = seen[model, tile], hidden[model, tile], on_x[model, tile]
+                    backward_rows(
+                        nets[model], sizes[model], every, told, kept, above[model], here, total,
+                        tile,
+                    )  # fmt: skip
+            return found
+
+        totals: list[list[Net]] = [[] for _ in nets]
+        for found in in_threads(part, models * tiles):
+            for model, total in found:
+                totals[model].append(total)
+        each = [_as_torch(total, weights[0].shape[1]) for total in totals]
+        on_rows = torch.from_numpy(on_x).reshape(models, -1, x.shape[2])[:, : x.shape[1]]
+        on_weights = (torch.stack(list(w)) for w in zip(*each, strict=True))
+        return None, None, None, on_rows, *on_weights
+
+
+def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
+    """The way back by the twin, through which another derivative can go."""
+    given, again = ctx.saved_tensors, torch.is_grad_enabled()
+    needed = [tensor for tensor in given if tensor.requires_grad]
+    with torch.enable_grad():
+        states = plainly(*ctx.lengths, *given)
+        left = iter(torch.autograd.grad(states, needed, upstream, create_graph=again))
+    return [next(left) if tensor.requires_grad else None for tensor in given]
+
+
+def _as_torch(totals: list[Net], units: int) -> list[Tensor]:
+    """Gradients of the weights, summed over threads, in the form of torch's own."""
+    whole = Net(*(sum(x[1:], x[0]) for x in zip(*totals, strict=True)))
+    pairs = zip(*weights_of(whole, units), strict=True)
+    return [torch.from_numpy(np.ascontiguousarray(x)) for x in chain.from_iterable(pairs)]
+
+
+def _in_tiles(x: Tensor) -> Array:
+    """Rows in tiles of their own, the last filled up with zeros, ``(models, tiles, ROWS, ...)``."""
+    rows, count = x.detach().numpy(), x.shape[1]
+    tiles = np.zeros((len(rows), -(-count // ROWS) * ROWS, rows.shape[2]), rows.dtype)
+    tiles[:, :count] = rows
+    return tiles.reshape(len(rows), -1, ROWS, rows.shape[2])
