@@ -66,6 +66,7 @@ def test_a_wall_without_loss_keeps_the_energy_over_a_thousand_bounces():
     assert head.conserves and not floor(0.9).conserves
     path = rollout(head, start, params, 40_000, 0.05, every=100)
     energy = head.energy(path.states, params).detach()
+    assert float(energy[0, 0]) == pytest.approx(1.5 * PULL, rel=3e-15)  # all of it potential
     assert float((energy / energy[:, :1] - 1).abs().max()) < 1e-13
     assert float(path.states.p.abs().max()) > 1  # it still bounces
 
