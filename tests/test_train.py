@@ -80,6 +80,9 @@ def test_other_settings_do_not_resume(tmp_path):
     other = FitSettings(steps=70, batch=16, learning_rate=1e-2, save_every=10)
     with pytest.raises(InputError, match="other settings"):
         fit(model, loss_of(model), DATA, other, seed=0, save_to=path)
+    checkpoint.save(path, {"w": torch.zeros(1)}, {"step": 3})  # as written by another version
+    with pytest.raises(InputError, match="0 models, not 1.; use another --out"):
+        fit(model, loss_of(model), DATA, SETTINGS, seed=0, save_to=path)
 
 
 def test_checkpoint_keeps_one_tensor_file_and_round_trips(tmp_path):

@@ -139,9 +139,10 @@ def _save(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
 
 def _load(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
     tensors, meta = checkpoint.load(path)
-    if len(meta["learners"]) != len(learners):
+    made = len(meta.get("learners", ()))  # none in a checkpoint of before there were several
+    if made != len(learners):
         raise InputError(
-            f"checkpoint {path}: made with other settings ({len(meta['learners'])} models, not "
+            f"checkpoint {path}: made with other settings ({made} models, not "
             f"{len(learners)}); use another --out, or delete it"
         )
     for i, (learner, about) in enumerate(zip(learners, meta["learners"], strict=True)):
