@@ -80,7 +80,7 @@ def test_the_truth_solves_its_equations_and_keeps_its_energy(kind):
     assert torch.allclose(path.at(2).flat, fine.at(1).flat, atol=2e-5)
     exact = PhaseState(*(x[:, 2] for x in (path.states.q, path.states.p)))
     on = scene.simulate(exact, params, 200, 100)
-    assert torch.allclose(on.at(1).flat, path.at(3).flat, rtol=0, atol=1e-12)
+    assert torch.allclose(on.at(1).flat, path.at(3).flat, rtol=0, atol=1e-13)
 
 
 @each_kind

@@ -84,7 +84,7 @@ def test_several_bounces_in_one_step_are_all_made():
     start, params = dropped(1.0)
     path = rollout(floor(0.3), start, params, 30, 0.1)
     expected = torch.tensor([height(0.1 * k, 0.3) for k in range(31)], dtype=torch.float64)
-    assert float((heights(path) - expected).abs().max()) < 1e-12
+    assert float((heights(path) - expected).abs().max()) < 1e-14
     assert float(expected[17]) > 0.005 and float(expected[18]) < 0.001  # two bounces between
 
 
