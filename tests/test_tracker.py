@@ -23,6 +23,8 @@ from dynamics import HEADS, Parameters, ballistic, build
 from renderers import AnonymousWorld, Camera
 from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
+from vidphys.experiments.pixels import Seen, perceive, read_start
+from vidphys.experiments.scoring import Question
 from vidphys.perception import detections
 from vidphys.perception.aim import aim, motion_under
 from vidphys.perception.anonymous import (
@@ -483,6 +485,12 @@ def test_the_true_law_keeps_every_name(plain):
     by_hand = lost(bind_by_acceleration(detections_of(many)))
     assert by_hand >= 5
     assert lost(LearnedBinding(plain, scene.law).tracks(many)) <= by_hand / 4
+    start = many.states[:, -1]
+    seen = Seen(many.first(2), many, Question(scene, start, start, many.params))
+    perceived = perceive(LearnedBinding(plain), seen)
+    assert lost(perceived.under(scene.law)) <= by_hand / 4 < lost(perceived.test)
+    momentum = read_start("shooting", scene.law, seen, perceived).p.double()
+    assert int(((momentum - start.p).abs() > 1).flatten(1).any(1).sum()) <= by_hand / 4
 
 
 def test_a_head_that_foresees_badly_does_no_harm(plain, clips):

@@ -5,6 +5,7 @@ Each rung is scored with both readouts, on the same tracks and with a head train
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
 from vidphys.initial_state import by_differencing, by_shooting, choose_slack
-from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
+from vidphys.perception.base import HEAD_DT, FitTask, Foreseeing, Grounding, Perception
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.runs.records import Recorder
@@ -59,16 +60,28 @@ def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Se
 
 @dataclass(frozen=True)
 class Perceived:
-    """Tracks of both sets of clips; the held-out ones are relabelled to the true bodies."""
+    """Tracks of both sets of clips; the held-out ones are relabelled to the true bodies.
+
+    ``under`` follows the held-out clips anew with a trained head, which foresees where bodies
+    that look alike go; a perception that knows who is who has nothing to gain by it.
+    """
 
     train: Tracks
     test: Tracks
+    under: Callable[[Head], Tracks]
 
 
 def perceive(perception: Perception, seen: Seen) -> Perceived:
     """Run a fitted perception over the clips of a rung."""
-    test = perception.tracks(seen.test)
-    return Perceived(perception.tracks(seen.train), relabel(test, seen.test.states.q))
+    truth = seen.test.states.q
+    test = relabel(perception.tracks(seen.test), truth)
+
+    def under(head: Head) -> Tracks:
+        if not isinstance(perception, Foreseeing):
+            return test
+        return relabel(perception.under(head).tracks(seen.test), truth)
+
+    return Perceived(perception.tracks(seen.train), test, under)
 
 
 def fit_perception(
@@ -121,12 +134,12 @@ def train_and_score(
 
 
 def read_start(readout: str, head: Head, seen: Seen, perceived: Perceived) -> PhaseState:
-    """The states at t0 of the held-out clips; how far back to look is decided on training clips."""
-    test = perceived.test, seen.test.params, seen.test.interval
+    """The states at t0 of the held-out clips; training clips say how far the head is trusted."""
+    law, interval = seen.test.params, seen.test.interval
     if readout == "differencing":
-        return by_differencing(head, *test)
-    slack = choose_slack(head, perceived.train, seen.train.params, seen.train.interval)
-    return by_shooting(head, *test, slack)
+        return by_differencing(head, perceived.test, law, interval)
+    slack = choose_slack(head, perceived.train, seen.train.params, interval)
+    return by_shooting(head, perceived.under(head), law, interval, slack)
 
 
 def score_state(recorder: Recorder, question: Question) -> None:

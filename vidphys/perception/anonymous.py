@@ -8,7 +8,7 @@ trained together with the dynamics head, which then foresees each next frame for
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -55,7 +55,7 @@ class HandBinding:
 
 @dataclass(frozen=True)
 class LearnedBinding:
-    """The detector and a trained tracker, with the head that it was trained through if any.
+    """The detector and a trained tracker, with a head that foresees the motion if there is one.
 
     Args:
         tracker: gives the scores.
@@ -69,6 +69,10 @@ class LearnedBinding:
     head: Head | None = None
     hypotheses: int = HYPOTHESES
     detect: Callable[[Clips], Detections] = detections_of
+
+    def under(self, head: Head) -> LearnedBinding:
+        """The same with another head: one that was trained on the tracks, say."""
+        return replace(self, head=head)
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame, numbered as found in the first."""

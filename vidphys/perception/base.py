@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from binders import Tracks
+from dynamics import Head
 from vidphys.data.clips import Clips
 from vidphys.presets import PixelSizes
 from vidphys.training.loop import Progress
@@ -30,6 +31,15 @@ class Perception(Protocol):
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions in world units of every body in every frame."""
+        ...
+
+
+@runtime_checkable
+class Foreseeing(Perception, Protocol):
+    """A perception that follows bodies better where it is told the law of their motion."""
+
+    def under(self, head: Head) -> Perception:
+        """The same perception with a trained head to foresee each next frame."""
         ...
 
 
