@@ -86,12 +86,18 @@ class _Misses:
     Args:
         defect: over its deviation, ``(m, t - 1, k)``.
         residual: over the expected error, ``(m, t, n, d)``.
+        carried: where the dynamics take each state but the last, ``(m, t - 1, k)``.
         cost: ``(m,)``.
     """
 
     defect: Tensor
     residual: Tensor
+    carried: Tensor
     cost: Tensor
+
+    def of(self, rows: Tensor) -> _Misses:
+        """Those of some of the states."""
+        return _Misses(self.defect[rows], self.residual[rows], self.carried[rows], self.cost[rows])
 
 
 @dataclass(frozen=True)
@@ -120,11 +126,13 @@ class _Problem:
         return torch.cat([momentum * self.interval, momentum])
 
     def misses(self, x: Tensor, rows: Int[Tensor, " m"], slack: float) -> _Misses:
-        defect = (x[:, 1:] - self.carried(x[:, :-1], rows)) / self.deviation(slack)
+        carried = self.carried(x[:, :-1], rows)
+        defect = (x[:, 1:] - carried) / self.deviation(slack)
         residual = (self.states(x).q - self.positions[rows]) / self.error[rows, ..., None]
         unlikely = OUTLYING**2 * (residual.square().sum(-1) / OUTLYING**2).log1p()
         cost = defect.square().flatten(1).sum(1) + unlikely.flatten(1).sum(1)
-        return _Misses(defect, residual, torch.where(torch.isfinite(cost), cost, torch.inf))
+        cost = torch.where(torch.isfinite(cost), cost, torch.inf)
+        return _Misses(defect, residual, carried, cost)
 
     def normal(
         self, x: Tensor, rows: Tensor, slack: float, missed: _Misses
@@ -132,8 +140,8 @@ class _Problem:
         """Normal matrix ``(m, t k, t k)`` and half of the gradient ``(m, t k)``."""
         m, t, k = x.shape
         nudged = x[:, :-1] + NUDGE * torch.eye(k).to(x)[:, None, None]
-        deviation, here = self.deviation(slack), self.carried(x[:, :-1], rows)
-        slope = ((self.carried(nudged, rows) - here) / NUDGE).movedim(0, -1)
+        deviation = self.deviation(slack)
+        slope = ((self.carried(nudged, rows) - missed.carried) / NUDGE).movedim(0, -1)
         slope = slope / deviation[:, None]
         trust = 1 / (1 + missed.residual.square().sum(-1, keepdim=True) / OUTLYING**2)
         pull = trust / self.error[rows, ..., None]
@@ -158,8 +166,8 @@ def _minimise(problem: _Problem, x: Tensor, slack: float) -> tuple[Tensor, Tenso
     damping = torch.full_like(x[:, 0, 0], 1e-3)
     missed = problem.misses(x, rows, slack)
     cost = missed.cost.clone()
+    matrix, gradient = problem.normal(x, rows, slack, missed)
     for _ in range(ROUNDS):
-        matrix, gradient = problem.normal(x[rows], rows, slack, missed)
         usable = torch.isfinite(matrix).flatten(1).all(1) & torch.isfinite(gradient).all(1)
         usable &= torch.isfinite(cost[rows])
         rows, matrix, gradient = rows[usable], matrix[usable], gradient[usable]
@@ -168,13 +176,16 @@ def _minimise(problem: _Problem, x: Tensor, slack: float) -> tuple[Tensor, Tenso
         ridge = damping[rows, None] * matrix.diagonal(dim1=1, dim2=2)
         move = torch.linalg.solve(matrix + torch.diag_embed(ridge), gradient)
         trial = x[rows] - move.unflatten(1, x.shape[1:])
-        better = problem.misses(trial, rows, slack).cost
-        gained = better < cost[rows]
-        slight = gained & (cost[rows] - better < SETTLED * better)
-        x[rows[gained]], cost[rows[gained]] = trial[gained], better[gained]
+        missed = problem.misses(trial, rows, slack)
+        gained = missed.cost < cost[rows]
+        slight = gained & (cost[rows] - missed.cost < SETTLED * missed.cost)
+        x[rows[gained]], cost[rows[gained]] = trial[gained], missed.cost[gained]
         damping[rows] *= torch.where(gained, 0.1, 10.0).to(damping)
-        rows = rows[~slight & (damping[rows] < STUCK)]
-        if not len(rows):
-            break
-        missed = problem.misses(x[rows], rows, slack)
+        left = ~slight & (damping[rows] < STUCK)
+        # Where nothing was gained, the states are those that were differentiated before.
+        moved, again = gained[left], gained & left
+        rows, matrix, gradient = rows[left], matrix[left], gradient[left]
+        if bool(moved.any()):
+            found = problem.normal(trial[again], rows[moved], slack, missed.of(again))
+            matrix[moved], gradient[moved] = found
     return x, cost
