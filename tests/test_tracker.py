@@ -512,6 +512,25 @@ def test_detections_are_kept_and_found_again(clips, tmp_path, monkeypatch):
         detections_of(clips.until(5), tmp_path)
 
 
+def test_a_detector_does_not_look_again_at_frames_that_it_saw_lately(clips):
+    looked = []
+
+    def look(seen):
+        looked.append(len(seen))
+        return detections_of(seen)
+
+    remembering = detections.Remembering(look)
+    first = remembering(clips)
+    assert torch.equal(remembering(clips).positions, first.positions)
+    assert len(looked) == 1
+    other = [clips.first(count) for count in (1, 2, 3, 4)]
+    found = [remembering(few) for few in other]
+    assert [len(f.positions) for f in found] == [1, 2, 3, 4]
+    assert torch.equal(remembering(other[3]).positions, found[3].positions)
+    remembering(clips)  # long ago by now
+    assert looked == [len(clips), 1, 2, 3, 4, len(clips)]
+
+
 def test_windows_without_a_body_are_not_learned_from():
     confidence = torch.ones(2, 9, 3)
     confidence[0, 7, 1] = 0.0

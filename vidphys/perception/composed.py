@@ -24,7 +24,7 @@ from readouts.scale import FeatureScale
 from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
-from vidphys.perception.detections import anonymous_world, detections_of
+from vidphys.perception.detections import Remembering, anonymous_world, detections_of
 from vidphys.perception.frozen import encode_clips
 from vidphys.perception.reconstruction import Reconstruction
 from vidphys.perception.slots import LENGTH, SlotDetector, SlotSight, slot_settings
@@ -138,8 +138,9 @@ def fit_composed(encoder_name: str, options: dict[str, Any], task: FitTask) -> P
     )
     released = Released(detector)
     train(task, f"{name}-released", released, lambda v: released.loss(v, teacher), views, slower)
-    sight = SlotSight(
-        released.mean.eval(), teacher, lambda seen: encode_clips(encoder, seen, task.folder).values
+    mean = released.mean.eval()
+    sight = Remembering(
+        SlotSight(mean, teacher, lambda seen: encode_clips(encoder, seen, task.folder).values)
     )
     tracker = learn_hindsight(task, f"{name}-tracker", sight(task.clips))
     return LearnedBinding(tracker, detect=sight)

@@ -25,7 +25,7 @@ from vidphys.data.clips import Clips
 from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
-from vidphys.perception.detections import anonymous_world
+from vidphys.perception.detections import Remembering, anonymous_world
 from vidphys.perception.dreams import Dream, Dreams, light_spread
 from vidphys.perception.reconstruction import FAINT, Reconstruction, told
 from vidphys.perception.windows import Window, WindowBatches
@@ -234,7 +234,7 @@ def fit_slots(task: FitTask) -> Perception:
     train(task, NAME + "-asleep", detector, asleep, dreams, settings)
     later = replace(settings, steps=int(AWAKE * settings.steps), learning_rate=AWAKE_RATE)
     train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, LENGTH), later)
-    sight = SlotSight(detector.eval(), teacher)
+    sight = Remembering(SlotSight(detector.eval(), teacher))
     fewer = replace(task, clips=task.clips.first(TRACKER_CLIPS))
     tracker = learn_hindsight(fewer, NAME + "-tracker", sight(fewer.clips))
     return LearnedBinding(tracker, detect=sight)
