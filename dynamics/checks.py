@@ -167,18 +167,30 @@ def energy(
     return [Finding(EnergyWarning, text, episodes, step)]
 
 
-def domain(head: Head, states: PhaseState, every: int) -> list[Finding]:
-    """Whether a learned model came to states far from those that it was trained on."""
+def domain(
+    head: Head, states: PhaseState, every: int, reached: Tensor | None = None
+) -> list[Finding]:
+    """Whether a learned model came to states far from those that it was trained on.
+
+    Args:
+        head: of any kind.
+        states: ``(..., t, n, d)``.
+        every: steps between stored states.
+        reached: the largest of their extents, where that is known.
+    """
     known = dict(zip(EXTENTS, head.domain.tolist(), strict=True))
     watched = [name for name in head.depends_on if math.isfinite(known[name])]
     if not watched or not states.q.numel():
         return []
-    reach = largest(states, watched, head.box)
+    if reached is None:
+        reach = largest(states, watched, head.box)
+    else:
+        reach = dict(zip(EXTENTS, reached.tolist(), strict=True))
     if all(reach[name] <= FAR * known[name] for name in watched):
         return []
-    reached = extents(states, head.box)
+    each = extents(states, head.box)
     for name in watched:
-        far = reached[..., EXTENTS.index(name)] > FAR * known[name]
+        far = each[..., EXTENTS.index(name)] > FAR * known[name]
         if bool(far.any()):
             episodes = far.any(-1)
             step = int(far[first(episodes)].int().argmax()) * every

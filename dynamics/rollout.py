@@ -117,11 +117,11 @@ def rollout(
         else:
             path = Trajectory(stepped(stepper.advance, start, params, steps, dt, every))
         states = path.states
-        first_bad = first_bad_step(states)
+        first_bad = first_bad_step(states, path.reached)
         found = [
             *checks.failure(head, states, params, first_bad, dt, every),
             *checks.energy(head, states, params, every, bool(rates)),
-            *checks.domain(head, states, every),
+            *checks.domain(head, states, every, path.reached),
             *checks.rounding(states, every),
         ]
         if stepper is not None:
@@ -147,10 +147,16 @@ def _noise(seed: int | None, device: torch.device) -> Iterator[None]:
         yield
 
 
-def first_bad_step(states: PhaseState) -> Tensor:
-    """Per episode, the first time index at which a state is not finite, or -1."""
+def first_bad_step(states: PhaseState, reached: Tensor | None = None) -> Tensor:
+    """Per episode, the first time index at which a state is not finite, or -1.
+
+    Args:
+        states: ``(..., t, n, d)``.
+        reached: see :class:`dynamics.head.Trajectory`.
+    """
     # A sum that is finite has finite terms, at a tenth of the cost of looking at each.
-    if math.isfinite(float(states.q.sum() + states.p.sum())):
+    total = states.q.sum() + states.p.sum() if reached is None else reached.sum()
+    if math.isfinite(float(total)):
         batch = states.q.shape[:-3]
         return torch.full(batch, NO_BAD_STEP, device=states.q.device)
     bad = ~torch.isfinite(states.flat).all(-1)

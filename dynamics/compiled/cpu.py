@@ -35,6 +35,8 @@ from dynamics.compiled.pairs import (
     RADIAL,
     ROWS,
     SPLINE,
+    X,
+    Y,
     ask_networks,
     plane_spline,
     radial_spline,
@@ -43,6 +45,7 @@ from dynamics.compiled.spline import PairSpline
 from dynamics.potentials import DisplacementPotential, RadialPotential
 
 Found = TypeVar("Found")
+SEEN = 5  # numbers of each lane that say what it reached
 
 
 @kernel
@@ -97,6 +100,33 @@ def _store(q: Array, p: Array, begin: int, count: int, out: Array) -> None:
 
 
 @kernel
+def _look(q: Array, p: Array, work: Array, seen: Array) -> None:
+    """Whatever is larger than what was seen before, in each lane.
+
+    Args:
+        q, p: of a block of episodes, ``(bodies, 2 * LANES)``.
+        work: of its pairs, whose displacements are those of ``q``.
+        seen: the largest |q|^2, |p|^2, squared distance and its inverse, and last a zero that a
+            number that is not finite makes NaN, ``(SEEN, LANES)``.
+    """
+    zero, one = seen.dtype.type(0), seen.dtype.type(1)
+    for i in range(q.shape[0]):
+        for lane in range(LANES):
+            place = q[i, lane] * q[i, lane] + q[i, LANES + lane] * q[i, LANES + lane]
+            speed = p[i, lane] * p[i, lane] + p[i, LANES + lane] * p[i, LANES + lane]
+            seen[0, lane] = place if place > seen[0, lane] else seen[0, lane]
+            seen[1, lane] = speed if speed > seen[1, lane] else seen[1, lane]
+            seen[4, lane] += zero * (place + speed)
+    for pair in range(work.shape[0]):
+        for lane in range(LANES):
+            x, y = work[pair, X * LANES + lane], work[pair, Y * LANES + lane]
+            apart = x * x + y * y
+            near = one / apart
+            seen[2, lane] = apart if apart > seen[2, lane] else seen[2, lane]
+            seen[3, lane] = near if near > seen[3, lane] else seen[3, lane]
+
+
+@kernel
 def _roll(
     kind: int,
     cells: int,
@@ -113,6 +143,7 @@ def _roll(
     box: Any,
     every: int,
     out: Array,
+    seen: Array,
     blocks: tuple[int, int],
 ) -> int:
     """Leapfrog steps (kick, drift, kick) of all episodes.
@@ -128,6 +159,7 @@ def _roll(
         box: side of a periodic box, or 0.
         every: steps between stored states.
         out: ``(stored, 2, bodies * 2, episodes)``; the first of them is the start.
+        seen: what the stored states reached, see :func:`_look`.
         blocks: the first block of episodes, and the one after the last.
 
     Returns:
@@ -188,6 +220,7 @@ def _roll(
             if move % (every * parts) == 0:
                 stored = move // (every * parts)
                 _store(q, p, begin, count, out[stored])
+                _look(q, p, work, seen)
     return asked
 
 
@@ -228,7 +261,7 @@ def roll(
     dts: list[float],
     stored: int,
     every: int,
-) -> tuple[Tensor, int]:
+) -> tuple[Tensor, int, Tensor]:
     """Leapfrog steps of a pair potential.
 
     Args:
@@ -242,8 +275,9 @@ def roll(
         every: steps between them.
 
     Returns:
-        States ``(stored + 1, 2, bodies, 2, episodes)``, and the number of pairs at which a
-        spline's network was asked.
+        States ``(stored + 1, 2, bodies, 2, episodes)``, the number of pairs at which a spline's
+        network was asked, and the largest of :data:`dynamics.domain.EXTENTS` of any stored state;
+        these are not finite where a state is not.
     """
     bodies, episodes = mass.shape
     first = start.contiguous().numpy().reshape(2, bodies * 2, episodes)
@@ -252,8 +286,11 @@ def roll(
     out = np.empty((stored + 1, 2, bodies * 2, episodes), real)
     moved = ((1 / mass).contiguous().numpy(), strength.contiguous().numpy(), np.array(dts, real))
 
-    def part(which: tuple[int, int]) -> int:
-        return _roll(*law, first, *moved, real(box or 0), every, out, which)
+    def part(which: tuple[int, int]) -> tuple[int, Array]:
+        seen = np.zeros((SEEN, LANES), real)
+        return _roll(*law, first, *moved, real(box or 0), every, out, seen, which), seen
 
-    asked = sum(in_threads(part, -(-episodes // LANES)))
-    return torch.from_numpy(out).reshape(stored + 1, 2, bodies, 2, episodes), asked
+    asked, seen = zip(*in_threads(part, -(-episodes // LANES)), strict=True)
+    *largest, sound = np.stack(seen).max((0, 2))
+    reached = torch.tensor(largest).sqrt() + float(sound)
+    return torch.from_numpy(out).reshape(stored + 1, 2, bodies, 2, episodes), sum(asked), reached

@@ -138,12 +138,13 @@ def roll(
     dts: list[float],
     stored: int,
     every: int,
-) -> tuple[Tensor, int]:
+) -> tuple[Tensor, int, None]:
     """Leapfrog steps of a spline; see :func:`dynamics.compiled.cpu.roll`.
 
     Returns:
         States, and the number of pairs that were out of reach: if there are any, the states mean
-        nothing, and the rollout has to be made by the torch twin, which asks the network.
+        nothing, and the rollout has to be made by the torch twin, which asks the network. What
+        they reached is not looked at.
     """
     table, cells, first, reach, *kinds = law
     bodies, episodes = mass.shape
@@ -157,4 +158,4 @@ def roll(
         float(box or 0), float(reach), *kinds,
         E=EPISODES, N=triton.next_power_of_2(bodies), P=triton.next_power_of_2(len(i)),
     )  # fmt: skip
-    return out, int(asked.sum())
+    return out, int(asked.sum()), None

@@ -105,7 +105,7 @@ def fused(
     kernels, potential = kernels_of(backend), cast(PairPotential, head.potential)
     batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
     mass, strength = episodes_last(potential.law, params, batch)
-    states, asked = kernels.roll(
+    states, asked, reached = kernels.roll(
         kernels.packed(potential, start.q) if packed is None else packed,
         potential.law.box,
         torch.stack([start.q, start.p]).reshape(2, -1, *sizes).permute(0, 2, 3, 1),
@@ -117,7 +117,7 @@ def fused(
     )
     # Episodes lie innermost in memory: what is handed out is a view.
     q, p = states.permute(1, 4, 0, 2, 3).reshape(2, *batch, *states.shape[:1], *sizes)
-    return Trajectory(PhaseState(q, p), backend, asked)
+    return Trajectory(PhaseState(q, p), backend, asked, reached)
 
 
 def episodes_last(law: Any, params: Parameters, batch: torch.Size) -> tuple[Tensor, Tensor]:
