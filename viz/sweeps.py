@@ -129,7 +129,7 @@ def _logarithmic(axes: Axes, name: Literal["x", "y"]) -> None:
     low, high = axis.get_view_interval()
     if high < 30 * low:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:.2g}")
+        axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
 
