@@ -22,14 +22,14 @@ from typing import Any
 import hypothesis
 import mutation_probe as probe
 import pytest
-import torch
 from _pytest.runner import runtestprotocol
 
 # Seconds of the processor's time, which other work on the machine does not change: of a test that
 # is used at all, of one that a mutant may have sent round in circles, of all tests of a mutant.
 USED, STUCK, SPENT = 2.0, 10.0, 3.0
-# Imported before the first child is forked, or each would import them again.
-WARM = ("scipy.spatial", "mujoco", "numba", "dynamics.compiled.cpu")
+# Imported before the first child is forked: each would import them again, and an import that a
+# test's limit breaks off leaves the tests after it a broken module.
+WARM = ("torch._dynamo", "scipy.spatial", "mujoco", "numba", "dynamics.compiled.cpu")
 
 
 class AskTolerances:
@@ -38,9 +38,18 @@ class AskTolerances:
     def __init__(self, result: str, code: str) -> None:
         self.result, self.code = Path(result), code
 
+    def pytest_sessionstart(self) -> None:
+        same_examples()
+
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         found = {"code": self.code, "failed": session.testsfailed, "room": probe.room}
         self.result.write_text(json.dumps(found), encoding="utf-8")
+
+
+def same_examples(**told: Any) -> None:
+    """The same drawn examples in every run, so that a verdict does not depend on the draw."""
+    hypothesis.settings.register_profile("mutation", derandomize=True, database=None, **told)
+    hypothesis.settings.load_profile("mutation")
 
 
 class TurnSigns:
@@ -59,14 +68,10 @@ class TurnSigns:
 
     def pytest_sessionstart(self) -> None:
         # One failing example is enough; the smallest would take a hundred times as long.
-        settings = hypothesis.settings
         phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
-        settings.register_profile("mutation", settings(phases=phases, report_multiple_bugs=False))
-        settings.load_profile("mutation")
+        same_examples(phases=phases, report_multiple_bugs=False)
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        # Its first call imports sympy, two seconds that every child would spend again.
-        torch.testing.assert_close(torch.zeros(1), torch.zeros(1))
         for name in WARM:
             with suppress(ImportError):
                 import_module(name)
