@@ -1,5 +1,7 @@
 """Diagnosis: terms and their numbers from exact and noisy tracks, and what must stay open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -116,6 +118,22 @@ def test_a_heat_bath_is_found_with_its_temperature():
     found = infer(seen("langevin", 0.005, 3, 1, 8, 64))
     assert found.kinds == {"trap", "linear", "bath"} and found.leftover.explained
     assert found.kicks == pytest.approx(2 * 1.0 * 0.3, rel=0.25)
+
+
+def test_a_friction_that_may_be_zero_is_not_named_for_the_kicks_it_came_with():
+    found = infer(seen("langevin", 0.005, 3, 1, 8, 64))
+    vague = replace(found.fitted, covariance=1e6 * found.fitted.covariance)
+    found = replace(found, fitted=vague)
+    assert found.kinds == {"trap"}
+    described = specification(found, STEP)
+    assert list(described["terms"]["ports"]) == []
+    assert all(name.startswith("trap") for name in described["numbers"])
+
+
+def test_kicks_alone_are_no_heat_bath():
+    found = infer(record(Kind("kicked", trapped, None, noise=0.5), Setting(0.005, STEP, 3, 1)))
+    assert found.kicks == pytest.approx(0.5**2, rel=0.1)
+    assert found.kinds == {"trap"} and not found.leftover.explained
 
 
 @pytest.mark.parametrize("name", ["outside-magnetic", "outside-waning"])

@@ -17,6 +17,7 @@ import torch
 
 from dynamics.couplings import COUPLINGS
 from vidphys.diagnose.menu import (
+    FRICTION,
     FRICTIONS,
     PAIR,
     Field,
@@ -30,9 +31,10 @@ from vidphys.diagnose.noise import Noise, measure_noise
 from vidphys.diagnose.paths import Paths, integrated, smooth, with_kicks
 from vidphys.diagnose.refine import Fitted, refine, unrefined
 from vidphys.diagnose.regression import Rows, normal_equations, rows_of
-from vidphys.diagnose.residual import Leftover, leftover, random_kicks
+from vidphys.diagnose.residual import Leftover, friction_rate, leftover, random_kicks
 from vidphys.diagnose.structures import Menu, Structure, all_structures, chance, posterior
 from vidphys.diagnose.windows import Windows, cut_windows
+from vidphys.statistics import NORMAL_95
 
 FIRST = 16  # frames of the windows from which the time scale is read
 SHORTEST, LONGEST = 8, 64  # frames
@@ -79,9 +81,30 @@ class Inference:
         return self.fitted.structure
 
     @property
+    def idle(self) -> bool:
+        """Whether a friction beside random kicks may be zero.
+
+        Kicks are tried with a friction that balances them: nothing else speaks for it then.
+        """
+        rate, error = friction_rate(self.fitted)
+        return self.kicks > 0 and abs(rate) <= NORMAL_95 * error
+
+    @property
+    def bathed(self) -> bool:
+        """Whether there are random kicks, and a friction that surely takes what they give."""
+        return self.kicks > 0 and not self.idle and friction_rate(self.fitted)[0] > 0
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Those of the best structure, without a friction that may be zero beside kicks."""
+        return tuple(t for t in self.structure.terms if not (self.idle and t.family == FRICTION))
+
+    @property
     def kinds(self) -> frozenset[str]:
         """Kinds of the terms, the bath among them."""
-        return self.structure.kinds | ({"bath"} if self.kicks > 0 else frozenset())
+        if self.idle:
+            return frozenset(term.kind for term in self.terms)
+        return self.structure.kinds | ({"bath"} if self.bathed else frozenset())
 
     @property
     def sure(self) -> bool:

@@ -95,7 +95,7 @@ def _named(inference: Inference) -> str:
 def _numbers(inference: Inference) -> list[str]:
     fitted = inference.fitted
     lines = []
-    for term in inference.structure.terms:
+    for term in inference.terms:
         at = fitted.place(term)
         values = [
             f"{name} {fitted.values[k]:.4g} ± {NORMAL_95 * fitted.errors[k]:.2g}"
@@ -104,7 +104,7 @@ def _numbers(inference: Inference) -> list[str]:
         if term.scale is not None:
             values.append(f"length {fitted.values[-1]:.4g} ± {NORMAL_95 * fitted.errors[-1]:.2g}")
         lines.append(f"{term.kind}: {', '.join(values)} (95 %)")
-    if inference.kicks > 0:
+    if inference.bathed:
         lines.append(f"bath: temperature {temperature(inference):.3g} (unit masses, k_B = 1)")
     return lines
 

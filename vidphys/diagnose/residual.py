@@ -192,16 +192,20 @@ def _one_temperature(fitted: Fitted, kicks: float, field: Field) -> bool:
 
     A friction that may be zero balances no kicks at all.
     """
-    friction = fitted.structure.term(FRICTION)
-    if friction is None or fitted.structure.of(friction)[0] <= 0:
-        return False
-    rate = fitted.structure.of(friction)[0]
-    error = fitted.errors[fitted.place(friction)] / rate
-    if NORMAL_95 * error > 1:
+    rate, error = friction_rate(fitted)
+    if rate <= NORMAL_95 * error:
         return False
     kinetic = float((field.v**2 * field.mass[:, None, :, None]).mean())
     apart = abs(np.log(kicks / (2 * rate) / kinetic))
-    return bool(apart < np.log(BALANCE) + 2 * error)
+    return bool(apart < np.log(BALANCE) + 2 * error / rate)
+
+
+def friction_rate(fitted: Fitted) -> tuple[float, float]:
+    """The friction's number and its standard error; zeros where there is none."""
+    friction = fitted.structure.term(FRICTION)
+    if friction is None:
+        return 0.0, 0.0
+    return float(fitted.structure.of(friction)[0]), float(fitted.errors[fitted.place(friction)])
 
 
 def _probe_gains(

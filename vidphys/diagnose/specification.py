@@ -66,7 +66,7 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
     origin, trap, reach = [0.0] * inference.windows.frames.shape[-1], None, 1.0
     for family in (PAIR, EXTERNAL, FRICTION):
         term = structure.term(family)
-        if term is None:
+        if term is None or term not in inference.terms:
             continue
         at = fitted.place(term)
         for k, name in enumerate(term.coefficients, at):
@@ -78,7 +78,7 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
             origin = [pull / trap for pull in pulls]
         if term.kind == "contact" and term.scale is not None:
             reach = float(term.scale)
-    if inference.kicks > 0:
+    if inference.bathed:
         numbers["bath: temperature"] = temperature(inference), float("nan")
     return as_specification(
         terms_of(inference.kinds, trap, reach),
