@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import Field, field_of
 from vidphys.diagnose.structures import Structure
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vidphys.diagnose.infer import NUMERICAL, Inference
+from vidphys.diagnose.infer import NUMERICAL
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, field_of
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.paths import Paths, integrated, smooth

@@ -10,7 +10,8 @@ from scipy import stats
 
 from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.changes import Switch, find_switch
-from vidphys.diagnose.infer import Inference, infer
+from vidphys.diagnose.infer import infer
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.longer import LongFit, last_look, looked_again
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.noise import Noise, measure_noise

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, external_terms, of_each_body
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.paths import splined

@@ -7,7 +7,8 @@ import torch
 
 from dynamics.couplings import COUPLINGS
 from vidphys.coupling_power import CANDIDATES, LIMIT, UNEXPLAINED, PowerVerdict, deciding_query
-from vidphys.diagnose.infer import Inference, infer
+from vidphys.diagnose.infer import infer
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import PAIR, field_of
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.regression import normal_equations, rows_of

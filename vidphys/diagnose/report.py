@@ -9,7 +9,7 @@ import numpy as np
 from vidphys.diagnose.advice import Advice
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.identity import Identity
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.specification import specification, temperature
 from vidphys.statistics import NORMAL_95
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dynamics.terms import HamiltonianTerms, from_config, to_config
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import EXTERNAL, FRICTION, PAIR
 from vidphys.errors import InputError
 
@@ -30,7 +30,7 @@ def terms_of(
     """The terms of a model that has these kinds.
 
     Args:
-        kinds: see :attr:`vidphys.diagnose.infer.Inference.kinds`.
+        kinds: see :attr:`vidphys.diagnose.inference.Inference.kinds`.
         trap: stiffness of the trap, where there is one.
         reach: of a contact, world units.
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.paths import smooth
 from vidphys.diagnose.refine import refine

@@ -18,7 +18,7 @@ from vidphys.diagnose.energy_balance import (
     plain_rate,
     sliding_rates,
 )
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, PAIR, external_terms, field_of
 from vidphys.diagnose.motion import Motion, motion_of
 from vidphys.diagnose.regression import normal_equations, rows_of

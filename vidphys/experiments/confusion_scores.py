@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
-from vidphys.diagnose.infer import Inference
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import (
     FRICTION,
     FRICTIONS,
