@@ -168,7 +168,7 @@ def energy(
 
 
 def domain(
-    head: Head, states: PhaseState, every: int, reached: Tensor | None = None
+    head: Head, states: PhaseState, every: int, reached: dict[str, float] | None = None
 ) -> list[Finding]:
     """Whether a learned model came to states far from those that it was trained on.
 
@@ -176,16 +176,15 @@ def domain(
         head: of any kind.
         states: ``(..., t, n, d)``.
         every: steps between stored states.
-        reached: the largest of their extents, where that is known.
+        reached: see :class:`dynamics.head.Trajectory`.
     """
     known = dict(zip(EXTENTS, head.domain.tolist(), strict=True))
     watched = [name for name in head.depends_on if math.isfinite(known[name])]
     if not watched or not states.q.numel():
         return []
-    if reached is None:
+    reach = reached or {}
+    if not all(name in reach for name in watched):
         reach = largest(states, watched, head.box)
-    else:
-        reach = dict(zip(EXTENTS, reached.tolist(), strict=True))
     if all(reach[name] <= FAR * known[name] for name in watched):
         return []
     each = extents(states, head.box)

@@ -24,14 +24,14 @@ class Trajectory:
         states: the start first.
         backend: what computed them: ``torch``, ``numba`` or ``triton``.
         fallbacks: pairs at which a compiled model asked its network, over all steps.
-        reached: the largest of :data:`dynamics.domain.EXTENTS` of any stored state, not finite
+        reached: the largest of some :data:`dynamics.domain.EXTENTS` of any stored state, not finite
             where a state is not; ``None`` where it was not looked at on the way.
     """
 
     states: PhaseState
     backend: str = "torch"
     fallbacks: int = 0
-    reached: Tensor | None = None
+    reached: dict[str, float] | None = None
 
 
 Advance = Callable[[PhaseState, Parameters, float, Memory], tuple[PhaseState, Memory]]

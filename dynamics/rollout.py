@@ -147,7 +147,7 @@ def _noise(seed: int | None, device: torch.device) -> Iterator[None]:
         yield
 
 
-def first_bad_step(states: PhaseState, reached: Tensor | None = None) -> Tensor:
+def first_bad_step(states: PhaseState, reached: dict[str, float] | None = None) -> Tensor:
     """Per episode, the first time index at which a state is not finite, or -1.
 
     Args:
@@ -155,8 +155,8 @@ def first_bad_step(states: PhaseState, reached: Tensor | None = None) -> Tensor:
         reached: see :class:`dynamics.head.Trajectory`.
     """
     # A sum that is finite has finite terms, at a tenth of the cost of looking at each.
-    total = states.q.sum() + states.p.sum() if reached is None else reached.sum()
-    if math.isfinite(float(total)):
+    total = float(states.q.sum() + states.p.sum()) if reached is None else sum(reached.values())
+    if math.isfinite(total):
         batch = states.q.shape[:-3]
         return torch.full(batch, NO_BAD_STEP, device=states.q.device)
     bad = ~torch.isfinite(states.flat).all(-1)

@@ -42,10 +42,10 @@ from dynamics.compiled.pairs import (
     radial_spline,
 )
 from dynamics.compiled.spline import PairSpline
+from dynamics.domain import FARTHEST, NEAREST
 from dynamics.potentials import DisplacementPotential, RadialPotential
 
 Found = TypeVar("Found")
-SEEN = 5  # numbers of each lane that say what it reached
 
 
 @kernel
@@ -100,30 +100,26 @@ def _store(q: Array, p: Array, begin: int, count: int, out: Array) -> None:
 
 
 @kernel
-def _look(q: Array, p: Array, work: Array, seen: Array) -> None:
-    """Whatever is larger than what was seen before, in each lane.
+def _look(p: Array, work: Array, seen: Array) -> None:
+    """What is nearer or farther than whatever was seen before, in each lane.
 
     Args:
-        q, p: of a block of episodes, ``(bodies, 2 * LANES)``.
-        work: of its pairs, whose displacements are those of ``q``.
-        seen: the largest |q|^2, |p|^2, squared distance and its inverse, and last a zero that a
-            number that is not finite makes NaN, ``(SEEN, LANES)``.
+        p: of a block of episodes, ``(bodies, 2 * LANES)``.
+        work: of its pairs, whose displacements are those of where the bodies are.
+        seen: the largest and the smallest squared distance, and a zero that a number that is not
+            finite makes NaN, ``(3, LANES)``.
     """
-    zero, one = seen.dtype.type(0), seen.dtype.type(1)
-    for i in range(q.shape[0]):
+    zero = seen.dtype.type(0)
+    for i in range(p.shape[0]):
         for lane in range(LANES):
-            place = q[i, lane] * q[i, lane] + q[i, LANES + lane] * q[i, LANES + lane]
-            speed = p[i, lane] * p[i, lane] + p[i, LANES + lane] * p[i, LANES + lane]
-            seen[0, lane] = place if place > seen[0, lane] else seen[0, lane]
-            seen[1, lane] = speed if speed > seen[1, lane] else seen[1, lane]
-            seen[4, lane] += zero * (place + speed)
+            seen[2, lane] += zero * (p[i, lane] + p[i, LANES + lane])
     for pair in range(work.shape[0]):
         for lane in range(LANES):
             x, y = work[pair, X * LANES + lane], work[pair, Y * LANES + lane]
             apart = x * x + y * y
-            near = one / apart
-            seen[2, lane] = apart if apart > seen[2, lane] else seen[2, lane]
-            seen[3, lane] = near if near > seen[3, lane] else seen[3, lane]
+            seen[0, lane] = apart if apart > seen[0, lane] else seen[0, lane]
+            seen[1, lane] = apart if apart < seen[1, lane] else seen[1, lane]
+            seen[2, lane] += zero * apart
 
 
 @kernel
@@ -220,7 +216,7 @@ def _roll(
             if move % (every * parts) == 0:
                 stored = move // (every * parts)
                 _store(q, p, begin, count, out[stored])
-                _look(q, p, work, seen)
+                _look(p, work, seen)
     return asked
 
 
@@ -261,7 +257,7 @@ def roll(
     dts: list[float],
     stored: int,
     every: int,
-) -> tuple[Tensor, int, Tensor]:
+) -> tuple[Tensor, int, dict[str, float]]:
     """Leapfrog steps of a pair potential.
 
     Args:
@@ -276,8 +272,8 @@ def roll(
 
     Returns:
         States ``(stored + 1, 2, bodies, 2, episodes)``, the number of pairs at which a spline's
-        network was asked, and the largest of :data:`dynamics.domain.EXTENTS` of any stored state;
-        these are not finite where a state is not.
+        network was asked, and how far apart and how near bodies came in any stored state, see
+        :class:`dynamics.head.Trajectory`.
     """
     bodies, episodes = mass.shape
     first = start.contiguous().numpy().reshape(2, bodies * 2, episodes)
@@ -287,10 +283,12 @@ def roll(
     moved = ((1 / mass).contiguous().numpy(), strength.contiguous().numpy(), np.array(dts, real))
 
     def part(which: tuple[int, int]) -> tuple[int, Array]:
-        seen = np.zeros((SEEN, LANES), real)
+        seen = np.zeros((3, LANES), real)
+        seen[1] = np.inf
         return _roll(*law, first, *moved, real(box or 0), every, out, seen, which), seen
 
     asked, seen = zip(*in_threads(part, -(-episodes // LANES)), strict=True)
-    *largest, sound = np.stack(seen).max((0, 2))
-    reached = torch.tensor(largest).sqrt() + float(sound)
+    farthest, _, sound = torch.from_numpy(np.stack(seen).max((0, 2)))
+    nearest = torch.from_numpy(np.stack(seen)[:, 1]).min()
+    reached = {FARTHEST: float(farthest.sqrt() + sound), NEAREST: float(nearest.rsqrt() + sound)}
     return torch.from_numpy(out).reshape(stored + 1, 2, bodies, 2, episodes), sum(asked), reached

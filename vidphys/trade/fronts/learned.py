@@ -21,7 +21,7 @@ SCALE = Scale(
     "deviation",
     "the same network in float64 at the same steps; 90 % of the episodes have less |x - x'| / |x'|",
 )
-TOLERANCES = (1e-3, 1e-5, 1e-7)  # of a spline's force
+TOLERANCES = (1e-3, 1e-5, 1e-6)  # of a spline's force
 DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
