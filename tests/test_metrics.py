@@ -87,6 +87,9 @@ def test_affine_residual_is_zero_for_an_affine_latent_and_one_for_noise():
     assert m.affine_residual(latent, state).value < 3e-15
     noise = torch.randn(400, 4, generator=generator, dtype=torch.float64)
     assert 0.9 < m.affine_residual(noise, state).value < 1.2
+    # a map that is fitted to hardly more episodes than it has numbers fits them, and nothing else
+    assert m.affine_residual(noise, state, 7).value > 1.5
+    assert m.affine_residual(noise, state, 390).value == pytest.approx(1.0, abs=0.3)
 
 
 def test_latent_growth_is_a_ratio_of_norms():

@@ -156,18 +156,23 @@ def cosine(model: Tensor, truth: Tensor) -> Summary:
     return Summary(float((x * y).sum() / norm), OK, len(x), 0)
 
 
-def affine_residual(latent: Tensor, state: Tensor) -> Summary:
-    """K5: what an affine map of the latent leaves unexplained, fitted on one half of the
-    episodes and scored on the other; both ``(b, features)``.
+def affine_residual(latent: Tensor, state: Tensor, fitted: int | None = None) -> Summary:
+    """K5: what an affine map of the latent leaves unexplained, over the state's variance.
+
+    Args:
+        latent, state: ``(b, features)``.
+        fitted: so many of the first episodes are what the map is fitted to, and it is scored on
+            the others; half of them where it is not given. Few more than features say little.
     """
-    half = len(latent) // 2
+    fitted = len(latent) // 2 if fitted is None else fitted
     design = torch.cat([latent, torch.ones(len(latent), 1)], -1).double()
     lost = int((~torch.isfinite(design).all(1)).sum())
     if lost:
         return Summary(None, FAILED, len(latent), lost)
-    weights = torch.linalg.lstsq(design[:half], state[:half].double(), driver="gelsd").solution
-    error = (design[half:] @ weights - state[half:].double()).square().mean()
-    return Summary(float(error / state[half:].double().var(correction=0)), OK, len(latent), 0)
+    known, asked = state[:fitted].double(), state[fitted:].double()
+    weights = torch.linalg.lstsq(design[:fitted], known, driver="gelsd").solution
+    error = (design[fitted:] @ weights - asked).square().mean()
+    return Summary(float(error / asked.var(correction=0)), OK, len(latent), 0)
 
 
 def latent_growth(states: PhaseState, steps: int) -> Summary:

@@ -11,7 +11,7 @@ from dynamics import PhaseState
 from vidphys import metrics
 from vidphys.data.clips import Clips
 from vidphys.experiments.ladder import pixel_scene
-from vidphys.experiments.pixels import draw, score_state
+from vidphys.experiments.pixels import Seen, draw, score_state
 from vidphys.experiments.scoring import Question, score_drift, score_inversion, score_lost
 from vidphys.experiments.tables.base import Cell, CellTask, Table
 from vidphys.perception.base import FitTask
@@ -44,24 +44,32 @@ def latent_cell(weight: float, heads: Sequence[str]) -> Cell:
                 except FloatingPointError:
                     score_lost(recorder, task.pixel.held_out)
                 else:
-                    score_latent(recorder, trained, seen.test)
+                    score_latent(recorder, trained, seen)
 
     return run
 
 
-def score_latent(recorder: Recorder, trained: FreeMomentum, clips: Clips) -> None:
+def score_latent(recorder: Recorder, trained: FreeMomentum, seen: Seen) -> None:
     """Both residuals of the latent, and the study's questions to its own head from there.
 
-    The latent is that of the last frame but one, between its neighbours.
+    The latent is that of the last frame but one, between its neighbours; the map whose residuals
+    are told is fitted on the training clips.
     """
-    latent = latent_states(trained, clips)
-    truth = clips.states[:, -1 - SEEN // 2]
-    question = Question(pixel_scene(), latent, truth, clips.params)
+    latent, truth = latent_states(trained, seen.test), middle(seen.test)
+    taught, known = latent_states(trained, seen.train), middle(seen.train)
+    question = Question(pixel_scene(), latent, truth, seen.test.params)
     score_state(recorder, question)
-    for name, true in (("q_residual", truth.q), ("p_residual", truth.p)):
-        recorder.add(name, metrics.affine_residual(latent.flat, true.flatten(1)))
+    design = torch.cat([taught.flat, latent.flat])
+    for name, true, given in (("q_residual", truth.q, known.q), ("p_residual", truth.p, known.p)):
+        state = torch.cat([given, true]).flatten(1)
+        recorder.add(name, metrics.affine_residual(design, state, len(taught.q)))
     score_inversion(recorder, trained.head, question)
     score_drift(recorder, trained.head, question)
+
+
+def middle(clips: Clips) -> PhaseState:
+    """True states in the middle of the last three frames, ``(b, n, 2)``."""
+    return clips.states[:, -1 - SEEN // 2]
 
 
 def latent_states(trained: FreeMomentum, clips: Clips) -> PhaseState:
