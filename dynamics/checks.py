@@ -30,7 +30,7 @@ NEAR_ZERO = 0.1  # of K + |V|: a smaller energy is not what drift is relative to
 HIDDEN = 5e-3  # of the way that bodies move: rounding of positions from which on it is not believed
 # States whose energy is looked at: all while they are few, by whether the model is learned; else
 # the two ends and one in so many steps.
-FEW_STATES, SHARE = {True: 64, False: 8192}, {True: 500, False: 100}
+FEW_STATES, SHARE = {True: 64, False: 8192}, {True: 1000, False: 100}
 
 
 def start(start: PhaseState, params: Parameters, dt: float) -> None:
