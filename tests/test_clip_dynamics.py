@@ -8,7 +8,6 @@ import torch
 
 from binders import Tracks
 from dynamics import Parameters, rollout
-from vidphys import forecasts
 from vidphys.data.charts import Curve, Plane, chart_from_config, chart_of
 from vidphys.errors import InputError
 from vidphys.forecasts import Forecast, forecast, forecast_error, naive_forecasts, state_at
@@ -111,7 +110,6 @@ def test_naive_forecasts_stay_or_go_straight():
 def coarse(monkeypatch):
     """Few model steps a frame: what is tested here does not need more."""
     monkeypatch.setattr(base, "HEAD_DT", 0.05)
-    monkeypatch.setattr(forecasts, "WINDOW_SECONDS", 0.7)
 
 
 def test_a_forecast_beats_standing_still_and_the_law_can_be_changed(coarse):

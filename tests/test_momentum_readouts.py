@@ -9,7 +9,6 @@ from torch import Generator
 from binders import Tracks
 from dynamics import PhaseState
 from readouts.differencing import backward_difference, central_difference
-from readouts.shooting import shoot
 from readouts.smoothing import smooth
 from vidphys.initial_state import (
     SLACKS,
@@ -59,26 +58,12 @@ def test_a_reversed_clip_has_the_opposite_momentum():
 @pytest.mark.parametrize("frames", [1, 2])
 def test_too_few_frames_are_refused(frames):
     q = torch.zeros(1, frames, 2, 2)
-    roll = frame_roll(SCENE.law, SCENE.sample(1, Generator())[1], INTERVAL)
     for call in (
         lambda: backward_difference(q, torch.ones(1, 2), INTERVAL),
         lambda: central_difference(q, torch.ones(1, 2), INTERVAL),
-        lambda: shoot(roll, q, PhaseState(q[:, 0], q[:, 0])),
     ):
         with pytest.raises(ValueError, match=f"got {frames}"):
             call()
-
-
-def test_shooting_finds_the_start_that_explains_the_window():
-    truth, tracks, params = window()
-    roll = frame_roll(SCENE.law, params, INTERVAL)
-    q = tracks.positions
-    guess = PhaseState(q[:, 0], truth.states.p[:, 0] + 0.2)
-    fit = shoot(roll, q, guess, rounds=8)
-    # The law is rolled at 0.01 s here and 0.002 s in truth; encounters see the difference.
-    assert fit.improved.all()
-    assert error(fit.states[:, -1], truth).median() < 1e-3
-    assert fit.rmse.median() < 1e-4
 
 
 def test_shooting_beats_differencing_on_noise_and_on_truncation():
@@ -158,15 +143,6 @@ def test_an_unexplained_window_is_shortened_not_trusted():
     assert error(state, truth)[3] < 0.1
     others = torch.arange(24) != 3
     torch.testing.assert_close(state.q[others], clean.q[others], atol=1e-3, rtol=0)
-
-
-def test_shooting_refuses_what_is_not_finite():
-    _, tracks, params = window()
-    q = tracks.positions.clone()
-    q[0, 0, 0, 0] = float("nan")
-    roll = frame_roll(SCENE.law, params, INTERVAL)
-    with pytest.raises(ValueError, match="finite"):
-        shoot(roll, q, PhaseState(q[:, 0], q[:, 0]))
 
 
 def test_a_law_is_trusted_where_positions_err_and_not_where_it_does():

@@ -20,7 +20,6 @@ from small_clips import (
     write_clip,
 )
 
-from vidphys import forecasts
 from vidphys import pipeline as pipeline_module
 from vidphys.cli import main
 from vidphys.data.rendered import write_video
@@ -38,7 +37,6 @@ LEARN = ["--steps", "250", "--learning-rates", "0.01", "--widths", "32"]
 def coarse(patch: pytest.MonkeyPatch) -> None:
     """Few model steps a frame, and short windows: how good heads become is tested elsewhere."""
     patch.setattr(base, "HEAD_DT", 0.05)
-    patch.setattr(forecasts, "WINDOW_SECONDS", 0.4)
     patch.setattr(clip_dynamics, "AHEAD", {"curve": 2, "plane": 1})
 
 

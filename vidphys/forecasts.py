@@ -12,12 +12,10 @@ from torch import Tensor
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, rollout
 from readouts.differencing import central_difference
-from vidphys.data.charts import Curve
 from vidphys.errors import InputError
-from vidphys.initial_state import by_shooting, fit_window
+from vidphys.initial_state import by_shooting
 from vidphys.training.clip_dynamics import Dynamics, Followed
 
-WINDOW_SECONDS = 1.5  # of a curve's positions, that a start state is fitted to
 SAME_RATE = 0.02
 
 
@@ -66,12 +64,7 @@ def state_at(head: Head, clip: Followed, end: int, dynamics: Dynamics) -> PhaseS
         clip.track.confidence[:, at],
         clip.track.times[at],
     )
-    if not isinstance(chart, Curve):
-        return by_shooting(head, tracks, clip.law, interval)
-    window = tracks.positions[:, -round(WINDOW_SECONDS / interval) :].float()
-    first = central_difference(window, clip.law.mass.float(), interval)[:, 0]
-    fitted = fit_window(head, window, PhaseState(window[:, 0], first.p), clip.law, interval)
-    return fitted.states[:, -1].map(torch.Tensor.float)
+    return by_shooting(head, tracks, clip.law, interval)
 
 
 def forecast(

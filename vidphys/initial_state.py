@@ -11,7 +11,6 @@ from torch import Tensor
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
 from readouts.differencing import backward_difference, central_difference
-from readouts.shooting import ShootingFit, shoot
 from readouts.smoothing import Smoothed, smooth
 from vidphys.perception.aim import PRECISE
 from vidphys.perception.base import model_step
@@ -122,26 +121,6 @@ def _smooth(
     with torch.no_grad():
         guess = PhaseState(positions, momenta)
         yield from smooth(step, positions, error, guess, interval, [size * s for s in slacks])
-
-
-def fit_window(
-    head: Head,
-    positions: Tensor,
-    guess: PhaseState,
-    params: Parameters,
-    interval: float,
-    confidence: Tensor | None = None,
-) -> ShootingFit:
-    """The rollout of a head that passes through a window, see :func:`readouts.shooting.shoot`.
-
-    It is fitted in double precision, where differences of rollouts are as good as derivatives.
-    """
-    exact, law = copy.deepcopy(head).double(), params.map(torch.Tensor.double)
-    roll = frame_roll(exact, law, interval)
-    with torch.no_grad():
-        return shoot(
-            roll, positions.double(), guess.map(torch.Tensor.double), confidence=confidence
-        )
 
 
 def frame_roll(

@@ -12,17 +12,15 @@ import torch
 from binders import Tracks
 from dynamics import Head, Parameters, build, rollout
 from dynamics.terms import HamiltonianTerms
-from readouts.differencing import central_difference
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.specification import BATH
 from vidphys.errors import InputError
-from vidphys.initial_state import fit_window
+from vidphys.initial_state import by_shooting
 from vidphys.perception.base import model_step
 from vidphys.training.loop import Progress
 from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 EVEN = 0.1  # share by which frame intervals may differ
-WINDOW = 12  # frames from which the last state is fitted
 AHEAD = 4  # frames that are predicted after the two that start a window
 PRECISE = 0.1  # coordinate units: errors below count by their square
 
@@ -107,10 +105,8 @@ def _foretold(
     interval: float,
     end: int,
 ) -> Trained:
-    window = positions[:, max(0, end - WINDOW) : end]
-    guess = central_difference(window, params.mass, interval)[:, 0]
-    fitted = fit_window(head, window[:, 1:], guess, params, interval)
-    start = fitted.states[:, -1].map(lambda x: x.to(positions))
+    times = interval * torch.arange(end)
+    start = by_shooting(head, Tracks(positions[:, :end], sure[:, :end], times), params, interval)
     dt, every = model_step(interval)
     ahead = positions.shape[1] - end
     rolled = rollout(head, start, params, ahead * every, dt, every).states.q[:, 1:]
