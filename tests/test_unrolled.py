@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from dynamics import HEADS, Parameters, PhaseState, build
+from dynamics.compiled.residual import net_of
 from dynamics.compiled.unrolled import _Unrolled, plainly, unrolled
 from dynamics.head import Head
 from dynamics.mlp import MLP, SILU
@@ -46,6 +47,20 @@ def test_states_and_gradients_are_the_twins(sizes):
         strict=True,
     ):
         close(one, other)
+
+
+@pytest.mark.parametrize(("inputs", "outputs"), [(8, 6), (70, 6), (8, 100)])
+def test_there_is_a_bias_of_zero_for_every_panel_that_is_asked_for(inputs, outputs):
+    """The loops read it unchecked: a missing panel would be whatever lies behind in memory."""
+    layers = MLP((inputs, 32, 32, outputs), SILU).layers
+    net = net_of(
+        *([x.detach().numpy() for x in xs] for xs in zip(*map(_both, layers), strict=True))
+    )
+    assert len(net.none) >= max(len(net.into), len(net.out), net.biases.shape[1])
+
+
+def _both(layer):
+    return layer.weight, layer.bias
 
 
 def test_second_derivatives_are_those_of_the_function():

@@ -36,7 +36,7 @@ class Net(NamedTuple):
         last: ``(outputs, panels, PANEL)``.
         out: the same the other way round, to panels of outputs, ``(1 or more, units, PANEL)``.
         last_bias: ``(outputs,)``.
-        none: no bias, ``(panels, PANEL)``.
+        none: no bias, ``(panels, PANEL)``, of as many panels as units, inputs or outputs have.
     """
 
     first: Array
@@ -56,18 +56,21 @@ def net_of(matrices: list[Array], biases: list[Array]) -> Net:
     first, *square, last = (
         _grown(x, pad * (i < len(biases) - 1), pad * (i > 0)) for i, x in enumerate(matrices)
     )
+    into = in_panels(_grown(first, 0, -first.shape[1] % PANEL))
+    out = in_panels(_grown(last, -len(last) % PANEL, 0).T)
+    most = max(len(first) // PANEL, len(into), len(out))
     return Net(
         np.ascontiguousarray(first.T).reshape(first.shape[1], -1, PANEL),
-        in_panels(_grown(first, 0, -first.shape[1] % PANEL)),
+        into,
         np.stack([in_panels(np.ascontiguousarray(x.T)) for x in square]),
         np.stack([in_panels(x) for x in square]),
         np.stack([_grown(x[None], 0, pad)[0] for x in biases[:-1]]).reshape(
             len(square) + 1, -1, PANEL
         ),
         last.reshape(len(last), -1, PANEL),
-        in_panels(_grown(last, -len(last) % PANEL, 0).T),
+        out,
         biases[-1],
-        np.zeros((first.shape[0] // PANEL, PANEL), first.dtype),
+        np.zeros((most, PANEL), first.dtype),
     )
 
 

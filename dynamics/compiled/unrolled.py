@@ -106,7 +106,7 @@ class _Unrolled(Function):
         models, tiles = rows.shape[:2]
         steps = stored * every
         back = any(ctx.needs_input_grad)
-        shape = len(nets[0].up), len(nets[0].none), ROWS, PANEL
+        shape = len(nets[0].up), nets[0].biases.shape[1], ROWS, PANEL
         hidden = Kept((models, tiles, steps, *shape), rows.dtype) if back else None
         seen = np.empty((models, tiles, steps if back else 0, *rows.shape[2:]), rows.dtype)
         out = np.empty((models, stored + 1, tiles, ROWS, sizes.shape[1]), rows.dtype)
