@@ -32,13 +32,11 @@ class Smoothed:
     """The window under one slack.
 
     Args:
-        slack: by which a frame's momenta may miss the dynamics.
         states: at every frame, ``(b, t, n, d)``.
         cost: minus twice the log likelihood of a frame, ``(b,)``: about one for each number that
             was observed; infinite where the dynamics could not be rolled.
     """
 
-    slack: float
     states: PhaseState
     cost: Float[Tensor, " b"]
 
@@ -76,7 +74,7 @@ def smooth(
     x = torch.cat([guess.q.flatten(2), guess.p.flatten(2)], -1).to(positions)
     for slack in slacks:
         x, cost = _minimise(problem, x, slack)
-        yield Smoothed(slack, problem.states(x), cost / positions.shape[1])
+        yield Smoothed(problem.states(x), cost / positions.shape[1])
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from vidphys.initial_state import (
     by_differencing,
     by_shooting,
     choose_slack,
-    frame_roll,
+    frame_step,
 )
 from vidphys.scenes import gravity
 
@@ -75,19 +75,16 @@ def test_shooting_beats_differencing_on_noise_and_on_truncation():
 
 
 def smoothed(q, guess: PhaseState, params, slacks=(0.1, 0.01, 0.001), expected=0.002):
-    def step(start, rows):
-        return frame_roll(SCENE.law, params[rows], INTERVAL)(start, 2).map(
-            lambda x: x[..., 1, :, :]
-        )
-
+    step = frame_step(SCENE.law, params, INTERVAL)
     error = torch.full(q.shape[:-1], expected, dtype=torch.float64)
     return list(smooth(step, q, error, guess, INTERVAL, slacks))
 
 
 def defect(states: PhaseState, params) -> torch.Tensor:
     """How far each state's momenta are from where the law carries the one before."""
-    rows = [frame_roll(SCENE.law, params, INTERVAL)(states[:, t], 2).p[:, 1] for t in range(6)]
-    return (torch.stack(rows, 1) - states.p[:, 1:]).flatten(1).abs().amax(1)
+    step, everyone = frame_step(SCENE.law, params, INTERVAL), torch.arange(len(states.q))
+    later = [step(states[:, t], everyone).p for t in range(6)]
+    return (torch.stack(later, 1) - states.p[:, 1:]).flatten(1).abs().amax(1)
 
 
 def test_states_become_one_rollout_as_the_slack_is_drawn_in():

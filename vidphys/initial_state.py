@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor
@@ -11,7 +11,7 @@ from torch import Tensor
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
 from readouts.differencing import backward_difference, central_difference
-from readouts.smoothing import Smoothed, smooth
+from readouts.smoothing import Smoothed, Step, smooth
 from vidphys.perception.aim import PRECISE
 from vidphys.perception.base import model_step
 from vidphys.training.segments import roll
@@ -112,29 +112,23 @@ def _smooth(
     size = float(momenta.square().mean().sqrt()) or 1.0
     confidence = tracks.confidence.double().clamp(1e-3, 1)
     error = COARSE * (1 / confidence - 1 + SURE).sqrt()
-    exact = copy.deepcopy(head).double()
-
-    def step(start: PhaseState, rows: Tensor) -> PhaseState:
-        rolled = frame_roll(exact, law[rows], interval)(start, 2)
-        return rolled.map(lambda x: x[..., 1, :, :])
-
+    step = frame_step(copy.deepcopy(head).double(), law, interval)
     with torch.no_grad():
         guess = PhaseState(positions, momenta)
         yield from smooth(step, positions, error, guess, interval, [size * s for s in slacks])
 
 
-def frame_roll(
-    head: Head, params: Parameters, interval: float
-) -> Callable[[PhaseState, int], PhaseState]:
-    """The head as a function from starts to the states at frames, the starts included.
+def frame_step(head: Head, params: Parameters, interval: float) -> Step:
+    """The head as a function from starts of some episodes to their states a frame later.
 
     Further axes of starts may stand before that of the episodes.
     """
     dt, every = model_step(interval)
 
-    def rolled(start: PhaseState, frames: int) -> PhaseState:
+    def later(start: PhaseState, rows: Tensor) -> PhaseState:
         batch = start.q.shape[:-2]
-        law = params.map(lambda x: x.expand(*batch, *x.shape[1:]))
-        return head.trajectory(start, law, (frames - 1) * every, dt, every).states
+        law = params[rows].map(lambda x: x.expand(*batch, *x.shape[1:]))
+        states = head.trajectory(start, law, every, dt, every).states
+        return states.map(lambda x: x[..., 1, :, :])
 
-    return rolled
+    return later
