@@ -19,7 +19,7 @@ from vidphys.diagnose.spectrum import modes_of_data
 from vidphys.diagnose.tables import read_motion, write_tracks
 from vidphys.errors import InputError
 from vidphys.experiments.confusion import KINDS, Kind, Setting, attracted, drag, record, total
-from vidphys.experiments.confusion_questions import potential
+from vidphys.experiments.confusion_rates import potential
 
 REAL = os.environ.get("VIDPHYS_REAL")
 real = pytest.mark.skipif(REAL is None, reason="set VIDPHYS_REAL to the folder of recordings")

@@ -12,7 +12,8 @@ from dynamics import Hamiltonian, Head, PhaseState
 from readouts.differencing import central_difference
 from vidphys.diagnose.energy_balance import corrected_rate
 from vidphys.experiments.confusion import attracted, drag, total
-from vidphys.experiments.confusion_questions import STUDY_RATE, potential, recorder
+from vidphys.experiments.confusion_questions import STUDY_RATE, recorder
+from vidphys.experiments.confusion_rates import potential
 from vidphys.experiments.second_law import (
     AHEAD,
     EVERY,

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 
 from vidphys.diagnose.diagnosis import diagnose
 from vidphys.experiments.confusion import CLIPS, FRAMES, KINDS, Kind, Setting, record
+from vidphys.experiments.confusion_cost import run_cost
 from vidphys.experiments.confusion_questions import (
     add_share,
     recorder,
-    run_cost,
-    run_damping,
-    run_energy_balance,
     run_nulls,
     run_power,
     run_switch,
 )
+from vidphys.experiments.confusion_rates import run_damping, run_energy_balance
 from vidphys.experiments.confusion_scores import (
     Marked,
     full_menu,
