@@ -181,6 +181,7 @@ def test_a_rate_at_which_a_member_is_lost_is_not_chosen(examples):
     assert math.isfinite(rows["trial_error_at_rate_0.001"]["value"])
 
 
+@pytest.mark.filterwarnings("error:There is a performance drop")
 @pytest.mark.parametrize("name", ["factored", "factored-gns", "set-transformer"])
 def test_mapped_rollouts_are_the_members_own(name):
     scene = gravity()
