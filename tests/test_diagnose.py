@@ -10,9 +10,13 @@ from vidphys.diagnose.changes import find_switch
 from vidphys.diagnose.diagnosis import diagnose, nothing_to_see
 from vidphys.diagnose.identity import check_identity
 from vidphys.diagnose.infer import infer
+from vidphys.diagnose.menu import FRICTIONS, external_terms
 from vidphys.diagnose.motion import Motion, motion_of
 from vidphys.diagnose.noise import measure_noise
+from vidphys.diagnose.paths import smooth
+from vidphys.diagnose.refine import refine
 from vidphys.diagnose.specification import read_specification, specification, terms_of
+from vidphys.diagnose.structures import Structure
 from vidphys.diagnose.windows import cut_windows
 from vidphys.errors import InputError
 from vidphys.experiments.confusion import (
@@ -52,6 +56,22 @@ def test_test_functions_see_accelerations_and_nothing_else():
     accelerations = np.full((1, len(windows.nodes), 1, 1), pull)
     np.testing.assert_allclose(windows.read(accelerations), windows.measured, atol=1e-12)
     assert np.abs(windows.measured).max() > 1e-3
+
+
+def test_what_the_frames_cannot_tell_apart_has_no_small_error():
+    windows = cut_windows(seen("trap-drag"), 12)
+    paths = smooth(windows, 0.005)
+    trap = next(term for term in external_terms(2, False) if term.kind == "trap")
+    one = FRICTIONS["linear"]
+    pull = np.array([TRAP, 0.0, 0.0])
+    told = refine(windows, paths, Structure((trap, one), np.append(pull, 0.0), 0.0, 0.0))
+    other = replace(one)  # the same columns again: only the sum of the two rates is seen
+    both = Structure((trap, one, other), np.append(pull, [0.0, 0.0]), 0.0, 0.0)
+    untold = refine(windows, paths, both)
+    assert told.errors[3] < 0.1 * LINEAR
+    assert untold.errors[3:].min() > 100 * LINEAR
+    np.testing.assert_allclose(untold.errors[:3], told.errors[:3], rtol=0.1)
+    assert untold.values[3:].sum() == pytest.approx(told.values[3], rel=1e-3)
 
 
 def test_test_functions_are_orthonormal_and_skip_frames_that_were_not_seen():

@@ -14,6 +14,7 @@ import numpy as np
 
 from vidphys.diagnose.menu import PAIR, Field, Term, field_of, pair_term
 from vidphys.diagnose.paths import Paths
+from vidphys.diagnose.regression import gram_inverse
 from vidphys.diagnose.structures import Structure
 from vidphys.diagnose.windows import Windows
 
@@ -48,7 +49,7 @@ class Fitted:
     @property
     def errors(self) -> np.ndarray:
         """Standard errors of ``values``."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+        return np.sqrt(np.diag(self.covariance))
 
     def place(self, term: Term) -> int:
         """Where the coefficients of a term begin."""
@@ -244,8 +245,7 @@ def _least_squares(windows: Windows, linear: _Linear, whiten: np.ndarray, number
 
     clean, left = without_start(slope), without_start(miss[..., None])
     gram = np.einsum("wrp,wrk->pk", clean, clean)
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(gram / np.outer(scale, scale)) / np.outer(scale, scale)
+    inverse = gram_inverse(gram)
     change = -inverse @ np.einsum("wrp,wr->p", clean, left[..., 0])
     after = left[..., 0] + clean @ change
     freedom = int(windows.seen.sum() * space - count * 2 * size - numbers)

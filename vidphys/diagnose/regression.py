@@ -102,3 +102,12 @@ def normal_equations(rows: Rows, ratio: float = 0.0, keep: np.ndarray | None = N
         len(y),
         float(np.log(spread).sum()),
     )
+
+
+def gram_inverse(gram: np.ndarray) -> np.ndarray:
+    """Inverse of a Gram matrix ``(p, p)``; what its rows cannot tell gets a very large variance."""
+    size = np.diag(gram)
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    told, directions = np.linalg.eigh(gram / np.outer(scale, scale))
+    told = np.maximum(told, len(gram) * np.finfo(float).eps)
+    return (directions / told) @ directions.T / np.outer(scale, scale)

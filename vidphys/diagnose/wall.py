@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, brentq, least_squares
 
 from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.regression import gram_inverse
 
 FEW = 6  # bounces, from which a wall is believed
 SHARES = (0.25, 0.5, 0.75, 1.0)  # of a recording, over which the fit grows
@@ -201,7 +202,7 @@ def _fitted(times: np.ndarray, s: np.ndarray) -> tuple[Wall, np.ndarray]:
     wall, found = best
     freedom = max(len(s) - len(NAMES), 1)
     variance = float((found.fun**2).sum()) / freedom
-    covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    covariance = variance * gram_inverse(found.jac.T @ found.jac)
     return wall, scale * np.sqrt(np.diag(covariance))
 
 
