@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -21,7 +24,7 @@ from hypothesis import strategies as st
 
 from vidphys.cli.view import ViewConfig, view
 from vidphys.errors import InputError
-from viz import figures
+from viz import figures, viewer
 from viz.cells import number
 from viz.overlay import contact_sheet, world_to_pixel
 from viz.recording import write_overlay_recording, write_recording
@@ -845,12 +848,45 @@ class TestView:
 def fake_viewer(monkeypatch, code=0):
     called = []
 
-    def run(command, env, **_):
-        called.append((command, env))
-        return subprocess.CompletedProcess(command, code)
+    def run(command, environment):
+        called.append((command, environment))
+        return code
 
-    monkeypatch.setattr("viz.viewer.subprocess.run", run)
+    monkeypatch.setattr(viewer, "_run", run)
     return called
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX process groups")
+def test_an_interrupted_viewer_leaves_no_process_behind(tmp_path):
+    """rerun's launcher starts the viewer itself as a child, which outlives it."""
+    pid = tmp_path / "pid"
+    launcher = (
+        "import pathlib, subprocess; child = subprocess.Popen(['sleep', '60']);"
+        f"pathlib.Path({str(pid)!r}).write_text(str(child.pid)); child.wait()"
+    )
+
+    def interrupt(*_):
+        if not (pid.exists() and pid.read_text()):
+            signal.setitimer(signal.ITIMER_REAL, 0.1)
+            return
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.1)
+    try:
+        assert viewer._run([sys.executable, "-c", launcher], dict(os.environ)) == 130
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    left = int(pid.read_text())
+    for _ in range(100):
+        try:
+            os.kill(left, 0)
+        except ProcessLookupError:
+            return
+        if Path(f"/proc/{left}/stat").exists() and " Z " in Path(f"/proc/{left}/stat").read_text():
+            return  # ended; whoever adopted it has not asked
+        time.sleep(0.05)
+    pytest.fail("the viewer's own process is still there")
 
 
 def test_importing_costs_no_viewer_and_no_drawing():

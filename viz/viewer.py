@@ -6,6 +6,7 @@ It runs as a process of its own, which reads the files; nothing of rerun is impo
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -13,8 +14,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-_RUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
+_LAUNCH = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 WEB_PORT, DATA_PORT = 9090, 9876
+INTERRUPTED = 130  # exit code
 
 
 def has_display() -> bool:
@@ -30,7 +32,7 @@ def open_window(recordings: Sequence[Path]) -> None:
     Raises:
         RuntimeError: the viewer ended with an error.
     """
-    _wait(_command(*map(str, recordings)), _quiet())
+    _check(_run(_command(*map(str, recordings)), _quiet()))
 
 
 def serve_web(recordings: Sequence[Path], web_port: int, data_port: int) -> None:
@@ -41,7 +43,7 @@ def serve_web(recordings: Sequence[Path], web_port: int, data_port: int) -> None
     """
     ports = ("--port", str(data_port), "--web-viewer-port", str(web_port))
     command = _command("--serve-web", "--bind", "127.0.0.1", *ports, *map(str, recordings))
-    _wait(command, _quiet() | {"RUST_LOG": "warn"})
+    _check(_run(command, _quiet() | {"RUST_LOG": "warn"}))
 
 
 def web_address(web_port: int, data_port: int) -> str:
@@ -77,15 +79,22 @@ def merge(recordings: Sequence[Path], path: Path) -> None:
         part.unlink(missing_ok=True)
 
 
-def _wait(command: list[str], environment: dict[str, str]) -> None:
-    try:
-        _check(subprocess.run(command, env=environment).returncode)
-    except KeyboardInterrupt:
-        return  # the way to end it
+def _run(command: list[str], environment: dict[str, str]) -> int:
+    """Run a command until it ends or is interrupted, and give its exit code."""
+    # A group of its own: rerun's launcher, ended alone, leaves the viewer that it started behind.
+    with subprocess.Popen(command, env=environment, start_new_session=True) as started:
+        try:
+            return started.wait()
+        except KeyboardInterrupt:
+            if sys.platform == "win32":
+                started.terminate()
+            else:
+                os.killpg(started.pid, signal.SIGTERM)
+            return INTERRUPTED
 
 
 def _command(*arguments: str) -> list[str]:
-    return [sys.executable, "-c", _RUN, *arguments]
+    return [sys.executable, "-c", _LAUNCH, *arguments]
 
 
 def _quiet() -> dict[str, str]:
@@ -94,7 +103,7 @@ def _quiet() -> dict[str, str]:
 
 
 def _check(code: int, said: str = "") -> None:
-    if code not in (0, 130, -2):  # an interrupt is the way to end it
+    if code not in (0, INTERRUPTED):  # an interrupt is the way to end it
         last = said.strip().splitlines()[-1:] or [f"exit code {code}"]
         raise RuntimeError(f"viewer: {last[0]}")
 
