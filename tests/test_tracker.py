@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import jaxtyping
 import pytest
@@ -508,11 +509,14 @@ def test_detections_are_kept_and_found_again(clips, tmp_path, monkeypatch):
     again = detections_of(clips, tmp_path)
     assert torch.equal(again.positions, first.positions)
     assert torch.equal(again.confidence, first.confidence)
-    with pytest.raises(pytest.fail.Exception):
-        detections_of(clips.until(5), tmp_path)
+    slower = replace(clips, interval=2 * clips.interval)
+    dimmer = replace(clips, world=replace(clips.world, softness=0.1))
+    for other in (clips.until(5), slower, dimmer):
+        with pytest.raises(pytest.fail.Exception):
+            detections_of(other, tmp_path)
 
 
-def test_a_detector_does_not_look_again_at_frames_that_it_saw_lately(clips):
+def test_a_detector_does_not_look_again_at_clips_that_it_saw_lately(clips):
     looked = []
 
     def look(seen):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.terms import HamiltonianTerms
-from vidphys.diagnose.forecast import Validation, compared
+from vidphys.diagnose.forecast import State, Validation, beside_simple
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.specification import PORTS, as_specification
 from vidphys.diagnose.wall import WallFit, find_wall
@@ -68,17 +68,11 @@ class BesideWall:
         if end >= len(self.times) - LEAST_FRAMES:
             return None
         path = self.fit.positions(self.times)
-        last, v = path[end - 1], (path[end - 1] - path[end - 2]) / h
+        v = (path[end - 1] - path[end - 2]) / h
         a = (path[end - 1] - 2 * path[end - 2] + path[end - 3]) / h**2
-        since = (self.times[end:] - self.times[end - 1])[:, None, None]
-        straight = last + v * since
-        forecasts = {
-            "model": path[end:],
-            "persistence": np.broadcast_to(last, path[end:].shape),
-            "constant velocity": straight,
-            "constant acceleration": straight + 0.5 * a * since**2,
-        }
-        return compared(self.motion.times[0, end:], self.motion.positions[0, end:], forecasts)
+        time = float(self.motion.times[0, end - 1])
+        start = State(time, path[end - 1], v, self.motion.mass[0])
+        return beside_simple(path[end:], self.motion.cut(end), start, a)
 
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Times and positions after ``end`` under laws that were never recorded."""

@@ -81,21 +81,29 @@ class Validation:
 
 
 def validate(look: LongFit, tail: Motion) -> Validation:
-    """Roll the model through the tail, beside persistence, constant velocity and acceleration."""
+    """Roll the model through the tail, beside simple forecasts."""
     start, a = last_state(look)
+    return beside_simple(roll(look.fitted.structure, start, tail.times[-1]), tail, start, a)
+
+
+def beside_simple(model: np.ndarray, tail: Motion, start: State, a: np.ndarray) -> Validation:
+    """A model's forecast beside persistence, constant velocity and constant acceleration.
+
+    Args:
+        model: positions in the tail of the last clip, ``(t, n, d)``.
+        tail: nothing was fitted to it.
+        start: the model's last state before the tail, where the simple ones begin.
+        a: the acceleration there, ``(n, d)``.
+    """
     times, seen = tail.times[-1], tail.positions[-1]
     since = (times - start.time)[:, None, None]
+    straight = start.q + start.v * since
     forecasts = {
-        "model": roll(look.fitted.structure, start, times),
+        "model": model,
         "persistence": np.broadcast_to(start.q, seen.shape),
-        "constant velocity": start.q + start.v * since,
-        "constant acceleration": start.q + start.v * since + 0.5 * a * since**2,
+        "constant velocity": straight,
+        "constant acceleration": straight + 0.5 * a * since**2,
     }
-    return compared(times, seen, forecasts)
-
-
-def compared(times: np.ndarray, seen: np.ndarray, forecasts: dict[str, np.ndarray]) -> Validation:
-    """Forecasts by name, ``model`` first, ``(t, n, d)`` each, against what was seen."""
     errors = {
         name: float(np.sqrt(np.nanmean(((path - seen) ** 2).sum(-1))))
         for name, path in forecasts.items()

@@ -78,7 +78,7 @@ def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
 
     Args:
         clips: of the anonymous world.
-        folder: where it is kept, under a name made of the frames' hash; ``None`` keeps nothing.
+        folder: where it is kept, under a hash of what it depends on; ``None`` keeps nothing.
 
     Raises:
         InputError: the clips are of another world, or their bodies differ in mass.
@@ -96,13 +96,16 @@ def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
 
 
 def _name(clips: Clips) -> str:
-    """By which frames are known again."""
-    return hashlib.sha256(clips.frames.numpy().tobytes()).hexdigest()[:16]
+    """By which clips are known again: all that a detector may look at."""
+    about = tuple(clips.frames.shape), clips.states.q.shape[2], clips.interval, clips.world
+    found = hashlib.sha256(repr(about).encode())
+    found.update(clips.frames.numpy().tobytes())
+    return found.hexdigest()[:16]
 
 
 @dataclass(frozen=True)
 class Remembering:
-    """A detector that does not look again at frames that it saw lately.
+    """A detector that does not look again at clips that it saw lately.
 
     Args:
         detect: finds the bodies of each frame, the same ones each time.
