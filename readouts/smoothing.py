@@ -24,7 +24,7 @@ ROUNDS = 25  # of Levenberg-Marquardt for each slack, at most; most windows need
 SETTLED = 1e-3  # a relative gain below it ends them
 STUCK = 1e4  # so does damping above this
 OUTLYING = 2.0  # expected errors: beyond, a position counts less and less
-NUDGE = 1e-6  # by which a state is moved for a derivative
+FORETOLD = 0.1  # deviations: a slope that foretells a frame worse than that is found again
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ def smooth(
     Args:
         step: ``(starts (..., r, n, d), rows (r,)) -> states`` one frame later; the rows say which
             episodes they are of.
-        positions: observed, world units, float64: derivatives are differences.
+        positions: observed, world units, float64.
         error: that is expected of them, world units.
-        guess: states at every frame, ``(b, t, n, d)``.
+        guess: states at every frame, ``(b, t, n, d)``, in the precision that steps are taken in.
         interval: seconds between frames.
         slacks: standard deviations of momentum, falling; positions may miss by the slack times the
             interval (bodies of about unit mass).
@@ -70,11 +70,33 @@ def smooth(
         )
     if not bool(torch.isfinite(positions).all()):
         raise ValueError("smooth: positions must be finite; drop or fill the frames that are not")
-    problem = _Problem(step, positions, error, interval)
-    x = torch.cat([guess.q.flatten(2), guess.p.flatten(2)], -1).to(positions)
+    problem = _Problem(step, positions, error, interval, guess.q.dtype)
+    path = problem.path(torch.cat([guess.q.flatten(2), guess.p.flatten(2)], -1).to(positions))
     for slack in slacks:
-        x, cost = _minimise(problem, x, slack)
-        yield Smoothed(problem.states(x), cost / positions.shape[1])
+        cost = _minimise(problem, path, slack)
+        yield Smoothed(problem.states(path.x.clone()), cost / positions.shape[1])
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Flat states of all frames, positions first, and what the dynamics make of them.
+
+    Args:
+        x: ``(m, t, k)``.
+        carried: where the dynamics take each state but the last, ``(m, t - 1, k)``.
+        slope: nearly how that changes with the state, ``(m, t - 1, k, k)``.
+    """
+
+    x: Tensor
+    carried: Tensor
+    slope: Tensor
+
+    def __getitem__(self, rows: Tensor) -> _Path:
+        return _Path(self.x[rows], self.carried[rows], self.slope[rows])
+
+    def foretold(self, move: Tensor) -> Tensor:
+        """Where the dynamics should take the states after a move, ``(m, t - 1, k)``."""
+        return self.carried + (self.slope @ move[:, :-1, :, None]).squeeze(-1)
 
 
 @dataclass(frozen=True)
@@ -84,18 +106,15 @@ class _Misses:
     Args:
         defect: over its deviation, ``(m, t - 1, k)``.
         residual: over the expected error, ``(m, t, n, d)``.
-        carried: where the dynamics take each state but the last, ``(m, t - 1, k)``.
         cost: ``(m,)``.
     """
 
     defect: Tensor
     residual: Tensor
-    carried: Tensor
     cost: Tensor
 
-    def of(self, rows: Tensor) -> _Misses:
-        """Those of some of the states."""
-        return _Misses(self.defect[rows], self.residual[rows], self.carried[rows], self.cost[rows])
+    def __getitem__(self, rows: Tensor) -> _Misses:
+        return _Misses(self.defect[rows], self.residual[rows], self.cost[rows])
 
 
 @dataclass(frozen=True)
@@ -106,16 +125,35 @@ class _Problem:
     positions: Tensor
     error: Tensor
     interval: float
+    precision: torch.dtype
+
+    def path(self, x: Tensor) -> _Path:
+        rows = torch.arange(len(x), device=x.device)
+        carried = self.carried(x, rows)
+        frames = len(rows), x.shape[1] - 1
+        each = rows.repeat_interleave(frames[1])
+        slope = self.slopes(x[:, :-1].flatten(0, 1), carried.flatten(0, 1), each)
+        return _Path(x, carried, slope.unflatten(0, frames))
 
     def states(self, x: Tensor) -> PhaseState:
         n, d = self.positions.shape[2:]
         q, p = x.unflatten(-1, (2, n, d)).unbind(-3)
         return PhaseState(q, p)
 
-    def carried(self, x: Tensor, rows: Tensor) -> Tensor:
-        """Where the dynamics take states ``(..., m, t, k)`` in a frame."""
-        later = self.step(self.states(x.movedim(-2, 0)), rows)
-        return torch.stack([later.q, later.p], -3).flatten(-3).movedim(0, -2)
+    def stepped(self, x: Tensor, rows: Tensor) -> Tensor:
+        """States ``(..., m, k)`` a frame later."""
+        later = self.step(self.states(x.to(self.precision)), rows)
+        return torch.stack([later.q, later.p], -3).flatten(-3).to(x)
+
+    def carried(self, x: Tensor, rows: Int[Tensor, " m"]) -> Tensor:
+        """Where the dynamics take all states but the last, ``(m, t - 1, k)``."""
+        return self.stepped(x[:, :-1].transpose(0, 1), rows).transpose(0, 1)
+
+    def slopes(self, x: Tensor, carried: Tensor, rows: Int[Tensor, " r"]) -> Tensor:
+        """How single states ``(r, k)`` carry on, by differences, ``(r, k, k)``."""
+        nudge = torch.finfo(self.precision).eps ** 0.5
+        moved = x + nudge * torch.eye(x.shape[-1]).to(x)[:, None]
+        return ((self.stepped(moved, rows) - carried) / nudge).movedim(0, -1)
 
     def deviation(self, slack: float) -> Tensor:
         """Of a state's numbers from where the dynamics take it, ``(k,)``."""
@@ -123,29 +161,26 @@ class _Problem:
         momentum = self.positions.new_full((half,), slack)
         return torch.cat([momentum * self.interval, momentum])
 
-    def misses(self, x: Tensor, rows: Int[Tensor, " m"], slack: float) -> _Misses:
-        carried = self.carried(x[:, :-1], rows)
+    def misses(self, x: Tensor, carried: Tensor, rows: Int[Tensor, " m"], slack: float) -> _Misses:
         defect = (x[:, 1:] - carried) / self.deviation(slack)
         residual = (self.states(x).q - self.positions[rows]) / self.error[rows, ..., None]
         unlikely = OUTLYING**2 * (residual.square().sum(-1) / OUTLYING**2).log1p()
         cost = defect.square().flatten(1).sum(1) + unlikely.flatten(1).sum(1)
         cost = torch.where(torch.isfinite(cost), cost, torch.inf)
-        return _Misses(defect, residual, carried, cost)
+        return _Misses(defect, residual, cost)
 
     def normal(
-        self, x: Tensor, rows: Tensor, slack: float, missed: _Misses
+        self, slope: Tensor, rows: Tensor, slack: float, missed: _Misses
     ) -> tuple[Tensor, Tensor]:
         """Normal matrix ``(m, t k, t k)`` and half of the gradient ``(m, t k)``."""
-        m, t, k = x.shape
-        nudged = x[:, :-1] + NUDGE * torch.eye(k).to(x)[:, None, None]
-        deviation = self.deviation(slack)
-        slope = ((self.carried(nudged, rows) - missed.carried) / NUDGE).movedim(0, -1)
+        m, before_last, k = missed.defect.shape
+        t, deviation = before_last + 1, self.deviation(slack)
         slope = slope / deviation[:, None]
         trust = 1 / (1 + missed.residual.square().sum(-1, keepdim=True) / OUTLYING**2)
         pull = trust / self.error[rows, ..., None]
         weight = (pull / self.error[rows, ..., None]).expand_as(missed.residual).flatten(2)
         nothing = torch.zeros_like(weight)
-        matrix, frame = x.new_zeros(m, t, t, k, k), torch.arange(t)
+        matrix, frame = slope.new_zeros(m, t, t, k, k), torch.arange(t)
         before, after = frame[:-1], frame[1:]
         matrix[:, frame, frame] += torch.diag_embed(torch.cat([weight, nothing], -1))
         matrix[:, before, before] += slope.mT @ slope
@@ -158,13 +193,17 @@ class _Problem:
         return matrix.transpose(2, 3).reshape(m, t * k, t * k), gradient.flatten(1)
 
 
-def _minimise(problem: _Problem, x: Tensor, slack: float) -> tuple[Tensor, Tensor]:
-    """Levenberg-Marquardt, each episode with its own damping and its own end."""
-    x, rows = x.clone(), torch.arange(len(x), device=x.device)
-    damping = torch.full_like(x[:, 0, 0], 1e-3)
-    missed = problem.misses(x, rows, slack)
+def _minimise(problem: _Problem, path: _Path, slack: float) -> Tensor:
+    """Levenberg-Marquardt on a path, in place, each episode with its own damping and its own end.
+
+    Returns:
+        The cost of each episode.
+    """
+    rows, deviation = torch.arange(len(path.x), device=path.x.device), problem.deviation(slack)
+    damping = torch.full_like(path.x[:, 0, 0], 1e-3)
+    missed = problem.misses(path.x, path.carried, rows, slack)
     cost = missed.cost.clone()
-    matrix, gradient = problem.normal(x, rows, slack, missed)
+    matrix, gradient = problem.normal(path.slope, rows, slack, missed)
     for _ in range(ROUNDS):
         usable = torch.isfinite(matrix).flatten(1).all(1) & torch.isfinite(gradient).all(1)
         usable &= torch.isfinite(cost[rows])
@@ -172,18 +211,26 @@ def _minimise(problem: _Problem, x: Tensor, slack: float) -> tuple[Tensor, Tenso
         if not len(rows):
             break
         ridge = damping[rows, None] * matrix.diagonal(dim1=1, dim2=2)
-        move = torch.linalg.solve(matrix + torch.diag_embed(ridge), gradient)
-        trial = x[rows] - move.unflatten(1, x.shape[1:])
-        missed = problem.misses(trial, rows, slack)
+        move = -torch.linalg.solve(matrix + torch.diag_embed(ridge), gradient)
+        move = move.unflatten(1, path.x.shape[1:])
+        trial = path.x[rows] + move
+        carried = problem.carried(trial, rows)
+        missed = problem.misses(trial, carried, rows, slack)
         gained = missed.cost < cost[rows]
         slight = gained & (cost[rows] - missed.cost < SETTLED * missed.cost)
-        x[rows[gained]], cost[rows[gained]] = trial[gained], missed.cost[gained]
+        off = ((carried - path[rows].foretold(move)).abs() > FORETOLD * deviation).any(-1)
+        some, frame = torch.nonzero(off & gained[:, None], as_tuple=True)
+        path.x[rows[gained]], path.carried[rows[gained]] = trial[gained], carried[gained]
+        cost[rows[gained]] = missed.cost[gained]
+        if len(some):
+            here = trial[some, frame], carried[some, frame], rows[some]
+            path.slope[rows[some], frame] = problem.slopes(*here)
         damping[rows] *= torch.where(gained, 0.1, 10.0).to(damping)
         left = ~slight & (damping[rows] < STUCK)
-        # Where nothing was gained, the states are those that were differentiated before.
+        # Where nothing was gained, the states are those that were looked at before.
         moved, again = gained[left], gained & left
         rows, matrix, gradient = rows[left], matrix[left], gradient[left]
         if bool(moved.any()):
-            found = problem.normal(trial[again], rows[moved], slack, missed.of(again))
+            found = problem.normal(path.slope[rows[moved]], rows[moved], slack, missed[again])
             matrix[moved], gradient[moved] = found
-    return x, cost
+    return cost

@@ -7,7 +7,10 @@ import torch
 from torch import Generator
 
 from binders import Tracks
-from dynamics import PhaseState
+from dynamics import Hamiltonian, PhaseState
+from dynamics.kinetic import FixedKinetic
+from dynamics.potentials import NoPotential
+from readouts import smoothing
 from readouts.differencing import backward_difference, central_difference
 from readouts.smoothing import smooth
 from vidphys.initial_state import (
@@ -149,3 +152,32 @@ def test_a_law_is_trusted_where_positions_err_and_not_where_it_does():
     wrong = replace(params, coupling=0.5 * params.coupling)
     assert choose_slack(SCENE.law, exact, wrong, INTERVAL) > trusted
     assert trusted <= SLACKS[2]
+
+
+class Heavier(FixedKinetic):
+    """Bodies that move as if they had a fifth of their momentum."""
+
+    def velocity(self, p, params):
+        return super().velocity(p, params) / 5
+
+
+def test_a_head_that_means_something_else_by_momentum_is_not_asked_for_the_start():
+    _, tracks, params = window(episodes=24)
+    head = Hamiltonian(Heavier(), NoPotential())
+    slack = choose_slack(head, tracks, params, INTERVAL)
+    assert slack == torch.inf
+    start = by_shooting(head, tracks, params, INTERVAL, slack)
+    assert torch.equal(start.p, by_differencing(head, tracks, params, INTERVAL).p)
+
+
+def test_a_slope_that_foretells_badly_is_found_again(monkeypatch):
+    """The fit is as good as with slopes that are found again at every move."""
+    truth, tracks, params = window(episodes=24, noise=0.002)
+    guess = PhaseState(tracks.positions, torch.zeros_like(tracks.positions))
+    seldom = smoothed(tracks.positions, guess, params)[-1]
+    monkeypatch.setattr(smoothing, "FORETOLD", 0.0)
+    always = smoothed(tracks.positions, guess, params)[-1]
+    monkeypatch.setattr(smoothing, "FORETOLD", torch.inf)
+    never = smoothed(tracks.positions, guess, params)[-1]
+    torch.testing.assert_close(seldom.cost, always.cost, rtol=0.02, atol=0)
+    assert never.cost.mean() > 1.2 * always.cost.mean()

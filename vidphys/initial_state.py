@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Sequence
 
 import torch
@@ -21,6 +20,7 @@ UNUSUAL = 2.0  # times the median cost of a frame
 SLACKS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)  # of momenta, relative to their size
 COARSE, SURE = 0.02, 0.01  # world units of a position half sure; part of its odds at full trust
 PRACTICE, AHEAD = 32, 2  # clips and frames that slacks are tried on
+WORSE = 2  # slacks in a row, after which no smaller one is tried
 
 
 def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
@@ -40,21 +40,35 @@ def choose_slack(head: Head, tracks: Tracks, params: Parameters, interval: float
             ``AHEAD`` of their frames to start from.
         params: of each clip.
         interval: seconds between frames.
+
+    Returns:
+        One of ``SLACKS``, relative to the size of momenta; or infinity, where the dynamics are not
+        to be believed at all. So it is where the momenta of states that follow them are mostly
+        farther from the differences of frames than none would be: a head without structure may
+        mean something of its own by a momentum.
     """
     few = slice(0, PRACTICE)
     positions, confidence = tracks.positions[few].float(), tracks.confidence[few].float()
     law = params.map(lambda x: x[few].float())
     past = Tracks(positions[:, :-AHEAD], confidence[:, :-AHEAD], tracks.times[:-AHEAD])
     dt, every = model_step(interval)
+    plain = by_differencing(head, past, law, interval)
 
     def missed(start: PhaseState) -> float:
+        strange = (start.p - plain.p).norm(dim=-1).median()
+        if not bool(strange <= plain.p.norm(dim=-1).median()):
+            return torch.inf
         with torch.no_grad():
             ahead = roll(head, start.map(torch.Tensor.float), law, AHEAD, dt, every).q
         error = (ahead - positions[:, -AHEAD:]).square().sum(-1) / PRECISE**2
         return float((confidence[:, -AHEAD:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
 
-    tried = _smooth(head, past, law, interval, SLACKS)
-    return min((missed(fit.states[:, -1]), at) for at, fit in zip(SLACKS, tried, strict=True))[1]
+    found = [missed(plain)]
+    for fit in _smooth(head, past, law, interval, SLACKS):
+        found.append(missed(fit.states[:, -1]))
+        if min(found[1:-WORSE], default=torch.inf) <= min(found[-WORSE:]):
+            break
+    return (torch.inf, *SLACKS)[found.index(min(found))]
 
 
 def by_shooting(
@@ -73,6 +87,8 @@ def by_shooting(
         interval: seconds between frames.
         slack: see :func:`choose_slack`.
     """
+    if slack == torch.inf:
+        return by_differencing(head, tracks, params, interval)
     slacks = SLACKS[: SLACKS.index(slack) + 1]
 
     def fitted(rows: Tensor | slice, window: int) -> Smoothed:
@@ -112,9 +128,10 @@ def _smooth(
     size = float(momenta.square().mean().sqrt()) or 1.0
     confidence = tracks.confidence.double().clamp(1e-3, 1)
     error = COARSE * (1 / confidence - 1 + SURE).sqrt()
-    step = frame_step(copy.deepcopy(head).double(), law, interval)
+    precision = next((p.dtype for p in head.parameters()), torch.float64)
+    guess = PhaseState(positions, momenta).map(lambda x: x.to(precision))
+    step = frame_step(head, law.map(lambda x: x.to(precision)), interval)
     with torch.no_grad():
-        guess = PhaseState(positions, momenta)
         yield from smooth(step, positions, error, guess, interval, [size * s for s in slacks])
 
 
