@@ -19,7 +19,35 @@ SIGHT = 0.125  # normalised image units that cells are read on each side, if not
 CODE = 32  # numbers that a cell's features are brought down to
 WIDTH = 256
 COARSE = 16  # cells a side that attention chooses from
+AGREED = 1e-4  # normalised image units; readers nearer to each other than this agree
 LOOKS = 2  # readings from the cells around, each at the place that the one before gave
+
+
+class CellReader(nn.Module):
+    """Where in the middle of some cells each body is, from the features of all of them.
+
+    Args:
+        channels: of the features.
+        bodies: positions in a feature frame; each has an output, and a mark in the hidden layer.
+        cells: that are read.
+    """
+
+    def __init__(self, channels: int, bodies: int, cells: int) -> None:
+        super().__init__()
+        self.code = nn.Linear(channels, CODE)
+        self.around = nn.Linear(CODE * cells, WIDTH)
+        self.body = nn.Parameter(torch.randn(bodies, WIDTH) / 2)
+        self.mix = nn.Linear(WIDTH, WIDTH)
+        self.place = nn.Parameter(torch.randn(bodies, WIDTH, 2) / (10 * WIDTH**0.5))
+
+    def forward(
+        self, seen: Float[Tensor, "f n k k c"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n hidden"]]:
+        """Offsets from the middle cell's centre, in cells, and what they were read from."""
+        codes = functional.gelu(self.code(seen)).flatten(-3)
+        hidden = functional.gelu(self.around(codes) + self.body)
+        hidden = hidden + functional.gelu(self.mix(hidden))
+        return torch.einsum("fnk,nkd->fnd", hidden, self.place), hidden
 
 
 class LocalReadout(nn.Module):
@@ -27,18 +55,17 @@ class LocalReadout(nn.Module):
 
     Args:
         scale: of the features.
-        bodies: positions in a feature frame; each has an output, and a mark in the hidden layer.
+        bodies: positions in a feature frame.
         reach: cells that are read on each side.
+        readers: of the same cells. Where examples were few they differ, so that their mean is
+            nearer than each of them, and their spread a reason for doubt.
     """
 
-    def __init__(self, scale: FeatureScale, bodies: int, reach: int) -> None:
+    def __init__(self, scale: FeatureScale, bodies: int, reach: int, readers: int = 1) -> None:
         super().__init__()
         self.reach, self.scale = reach, scale
-        self.code = nn.Linear(len(scale.mean), CODE)
-        self.around = nn.Linear(CODE * (2 * reach + 1) ** 2, WIDTH)
-        self.body = nn.Parameter(torch.randn(bodies, WIDTH) / 2)
-        self.mix = nn.Linear(WIDTH, WIDTH)
-        self.place = nn.Parameter(torch.randn(bodies, WIDTH, 2) / (10 * WIDTH**0.5))
+        channels, cells = len(scale.mean), (2 * reach + 1) ** 2
+        self.readers = nn.ModuleList(CellReader(channels, bodies, cells) for _ in range(readers))
 
     def forward(
         self,
@@ -46,7 +73,7 @@ class LocalReadout(nn.Module):
         centres: Float[Tensor, "h w 2"],
         near: Float[Tensor, "f n 2"],
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n k"]]:
-        """Positions, and the hidden layer that they were read from.
+        """Mean positions of the readers, and what speaks for and against them.
 
         Args:
             values: features of frames.
@@ -54,24 +81,46 @@ class LocalReadout(nn.Module):
             near: places to look at, normalised image units.
         """
         cells = nearest_cells(near, centres)
-        seen = functional.gelu(self.code(self._cut(values, cells))).flatten(-3)
-        hidden = functional.gelu(self.around(seen) + self.body)
-        hidden = hidden + functional.gelu(self.mix(hidden))
-        step = (centres[1, 1] - centres[0, 0]).abs()
-        offset = step * torch.einsum("fnk,nkd->fnd", hidden, self.place)
-        return centres[cells[..., 0], cells[..., 1]] + offset, hidden
+        frames = torch.arange(len(values), device=values.device)
+        positions, hidden = self.read(self.cut(values, frames, cells), cells, centres)
+        spread = positions.var(0, correction=0).sum(-1, keepdim=True)
+        evidence = torch.cat([hidden[0], (spread + AGREED**2).sqrt().log()], -1)
+        return positions.mean(0), evidence
 
-    def _cut(self, values: Tensor, cells: Tensor) -> Tensor:
-        """Standardised features around cells, ``(f, n, k, k, c)``; zero beyond the border."""
+    def read(
+        self,
+        seen: Float[Tensor, "f n k k c"],
+        cells: Int[Tensor, "f n 2"],
+        centres: Float[Tensor, "h w 2"],
+    ) -> tuple[Float[Tensor, "r f n 2"], Float[Tensor, "r f n hidden"]]:
+        """Position and hidden layer of each reader, from what :meth:`cut` gave.
+
+        Args:
+            seen: around the cells.
+            cells: (row, column) of each.
+            centres: of all cells, normalised image units.
+        """
+        offsets, hidden = zip(*(reader(seen) for reader in self.readers), strict=True)
+        step = (centres[1, 1] - centres[0, 0]).abs()
+        middle = centres[cells[..., 0], cells[..., 1]]
+        return middle + step * torch.stack(offsets), torch.stack(hidden)
+
+    def cut(
+        self,
+        values: Float[Tensor, "m c h w"],
+        frames: Int[Tensor, " f"],
+        cells: Int[Tensor, "f n 2"],
+    ) -> Float[Tensor, "f n k k c"]:
+        """Standardised features around cells of some frames; zero beyond the border."""
         h, w = values.shape[-2:]
         step = torch.arange(-self.reach, self.reach + 1, device=cells.device)
         rows, columns = cells[..., :1] + step, cells[..., 1:] + step
         inside = ((rows >= 0) & (rows < h))[..., :, None] & ((columns >= 0) & (columns < w))[
             ..., None, :
         ]
-        frame = torch.arange(len(values), device=cells.device)[:, None, None, None]
         rows, columns = rows.clamp(0, h - 1)[..., :, None], columns.clamp(0, w - 1)[..., None, :]
-        return self.scale(values[frame, :, rows, columns]) * inside.unsqueeze(-1)
+        found = values[frames[:, None, None, None], :, rows, columns]
+        return self.scale(found) * inside.unsqueeze(-1)
 
 
 class RefinedReadout(FrameReadout):
@@ -83,16 +132,25 @@ class RefinedReadout(FrameReadout):
         grid: cells (height, width) of the maps; attention reads them averaged over blocks, down to
             :data:`COARSE` a side.
         frames: of the clip that a feature frame stands for; see :class:`AttentionReadout`.
+        readers: see :class:`LocalReadout`.
     """
 
-    def __init__(self, channels: int, bodies: int, grid: tuple[int, int], frames: int = 1) -> None:
+    def __init__(
+        self,
+        channels: int,
+        bodies: int,
+        grid: tuple[int, int],
+        frames: int = 1,
+        readers: int = 1,
+    ) -> None:
         super().__init__()
         self.frames, longer = frames, max(grid)
         self.block = max(1, longer // COARSE)
         self.coarse = AttentionReadout(channels, bodies, frames=frames)
-        self.local = LocalReadout(self.coarse.scale, bodies, max(1, round(SIGHT * longer / 2)))
+        reach = max(1, round(SIGHT * longer / 2))
+        self.local = LocalReadout(self.coarse.scale, bodies, reach, readers)
         self.doubt = nn.Sequential(
-            nn.Linear(WIDTH + 1, WIDTH // 4), nn.GELU(), nn.Linear(WIDTH // 4, 1), nn.Softplus()
+            nn.Linear(WIDTH + 2, WIDTH // 4), nn.GELU(), nn.Linear(WIDTH // 4, 1), nn.Softplus()
         )
 
     def read(
@@ -108,10 +166,10 @@ class RefinedReadout(FrameReadout):
         """Positions, and what their expected error is judged by."""
         position, _ = self.coarse.look(*blocks(values, centres, self.block))
         for _ in range(LOOKS):
-            position, hidden = self.local(values, centres, position)
+            position, evidence = self.local(values, centres, position)
         frames = position.unflatten(1, (self.frames, -1)).flatten(0, 1)
         apart = nearest(frames).reshape(*position.shape[:2], 1)
-        return position, torch.cat([hidden, apart], -1)
+        return position, torch.cat([evidence, apart], -1)
 
     def expected(self, evidence: Float[Tensor, "*n k"]) -> Float[Tensor, "*n"]:
         """Distance from the truth that is expected of positions, normalised image units."""

@@ -11,6 +11,7 @@ from encoders.release import WeightsMissing
 from renderers import Camera, RgbWorld
 from vidphys.cli import main
 from vidphys.data.clips import render_clips
+from vidphys.data.encounters import NEAR, encounters
 from vidphys.errors import InputError
 from vidphys.perception import frozen
 from vidphys.perception.base import FitTask
@@ -153,3 +154,43 @@ def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypa
 
 def _absent(work, tasks, workers, show, finished):
     return [(0, WeightsMissing("no weights; fetch them"))]
+
+
+def test_bodies_of_an_encounter_move_as_in_clips_and_meet_in_the_frame(clips):
+    made = encounters(clips, 100, 5, 0)
+    steps = made.states.q.diff(dim=1)
+    known = clips.states.q.diff(dim=1).unfold(1, 4, 1).movedim(-1, 2).flatten(0, 1)
+    for body in range(3):
+        apart = (steps[:, None, :, body] - known[None, ..., body, :]).abs().amax((-2, -1))
+        assert float(apart.amin(1).max()) < 1e-12
+    moved = (made.states.q[:, :1, None] - clips.states.q).norm(dim=-1)
+    assert float(moved.amin((1, 2, 3)).max()) < 1e-12  # one of them stays where it was
+    assert float(made.states.q.abs().max()) <= WORLD.camera.half_extent
+    met, usual = (
+        (torch.cdist(q, q) + 9 * torch.eye(3)).amin((-2, -1)) < NEAR * 4.0
+        for q in (encounters(clips, 400, 1, 0).states.q, clips.states.q)
+    )
+    assert float(met.double().mean()) > 0.85
+    assert float(usual.double().mean()) < 0.7
+    drawn = (WORLD(made.states.q[7].float()) * 255).round().to(torch.uint8)
+    assert torch.equal(made.frames[7], drawn)
+
+
+def test_an_encoder_of_single_frames_sees_encounters_one_by_one(monkeypatch, clips):
+    """So many clips' worth of frames each is another encounter; one of video sees whole clips."""
+    few = replace(clips, frames=clips.frames[:, :8], states=clips.states[:, :8])
+    sizes = replace(SIZES, encounters=5, perception_steps=2)
+    for encoder, extra in ((Blocks(), 40), (Pairs(), 5)):
+        trained = []
+        monkeypatch.setattr(
+            frozen, "_train", lambda name, x, *rest, t=trained: t.append(x) or Still()
+        )
+        frozen.fit_readout(encoder, "blocks", FitTask(few, sizes, 0, "factored"))
+        assert encoder.clips == len(clips) + extra
+        frames = 8 * 3 // trained[0].train.targets.shape[1]
+        assert len(trained[0].train) == (21 + 5) * frames
+        assert len(trained[0].held_out) == 3 * frames
+
+
+class Still(torch.nn.Module):
+    """Stands for a trained readout."""

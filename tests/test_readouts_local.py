@@ -14,10 +14,11 @@ from vidphys.training.learner import FitSettings
 from vidphys.training.readouts import (
     LabelledFrames,
     ReadoutSettings,
+    joined,
     mean_distance,
     read_all,
 )
-from vidphys.training.refinement import train_refined
+from vidphys.training.refinement import Glances, train_refined
 
 CHANNELS, GRID = 4, (10, 8)
 
@@ -108,3 +109,42 @@ def test_a_grid_of_one_cell_is_refused() -> None:
     )
     with pytest.raises(ValueError, match="at least 2 x 2 cells, got 1 x 1"):
         _ = frames.cell
+
+
+def test_joined_frames_are_the_same_frames_channels_last() -> None:
+    first, second = labelled(4), labelled(2)
+    both = joined([first, second])
+    assert torch.equal(both.values, torch.cat([first.values, second.values]))
+    assert torch.equal(both[torch.tensor([5])].targets, second.targets[1:])
+    assert both.values.is_contiguous(memory_format=torch.channels_last)
+    assert not both.values.is_contiguous()
+
+
+def test_a_glance_reads_what_the_whole_map_gives_there() -> None:
+    torch.manual_seed(0)
+    local, frames = LocalReadout(FeatureScale(CHANNELS), 2, reach=1), labelled(6)
+    glance = Glances(local, frames)[torch.tensor([4, 1])]
+    middle = frames.centres[glance.cells[..., 0], glance.cells[..., 1]]
+    assert float(((middle - glance.targets).abs() / frames.cell).max()) <= 1.0
+    want, _ = local(frames.values[[4, 1]], frames.centres, middle)
+    (found,), _ = local.read(glance.seen, glance.cells, glance.centres)
+    torch.testing.assert_close(found, want)
+
+
+def test_readers_that_learned_apart_are_nearer_together_and_their_spread_tells() -> None:
+    torch.manual_seed(0)
+    train, held_out, unseen = labelled(128), labelled(128), labelled(256)
+    readout = RefinedReadout(CHANNELS, 2, GRID, readers=3)
+    coarse, fine = FitSettings(100, 64, 1e-2, 1.0), FitSettings(200, 64, 3e-3, 1.0)
+    train_refined(readout, train, held_out, ReadoutSettings(coarse), fine, 0)
+    local = readout.local
+    cells = nearest_cells(unseen.targets, unseen.centres)
+    with torch.no_grad():
+        seen = local.cut(unseen.values, torch.arange(256), cells)
+        each, _ = local.read(seen, cells, unseen.centres)
+        together, evidence = local(unseen.values, unseen.centres, unseen.targets)
+    alone = (each - unseen.targets).norm(dim=-1).mean((1, 2))
+    error = (together - unseen.targets).norm(dim=-1)
+    assert float(error.mean()) < 0.98 * float(alone.min())
+    spread = evidence[..., -1]
+    assert error[spread > spread.median()].mean() > 1.5 * error[spread < spread.median()].mean()

@@ -36,6 +36,8 @@ class PixelSizes:
         perception_steps, perception_batch: frames a step, for encoders that learn.
         track_steps: training of a head on tracks, under each readout.
         held_out: scored clips.
+        encounters: clips of bodies that hide each other, made for readouts over frozen encoders.
+        readers: of the cells around a body, over frozen encoders.
     """
 
     clips: int
@@ -47,6 +49,8 @@ class PixelSizes:
     perception_batch: int
     track_steps: int
     held_out: int
+    encounters: int = 0
+    readers: int = 1
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,12 @@ PRESETS = {
     "standard": Preset(
         seeds=3,
         oracle=OracleSizes(8192, 4000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 600, 64),
+        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 600, 64, 768, 3),
     ),
     "paper": Preset(
         seeds=10,
         oracle=OracleSizes(8192, 10_000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 3000, 64),
+        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 3000, 64, 4096, 3),
     ),
 }
 

@@ -105,8 +105,12 @@ def render_clips(
         torch.cat([r.params.coupling for r in kept])[:episodes],
         torch.cat([r.params.mass for r in kept])[:episodes],
     )
-    pictures = torch.cat([_bytes(world(q.float())) for q in states.q.split(AT_ONCE)])
-    return Clips(pictures, states, params, kept[0].dt, world, drawn - found)
+    return Clips(pictures(world, states.q), states, params, kept[0].dt, world, drawn - found)
+
+
+def pictures(world: World, q: Tensor) -> Tensor:
+    """Frames of bodies at ``q``, ``(b, t, n, d)`` world units, as bytes ``(b, t, c, H, W)``."""
+    return torch.cat([_bytes(world(some.float())) for some in q.split(AT_ONCE)])
 
 
 def _bytes(frames: Tensor) -> Tensor:

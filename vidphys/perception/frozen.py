@@ -22,6 +22,7 @@ from encoders.store import DTYPES, FeatureRequest, FeatureStore
 from readouts.local import RefinedReadout
 from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.data.clips import Clips
+from vidphys.data.encounters import encounters
 from vidphys.data.extraction import FrozenEncoder
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
@@ -29,7 +30,9 @@ from vidphys.seeding import derive
 from vidphys.training.candidates import Examples
 from vidphys.training.loop import FitSettings
 from vidphys.training.readouts import (
+    LabelledFrames,
     ReadoutSettings,
+    joined,
     labelled_frames,
     read_all,
     train_readout,
@@ -142,19 +145,39 @@ def fit_readout(
             f"{encoder_name}: {frames} frames a clip give {seen} feature frames, which do not "
             "divide them; use another number of frames"
         )
-    half_extent = clips.world.camera.half_extent
-    targets = (clips.states.q / half_extent).float().unflatten(1, (seen, -1)).flatten(2, 3)
-    sure = torch.ones(targets.shape[:-1])
-    train, kept = (
-        labelled_frames(
-            FeatureMap(features.values[part], features.stride, features.times),
-            targets[part],
-            sure[part],
-        )
-        for part in (slice(0, count - held_out), slice(count - held_out, None))
-    )
+    every, last = labelled(clips, features), (count - held_out) * seen
+    train, kept = every[:last], every[last:]
+    more = meeting(encoder, clips.first(count - held_out), frames if seen < frames else 1, task)
+    train = joined([train, *more])
     readout = _train(encoder_name, Examples(train, kept), frames // seen, task, pooled)
-    return FrozenPerception(encoder, readout.eval(), half_extent, task.folder)
+    return FrozenPerception(encoder, readout.eval(), clips.world.camera.half_extent, task.folder)
+
+
+def labelled(clips: Clips, features: FeatureMap) -> LabelledFrames:
+    """All feature frames of some clips with the true positions in the frames they stand for."""
+    seen = features.values.shape[1]
+    places = (clips.states.q / clips.world.camera.half_extent).float()
+    targets = places.unflatten(1, (seen, -1)).flatten(2, 3)
+    return labelled_frames(features, targets, torch.ones(targets.shape[:-1]))
+
+
+def meeting(
+    encoder: FrozenEncoder, clips: Clips, length: int, task: FitTask
+) -> list[LabelledFrames]:
+    """Frames of encounters beside those of the clips, none where the preset asks for none.
+
+    Args:
+        encoder: frozen.
+        clips: whose paths they are made of.
+        length: frames of a clip that the encoder needs: one, if it sees each by itself, gives the
+            most different encounters for as many frames.
+        task: see :class:`FitTask`.
+    """
+    count = task.sizes.encounters * clips.frames.shape[1] // length
+    if not count:
+        return []
+    made = encounters(clips, count, length, derive(task.seed, "encounters"))
+    return [labelled(made, encode_clips(encoder, made, task.folder))]
 
 
 def _train(
@@ -164,7 +187,7 @@ def _train(
     torch.manual_seed(derive(task.seed, "init", encoder_name))
     train, kept = examples.train, examples.held_out
     channels, bodies = train.values.shape[1], train.targets.shape[1]
-    refined = RefinedReadout(channels, bodies, train.grid, frames)
+    refined = RefinedReadout(channels, bodies, train.grid, frames, task.sizes.readers)
     order = derive(task.seed, "order", encoder_name)
     coarse, fine = (
         FitSettings(
