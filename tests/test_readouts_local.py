@@ -123,10 +123,14 @@ def test_joined_frames_are_the_same_frames_channels_last() -> None:
 def test_a_glance_reads_what_the_whole_map_gives_there() -> None:
     torch.manual_seed(0)
     local, frames = LocalReadout(FeatureScale(CHANNELS), 2, reach=1), labelled(6)
-    glance = Glances(local, frames)[torch.tensor([4, 1])]
+    found = torch.full_like(frames.targets, -0.5)
+    chosen = torch.tensor([4, 1] * 20)
+    glance = Glances(local, frames, found)[chosen]
     middle = frames.centres[glance.cells[..., 0], glance.cells[..., 1]]
-    assert float(((middle - glance.targets).abs() / frames.cell).max()) <= 1.0
-    want, _ = local(frames.values[[4, 1]], frames.centres, middle)
+    near = ((middle - glance.targets).abs() / frames.cell).amax((-2, -1)) <= 1.0
+    lost = (nearest_cells(found[chosen], frames.centres) == glance.cells).flatten(1).all(1)
+    assert bool((near | lost).all()) and 5 < int(lost.sum()) < 35
+    want, _ = local(frames.values[chosen], frames.centres, middle)
     (found,), _ = local.read(glance.seen, glance.cells, glance.centres)
     torch.testing.assert_close(found, want)
 
@@ -145,6 +149,6 @@ def test_readers_that_learned_apart_are_nearer_together_and_their_spread_tells()
         together, evidence = local(unseen.values, unseen.centres, unseen.targets)
     alone = (each - unseen.targets).norm(dim=-1).mean((1, 2))
     error = (together - unseen.targets).norm(dim=-1)
-    assert float(error.mean()) < 0.98 * float(alone.min())
+    assert float(error.mean()) < 0.97 * float(alone.mean())
     spread = evidence[..., -1]
     assert error[spread > spread.median()].mean() > 1.5 * error[spread < spread.median()].mean()

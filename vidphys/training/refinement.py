@@ -19,6 +19,7 @@ from vidphys.training.readouts import (
     ReadoutSettings,
     doubt_error,
     mean_distance,
+    read_all,
     softened,
     train_readout,
 )
@@ -36,7 +37,7 @@ def train_refined(
     seed: int,
     progress: Progress | None = None,
 ) -> ReadoutFit:
-    """Fit a readout in place; the part near by sees places scattered about the true ones.
+    """Fit a readout in place; the part near by looks from where attention does, or else beside it.
 
     What error to expect is learned on the held-out frames: on the others, errors are smaller than
     they will be.
@@ -51,12 +52,14 @@ def train_refined(
     """
     rough = _rough(readout, train), _rough(readout, held_out)
     train_readout(readout.coarse, rough[0], rough[1], coarse, seed, progress)
+    found, _ = read_all(readout.coarse, rough[0].values, rough[0].centres)
     error = partial(mean_distance, readout, held_out)
     best = BestWeights(readout.local, error, fine.steps, LOOKS)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         learner = Learner(readout.local, partial(_missed, readout.local), fine, best)
-        fit_together([learner], Glances(readout.local, train), seed, progress=progress)
+        glances = Glances(readout.local, train, found)
+        fit_together([learner], glances, seed, progress=progress)
     best.restore()
     _fit_doubt(readout, held_out, seed)
     return ReadoutFit(best.error, best.step, learner.step, learner.loss)
@@ -91,15 +94,19 @@ class Glance:
 
 
 class Glances:
-    """Frames seen half a cell or less beside the true places, anew each time.
+    """Frames seen from where attention finds the bodies, or as often from beside the true places.
+
+    Attention knows its training frames better than others, hence the half a cell or less beside
+    the truth; but only it shows how far off a hidden body will be looked for.
 
     Args:
         local: whose cells are cut out.
         frames: channels last in memory are cut many times faster.
+        found: where attention finds the bodies, ``(f, n, 2)``, normalised image units.
     """
 
-    def __init__(self, local: LocalReadout, frames: LabelledFrames) -> None:
-        self.local, self.frames = local, frames
+    def __init__(self, local: LocalReadout, frames: LabelledFrames, found: Tensor) -> None:
+        self.local, self.frames, self.found = local, frames, found
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -107,7 +114,8 @@ class Glances:
     def __getitem__(self, index: Tensor) -> Glance:
         whole = self.frames
         targets = whole.targets[index]
-        near = targets + whole.cell * (torch.rand_like(targets) - 0.5)
+        beside = targets + whole.cell * (torch.rand_like(targets) - 0.5)
+        near = torch.where(torch.rand(len(index), 1, 1) < 0.5, self.found[index], beside)
         cells = nearest_cells(near, whole.centres)
         seen = self.local.cut(whole.values, index, cells)
         return Glance(seen, cells, whole.centres, targets, whole.weight[index])
