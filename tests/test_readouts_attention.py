@@ -11,17 +11,9 @@ from torch import Tensor
 from encoders.features import FeatureMap
 from readouts.attention import PRECISE, AttentionReadout, _waves, confidence_at, distance_at
 from readouts.pooled import PooledReadout, pooled_twin
+from vidphys.training.labelled import LabelledFrames, Shifted, labelled_frames, shift
 from vidphys.training.loop import FitSettings
-from vidphys.training.readouts import (
-    LabelledFrames,
-    ReadoutSettings,
-    Shifted,
-    labelled_frames,
-    position_rmse,
-    read_all,
-    shift,
-    train_readout,
-)
+from vidphys.training.readouts import ReadoutSettings, position_rmse, read_all, train_readout
 
 CHANNELS, GRID, STRIDE = 6, (10, 8), (8.0, 8.0)
 

@@ -10,14 +10,9 @@ from encoders.features import FeatureMap
 from readouts.attention import distance_at
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
 from readouts.scale import FeatureScale
+from vidphys.training.labelled import LabelledFrames, joined
 from vidphys.training.learner import FitSettings
-from vidphys.training.readouts import (
-    LabelledFrames,
-    ReadoutSettings,
-    joined,
-    mean_distance,
-    read_all,
-)
+from vidphys.training.readouts import ReadoutSettings, mean_distance, read_all
 from vidphys.training.refinement import Glances, train_refined
 
 CHANNELS, GRID = 4, (10, 8)

@@ -21,8 +21,8 @@ from vidphys.data.splits import Split, split_clips, split_frames
 from vidphys.data.video import ClipSelection
 from vidphys.errors import InputError
 from vidphys.reader import Layer, LoadedEncoder
+from vidphys.training.labelled import LabelledFrames
 from vidphys.training.loop import Progress
-from vidphys.training.readouts import LabelledFrames
 
 Stage = Callable[[str], Progress]
 

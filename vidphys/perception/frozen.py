@@ -28,15 +28,9 @@ from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.seeding import derive
 from vidphys.training.candidates import Examples
+from vidphys.training.labelled import LabelledFrames, joined, labelled_frames
 from vidphys.training.loop import FitSettings
-from vidphys.training.readouts import (
-    LabelledFrames,
-    ReadoutSettings,
-    joined,
-    labelled_frames,
-    read_all,
-    train_readout,
-)
+from vidphys.training.readouts import ReadoutSettings, read_all, train_readout
 from vidphys.training.refinement import train_refined
 
 SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds

@@ -14,9 +14,10 @@ from dynamics import PhaseState
 from readouts.probes import StateProbe
 from vidphys.seeding import derive
 from vidphys.training.early_stopping import BestWeights, StopSettings
+from vidphys.training.labelled import LabelledFrames, Shifted
 from vidphys.training.learner import FitSettings, Learner
 from vidphys.training.loop import Progress, fit_together
-from vidphys.training.readouts import SCORED_AT_ONCE, LabelledFrames, Shifted
+from vidphys.training.readouts import SCORED_AT_ONCE
 
 CELLS = 2  # largest random move of a training map, in cells
 DROPPED = 0.3  # share of the attended features that a momentum is not read from in training

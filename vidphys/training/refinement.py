@@ -10,11 +10,11 @@ from torch import Tensor
 
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
 from vidphys.training.early_stopping import BestWeights, StopSettings
+from vidphys.training.labelled import LabelledFrames
 from vidphys.training.learner import FitSettings, Learner
 from vidphys.training.loop import Progress, fit, fit_together
 from vidphys.training.readouts import (
     SCORED_AT_ONCE,
-    LabelledFrames,
     ReadoutFit,
     ReadoutSettings,
     doubt_error,
