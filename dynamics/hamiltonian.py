@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from dynamics.domain import FARTHEST, MOMENTUM, NEAREST, ORIGIN
 from dynamics.findings import Finding
-from dynamics.fused import fused_loops
+from dynamics.fused import differentiable_loops, fused_loops
 from dynamics.head import Head, Trajectory
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
 from dynamics.kinetic import FixedKinetic, Kinetic
@@ -94,6 +94,11 @@ class Hamiltonian(Head):
 
             if refusal(self, "numba", start.q) is None:
                 return fused(self, start, params, steps, dt, every)
+        elif differentiable_loops(start.q, learned, FEWEST_EPISODES):
+            from dynamics.compiled.head import trainable, unrolled
+
+            if trainable(self, start.q):
+                return unrolled(self, start, params, steps, dt, every)
         return super().trajectory(start, params, steps, dt, every)
 
     @staticmethod

@@ -53,8 +53,12 @@ def test_where_episodes_are_few_steps_are_single(name):
     assert rollout(head, start[:3], params[:3], 2, DT).backend == "torch"
 
 
-def test_where_a_gradient_is_asked_steps_are_single_but_for_a_map():
-    for name, backend in (("factored", "torch"), ("unstructured", "numba")):
+def test_where_a_gradient_is_asked_loops_with_a_way_back_are_taken_or_single_steps():
+    for name, backend in (
+        ("factored", "numba"),
+        ("factored-radial", "torch"),
+        ("unstructured", "numba"),
+    ):
         head, start, params = case(name)
         assert head.trajectory(start, params, 2, DT).backend == backend
 

@@ -128,7 +128,7 @@ class _Gradient(Function):
             for model, total in found:
                 totals[model].append(total)
         x, first, *_ = ctx.saved_tensors
-        each = [_as_torch(total, *first.shape[1:]) for total in totals]
+        each = [as_torch(total, *first.shape[1:]) for total in totals]
         return _untiled(on_rows, x), *(torch.stack(list(w)) for w in zip(*each, strict=True))
 
 
@@ -150,7 +150,7 @@ def _differentiable(given: tuple[Tensor, ...], upstream: Tensor) -> list[Tensor 
     return [next(left) if tensor.requires_grad else None for tensor in given]
 
 
-def _as_torch(totals: list[Layers], units: int, inputs: int) -> list[Tensor]:
+def as_torch(totals: list[Layers], units: int, inputs: int) -> list[Tensor]:
     """Gradients of the weights, summed over threads, in the form of torch's own."""
     first, first_bias, up, _, bias, last, _ = (sum(x[1:], x[0]) for x in zip(*totals, strict=True))
     found = (

@@ -1,0 +1,216 @@
+"""A learned pair law's rollout that can be differentiated, in fused loops; torch's own is the twin.
+
+It is what trains a law of displacements on a CPU: all steps of a block of episodes in one call, and
+the way back through them in another. See :mod:`dynamics.compiled.orbits`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd import Function
+
+from dynamics.compiled.cpu import in_threads
+from dynamics.compiled.gradient import as_torch, plain_gradient, shares
+from dynamics.compiled.lanes import Array
+from dynamics.compiled.memory import Kept
+from dynamics.compiled.orbits import LANES, backward_block, forward_block
+from dynamics.compiled.panels import PANEL, ROWS
+from dynamics.compiled.rows import Layers, layers
+from dynamics.pairs import pair_indices
+from dynamics.potentials import REACH, SPREAD, DisplacementPotential, soft_length, unsquashed
+
+Lengths = tuple[int, int, float]
+
+
+def unrolled(
+    potential: DisplacementPotential,
+    start: Tensor,
+    told: Tensor,
+    stored: int,
+    every: int,
+    dt: float,
+) -> Tensor:
+    """Leapfrog steps of bodies in a plane under |p|^2 / 2m and a law of displacements.
+
+    Args:
+        potential: in open space, of two hidden tanh layers of one width.
+        start: q and p, ``(episodes, 2 * bodies * 2)``.
+        told: 1 / m of the bodies and c(G) s_i s_j of the pairs, ``(episodes, bodies + pairs)``.
+        stored: states that are stored after the start.
+        every: steps between them.
+        dt: seconds of a step.
+
+    Returns:
+        States, ``(episodes, stored + 1, 2 * bodies * 2)``.
+    """
+    low, top, last = potential.phi.layers
+    weights = low.weight, low.bias, top.weight, top.bias, last.weight
+    lengths = stored, every, dt
+    if torch._C._functorch.peek_interpreter_stack() is not None:
+        return _Mapped.apply(lengths, start, told, *weights)
+    given = (x.unsqueeze(0) for x in (start, told, *weights))
+    return _Unrolled.apply(lengths, *given).squeeze(0)
+
+
+def plainly(lengths: Lengths, start: Tensor, told: Tensor, *weights: Tensor) -> Tensor:
+    """The same by torch's own operations, of models along a first axis; see :class:`_Unrolled`."""
+    stored, every, dt = lengths
+    bodies = start.shape[-1] // 4
+    i, j = pair_indices(bodies, start.device)
+    mobility, product = told[..., :bodies, None], told[..., bodies:, None]
+    q, p = start.unflatten(-1, (2, bodies, 2)).unbind(-3)
+
+    def force(q: Tensor) -> Tensor:
+        apart = q.index_select(-2, i) - q.index_select(-2, j)
+        r = soft_length(apart)
+        seen = (SPREAD * apart / (REACH + r)).flatten(1, 2)
+        both = plain_gradient(seen, *weights) - plain_gradient(-seen, *weights)
+        pull = product * unsquashed(0.5 * SPREAD * both.reshape(apart.shape), apart, r)
+        return torch.zeros_like(q).index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
+
+    states, pulled = [start], force(q)
+    for step in range(stored * every):
+        half = p + 0.5 * dt * pulled
+        q = q + dt * mobility * half
+        pulled = force(q)
+        p = half + 0.5 * dt * pulled
+        if (step + 1) % every == 0:
+            states.append(torch.cat([q.flatten(-2), p.flatten(-2)], -1))
+    return torch.stack(states, -2)
+
+
+class _Mapped(Function):
+    """The same for several models side by side, each with its own weights."""
+
+    @staticmethod
+    def forward(lengths: Lengths, *parts: Tensor) -> Tensor:
+        return _Unrolled.apply(lengths, *(x.unsqueeze(0) for x in parts)).squeeze(0)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        """Nothing is kept here: what :meth:`vmap` calls has its own way back."""
+
+    @staticmethod
+    def vmap(
+        info: Any, dims: tuple[Any, ...], lengths: Lengths, *parts: Tensor
+    ) -> tuple[Tensor, int]:
+        """All models in one call."""
+        each = (
+            part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
+            for part, dim in zip(parts, dims[1:], strict=True)
+        )
+        return _Unrolled.apply(lengths, *each), 0
+
+
+class _Unrolled(Function):
+    """Of models along a first axis: ``(models, episodes, ...)``, and likewise the weights."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, lengths: Lengths, start: Tensor, told: Tensor, *weights: Tensor
+    ) -> Tensor:
+        stored, every, dt = lengths
+        parts = [w.detach().numpy() for w in weights]
+        nets = [layers(*each) for each in zip(*parts, strict=True)]
+        states, known = _in_blocks(start), _in_blocks(told)
+        models, blocks, size, _ = states.shape
+        bodies, real = size // 4, states.dtype.type
+        steps, pairs = stored * every + 1, known.shape[2] - bodies
+        back = any(ctx.needs_input_grad)
+        places = np.empty((models, blocks, steps, 2 * bodies, LANES), real)
+        slopes = np.empty((models, blocks, steps, pairs, ROWS, 2), real)
+        shape = pairs, len(nets[0].last), ROWS, PANEL
+        kept = Kept((2, models, blocks, steps, *shape), real) if back else None
+        out = np.empty((models, blocks, stored + 1, 2, 2 * bodies, LANES), real)
+
+        def part(which: tuple[int, int]) -> int:
+            spare = np.empty((2, 1, *shape), real)
+            for model, some in shares(which, blocks):
+                for at in range(*some):
+                    top, sent = spare if kept is None else kept.array[:, model, at]
+                    forward_block(
+                        nets[model],
+                        states[model, at].reshape(2, 2 * bodies, LANES),
+                        known[model, at, :bodies],
+                        known[model, at, bodies:],
+                        real(dt),
+                        every,
+                        places[model, at],
+                        slopes[model, at],
+                        top,
+                        sent,
+                        out[model, at],
+                    )
+            return 0
+
+        in_threads(part, models * blocks)
+        if kept is not None:
+            ctx.save_for_backward(start, told, *weights)
+            ctx.lengths, ctx.nets, ctx.known = lengths, nets, known
+            ctx.places, ctx.slopes, ctx.kept = places, slopes, kept
+        found = out.reshape(models, blocks, stored + 1, size, LANES).transpose(0, 1, 4, 2, 3)
+        return torch.from_numpy(found.reshape(models, -1, stored + 1, size)[:, : start.shape[1]])
+
+    @staticmethod
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
+        if torch.is_grad_enabled() or ctx.needs_input_grad[2]:  # the loops know but weights, start
+            return None, *_by_twin(ctx, upstream)
+        (_, every, dt), nets, known, kept = ctx.lengths, ctx.nets, ctx.known, ctx.kept.array
+        start, _, first, *_ = ctx.saved_tensors
+        above = _in_blocks(upstream.flatten(2))
+        models, blocks = above.shape[:2]
+        bodies, real = start.shape[2] // 4, above.dtype.type
+        above = above.reshape(models, blocks, -1, 2, 2 * bodies, LANES)
+        on_start = np.empty((models, blocks, 2, 2 * bodies, LANES), real)
+
+        def part(which: tuple[int, int]) -> list[tuple[int, Layers]]:
+            found = []
+            for model, some in shares(which, blocks):
+                total = Layers(*(np.zeros_like(w) for w in nets[model]))
+                found.append((model, total))
+                for at in range(*some):
+                    backward_block(
+                        nets[model],
+                        known[model, at, :bodies],
+                        known[model, at, bodies:],
+                        real(dt),
+                        every,
+                        ctx.places[model, at],
+                        ctx.slopes[model, at],
+                        kept[0, model, at],
+                        kept[1, model, at],
+                        above[model, at],
+                        on_start[model, at],
+                        total,
+                    )
+            return found
+
+        totals: list[list[Layers]] = [[] for _ in nets]
+        for found in in_threads(part, models * blocks):
+            for model, total in found:
+                totals[model].append(total)
+        each = [as_torch(total, *first.shape[1:]) for total in totals]
+        lanes = on_start.reshape(models, blocks, -1, LANES).transpose(0, 1, 3, 2)
+        on_rows = torch.from_numpy(lanes.reshape(models, -1, 4 * bodies)[:, : start.shape[1]])
+        return None, on_rows, None, *(torch.stack(list(w)) for w in zip(*each, strict=True))
+
+
+def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
+    """The way back by the twin, through which another derivative can go."""
+    given, again = ctx.saved_tensors, torch.is_grad_enabled()
+    needed = [tensor for tensor in given if tensor.requires_grad]
+    with torch.enable_grad():
+        states = plainly(ctx.lengths, *given)
+        left = iter(torch.autograd.grad(states, needed, upstream, create_graph=again))
+    return [next(left) if tensor.requires_grad else None for tensor in given]
+
+
+def _in_blocks(rows: Tensor) -> Array:
+    """``(models, episodes, x)`` in blocks, the last filled up with zeros, ``(..., x, LANES)``."""
+    x = rows.detach().numpy()
+    x = np.pad(x, ((0, 0), (0, -x.shape[1] % LANES), (0, 0)))
+    return np.ascontiguousarray(x.reshape(len(x), -1, LANES, x.shape[2]).transpose(0, 1, 3, 2))
