@@ -33,7 +33,7 @@ class StateFrames(LabelledFrames):
 
     momenta: Tensor
 
-    def __getitem__(self, index: Tensor) -> StateFrames:
+    def __getitem__(self, index: Tensor | slice) -> StateFrames:
         return StateFrames(
             self.values[index],
             self.centres,
