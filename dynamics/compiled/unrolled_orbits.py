@@ -47,8 +47,7 @@ def unrolled(
     Returns:
         States, ``(episodes, stored + 1, 2 * bodies * 2)``.
     """
-    low, top, last = potential.phi.layers
-    weights = low.weight, low.bias, top.weight, top.bias, last.weight
+    weights = [x for layer in potential.phi.layers for x in layer.parameters()][:-1]
     lengths = stored, every, dt
     if torch._C._functorch.peek_interpreter_stack() is not None:
         return _Mapped.apply(lengths, start, told, *weights)

@@ -72,9 +72,14 @@ def run_units(
         How many failed. A unit whose encoder's weights are not on this machine is skipped, which
         is no failure.
     """
+    from dynamics.compiled.ahead import compile_ahead
     from encoders.release import WeightsMissing
     from vidphys.runs.pool import run_all
 
+    if min(workers, len(tasks)) > 1:
+        console.stage(("compiling", 0, 1))
+        compile_ahead()
+        console.stage(("compiling", 1, 1))
     failed = 0
     for index, error in run_all(work, list(tasks), workers, console.stage, console.done):
         absent = isinstance(error, WeightsMissing)
