@@ -76,7 +76,7 @@ PRESETS = {
     "paper": Preset(
         seeds=10,
         oracle=OracleSizes(8192, 10_000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 3000, 64, 4096, 3),
+        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 3000, 64, 2048, 3),
     ),
 }
 
