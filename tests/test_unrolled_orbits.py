@@ -118,7 +118,9 @@ def test_members_of_an_ensemble_train_as_they_would_alone():
 
     both = PhaseState(*(torch.stack([x, 0.9 * x]) for x in (start.q, start.p)))
     together = Ensemble(heads)
-    together.map(loss, both).sum().backward()
+    losses = together.map(loss, both)
+    assert fused(PhaseState(*losses[None, None].expand(2, 1, 2)), unrolled_orbits._Unrolled)
+    losses.sum().backward()
     for i, head in enumerate(heads):
         loss(head, both[i]).backward()
         for name, parameter in head.named_parameters():

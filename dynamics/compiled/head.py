@@ -147,7 +147,7 @@ def trainable(head: Hamiltonian, states: Tensor) -> bool:
     *hidden, _ = (layer.out_features for layer in law.phi.layers)
     known = law.phi.activation == TANH and len(hidden) == 2 and hidden[0] == hidden[1]
     bodies = 2 <= states.shape[-2] <= MOST_BODIES["unrolled"]
-    plain = head.integrator is leapfrog and refusal(head, "numba", states) is None
+    plain = head.integrator == leapfrog and refusal(head, "numba", states) is None
     return known and bodies and plain
 
 
