@@ -24,8 +24,8 @@ class Trajectory:
         states: the start first.
         backend: what computed them: ``torch``, ``numba`` or ``triton``.
         fallbacks: pairs at which a compiled model asked its network, over all steps.
-        reached: the largest of some :data:`dynamics.domain.EXTENTS` of any stored state, not finite
-            where a state is not; ``None`` where it was not looked at on the way.
+        reached: the largest of some :data:`dynamics.domain.EXTENTS` of any state on the way, stored
+            or not; not finite where one is not; ``None`` where it was not looked at.
     """
 
     states: PhaseState

@@ -13,7 +13,7 @@ from torch.nn.functional import max_pool1d
 from dynamics.compiled.spline import PairSpline, PlaneSpline, RadialSpline
 from dynamics.potentials import CORE, DisplacementPotential, PairPotential, RadialPotential
 
-RADIAL_RESOLUTIONS = range(2, 10)  # log2 of the cells of an octave
+RADIAL_RESOLUTIONS = (0, 1, 2, 3, 4, 5, 6)  # log2 of the pieces of an octave
 PLANE_RESOLUTIONS = (16, 32, 64, 128, 256)  # cells along a side
 RADII, DIRECTIONS = 2000, 12  # at which the force is compared
 NEIGHBOURS = 51  # radii over which the size of the force is taken: a third up and down
@@ -68,7 +68,7 @@ def pair_spline(
 
 def _resolutions(network: PairPotential) -> tuple[int, ...]:
     radial = isinstance(network, RadialPotential)
-    return tuple(RADIAL_RESOLUTIONS) if radial else PLANE_RESOLUTIONS
+    return RADIAL_RESOLUTIONS if radial else PLANE_RESOLUTIONS
 
 
 def _spline(

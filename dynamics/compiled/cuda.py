@@ -18,12 +18,14 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from dynamics.compiled.spline import PairSpline, RadialSpline
+from dynamics.compiled.head import Episodes
+from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
 from dynamics.potentials import CORE, REACH
 
 EPISODES = 32
 CORE2, SHORT = tl.constexpr(CORE**2), tl.constexpr(REACH)
+PIECES, HIGHEST = tl.constexpr(OCTAVES), tl.constexpr(OCTAVE_DEGREE)
 
 
 @triton.jit
@@ -35,26 +37,28 @@ def _turned(x, y, r, to_u, to_v):  # noqa: ANN001, ANN202
 
 
 @triton.jit
-def _spline(x, y, table, cells, first_cell, inside, RADIAL: tl.constexpr, WHOLE: tl.constexpr):  # noqa: ANN001, ANN202, N803
-    """Gradient of the spline; where ``inside`` is false, of its first cell."""
+def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr):  # noqa: ANN001, ANN202, N803
+    """Gradient of the spline; where ``inside`` is false, any."""
     s = x * x + y * y + CORE2
-    if RADIAL:
-        bits = s.to(WHOLE, bitcast=True)
-        below = (tl.full([1], 1, WHOLE) << cells) - 1
-        t = (bits & below).to(x.dtype) / (below + 1).to(x.dtype)
-        at = table + tl.where(inside, (bits >> cells) - first_cell, 0) * 4
-        force = tl.load(at + 3)
-        for k in tl.static_range(2, -1, -1):
-            force = force * t + tl.load(at + k)
+    if BITS > 0:
+        shift: tl.constexpr = BITS - RESOLUTION
+        named = s.to(tl.int32 if BITS == 23 else tl.int64, bitcast=True) >> shift
+        left = (named << shift).to(x.dtype, bitcast=True)
+        t = (s - left) / (((named + 1) << shift).to(x.dtype, bitcast=True) - left) - 0.5
+        pieces: tl.constexpr = PIECES << RESOLUTION
+        at = table + (named & (pieces - 1))
+        force = tl.load(at + HIGHEST * pieces)
+        for k in tl.static_range(HIGHEST - 1, -1, -1):
+            force = force * t + tl.load(at + k * pieces)
         gx, gy = force * x, force * y
     else:
         r = tl.sqrt(s)
         shrink = 1 / (SHORT + r)
-        sign = tl.where(y < 0, -0.5, 0.5).to(x.dtype) * cells
+        sign = tl.where(y < 0, -0.5, 0.5).to(x.dtype) * RESOLUTION
         u, v = x * shrink * sign, y * shrink * sign
         left, low = tl.floor(u), tl.floor(v)
         a, b = u - left, v - low
-        cell = (left.to(tl.int32) + cells // 2) * (cells // 2) + low.to(tl.int32)
+        cell = (left.to(tl.int32) + RESOLUTION // 2) * (RESOLUTION // 2) + low.to(tl.int32)
         at = table + tl.where(inside, cell, 0) * 36
         value, along, across = x * 0, x * 0, x * 0
         for i in tl.static_range(5, -1, -1):
@@ -71,10 +75,9 @@ def _spline(x, y, table, cells, first_cell, inside, RADIAL: tl.constexpr, WHOLE:
 
 @triton.jit
 def _roll(  # noqa: ANN202
-    start, mobility, strength, ones, others, parts, out, asked,  # noqa: ANN001
-    table, cells, first_cell,  # noqa: ANN001
+    start, mobility, strength, ones, others, parts, out, asked, table,  # noqa: ANN001
     episodes, bodies, pairs, substeps, moves, interval, box, reach,  # noqa: ANN001
-    RADIAL: tl.constexpr, WHOLE: tl.constexpr,  # noqa: N803
+    RESOLUTION: tl.constexpr, BITS: tl.constexpr,  # noqa: N803
     E: tl.constexpr, N: tl.constexpr, P: tl.constexpr,  # noqa: N803
 ):  # fmt: skip
     """Leapfrog steps of ``E`` episodes; see :func:`dynamics.compiled.cpu._roll`."""
@@ -106,7 +109,7 @@ def _roll(  # noqa: ANN202
             x -= box * tl.floor(x / box + 0.5)
             y -= box * tl.floor(y / box + 0.5)
         inside = x * x + y * y + CORE2 <= reach * reach
-        g_x, g_y = _spline(x, y, table, cells, first_cell, inside, RADIAL, WHOLE)
+        g_x, g_y = _spline(x, y, table, inside, RESOLUTION, BITS)
         total += tl.sum((counted & (inside == 0)).to(tl.int32), 1)
         f_x = -tl.sum(between * (weight * g_x)[:, :, None], 1)
         f_y = -tl.sum(between * (weight * g_y)[:, :, None], 1)
@@ -122,40 +125,40 @@ def _roll(  # noqa: ANN202
 
 
 def packed(potential: PairSpline, like: Tensor) -> tuple[Any, ...]:
-    """Table, cells, first cell, reach and kinds, as :func:`roll` takes them."""
-    cells, first = potential.lookup(like.dtype)
-    table = potential.table.to(like).contiguous()
-    whole = tl.int32 if like.dtype == torch.float32 else tl.int64
-    return table, cells, first, potential.reach, isinstance(potential, RadialSpline), whole
+    """Table, reach, resolution, and the bits of a mantissa for a radial law, else 0."""
+    mantissa = MANTISSA[like.itemsize] if isinstance(potential, RadialSpline) else 0
+    return potential.table.to(like).contiguous(), potential.reach, potential.resolution, mantissa
 
 
 def roll(
     law: tuple[Any, ...],
     box: float | None,
-    start: Tensor,
-    mass: Tensor,
-    strength: Tensor,
+    episodes: Episodes,
     dts: list[float],
     stored: int,
     every: int,
-) -> tuple[Tensor, int, None]:
+) -> tuple[Tensor, Tensor, int, None]:
     """Leapfrog steps of a spline; see :func:`dynamics.compiled.cpu.roll`.
 
     Returns:
-        States, and the number of pairs that were out of reach: if there are any, the states mean
+        q and p, and the number of pairs that were out of reach: if there are any, the states mean
         nothing, and the rollout has to be made by the torch twin, which asks the network. What
         they reached is not looked at.
     """
-    table, cells, first, reach, *kinds = law
-    bodies, episodes = mass.shape
+    table, reach, *kind = law
+    count, bodies = episodes.mass.shape
+    start = torch.stack(episodes[:2]).permute(0, 2, 3, 1).contiguous()
     i, j = pair_indices(bodies, start.device)
-    out = start.new_empty(stored + 1, 2, bodies, 2, episodes)
-    asked = torch.zeros(episodes, dtype=torch.int32, device=start.device)
-    _roll[(triton.cdiv(episodes, EPISODES),)](
-        start.contiguous(), 1 / mass, strength, i, j, start.new_tensor(dts), out, asked,
-        table, cells, first,
-        episodes, bodies, len(i), len(dts), stored * every * len(dts), every * len(dts),
-        float(box or 0), float(reach), *kinds,
+    product = episodes.amount[:, i] * episodes.amount[:, j]
+    strength = (episodes.strength.unsqueeze(-1) * product).T.contiguous()
+    out = start.new_empty(stored + 1, *start.shape)
+    asked = torch.zeros(count, dtype=torch.int32, device=start.device)
+    _roll[(triton.cdiv(count, EPISODES),)](
+        start, (1 / episodes.mass).T.contiguous(), strength, i, j, start.new_tensor(dts),
+        out, asked, table,
+        count, bodies, len(i), len(dts), stored * every * len(dts), every * len(dts),
+        float(box or 0), float(reach), *kind,
         E=EPISODES, N=triton.next_power_of_2(bodies), P=triton.next_power_of_2(len(i)),
     )  # fmt: skip
-    return out, int(asked.sum()), None
+    q, p = out.permute(1, 4, 0, 2, 3)
+    return q, p, int(asked.sum()), None

@@ -7,7 +7,7 @@ import os
 from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import torch
 from torch import Tensor
@@ -18,16 +18,13 @@ from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head, Trajectory
 from dynamics.integrators import YOSHIDA_WEIGHTS, leapfrog, yoshida4
 from dynamics.kinetic import FixedKinetic
-from dynamics.mlp import TANH
-from dynamics.pairs import pair_indices
 from dynamics.potentials import DisplacementPotential, PairPotential, RadialPotential
 from dynamics.state import Parameters, PhaseState
 
 Backend = Literal["torch", "numba", "triton"]
 PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
 # Triton holds all pairs of an episode in registers, numba those of a block of them in memory.
-# Loops with a way back keep what the network gave of every pair at every step.
-MOST_BODIES = {"triton": 8, "numba": 128, "unrolled": 8}
+MOST_BODIES = {"triton": 8, "numba": 128}
 REACH = 1000.0  # world units
 
 
@@ -49,7 +46,7 @@ class CompiledHead(Hamiltonian):
         super().__init__(parts[0], potential, head.integrator, parts[1:])
         self.domain = head.domain.clone()
         self.report, self.backend = report, backend
-        self._packed: dict[tuple[str, torch.dtype], Any] = {}
+        self._packed: dict[Any, tuple[Backend, Any]] = {}
 
     def trajectory(
         self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
@@ -59,18 +56,24 @@ class CompiledHead(Hamiltonian):
         Raises:
             ValueError: the backend cannot run this model here; why is said.
         """
-        name = best(self, start.q) if self.backend is None else self.backend
-        if trouble := refusal(self, name, start.q):
-            raise ValueError(f"compiled model: backend '{name}' {trouble}")
+        name, packed = self._ready(start.q)
         if name == "torch" or not start.q.numel() or start.q.shape[-2] < 2:
             return self._plain(start, params, steps, dt, every)
-        key = name, start.q.dtype
-        if key not in self._packed:
-            self._packed[key] = kernels_of(name).packed(self.potential, start.q)
-        found = fused(self, start, params, steps, dt, every, name, self._packed[key])
+        found = fused(self, start, params, steps, dt, every, name, packed)
         if found.fallbacks and name == "triton":  # its kernel has no network
             return self._plain(start, params, steps, dt, every)
         return found
+
+    def _ready(self, states: Tensor) -> tuple[Backend, Any]:
+        """The backend for such states and the pair function as it takes it, found once."""
+        key = self.backend, states.dtype, states.device, states.shape[-2:]
+        if key not in self._packed:
+            name = self.backend or best(self, states)
+            if trouble := refusal(self, name, states):
+                raise ValueError(f"compiled model: backend '{name}' {trouble}")
+            packed = None if name == "torch" else kernels_of(name).packed(self.potential, states)
+            self._packed[key] = name, packed
+        return self._packed[key]
 
     def _plain(
         self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
@@ -82,6 +85,7 @@ class CompiledHead(Hamiltonian):
         return Trajectory(found.states, "torch", asked)
 
 
+@lru_cache
 def kernels_of(backend: str) -> Any:
     """The fused loops of a backend."""
     return import_module("dynamics.compiled." + ("cpu" if backend == "numba" else "cuda"))
@@ -106,59 +110,48 @@ def fused(
     """
     kernels, potential = kernels_of(backend), cast(PairPotential, head.potential)
     batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
-    mass, strength = episodes_last(potential.law, params, batch)
-    states, asked, reached = kernels.roll(
+    strength, amount = potential.law.strength(params)
+    q, p, asked, reached = kernels.roll(
         kernels.packed(potential, start.q) if packed is None else packed,
         potential.law.box,
-        torch.stack([start.q, start.p]).reshape(2, -1, *sizes).permute(0, 2, 3, 1),
-        mass,
-        strength,
+        Episodes(
+            flat(start.q, batch, *sizes),
+            flat(start.p, batch, *sizes),
+            flat(params.mass, batch, sizes[0]),
+            flat(strength, batch),
+            flat(amount, batch, sizes[0]),
+        ),
         [part * dt for part in PARTS[head.integrator.name]],
         steps // every,
         every,
     )
-    # Episodes lie innermost in memory: what is handed out is a view.
-    q, p = states.permute(1, 4, 0, 2, 3).reshape(2, *batch, *states.shape[:1], *sizes)
+    if len(batch) != 1:
+        q, p = (x.reshape(*batch, *x.shape[1:]) for x in (q, p))
     return Trajectory(PhaseState(q, p), backend, asked, reached)
 
 
-def unrolled(
-    head: Hamiltonian, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
-) -> Trajectory:
-    """All steps of a :func:`trainable` model, with a way back; see :func:`fused`."""
-    from dynamics.compiled import unrolled_orbits
-
-    potential = cast(DisplacementPotential, head.potential)
-    batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
-    mass, strength = episodes_last(potential.law, params, batch)
-    told = torch.cat([1 / mass, strength]).T
-    states = unrolled_orbits.unrolled(
-        potential, start.flat.reshape(batch.numel(), -1), told, steps // every, every, dt
-    )
-    flat = states.reshape(*batch, *states.shape[1:])
-    return Trajectory(PhaseState.from_flat(flat, *sizes), "numba")
+def flat(x: Tensor, batch: torch.Size, *sizes: int) -> Tensor:
+    """``x`` of every episode of a batch, along one axis: ``(episodes, *sizes)``."""
+    if len(batch) == 1 and x.shape == (*batch, *sizes):
+        return x
+    return x.expand(*batch, *sizes).reshape(-1, *sizes)
 
 
-def trainable(head: Hamiltonian, states: Tensor) -> bool:
-    """Whether loops with a way back know a model: leapfrog and one law of displacements."""
-    law = head.potential
-    if not isinstance(law, DisplacementPotential) or law.law.box is not None:
-        return False
-    *hidden, _ = (layer.out_features for layer in law.phi.layers)
-    known = law.phi.activation == TANH and len(hidden) == 2 and hidden[0] == hidden[1]
-    bodies = 2 <= states.shape[-2] <= MOST_BODIES["unrolled"]
-    plain = head.integrator == leapfrog and refusal(head, "numba", states) is None
-    return known and bodies and plain
+class Episodes(NamedTuple):
+    """What a backend rolls, episodes along one axis.
 
+    Args:
+        q, p: ``(episodes, bodies, 2)``.
+        mass: ``(episodes, bodies)``.
+        strength: c(G), ``(episodes,)``.
+        amount: s_i, ``(episodes, bodies)``.
+    """
 
-def episodes_last(law: Any, params: Parameters, batch: torch.Size) -> tuple[Tensor, Tensor]:
-    """Masses ``(n, episodes)`` and c(G) s_i s_j ``(pairs, episodes)`` of a batch of episodes."""
-    strength, amount = law.strength(params)
-    i, j = pair_indices(params.mass.shape[-1], params.mass.device)
-    product = strength.unsqueeze(-1) * (amount[..., i] * amount[..., j])
-    wide = (x.expand(*batch, x.shape[-1]).reshape(-1, x.shape[-1]) for x in (params.mass, product))
-    mass, product = (x.T.contiguous() for x in wide)
-    return mass, product
+    q: Tensor
+    p: Tensor
+    mass: Tensor
+    strength: Tensor
+    amount: Tensor
 
 
 def compile_head(

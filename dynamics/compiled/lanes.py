@@ -48,6 +48,20 @@ def kernel(function: Callable[..., Any]) -> Any:
     return njit(nogil=True, pipeline_class=_Apart, **_FAST)(unwrap(function))
 
 
+def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
+    """The same for a function that makes no arrays, and so need not count their references.
+
+    To count them costs as much as what is done on a few lanes, and so does a call: an array is
+    handed over as eight numbers.
+
+    Args:
+        function: to compile.
+        inline: into its callers.
+    """
+    apart: dict[str, Any] = {"pipeline_class": _Apart, "forceinline": inline, "_nrt": False}
+    return njit(nogil=True, **apart, **_FAST)(unwrap(function))
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function into its callers."""
     return njit(forceinline=True, **_FAST)(unwrap(function))

@@ -8,6 +8,7 @@ Hamiltonian system. Farther apart than ``reach`` the network itself is asked, pa
 from __future__ import annotations
 
 import copy
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from math import comb, factorial
@@ -47,10 +48,6 @@ class PairSpline(PairPotential):
         self.reach, self.outside = reach, 0
 
     @abstractmethod
-    def lookup(self, dtype: torch.dtype) -> tuple[int, int]:
-        """Two numbers by which a kernel of this float type finds a cell; each kind says which."""
-
-    @abstractmethod
     def spline_energy(self, displacement: Tensor) -> Tensor:
         """The spline's phi within ``reach``, ``(..., d) -> (...)``."""
 
@@ -78,79 +75,86 @@ class PairSpline(PairPotential):
         return near.index_put((~inside,), network(displacement[~inside]))
 
 
-# float type -> (integer type of the same size, bits of the mantissa)
-BITS = {torch.float32: (torch.int32, 23), torch.float64: (torch.int64, 52)}
+OCTAVES = 32  # of s that a radial spline has
+OCTAVE_DEGREE = 10  # of its polynomials: fewer would save nothing that can be measured
+LOWEST = -9  # power of two at which the first octave begins: the last below CORE^2
+MANTISSA = {4: 23, 8: 52}  # bytes of a float -> bits of its mantissa
+INTEGER = {4: torch.int32, 8: torch.int64}  # bytes of a float -> integer type of its size
 
 
 class RadialSpline(PairSpline):
-    """phi(s), s = r^2 + CORE^2: dphi/ds is a cubic Hermite spline, its values and slopes exact.
+    """phi(s), s = r^2 + CORE^2: dphi/ds is a polynomial in each piece of s, and continuous.
 
-    Each octave of s is cut into ``2^fineness`` cells of equal width: the cell of an s is read off
-    its exponent and its first bits, with no root and no division, and short distances have as many
-    cells as long ones. phi is that spline's integral, of degree four and twice differentiable.
+    Each octave of s is cut into ``2^fineness`` pieces of equal width: the piece of an s and the
+    place in it are read off its exponent and its mantissa, with no root and no division, and a
+    close pair is resolved as well as a far one. phi is the integral.
 
     Args:
         network: trained.
-        fineness: log2 of the cells of an octave.
-        reach: see :class:`PairSpline`.
+        fineness: log2 of the pieces of an octave.
+        reach: see :class:`PairSpline`; at most :attr:`FARTHEST`.
+
+    Raises:
+        ValueError: the reach is farther.
     """
 
-    offset: Tensor
+    FARTHEST = 2.0 ** ((LOWEST + OCTAVES - 1) / 2)  # one octave is to spare
+    middle: Tensor
 
     def __init__(self, network: RadialPotential, fineness: int, reach: float) -> None:
         super().__init__(network, reach)
+        if reach > self.FARTHEST:
+            raise ValueError(
+                f"compile_head: a radial law is compiled up to {self.FARTHEST:.0f} world units, "
+                f"not {reach:g}; ask for less, farther pairs are left to the network"
+            )
         self.resolution = fineness
-        ends = torch.tensor([CORE**2, reach**2], dtype=torch.float64).view(torch.int64)
-        first, last = (ends >> (52 - fineness)).tolist()
-        knots = (torch.arange(first, last + 2) << (52 - fineness)).view(torch.float64)
-        force, slope = _force_per_length(copy.deepcopy(network).double(), knots)
-        width = knots.diff()
-        table = _hermite(force, slope, width)
-        # phi of each cell's left end, counted from the network's phi at the far end.
-        grown = (table / torch.arange(1, 5)).sum(-1) * width / 2
-        far = copy.deepcopy(network).double().distance_energy(knots[-1:].sqrt())
-        left = far - grown.flip(0).cumsum(0).flip(0)
-        # Of 2 dphi/ds, by powers of the place in the cell.
-        self.register_buffer("table", table.detach())
-        self.register_buffer("offset", left.detach())
-
-    def lookup(self, dtype: torch.dtype) -> tuple[int, int]:
-        """Bits of s below those that name its cell, and the name of the first cell."""
-        integer, mantissa = BITS[dtype]
-        shift = mantissa - self.resolution
-        return shift, int(torch.tensor(CORE**2, dtype=dtype).view(integer)) >> shift
+        exact = copy.deepcopy(network).double()
+        octaves = 2.0 ** torch.arange(LOWEST, LOWEST + OCTAVES).double().unsqueeze(-1)
+        width = (octaves / 2**fineness).expand(-1, 2**fineness).flatten()
+        left = (octaves * (1 + torch.arange(2**fineness) / 2**fineness)).flatten()
+        # Both ends are among the nodes: there, neighbours agree.
+        nodes = -(torch.arange(OCTAVE_DEGREE + 1).double() * math.pi / OCTAVE_DEGREE).cos() / 2
+        force = _force_per_length(exact, left + width * (nodes.unsqueeze(-1) + 0.5))
+        table = torch.linalg.solve(nodes.unsqueeze(-1) ** torch.arange(OCTAVE_DEGREE + 1), force)
+        # phi in the middle of each piece, counted from the network's at the far end.
+        ends = left.new_tensor([[-0.5], [0.5]])
+        before, after = width / 2 * horner(_integral(table.T), ends)[0]
+        far = exact.distance_energy((left[-1:, None] + width[-1]).sqrt())
+        middle = far - before - (after - before).flip(0).cumsum(0).flip(0)
+        # Powers of the place t, from -1/2 to 1/2, in 2 dphi/ds. Floats of either size name the
+        # octave that begins at 2^e by the last bits of their exponent: it is entry e - 1.
+        first = (LOWEST - 1) * 2**fineness
+        self.register_buffer("table", table.roll(first, 1).detach())
+        self.register_buffer("middle", middle.roll(first).detach())
 
     def spline_energy(self, displacement: Tensor) -> Tensor:
-        cell, t, width = self._place(displacement)
-        area = horner(self.table[cell] / torch.arange(1, 5), t)[0] * t
-        return self.offset[cell] + area * width / 2
+        piece, t, width = self._place(displacement)
+        return self.middle[piece] + width / 2 * horner(_integral(self.table.T[piece]), t)[0]
 
     def spline_gradient(self, displacement: Tensor) -> Tensor:
-        cell, t, _ = self._place(displacement)
-        return displacement * horner(self.table[cell], t)[0].unsqueeze(-1)
+        piece, t, _ = self._place(displacement)
+        return displacement * horner(self.table.T[piece], t)[0].unsqueeze(-1)
 
     def _place(self, displacement: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Cell of each pair, where in it (0 to 1), and the cell's width in s."""
+        """Piece of each pair, where in it (-1/2 to 1/2), and its width in s."""
         s = displacement.square().sum(-1) + CORE**2
-        shift, first = self.lookup(s.dtype)
-        bits = s.detach().view(BITS[s.dtype][0]) >> shift
-        left, right = (x.view(s.dtype) for x in (bits << shift, (bits + 1) << shift))
-        return bits - first, (s - left) / (right - left), right - left
+        shift = MANTISSA[s.itemsize] - self.resolution
+        named = s.detach().view(INTEGER[s.itemsize]) >> shift
+        left, right = (x.view(s.dtype) for x in (named << shift, (named + 1) << shift))
+        return named % self.table.shape[1], (s - left) / (right - left) - 0.5, right - left
 
 
-def _force_per_length(network: RadialPotential, s: Tensor) -> tuple[Tensor, Tensor]:
-    """2 dphi/ds at s, and its derivative with respect to s."""
-    s = s.clone().requires_grad_()
+def _integral(coefficients: Tensor) -> Tensor:
+    """Of polynomials ``(..., powers)`` from 0 on."""
+    powers = torch.arange(1, coefficients.shape[-1] + 1, device=coefficients.device)
+    return torch.nn.functional.pad(coefficients / powers, (1, 0))
+
+
+def _force_per_length(network: RadialPotential, s: Tensor) -> Tensor:
+    """2 dphi/ds at s."""
     r = s.sqrt().unsqueeze(-1)
-    force = (network.slope(r) / r).squeeze(-1)
-    (slope,) = torch.autograd.grad(force.sum(), s)
-    return force.detach(), slope
-
-
-def _hermite(value: Tensor, slope: Tensor, width: Tensor) -> Tensor:
-    """Cubics that meet values and slopes at the knots, ``(cells, 4)`` by powers of t."""
-    a, b, m, n = value[:-1], value[1:], slope[:-1] * width, slope[1:] * width
-    return torch.stack([a, m, 3 * (b - a) - 2 * m - n, 2 * (a - b) + m + n], -1)
+    return (network.slope(r) / r).squeeze(-1).detach()
 
 
 DEGREE = 5  # of the plane's spline in each direction
@@ -180,10 +184,6 @@ class PlaneSpline(PairSpline):
         polynomials = basis @ blocks[:, half:] @ basis.T
         # Coefficient of s^i t^j of cell (x, y), the powers of t side by side.
         self.register_buffer("table", polynomials.reshape(cells * half, size * size))
-
-    def lookup(self, dtype: torch.dtype) -> tuple[int, int]:
-        """Cells along each side of the square, and nothing more."""
-        return self.resolution, 0
 
     def spline_energy(self, displacement: Tensor) -> Tensor:
         rows, _, s, _ = self._rows(displacement / (REACH + soft_length(displacement)))

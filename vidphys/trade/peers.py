@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from dynamics import Hamiltonian, Parameters, PhaseState
-from dynamics.compiled.cpu import kick, move_all
-from dynamics.compiled.lanes import kernel
+from dynamics.compiled.cpu import states
+from dynamics.compiled.lanes import kernel, uncounted
+from dynamics.compiled.steps import kick, move_all, store
 from dynamics.mlp import MLP
 from dynamics.potentials import CORE, REACH, SPREAD, RadialPotential
 from dynamics.unstructured import ResidualMap
@@ -204,31 +205,24 @@ def jax_map(
 LANES = 64
 
 
-@kernel
+@uncounted
 def _attract(
-    here: Numbers,
-    there: Numbers,
-    weight: Numbers,
-    on_one: Numbers,
-    on_other: Numbers,
-    softening: Any,
+    q: Numbers, i: int, j: int, weight: Numbers, pair: int, softening: Any, force: Numbers
 ) -> None:
-    """Softened gravity between two bodies, ``(2 * LANES,)`` each."""
+    """Softened gravity between two bodies of ``(bodies, 2, LANES)``."""
     for lane in range(LANES):
-        x, y = here[lane] - there[lane], here[LANES + lane] - there[LANES + lane]
+        x, y = q[i, 0, lane] - q[j, 0, lane], q[i, 1, lane] - q[j, 1, lane]
         squared = x * x + y * y + softening * softening
-        pull = weight[lane] / (squared * np.sqrt(squared))
-        on_one[lane] -= pull * x
-        on_one[LANES + lane] -= pull * y
-        on_other[lane] += pull * x
-        on_other[LANES + lane] += pull * y
+        pull = weight[pair, lane] / (squared * np.sqrt(squared))
+        force[i, 0, lane] -= pull * x
+        force[i, 1, lane] -= pull * y
+        force[j, 0, lane] += pull * x
+        force[j, 1, lane] += pull * y
 
 
 @kernel
 def _true_steps(
-    q: Numbers,
-    p: Numbers,
-    force: Numbers,
+    start: Numbers,
     mobility: Numbers,
     strength: Numbers,
     dt: Any,
@@ -236,21 +230,32 @@ def _true_steps(
     out: Numbers,
     begin: int,
 ) -> None:
-    """Leapfrog steps of ``LANES`` episodes, all ``(bodies, 2 * LANES)``; every state stored."""
-    bodies, half = q.shape[0], dt / 2
+    """Leapfrog steps of ``LANES`` episodes; every state is stored, the start first.
+
+    Args:
+        start: q and p, ``(2, bodies, 2, LANES)``.
+        mobility: 1 / m, ``(bodies, 2, LANES)``.
+        strength: G m_i m_j, ``(pairs, LANES)``.
+        dt: seconds.
+        softening: world units.
+        out: ``(stored, 2, bodies, 2, episodes)``.
+        begin: the first of these episodes.
+    """
+    q, p, force = start[0].copy(), start[1].copy(), np.zeros_like(start[0])
+    flat_q, flat_p, flat_force = q.reshape(-1), p.reshape(-1), force.reshape(-1)
+    loose = mobility.reshape(-1)
     for move in range(out.shape[0]):
-        move_all(q.reshape(-1), p.reshape(-1), force.reshape(-1), mobility.reshape(-1), half, dt)
+        # Before the first step comes one of no length, which finds the first force.
+        step = dt if move > 0 else np.float32(0)
+        half = step * np.float32(0.5)
+        move_all(flat_q, flat_p, flat_force, loose, half, step)
         pair = 0
-        for i in range(bodies):
-            for j in range(i + 1, bodies):
-                _attract(q[i], q[j], strength[pair], force[i], force[j], softening)
+        for i in range(q.shape[0]):
+            for j in range(i + 1, q.shape[0]):
+                _attract(q, i, j, strength, pair, softening, force)
                 pair += 1
-        kick(p.reshape(-1), force.reshape(-1), half)
-        for row in range(2 * bodies):
-            for lane in range(LANES):
-                at = row % 2 * LANES + lane
-                out[move, 0, row, begin + lane] = q[row // 2, at]
-                out[move, 1, row, begin + lane] = p[row // 2, at]
+        kick(flat_p, flat_force, half)
+        store(q, p, begin, LANES, out, move)
 
 
 def numba_truth(
@@ -261,24 +266,14 @@ def numba_truth(
     i, j = np.triu_indices(bodies, 1)
     product = (params.coupling[:, None] * params.mass[:, i] * params.mass[:, j]).T.numpy()
     mobility = np.repeat((1 / params.mass).T.numpy()[:, None], 2, 1)
-    first = [x.permute(1, 2, 0).numpy() for x in (start.q, start.p)]
+    first = torch.stack([start.q, start.p]).permute(0, 2, 3, 1).numpy()
 
     def roll() -> Numbers:
-        out = np.empty((steps, 2, 2 * bodies, episodes), np.float32)
+        out = states((steps + 1, *first.shape), np.float32)
         for begin in range(0, episodes, LANES):
-            part = slice(begin, begin + LANES)
-            q, p, loose = (
-                np.ascontiguousarray(x[..., part]).reshape(bodies, 2 * LANES)
-                for x in (*first, mobility)
-            )
-            force, weight = np.zeros_like(q), np.ascontiguousarray(product[:, part])
-            # The first force is found by a step of no length, which is written over.
-            _true_steps(
-                q, p, force, loose, weight, np.float32(0), np.float32(softening), out[:1], begin
-            )
-            _true_steps(
-                q, p, force, loose, weight, np.float32(dt), np.float32(softening), out, begin
-            )
+            block = slice(begin, begin + LANES)
+            parts = (np.ascontiguousarray(x[..., block]) for x in (first, mobility, product))
+            _true_steps(*parts, np.float32(dt), np.float32(softening), out, begin)
         return out
 
     return roll
