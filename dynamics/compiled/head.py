@@ -18,13 +18,16 @@ from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head, Trajectory
 from dynamics.integrators import YOSHIDA_WEIGHTS, leapfrog, yoshida4
 from dynamics.kinetic import FixedKinetic
+from dynamics.mlp import TANH
+from dynamics.pairs import pair_indices
 from dynamics.potentials import DisplacementPotential, PairPotential, RadialPotential
 from dynamics.state import Parameters, PhaseState
 
 Backend = Literal["torch", "numba", "triton"]
 PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
 # Triton holds all pairs of an episode in registers, numba those of a block of them in memory.
-MOST_BODIES = {"triton": 8, "numba": 128}
+# Loops with a way back keep what the network gave of every pair at every step.
+MOST_BODIES = {"triton": 8, "numba": 128, "unrolled": 8}
 REACH = 1000.0  # world units
 
 
@@ -132,7 +135,7 @@ def fused(
 
 def flat(x: Tensor, batch: torch.Size, *sizes: int) -> Tensor:
     """``x`` of every episode of a batch, along one axis: ``(episodes, *sizes)``."""
-    if len(batch) == 1 and x.shape == (*batch, *sizes):
+    if len(batch) == 1 and x.shape == (*batch, *sizes) and not x.requires_grad:
         return x
     return x.expand(*batch, *sizes).reshape(-1, *sizes)
 
@@ -152,6 +155,45 @@ class Episodes(NamedTuple):
     mass: Tensor
     strength: Tensor
     amount: Tensor
+
+
+def unrolled(
+    head: Hamiltonian, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+) -> Trajectory:
+    """All steps of a :func:`trainable` model, with a way back; see :func:`fused`."""
+    from dynamics.compiled import unrolled_orbits
+
+    potential = cast(DisplacementPotential, head.potential)
+    batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
+    mass, strength = episodes_last(potential.law, params, batch)
+    told = torch.cat([1 / mass, strength]).T
+    states = unrolled_orbits.unrolled(
+        potential, start.flat.reshape(batch.numel(), -1), told, steps // every, every, dt
+    )
+    flat = states.reshape(*batch, *states.shape[1:])
+    return Trajectory(PhaseState.from_flat(flat, *sizes), "numba")
+
+
+def trainable(head: Hamiltonian, states: Tensor) -> bool:
+    """Whether loops with a way back know a model: leapfrog and one law of displacements."""
+    law = head.potential
+    if not isinstance(law, DisplacementPotential) or law.law.box is not None:
+        return False
+    *hidden, _ = (layer.out_features for layer in law.phi.layers)
+    known = law.phi.activation == TANH and len(hidden) == 2 and hidden[0] == hidden[1]
+    bodies = 2 <= states.shape[-2] <= MOST_BODIES["unrolled"]
+    plain = head.integrator == leapfrog and refusal(head, "numba", states) is None
+    return known and bodies and plain
+
+
+def episodes_last(law: Any, params: Parameters, batch: torch.Size) -> tuple[Tensor, Tensor]:
+    """Masses ``(n, episodes)`` and c(G) s_i s_j ``(pairs, episodes)`` of a batch of episodes."""
+    strength, amount = law.strength(params)
+    i, j = pair_indices(params.mass.shape[-1], params.mass.device)
+    product = strength.unsqueeze(-1) * (amount[..., i] * amount[..., j])
+    wide = (x.expand(*batch, x.shape[-1]).reshape(-1, x.shape[-1]) for x in (params.mass, product))
+    mass, product = (x.T.contiguous() for x in wide)
+    return mass, product
 
 
 def compile_head(
