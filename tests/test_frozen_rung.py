@@ -14,7 +14,7 @@ from vidphys.data.clips import render_clips
 from vidphys.data.encounters import NEAR, encounters
 from vidphys.errors import InputError
 from vidphys.perception import frozen
-from vidphys.perception.base import FitTask
+from vidphys.perception.base import Attentive, FitTask
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import PixelSizes
 from vidphys.runs.folder import RunFolder
@@ -100,11 +100,12 @@ def test_what_is_read_of_a_feature_frame_goes_to_its_own_frames_and_bodies():
     class Reading:
         def read(self, values, centres):
             positions = values.float().reshape(len(values), 6, 2)
-            return positions, positions[..., 0]
+            return positions, positions[..., 0].sigmoid()
 
     tracks = frozen.FrozenPerception(Telling(), Reading(), 4.0, None).tracks(clips)
     torch.testing.assert_close(tracks.positions, clips.states.q, atol=4e-3, rtol=0)
-    torch.testing.assert_close(tracks.confidence, clips.states.q[..., 0] / 4, atol=1e-3, rtol=0)
+    sure = (clips.states.q[..., 0] / 4).sigmoid()
+    torch.testing.assert_close(tracks.confidence, sure, atol=1e-3, rtol=0)
 
 
 def test_a_number_of_frames_that_feature_frames_do_not_divide_is_refused(monkeypatch, clips):
@@ -194,3 +195,21 @@ def test_an_encoder_of_single_frames_sees_encounters_one_by_one(monkeypatch, cli
 
 class Still(torch.nn.Module):
     """Stands for a trained readout."""
+
+
+def test_mirror_images_are_read_where_they_are_and_their_errors_average_out():
+    clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 3, 8, 40, 0, "train")
+
+    class Leaning:
+        """The middle of the red light, read too far to the right and above, in any picture."""
+
+        def read(self, values, centres):
+            light = values[:, 0].float()
+            middle = torch.einsum("fhw,hwd->fd", light, centres) / light.sum((1, 2))[:, None]
+            return (middle + 0.1)[:, None].expand(-1, 3, -1), torch.full((len(values), 3), 0.25)
+
+    perception = frozen.FrozenPerception(Blocks(), Leaning(), 4.0, None)
+    assert isinstance(perception, Attentive)
+    once, closely = perception.tracks(clips), perception.closely(clips)
+    torch.testing.assert_close(closely.positions, once.positions - 0.4, atol=1e-3, rtol=0)
+    torch.testing.assert_close(closely.confidence, once.confidence)

@@ -18,7 +18,14 @@ from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.scoring import Question, score_drift, score_inversion
 from vidphys.initial_state import by_differencing, by_shooting, choose_slack
-from vidphys.perception.base import HEAD_DT, FitTask, Foreseeing, Grounding, Perception
+from vidphys.perception.base import (
+    HEAD_DT,
+    Attentive,
+    FitTask,
+    Foreseeing,
+    Grounding,
+    Perception,
+)
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.runs.records import Recorder
@@ -74,7 +81,8 @@ class Perceived:
 def perceive(perception: Perception, seen: Seen) -> Perceived:
     """Run a fitted perception over the clips of a rung."""
     truth = seen.test.states.q
-    test = relabel(perception.tracks(seen.test), truth)
+    look = perception.closely if isinstance(perception, Attentive) else perception.tracks
+    test = relabel(look(seen.test), truth)
 
     def under(head: Head) -> Tracks:
         if not isinstance(perception, Foreseeing):

@@ -43,6 +43,15 @@ class Foreseeing(Perception, Protocol):
         ...
 
 
+@runtime_checkable
+class Attentive(Perception, Protocol):
+    """A perception that reads a clip better at several times the cost."""
+
+    def closely(self, clips: Clips) -> Tracks:
+        """As :meth:`tracks`, for the few clips that something is asked about."""
+        ...
+
+
 @dataclass(frozen=True)
 class FitTask:
     """What a perception is fitted to.

@@ -14,11 +14,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
+from readouts.attention import confidence_at, distance_at
 from readouts.local import RefinedReadout
 from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.data.clips import Clips
@@ -37,6 +39,8 @@ SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs t
 HELD_OUT = 8  # one clip in so many decides which weights of the readout are kept
 LEARNING_RATE, CLIP = 3e-3, 1.0
 AT_ONCE = 16  # clips that are encoded before their features are put by
+ALONG_X, ALONG_Y = -1, -2  # axes of frames, (..., H, W)
+MIRRORS = ((), (ALONG_X,), (ALONG_Y,), (ALONG_X, ALONG_Y))
 COARSE, FINE = 1, 8  # steps of the readout's two parts, over the preset's for a perception
 
 
@@ -58,13 +62,32 @@ class FrozenPerception:
     folder: Path | None
 
     def tracks(self, clips: Clips) -> Tracks:
-        """Positions of every body in every frame, and the certainty of the attention."""
-        features = encode_clips(self.encoder, clips, self.folder)
+        """Positions of every body in every frame, and how sure the readout is of them."""
+        return self._tracks(clips, *self._read(clips, ()))
+
+    def closely(self, clips: Clips) -> Tracks:
+        """As :meth:`tracks`, averaged over the frames and their mirror images.
+
+        To the readout these are other pictures, so that much of its error averages out. The
+        confidence is that of one of them: the mean deserves somewhat more.
+        """
+        positions, distance = zip(*(self._read(clips, axes) for axes in MIRRORS), strict=True)
+        return self._tracks(clips, torch.stack(positions).mean(0), torch.stack(distance).mean(0))
+
+    def _read(self, clips: Clips, axes: tuple[int, ...]) -> tuple[Tensor, Tensor]:
+        """Positions, and the error expected of them, of frames mirrored along some axes."""
+        seen = replace(clips, frames=clips.frames.flip(axes))
+        features = encode_clips(self.encoder, seen, self.folder)
         values = features.values.flatten(0, 1)
         positions, confidence = read_all(self.readout, values, features.cell_centres())
+        sign = torch.tensor([-1.0 if axis in axes else 1.0 for axis in (ALONG_X, ALONG_Y)])
+        return sign * positions, distance_at(confidence)
+
+    def _tracks(self, clips: Clips, positions: Tensor, distance: Tensor) -> Tracks:
         shape = clips.states.q.shape
         world = self.half_extent * positions.reshape(shape)
-        return Tracks(world.double(), confidence.reshape(shape[:-1]).double(), clips.times)
+        sure = confidence_at(distance).reshape(shape[:-1])
+        return Tracks(world.double(), sure.double(), clips.times)
 
 
 def encode_clips(encoder: FrozenEncoder, clips: Clips, folder: Path | None) -> FeatureMap:
