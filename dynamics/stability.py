@@ -11,7 +11,8 @@ import copy
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
+from weakref import WeakKeyDictionary
 
 import torch
 from torch import Tensor, nn
@@ -80,13 +81,34 @@ class SteepnessTable:
         return self.values[index.clamp_min(0)]
 
 
+_LEARNED_TABLES: WeakKeyDictionary[nn.Module, tuple[Any, SteepnessTable]] = WeakKeyDictionary()
+
+
+def steepness(potential: PairPotential, like: Tensor) -> SteepnessTable:
+    """The table of a pair potential; that of a learned one is kept while its weights are the same.
+
+    They are known by where they lie, by torch's count of their changes, and by their sums, because
+    what is changed through ``.data`` is not counted.
+    """
+    weights = list(potential.parameters())
+    if not weights:
+        return SteepnessTable(potential, like)
+    sums = torch.stack([weight.detach().sum() for weight in weights]).tolist()
+    counts = [(weight.data_ptr(), weight._version) for weight in weights]
+    key = like.dtype, like.device, like.shape[-1], sums, counts
+    kept = _LEARNED_TABLES.get(potential)
+    if kept is None or kept[0] != key:
+        kept = _LEARNED_TABLES[potential] = key, SteepnessTable(potential, like)
+    return kept[1]
+
+
 class PairRates:
     """Squared rates of the pairs of one pair potential, in 1 / s^2."""
 
     def __init__(self, potential: PairPotential, params: Parameters, like: Tensor) -> None:
         self.name, self.law = type(potential).__name__, potential.law
         self.bodies, self.params = like.shape[-2], params
-        self.table = SteepnessTable(potential, like)
+        self.table = steepness(potential, like)
         self.kept: Tensor | None = None
         if self.bodies * (self.bodies - 1) // 2 <= FEW:
             self.kept = self._weights(*pair_indices(self.bodies, like.device))

@@ -40,7 +40,7 @@ from dynamics.potentials import (
     SoftenedGravity,
     SumPotential,
 )
-from dynamics.stability import SteepnessTable, flat_parameters, rates_of, stiffest
+from dynamics.stability import SteepnessTable, flat_parameters, rates_of, steepness, stiffest
 from dynamics.substeps import watched
 
 DT = 0.002
@@ -105,6 +105,20 @@ def test_steepness_is_the_slope_of_the_force_at_the_distance_or_beyond(potential
     table = SteepnessTable(potential, torch.zeros(2, 2, dtype=torch.float64))
     found = float(table.at(torch.tensor([r * r], dtype=torch.float64)))
     assert slope * 0.99 <= found <= slope * 1.2  # the cells of the table are 6 % wide
+
+
+def test_a_learned_table_is_kept_until_a_weight_changes() -> None:
+    torch.manual_seed(0)
+    potential, like = build(HEADS["factored"], 3, DT).potential, torch.zeros(2, 2)  # type: ignore[union-attr]
+    before = steepness(potential, like)
+    assert steepness(potential, like) is before
+    last = potential.phi.layers[-1].weight  # type: ignore[union-attr]
+    with torch.no_grad():
+        last.mul_(2)
+    twice = steepness(potential, like)
+    assert torch.allclose(twice.values, 2 * before.values)
+    last.data.mul_(2)  # not counted by torch
+    assert torch.allclose(steepness(potential, like).values, 4 * before.values)
 
 
 def test_the_stiffest_pair_and_term_are_named() -> None:
