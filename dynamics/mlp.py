@@ -45,12 +45,26 @@ class MLP(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """``(..., sizes[0]) -> (..., sizes[-1])``."""
+        batch, x = x.shape[:-1], _rows(x)
+        out = self.plain_forward(x) if torch.is_grad_enabled() else self._fused_forward(x)
+        return out.reshape(*batch, out.shape[-1])
+
+    def plain_forward(self, x: Tensor) -> Tensor:
+        """:meth:`forward` of rows by torch's own operations."""
         value, _ = _ACTIVATIONS[self.activation]
         hidden, last = self._split()
-        batch, x = x.shape[:-1], _rows(x)
         for layer in hidden:
             x = value(layer(x))
-        return last(x).reshape(*batch, last.out_features)
+        return last(x)
+
+    def _fused_forward(self, x: Tensor) -> Tensor:
+        """The same of many rows by fused loops, which have no way back, where there are any."""
+        weights = self._weights(x)
+        if weights is None or torch._C._functorch.peek_interpreter_stack() is not None:
+            return self.plain_forward(x)
+        from dynamics.compiled.gradient import output
+
+        return output(x, *weights) + self._split()[1].bias
 
     def gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
         """Gradient with respect to the input, shape of ``x``.
@@ -64,17 +78,25 @@ class MLP(nn.Module):
 
     def _fused(self, x: Tensor) -> Tensor | None:
         """The gradient of many rows by fused loops; ``None`` where there are none for it."""
+        weights = self._weights(x)
+        if weights is None:
+            return None
+        from dynamics.compiled.gradient import input_gradient
+
+        return input_gradient(x, *weights)
+
+    def _weights(self, x: Tensor) -> tuple[Tensor, ...] | None:
+        """What fused loops are given of this network; ``None`` where they know no such rows."""
         hidden, last = self._split()
         sizes = [layer.out_features for layer in hidden]
         known = self.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
         if not known or last.out_features != 1 or len(x) < FEWEST_ROWS or not has_numba():
             return None
-        from dynamics.compiled.gradient import can_run, input_gradient
+        from dynamics.compiled.gradient import can_run
 
-        if not can_run(x):
-            return None
         low, top = hidden
-        return input_gradient(x, low.weight, low.bias, top.weight, top.bias, last.weight)
+        given = low.weight, low.bias, top.weight, top.bias, last.weight
+        return given if can_run(x) else None
 
     def plain_gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
         """:meth:`gradient` of rows ``(rows, sizes[0])`` by torch's own operations."""

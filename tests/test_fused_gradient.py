@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import pytest
 import torch
 from torch import nn
@@ -147,3 +149,15 @@ def test_the_way_back_is_the_same_whichever_thread_is_first():
     finally:
         torch.set_num_threads(threads)
     assert len(found) == 1
+
+
+def test_outputs_without_a_way_back_are_torch_s_own():
+    torch.manual_seed(2)
+    network = MLP((3, 20, 20, 1))
+    x = torch.randn(5, 301, 3)
+    with torch.no_grad():
+        found = network(x)
+    expected = copy.deepcopy(network).double().plain_forward(x.double())
+    assert found.shape == (5, 301, 1) and not found.requires_grad
+    torch.testing.assert_close(found, expected.detach().float(), rtol=1e-6, atol=1e-6)
+    assert torch.equal(network(x), network.plain_forward(x.reshape(-1, 3)).reshape(5, 301, 1))

@@ -18,7 +18,7 @@ from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS, out_of_panels
-from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers
+from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers, value_rows
 
 
 def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
@@ -31,6 +31,18 @@ def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
     if torch._C._functorch.peek_interpreter_stack() is not None:
         return _Mapped.apply(x, *weights)
     return _Gradient.apply(x.unsqueeze(0), *(w.unsqueeze(0) for w in weights)).squeeze(0)
+
+
+def output(x: Tensor, *weights: Tensor) -> Tensor:
+    """The network's output without its last bias, ``(rows, 1)``; there is no way back.
+
+    Args:
+        x, weights: see :func:`input_gradient`.
+    """
+    net, rows = layers(*(w.detach().numpy() for w in weights)), _tiled(x.unsqueeze(0))[0]
+    out = np.empty((len(rows), ROWS, 1), rows.dtype)
+    in_threads(lambda some: value_rows(net, rows, out, some), len(rows))
+    return torch.from_numpy(out).reshape(-1, 1)[: len(x)]
 
 
 def plain_gradient(

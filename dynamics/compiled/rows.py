@@ -129,6 +129,27 @@ def gradient_rows(
 
 
 @kernel
+def value_rows(net: Layers, x: Array, out: Array, tiles: tuple[int, int]) -> int:
+    """Outputs of some tiles of rows, without the last layer's bias.
+
+    Args:
+        net, x, tiles: see :func:`gradient_rows`.
+        out: ``(tiles, ROWS, 1)``.
+    """
+    panels = net.last.shape[0]
+    sums, last = aligned(BLOCK * PANEL, x), net.last.reshape((1, panels, PANEL))
+    low = aligned(panels * ROWS * PANEL, x).reshape((panels, ROWS, PANEL))
+    top = aligned(panels * ROWS * PANEL, x).reshape((panels, ROWS, PANEL))
+    for tile in range(tiles[0], tiles[1]):
+        enter(net.first, net.first_bias, x[tile], sums, low)
+        _squash(low)
+        times(low, net.up, net.bias, sums, top)
+        _squash(top)
+        leave(last, top, sums, out[tile])
+    return 0
+
+
+@kernel
 def _bend_low(low: Array, sent: Array, lifted: Array, steep: Array, bent: Array) -> None:
     """What reaches ``sent``, and what reaches the first layer's values through its slopes."""
     one, two = low.dtype.type(1), low.dtype.type(2)
