@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
 from dynamics import HEADS, HamiltonianTerms, Parameters, PhaseState, build, rollout
+from dynamics.compiled import cpu, pairs
 from dynamics.domain import FARTHEST, NEAREST, extents
 from dynamics.head import stepped
 
@@ -88,3 +90,23 @@ def test_a_state_that_is_not_finite_is_seen_on_the_way(far):
     with torch.no_grad():
         found = head.trajectory(start, params, 2, 1e3)
     assert not math.isfinite(sum(found.reached.values()))
+
+
+@pytest.mark.parametrize("name", ["factored", "factored-radial"])
+def test_what_lay_in_memory_before_does_not_matter(name):
+    """A pair's work is not cleared; no number may come of it but through the network."""
+    potential = case(name)[0].potential
+    kind, _, reach, _, weights, back = cpu.packed(potential, torch.empty(1))
+    units, layers = weights.biases.shape[1], weights.biases.shape[0]
+    room = [np.zeros(size, np.float32) for size in (8 * 64, 8 * 32, 0, 8 * 64)]
+    room[2] = np.zeros((2 * layers, units * 64), np.float32)
+    found = []
+    for lain in (0.0, np.nan):
+        work = np.full((1, pairs.ROWS, pairs.LANES), lain, np.float32)
+        work[0, pairs.X], work[0, pairs.Y] = 0.3, np.linspace(-1, 1, pairs.LANES)
+        work[0, pairs.S] = work[0, pairs.X] ** 2 + work[0, pairs.Y] ** 2 + 0.05**2
+        far = np.float32(reach[0] ** 2)
+        pairs.ask_networks(kind, weights, back, far, work, pairs.LANES, tuple(room))
+        found.append(work[0, pairs.GX])
+    assert np.isfinite(found[0]).all()
+    np.testing.assert_array_equal(*found)

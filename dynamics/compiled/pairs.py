@@ -118,7 +118,7 @@ def _plane_network(
 ) -> None:
     """Gradient of a :class:`dynamics.potentials.DisplacementPotential` where it is out of reach."""
     inputs, sums, scratch, result = room
-    one, half = work.dtype.type(1), work.dtype.type(0.5 * SPREAD)
+    zero, one, half = work.dtype.type(0), work.dtype.type(1), work.dtype.type(0.5 * SPREAD)
     spread = work.dtype.type(REACH)
     for side in range(2):
         sign = half if side == 0 else -half
@@ -134,9 +134,11 @@ def _plane_network(
             gu, gv = sign * result[lane], sign * result[LANES + lane]
             inward = (x * gu + y * gv) * shrink * shrink / r
             if not work[S, lane] <= far:
-                kept = work.dtype.type(side)
-                work[GX, lane] = kept * work[GX, lane] + gu * shrink - x * inward
-                work[GY, lane] = kept * work[GY, lane] + gv * shrink - y * inward
+                # Chosen, not multiplied by nothing: what lies there at first may be no number.
+                before_x = work[GX, lane] if side == 1 else zero
+                before_y = work[GY, lane] if side == 1 else zero
+                work[GX, lane] = before_x + gu * shrink - x * inward
+                work[GY, lane] = before_y + gv * shrink - y * inward
 
 
 @uncounted
