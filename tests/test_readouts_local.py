@@ -12,7 +12,7 @@ from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
 from readouts.scale import FeatureScale
 from vidphys.training.labelled import LabelledFrames, joined
 from vidphys.training.learner import FitSettings
-from vidphys.training.readouts import ReadoutSettings, mean_distance, read_all
+from vidphys.training.readouts import mean_distance, read_all
 from vidphys.training.refinement import Glances, train_refined
 
 CHANNELS, GRID = 4, (10, 8)
@@ -75,7 +75,7 @@ def test_a_second_reading_is_nearer_and_knows_how_near() -> None:
     train, held_out, unseen = labelled(512), labelled(128), labelled(256)
     readout = RefinedReadout(CHANNELS, 2, GRID)
     coarse, fine = FitSettings(150, 64, 1e-2, 1.0), FitSettings(200, 64, 3e-3, 1.0)
-    fit = train_refined(readout, train, held_out, ReadoutSettings(coarse), fine, 0)
+    fit = train_refined(readout, train, held_out, coarse, fine, 0)
     assert fit.held_out_error == pytest.approx(mean_distance(readout, held_out))
     assert mean_distance(readout, unseen) < 0.5 * mean_distance(readout.coarse, unseen)
     positions, confidence = read_all(readout, unseen.values, unseen.centres)
@@ -135,7 +135,7 @@ def test_readers_that_learned_apart_are_nearer_together_and_their_spread_tells()
     train, held_out, unseen = labelled(128), labelled(128), labelled(256)
     readout = RefinedReadout(CHANNELS, 2, GRID, readers=3)
     coarse, fine = FitSettings(100, 64, 1e-2, 1.0), FitSettings(200, 64, 3e-3, 1.0)
-    train_refined(readout, train, held_out, ReadoutSettings(coarse), fine, 0)
+    train_refined(readout, train, held_out, coarse, fine, 0)
     local = readout.local
     cells = nearest_cells(unseen.targets, unseen.centres)
     with torch.no_grad():

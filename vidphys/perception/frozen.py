@@ -217,7 +217,7 @@ def _train(
         whole = replace(fine, steps=coarse.steps + fine.steps)
         train_readout(control, train, kept, ReadoutSettings(whole), order, task.progress)
         return control
-    train_refined(refined, train, kept, ReadoutSettings(coarse), fine, order, task.progress)
+    train_refined(refined, train, kept, coarse, fine, order, task.progress)
     return refined
 
 

@@ -32,7 +32,7 @@ def train_refined(
     readout: RefinedReadout,
     train: LabelledFrames,
     held_out: LabelledFrames,
-    coarse: ReadoutSettings,
+    coarse: FitSettings,
     fine: FitSettings,
     seed: int,
     progress: Progress | None = None,
@@ -51,7 +51,7 @@ def train_refined(
         progress: called as ``(step, steps, loss)``.
     """
     rough = _rough(readout, train), _rough(readout, held_out)
-    train_readout(readout.coarse, rough[0], rough[1], coarse, seed, progress)
+    train_readout(readout.coarse, *rough, ReadoutSettings(coarse, stop=LOOKS), seed, progress)
     found, _ = read_all(readout.coarse, rough[0].values, rough[0].centres)
     error = partial(mean_distance, readout, held_out)
     best = BestWeights(readout.local, error, fine.steps, LOOKS)
