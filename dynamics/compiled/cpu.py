@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from dynamics.compiled.head import Episodes
+from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import (
     BLOCK,
     PART,
@@ -24,7 +25,6 @@ from dynamics.compiled.lanes import (
     Transposed,
     Weights,
     aligned,
-    kernel,
     transposed,
     weights_of,
 )

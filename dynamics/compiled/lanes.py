@@ -7,15 +7,12 @@ is called, and so none can throttle itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from inspect import unwrap
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.core.compiler import Compiler
 from numpy.typing import NDArray
 
+from dynamics.compiled.kernels import inlined, kernel
 from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
 
 TILE = 64
@@ -24,47 +21,6 @@ ACTIVATIONS = {TANH: 0, SOFTPLUS: 1, SILU: 2}
 _TANH, _SOFTPLUS = 0, 1
 _LN2_HIGH, _LN2_LOW = 0.693359375, -2.1219444005469057e-4
 Array = NDArray[Any]
-
-
-class _Apart(Compiler):
-    """Promises that the arrays of a call lie apart.
-
-    Without that no table can be looked up in a loop that also writes: each entry might be what
-    was just written.
-    """
-
-    def define_pipelines(self) -> Any:
-        self.state.flags.noalias = True
-        return super().define_pipelines()
-
-
-# Fused multiply-adds are allowed; infinities and NaN stay what they are.
-_FAST: dict[str, Any] = {"fastmath": {"contract", "nsz"}, "error_model": "numpy", "cache": True}
-
-
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function whose arrays lie apart; it holds no lock that other threads wait for."""
-    # Unwrapped, because checks of types that tests put around a function cannot be compiled.
-    return njit(nogil=True, pipeline_class=_Apart, **_FAST)(unwrap(function))
-
-
-def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
-    """The same for a function that makes no arrays, and so need not count their references.
-
-    To count them costs as much as what is done on a few lanes, and so does a call: an array is
-    handed over as eight numbers.
-
-    Args:
-        function: to compile.
-        inline: into its callers.
-    """
-    apart: dict[str, Any] = {"pipeline_class": _Apart, "forceinline": inline, "_nrt": False}
-    return njit(nogil=True, **apart, **_FAST)(unwrap(function))
-
-
-def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a function into its callers."""
-    return njit(forceinline=True, **_FAST)(unwrap(function))
 
 
 class Weights(NamedTuple):

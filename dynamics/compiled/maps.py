@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from dynamics.compiled.cpu import in_threads
+from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import (
     BLOCK,
     PART,
@@ -20,7 +21,6 @@ from dynamics.compiled.lanes import (
     aligned,
     blocks_of,
     forward,
-    kernel,
     product,
     weights_of,
 )

@@ -19,7 +19,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dynamics.compiled.lanes import TILE, uncounted
+from dynamics.compiled.kernels import uncounted
+from dynamics.compiled.lanes import TILE
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES
 
 AT_ONCE = 4  # registers, which hide each other's latency

@@ -7,15 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.compiled.lanes import (
-    TILE,
-    Array,
-    Transposed,
-    Weights,
-    inlined,
-    input_gradient,
-    uncounted,
-)
+from dynamics.compiled.kernels import inlined, uncounted
+from dynamics.compiled.lanes import TILE, Array, Transposed, Weights, input_gradient
 from dynamics.compiled.octaves import coarse_polynomials, fine_polynomials
 from dynamics.compiled.spline import DEGREE
 from dynamics.potentials import REACH, SPREAD, RadialPotential

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynamics.compiled.lanes import Array, aligned, inlined, kernel, tanh
+from dynamics.compiled.kernels import inlined, kernel
+from dynamics.compiled.lanes import Array, aligned, tanh
 from dynamics.compiled.panels import (
     BLOCK,
     PANEL,

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynamics.compiled.lanes import Array, aligned, kernel, tanh
+from dynamics.compiled.kernels import kernel
+from dynamics.compiled.lanes import Array, aligned, tanh
 from dynamics.compiled.panels import (
     BLOCK,
     PANEL,

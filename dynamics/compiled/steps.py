@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.compiled.lanes import Array, Transposed, Weights, uncounted
+from dynamics.compiled.kernels import uncounted
+from dynamics.compiled.lanes import Array, Transposed, Weights
 from dynamics.compiled.pairs import (
     ALONG,
     GX,

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from dynamics import Hamiltonian, Parameters, PhaseState
 from dynamics.compiled.cpu import states
-from dynamics.compiled.lanes import kernel, uncounted
+from dynamics.compiled.kernels import kernel, uncounted
 from dynamics.compiled.steps import kick, move_all, store
 from dynamics.mlp import MLP
 from dynamics.potentials import CORE, REACH, SPREAD, RadialPotential

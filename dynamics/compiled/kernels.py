@@ -1,0 +1,69 @@
+"""How functions are compiled for the processor: what is promised of them, and what is kept."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from inspect import unwrap
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+from numba.core.compiler import Compiler
+from numba.core.dispatcher import Dispatcher
+
+
+class _Apart(Compiler):
+    """Promises that the arrays of a call lie apart.
+
+    Without that no table can be looked up in a loop that also writes: each entry might be what
+    was just written.
+    """
+
+    def define_pipelines(self) -> Any:
+        self.state.flags.noalias = True
+        return super().define_pipelines()
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function whose arrays lie apart; it holds no lock that other threads wait for."""
+    return _compiled(function, nogil=True, pipeline_class=_Apart)
+
+
+def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
+    """The same for a function that makes no arrays, and so need not count their references.
+
+    To count them costs as much as what is done on a few lanes, and so does a call: an array is
+    handed over as eight numbers.
+
+    Args:
+        function: to compile.
+        inline: into its callers.
+    """
+    return _compiled(function, nogil=True, pipeline_class=_Apart, forceinline=inline, _nrt=False)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a function into its callers."""
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    # Fused multiply-adds are allowed; infinities and NaN stay what they are. Unwrapped, because
+    # checks of types that tests put around a function cannot be compiled.
+    fast = njit(fastmath={"contract", "nsz"}, error_model="numpy", cache=True, **options)
+    made = fast(unwrap(function))
+    if isinstance(made, Dispatcher):  # not where numba is told to compile nothing
+        kept = made._cache._cache_file
+        kept._source_stamp = (kept._source_stamp, _sources())
+    return made
+
+
+@cache
+def _sources() -> str:
+    """A hash of all files here: what one calls in another is compiled into it, and numba asks
+    of a kept function only whether its own file is as it was.
+    """
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
