@@ -34,6 +34,14 @@ def test_a_change_in_another_kernels_file_is_heeded(total, monkeypatch):
     assert hits(total) == 1
 
 
+def test_processes_do_not_write_into_one_file(total, tmp_path, monkeypatch):
+    for process in (1, 2):
+        monkeypatch.setattr(kernels.os, "getpid", lambda process=process: process)
+        kernels.kernel(total)(np.arange(4.0, dtype=(np.float32, np.float64)[process - 1]))
+    files = {path.name.split(".")[-2] for path in tmp_path.rglob("*.nbc")}
+    assert files == {"1-1", "2-1"}
+
+
 def test_every_file_beside_it_counts(tmp_path, monkeypatch):
     read = kernels._sources.__wrapped__
     monkeypatch.setattr(kernels, "__file__", str(tmp_path / "kernels.py"))

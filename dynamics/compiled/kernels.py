@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from functools import cache
 from inspect import unwrap
@@ -53,11 +54,19 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     # Fused multiply-adds are allowed; infinities and NaN stay what they are. Unwrapped, because
     # checks of types that tests put around a function cannot be compiled.
     fast = njit(fastmath={"contract", "nsz"}, error_model="numpy", cache=True, **options)
-    made = fast(unwrap(function))
+    made: Any = fast(unwrap(function))
     if isinstance(made, Dispatcher):  # not where numba is told to compile nothing
-        kept = made._cache._cache_file
-        kept._source_stamp = (kept._source_stamp, _sources())
+        _keep_apart(made._cache._cache_file)  # type: ignore[attr-defined]
     return made
+
+
+def _keep_apart(kept: Any) -> None:
+    """Machine code is kept under the state of all files, and by each process in files of its own.
+
+    Two processes that compile at the same time would otherwise give two things one name.
+    """
+    kept._source_stamp = (kept._source_stamp, _sources())
+    kept._data_name_pattern = kept._data_name_pattern.replace("{", f"{os.getpid()}-{{")
 
 
 @cache
