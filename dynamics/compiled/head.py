@@ -137,7 +137,7 @@ def flat(x: Tensor, batch: torch.Size, *sizes: int) -> Tensor:
     """``x`` of every episode of a batch, along one axis: ``(episodes, *sizes)``."""
     if len(batch) == 1 and x.shape == (*batch, *sizes) and not x.requires_grad:
         return x
-    return x.expand(*batch, *sizes).reshape(-1, *sizes)
+    return x.expand((*batch, *sizes)).reshape(-1, *sizes)
 
 
 class Episodes(NamedTuple):
