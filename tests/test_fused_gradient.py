@@ -78,6 +78,18 @@ def test_two_threads_give_what_one_gives():
         close(one, other, 1e-13)
 
 
+def test_threads_that_keep_nothing_do_not_share_memory():
+    given = [x.detach() for x in case(20_000, 2, 64)]
+    alone = input_gradient(*given)
+    torch.set_num_threads(4)
+    try:
+        together = [input_gradient(*given) for _ in range(5)]
+    finally:
+        torch.set_num_threads(1)
+    for each in together:
+        assert torch.equal(each, alone)
+
+
 def test_models_side_by_side_have_the_gradients_that_they_have_alone():
     networks = [MLP((2, 32, 32, 1)) for _ in range(3)]
     x = torch.randn(3, 80, 2)

@@ -97,7 +97,9 @@ class _Gradient(Function):
         out = np.empty_like(rows)
 
         def part(which: tuple[int, int]) -> int:
-            hidden = (kept or Kept((2, 1, 1, *shape[3:]), rows.dtype)).array
+            # Held by name: memory that is let go may be another thread's next.
+            memory = kept or Kept((2, 1, 1, *shape[3:]), rows.dtype)
+            hidden = memory.array
             for model, some in shares(which, tiles):
                 at = 0 if kept is None else model
                 gradient_rows(

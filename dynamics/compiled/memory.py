@@ -28,7 +28,7 @@ class Kept:
         self.array = spare.pop() if spare else np.empty(shape, dtype)
 
     def __del__(self) -> None:
-        held = sum(array.nbytes for arrays in _spare.values() for array in arrays)
+        held = sum(array.nbytes for arrays in list(_spare.values()) for array in arrays)
         if held + self.array.nbytes > MOST_SPARE:
             _spare.clear()
         _spare.setdefault(self.key, []).append(self.array)
