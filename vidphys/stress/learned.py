@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 
 import torch
 
@@ -53,7 +53,7 @@ def heads() -> Iterator[Case]:
 
 def _asked(name: str, factor: float, coupling: float, dtype: torch.dtype = torch.float32) -> float:
     """Difference from the same weights in float64; infinite far from training: nothing is known."""
-    head, start, params = _trained(name)
+    head, start, params = trained(name)
     start = start.map(lambda x: (factor * x).to(dtype))
     law = params.with_coupling(coupling)
     if factor > 1:
@@ -62,19 +62,18 @@ def _asked(name: str, factor: float, coupling: float, dtype: torch.dtype = torch
     return float_twin_error(head, start, law, STEPS)
 
 
-_MADE: dict[str, tuple[Head, PhaseState, Parameters]] = {}
+@lru_cache
+def _made(name: str, episodes: int) -> tuple[Head, PhaseState, Parameters]:
+    torch.manual_seed(0)
+    rng = torch.Generator().manual_seed(0)
+    seen = PhaseState(*(torch.randn(episodes, BODIES, 2, generator=rng) for _ in range(2)))
+    head = build(FAMILIES[name], BODIES, STEP)
+    head.set_scale(1e-3, 1e-3)
+    head.see(seen)
+    return head, seen, Parameters(torch.ones(episodes), torch.ones(episodes, BODIES))
 
 
-def _trained(name: str) -> tuple[Head, PhaseState, Parameters]:
+def trained(name: str, episodes: int = EPISODES) -> tuple[Head, PhaseState, Parameters]:
     """A head that has been told its training's states; its weights are as drawn."""
-    if name not in _MADE:
-        torch.manual_seed(0)
-        rng = torch.Generator().manual_seed(0)
-        seen = [torch.randn(EPISODES, BODIES, 2, generator=rng) for _ in range(2)]
-        head = build(FAMILIES[name], BODIES, STEP)
-        head.set_scale(1e-3, 1e-3)
-        head.see(PhaseState(*seen))
-        params = Parameters(torch.ones(EPISODES), torch.ones(EPISODES, BODIES))
-        _MADE[name] = head, PhaseState(*seen), params
-    head, start, params = _MADE[name]
+    head, start, params = _made(name, episodes)
     return copy.deepcopy(head), start, params

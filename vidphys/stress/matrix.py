@@ -25,6 +25,7 @@ from vidphys.stress import (
     methods,
     orbits,
     pictures,
+    threads,
     walls,
 )
 from vidphys.stress.case import SILENT, SKIPPED, Case
@@ -73,6 +74,7 @@ def families(sizes: StressSizes) -> dict[str, list[Case]]:
         "image-size": pictures.sizes(),
         "reading": pictures.readings(),
         "training-range": learned.heads(),
+        "threads": threads.threads(),
         "compiled": compiled.compiled(),
         "energy-balance": balance.energy_balance(),
         "input": inputs.inputs(),
