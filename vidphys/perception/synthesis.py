@@ -5,6 +5,8 @@ Analysis through synthesis with the fixed differentiable renderer (inventory R1,
 
 from __future__ import annotations
 
+import warnings
+
 import torch
 from torch import Tensor
 from torch.func import jvp
@@ -102,7 +104,10 @@ def _derivative(world: ChannelWorld, q: Tensor, axis: int) -> tuple[Tensor, Tens
     """The rendering, and its derivative as all bodies move along one axis."""
     direction = torch.zeros_like(q)
     direction[..., axis] = 1
-    both: tuple[Tensor, Tensor] = jvp(world, (q,), (direction,))  # type: ignore[assignment]
+    with warnings.catch_warnings():
+        # Torch warns of itself where it first loads what forward derivatives need.
+        warnings.simplefilter("ignore", FutureWarning)
+        both: tuple[Tensor, Tensor] = jvp(world, (q,), (direction,))  # type: ignore[assignment]
     return both
 
 
