@@ -14,6 +14,8 @@ from dynamics.terms import HamiltonianTerms
 from vidphys.scenes.gravity import SOFTENING, gravity
 from vidphys.training.loop import FitSettings, fit
 
+BODIES_DT = 0.002  # seconds
+WIDTH = 256  # of the networks in rollouts
 STEPS, BATCH, RATE = 150, 256, 5e-3  # of the fit to the true pair force
 SLOW = 0.2  # momenta of a plunge, times those of the scene: the bodies fall into each other
 
@@ -43,7 +45,7 @@ def fitted(potential: str, width: int, seed: int = 0) -> Hamiltonian:
         seed: of its weights and of the places.
     """
     torch.manual_seed(seed)
-    head = build(HamiltonianTerms(potential=potential, width=width), bodies=3, dt=0.002)  # type: ignore[arg-type]
+    head = build(HamiltonianTerms(potential=potential, width=width), bodies=3, dt=BODIES_DT)  # type: ignore[arg-type]
     assert isinstance(head, Hamiltonian) and isinstance(head.potential, PairPotential)
     learned, true = head.potential, SoftenedGravity(SOFTENING)
 

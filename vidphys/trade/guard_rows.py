@@ -6,7 +6,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from vidphys.trade.benchmark import BODIES_DT, Contender, Match
+import torch
+
+from dynamics import rollout
+from vidphys.scenes.gravity import gravity
+from vidphys.trade.benchmark import Contender, Match
+from vidphys.trade.contenders import BODIES_DT, episodes, fitted
 
 LEAST = 1 / 1.03  # of the bare steps' speed
 WIDTH, STEPS = 64, 2000  # the study's
@@ -16,12 +21,6 @@ COUNTS = (1, 64)  # episodes
 
 def guards(name: str, count: int) -> Match:
     """Near-circular episodes at the study's step, which no check has a word to say of."""
-    import torch
-
-    from dynamics import rollout
-    from vidphys.scenes.gravity import gravity
-    from vidphys.trade.contenders import episodes, fitted
-
     head: Any = gravity().law if name == "exact" else fitted("displacement", WIDTH)
     start, params = episodes(count)
     if name != "exact":
