@@ -10,7 +10,10 @@ from torch import nn
 from torch.func import functional_call, stack_module_state, vmap
 
 from dynamics import HamiltonianTerms, build
+from dynamics.compiled import gradient
 from dynamics.compiled.gradient import input_gradient, plain_gradient
+from dynamics.compiled.memory import Kept
+from dynamics.compiled.panels import ROWS
 from dynamics.mlp import MLP
 from vidphys.training.ensemble import Ensemble
 
@@ -76,6 +79,19 @@ def test_two_threads_give_what_one_gives():
         torch.set_num_threads(1)
     for one, other in zip(both, alone, strict=True):
         close(one, other, 1e-13)
+
+
+def test_without_a_way_back_nothing_is_kept(monkeypatch):
+    given = case(2_000, 2, 32)
+    sizes = []
+    monkeypatch.setattr(
+        gradient, "Kept", lambda shape, dtype: sizes.append(shape) or Kept(shape, dtype)
+    )
+    with torch.no_grad():
+        alone = input_gradient(*given)
+    assert torch.equal(alone, input_gradient(*given).detach())
+    tiles = [shape[2] for shape in sizes]
+    assert tiles == [1, -(-2_000 // ROWS)]
 
 
 def test_threads_that_keep_nothing_do_not_share_memory():

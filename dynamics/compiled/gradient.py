@@ -28,6 +28,8 @@ def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
         x: rows, ``(rows, inputs)``.
         weights: both hidden layers' matrices and biases, and the last layer's matrix.
     """
+    if not torch.is_grad_enabled():  # weights that learn would have memory kept for a way back
+        x, weights = x.detach(), tuple(w.detach() for w in weights)
     if torch._C._functorch.peek_interpreter_stack() is not None:
         return _Mapped.apply(x, *weights)
     return _Gradient.apply(x.unsqueeze(0), *(w.unsqueeze(0) for w in weights)).squeeze(0)
