@@ -20,7 +20,8 @@ from vidphys.diagnose.weigh import weigh
 
 SMOOTH = 2  # degree of the polynomials by which motion is told from noise
 STILL = 1e-12  # of the size of the positions, below which a change is rounding
-SURE = 1e-6  # chance that noise alone looks as smooth as this
+SHUFFLES = 100  # orders of the frames that motion is compared with
+SURE = 1e-6  # chance that frames in any order look as smooth as this
 
 
 @dataclass(frozen=True)
@@ -97,32 +98,41 @@ def diagnose(motion: Motion, angles: bool = False) -> Diagnosis:
 def nothing_to_see(motion: Motion) -> str:
     """Why there is no motion to diagnose, or an empty string.
 
-    Noise has no memory: if slow polynomials explain no more of the positions in a stretch of a
-    clip than they would of noise, nothing moves, or frames are out of order.
+    Motion is smooth, and no other order of its frames is as smooth: where slow polynomials explain
+    no more of the positions in stretches of the clips than they would of the same frames mixed up,
+    nothing moves, or the frames are out of order already. All clips are mixed up alike, because
+    clips that were put out of order together are one accident, not many.
     """
     frames = motion.positions.shape[1]
     size = min(frames, 2 * LEAST_FRAMES)
     spread = np.nanmax(np.nanstd(motion.positions, axis=1))
     if not spread > STILL * np.nanmax(np.abs(motion.positions)):
         return "nothing moves"
-    firsts = range(0, frames - size + 1, size)
-    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
-    told = rest = 0.0
-    pieces = 0
-    for first in firsts:
+    stretches = []
+    for first in range(0, frames - size + 1, size):
         x = motion.positions[:, first : first + size].transpose(0, 2, 3, 1).reshape(-1, size)
-        x = x[np.isfinite(x).all(1)]
-        part = x @ basis
-        told += float((part[:, 1:] ** 2).sum())
-        rest += float((x**2).sum() - (part**2).sum())
-        pieces += len(x)
-    if pieces == 0:
+        stretches.append(x[np.isfinite(x).all(1)])
+    if not sum(map(len, stretches)):
         return f"no body is seen in {size} frames in a row; a force cannot show"
-    many, left = pieces * SMOOTH, pieces * (size - SMOOTH - 1)
-    ratio = (told / many) / max(rest / left, np.finfo(float).tiny)
-    if stats.f.sf(ratio, many, left) > SURE:
+    rng = np.random.default_rng(0)
+    mixed = [_smoothness([x[:, rng.permutation(size)] for x in stretches]) for _ in range(SHUFFLES)]
+    beyond = (_smoothness(stretches) - np.mean(mixed)) / max(float(np.std(mixed)), STILL)
+    if stats.norm.sf(beyond) > SURE:
         return (
             "nothing above the noise moves smoothly: the bodies are at rest, the noise hides "
             "them, or the frames are out of order"
         )
     return ""
+
+
+def _smoothness(stretches: list[np.ndarray]) -> float:
+    """Logarithm of what slow polynomials explain of ``(rows, frames)``, over what they leave."""
+    size = stretches[0].shape[1]
+    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
+    told = left = 0.0
+    for x in stretches:
+        part = x @ basis
+        told += float((part[:, 1:] ** 2).sum())
+        left += float((x**2).sum() - (part**2).sum())
+    least = np.finfo(float).tiny
+    return float(np.log(max(told, least) / max(left, least)))

@@ -65,18 +65,23 @@ def add_share(rows: Recorder, metric: str, holds: list[bool]) -> None:
 
 def run_nulls(task: CellTask) -> None:
     """No motion, noise alone, and frames out of order: nothing may be said of them."""
+    repeats = max(1, task.sizes.held_out // 4)
     for seed in task.seeds:
-        rng = np.random.default_rng([seed, 11])
-        moving = record(KINDS["gravity"], Setting(0.005, 0.04, 3, seed)).positions
-        still = np.broadcast_to(moving[:, :1], moving.shape)
-        cases = {
-            "at rest": still,
-            "at rest, noise": still + 0.005 * rng.standard_normal(moving.shape),
-            "noise": rng.standard_normal(moving.shape),
-            "shuffled": moving[:, rng.permutation(moving.shape[1])],
-        }
-        found = [diagnose(motion_of(x, 0.04)) for x in cases.values()]
-        add_share(recorder(task, seed), "refused", [bool(f.refused) for f in found])
+        refused = []
+        for repeat in range(repeats):
+            rng = np.random.default_rng([seed, repeat, 11])
+            moving = record(KINDS["gravity"], Setting(0.005, 0.04, 3, 100 * seed + repeat))
+            q = moving.positions
+            still = np.broadcast_to(q[:, :1], q.shape)
+            cases = {
+                "at rest": still,
+                "at rest, noise": still + 0.005 * rng.standard_normal(q.shape),
+                "noise": rng.standard_normal(q.shape),
+                "shuffled": q[:, rng.permutation(q.shape[1])],
+            }
+            found = [diagnose(motion_of(x, 0.04)) for x in cases.values()]
+            refused += [bool(f.refused) for f in found]
+        add_share(recorder(task, seed), "refused", refused)
 
 
 def run_power(task: CellTask) -> None:

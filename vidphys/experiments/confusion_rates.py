@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose
@@ -36,16 +38,21 @@ CADENCES, NOISES = (0.01, 0.02, 0.04, 0.08), (0.0, 0.005, 0.02)
 
 
 def run_damping(task: CellTask) -> None:
-    """Rates of linear friction with their intervals, where they are to be trusted."""
+    """Rates of linear friction with their intervals, where they are to be trusted.
+
+    Each scene has noise of its own: a share of scenes that have the same noise would be known no
+    better than from one of them.
+    """
     repeats = max(1, task.sizes.held_out // 8)
     for seed in task.seeds:
         found, held, worst = [], [], 0.0
+        scene = count(10_000 * seed)
         for sigma, interval in RATES_AT:
             rates = []
             for name in DAMPED:
                 for repeat in range(repeats):
                     bodies = (2, 3)[repeat % 2]
-                    setting = Setting(sigma, interval, bodies, 1000 * seed + repeat)
+                    setting = Setting(sigma, interval, bodies, next(scene))
                     rate = _rate(diagnose(record(KINDS[name], setting)))
                     found.append(rate is not None)
                     if rate is not None:
