@@ -26,6 +26,9 @@ BODY_COLOURS = (
     (0, 114, 178),
 )
 GUESS_COLOURS = {"prediction": "#0072B2", "counterfactual": "#D55E00"}
+# Of a contact sheet's parts, in shares of them; an automatic layout draws everything three times.
+STRIP = {"left": 0.01, "right": 0.99, "bottom": 0.0, "top": 0.72, "wspace": 0.05}
+PANELS = {"left": 0.04, "right": 0.99, "bottom": 0.13, "top": 0.91, "wspace": 0.25, "hspace": 0.1}
 
 
 def world_to_pixel(positions: np.ndarray, size: tuple[int, int], half_extent: float) -> np.ndarray:
@@ -78,13 +81,15 @@ def contact_sheet(showcase: Arrays, meta: Mapping[str, str]) -> Figure:
     check_showcase(showcase)
     pictures = "frames" in showcase
     with matplotlib.rc_context({"font.size": 10, "axes.edgecolor": "#bbbbbb"}):
-        figure = Figure(figsize=(11, 5.6 if pictures else 4.1), layout="constrained")
+        figure = Figure(figsize=(11, 5.6 if pictures else 4.1))
         below: FigureBase = figure
         if pictures:
-            parts: Any = figure.subfigures(2, 1, height_ratios=[1, 2.4])
+            parts: Any = figure.subfigures(2, 1, height_ratios=[1, 2.4], hspace=0)
             _film_strip(parts[0], showcase)
             below = parts[1]
-        panels = below.subplot_mosaic([["law", "flip", "energy"], ["law", "flip", "error"]])
+        panels = below.subplot_mosaic(
+            [["law", "flip", "energy"], ["law", "flip", "error"]], gridspec_kw=PANELS
+        )
         _paths(panels["law"], showcase, "truth", "prediction", "The trained law")
         roles = ("counterfactual_truth", "counterfactual")
         _paths(panels["flip"], showcase, *roles, "What if the coupling flips")
@@ -102,7 +107,8 @@ def _film_strip(part: SubFigure, showcase: Arrays) -> None:
     track = world_to_pixel(showcase["track"], (height, width), extent)
     zoom = min(extent, 1.25 * zoom_extent(showcase))
     corner = world_to_pixel(np.array([[-zoom, zoom], [zoom, -zoom]]), (height, width), extent)
-    for axes, k in zip(part.subplots(1, len(chosen)), chosen, strict=True):
+    strip = part.subplots(1, len(chosen), gridspec_kw=STRIP)
+    for axes, k in zip(strip, chosen, strict=True):
         axes.imshow(frames[k], extent=(0, width, height, 0), interpolation="nearest")
         for n in range(track.shape[1]):
             colour = tuple(part / 255 for part in BODY_COLOURS[n % len(BODY_COLOURS)])
