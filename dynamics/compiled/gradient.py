@@ -144,8 +144,9 @@ class _Gradient(Function):
             for model, total in found:
                 totals[model].append(total)
         x, first, *_ = ctx.saved_tensors
-        each = [as_torch(total, *first.shape[1:]) for total in totals]
-        return _untiled(on_rows, x), *(torch.stack(list(w)) for w in zip(*each, strict=True))
+        each = [in_torchs_form(total, *first.shape[1:]) for total in totals]
+        on_weights = (torch.from_numpy(np.array(w)) for w in zip(*each, strict=True))
+        return _untiled(on_rows, x), *on_weights
 
 
 def shares(which: tuple[int, int], tiles: int) -> Iterator[tuple[int, tuple[int, int]]]:
@@ -166,17 +167,16 @@ def _differentiable(given: tuple[Tensor, ...], upstream: Tensor) -> list[Tensor 
     return [next(left) if tensor.requires_grad else None for tensor in given]
 
 
-def as_torch(totals: list[Layers], units: int, inputs: int) -> list[Tensor]:
-    """Gradients of the weights, summed over threads, in the form of torch's own."""
+def in_torchs_form(totals: list[Layers], units: int, inputs: int) -> list[Array]:
+    """Gradients of the weights, summed over threads, as torch keeps the weights."""
     first, first_bias, up, _, bias, last, _ = (sum(x[1:], x[0]) for x in zip(*totals, strict=True))
-    found = (
+    return [
         first.reshape(inputs, -1).T[:units],
         first_bias.reshape(-1)[:units],
         out_of_panels(up).T[:units, :units],
         bias.reshape(-1)[:units],
         last.reshape(1, -1)[:, :units],
-    )
-    return [torch.from_numpy(np.ascontiguousarray(x)) for x in found]
+    ]
 
 
 def _tiled(x: Tensor) -> Array:

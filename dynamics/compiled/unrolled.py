@@ -158,9 +158,9 @@ class _Unrolled(Function):
         for found in in_threads(part, models * tiles):
             for model, total in found:
                 totals[model].append(total)
-        each = [_as_torch(total, weights[0].shape[1]) for total in totals]
+        each = [_in_torchs_form(total, weights[0].shape[1]) for total in totals]
         on_rows = torch.from_numpy(on_x).reshape(models, -1, x.shape[2])[:, : x.shape[1]]
-        on_weights = (torch.stack(list(w)) for w in zip(*each, strict=True))
+        on_weights = (torch.from_numpy(np.array(w)) for w in zip(*each, strict=True))
         return None, None, None, on_rows, *on_weights
 
 
@@ -174,11 +174,10 @@ def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
     return [next(left) if tensor.requires_grad else None for tensor in given]
 
 
-def _as_torch(totals: list[Net], units: int) -> list[Tensor]:
-    """Gradients of the weights, summed over threads, in the form of torch's own."""
+def _in_torchs_form(totals: list[Net], units: int) -> list[Array]:
+    """Gradients of the weights, summed over threads, as torch keeps the weights."""
     whole = Net(*(sum(x[1:], x[0]) for x in zip(*totals, strict=True)))
-    pairs = zip(*weights_of(whole, units), strict=True)
-    return [torch.from_numpy(np.ascontiguousarray(x)) for x in chain.from_iterable(pairs)]
+    return list(chain.from_iterable(zip(*weights_of(whole, units), strict=True)))
 
 
 def _in_tiles(x: Tensor) -> Array:

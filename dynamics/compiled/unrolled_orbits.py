@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.autograd import Function
 
 from dynamics.compiled.cpu import in_threads
-from dynamics.compiled.gradient import as_torch, plain_gradient, shares
+from dynamics.compiled.gradient import in_torchs_form, plain_gradient, shares
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.orbits import LANES, backward_block, forward_block
@@ -192,10 +192,11 @@ class _Unrolled(Function):
         for found in in_threads(part, models * blocks):
             for model, total in found:
                 totals[model].append(total)
-        each = [as_torch(total, *first.shape[1:]) for total in totals]
+        each = [in_torchs_form(total, *first.shape[1:]) for total in totals]
         lanes = on_start.reshape(models, blocks, -1, LANES).transpose(0, 1, 3, 2)
         on_rows = torch.from_numpy(lanes.reshape(models, -1, 4 * bodies)[:, : start.shape[1]])
-        return None, on_rows, None, *(torch.stack(list(w)) for w in zip(*each, strict=True))
+        on_weights = (torch.from_numpy(np.array(w)) for w in zip(*each, strict=True))
+        return None, on_rows, None, *on_weights
 
 
 def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
