@@ -304,6 +304,21 @@ def test_frame_stride_is_a_clip_with_fewer_frames(name: str, folder: Path) -> No
     assert strided.identity != plain.identity
 
 
+def test_i3d_shown_each_frame_twice_gives_a_feature_frame_for_each(folder: Path) -> None:
+    clip = frames(6)
+    slow, plain = (
+        load_encoder("i3d", {**QUICK["i3d"], "layer": "Conv3d_2c_3x3", **more}, folder)
+        for more in ({"frames": 6, "shown": 2}, {"frames": 12})
+    )
+    found = slow(clip, times(6))
+    twice = plain(clip.repeat_interleave(2, 1), times(12))
+    assert torch.equal(found.values, twice.values)
+    # a copy lasts half as long: its middle is a quarter of a frame from the frame's own
+    torch.testing.assert_close(found.times[:-1], twice.times[:-1] / 2 - 0.025)
+    assert (slow.frames_per_feature, slow.frames_together) == (1, 6)
+    assert slow.identity != plain.identity
+
+
 def test_overlapping_windows_give_each_feature_more_context(folder: Path) -> None:
     options = {**QUICK["vjepa2-l"], "frames": 8}
     clip = frames(12)
@@ -382,6 +397,8 @@ def test_bad_frames(encoder: FrozenEncoder, unchecked: None) -> None:
         ("i3d", {"layer": "Mixed_9"}, "no layer 'Mixed_9'; it has Conv3d_1a_7x7, "),
         ("i3d", {"resolution": 48}, "multiple of 32"),
         ("i3d", {"frames": 6}, "windows of 6 frames do not fit tubelets of 4"),
+        ("i3d", {"shown": 3}, "Mixed_4f strides over 4 frames, so that each can be shown 1 to 4 "),
+        ("i3d", {"shown": 0}, "a number that divides it; got 0"),
         ("i3", {}, "unknown name 'i3'; known are hiera, i3d"),
     ],
 )

@@ -65,6 +65,9 @@ class I3DSettings:
         frames: in a window, a multiple of the stage's stride in time.
         hop: frames from a window's start to the next one's; ``frames`` where not given.
         frame_stride: take each so-many-th frame, before windows are made.
+        shown: times that the network is shown each frame, one after the other; divides the stage's
+            stride in time. A feature frame stands for as many frames fewer, and saw less of those
+            before and after: 2 gives ``Mixed_3c`` and earlier stages one for each frame.
         dtype: of the computation.
         batch: windows per forward pass.
     """
@@ -74,6 +77,7 @@ class I3DSettings:
     frames: int = 16
     hop: int | None = None
     frame_stride: int = 1
+    shown: int = 1
     dtype: Dtype = "float32"
     batch: int = 1
 
@@ -87,7 +91,8 @@ class I3DEncoder(FrozenEncoder):
         weights: the file that the network was loaded from.
 
     Raises:
-        ValueError: a stage, a resolution or a window that the network does not have.
+        ValueError: a stage, a resolution or a window that the network does not have, or frames
+            shown so often that a feature frame would not stand for a whole number of them.
     """
 
     def __init__(self, network: I3DNetwork, settings: I3DSettings, weights: WeightsFile) -> None:
@@ -96,18 +101,15 @@ class I3DEncoder(FrozenEncoder):
             raise ValueError(f"i3d: no layer {stage!r}; it has {', '.join(STAGES)}")
         network_size(1, 1, settings.resolution, MULTIPLE)
         self.settings = settings
-        windowing = Windowing(
-            settings.frames,
-            settings.hop,
-            tubelet=field_stride(stage, 0),
-            centre=field_centre(stage, 0),
-            shortens=True,
-        )
+        windowing = _windowing(settings)
+        words = windowing_words(windowing, settings.frame_stride)
+        if settings.shown > 1:
+            words += f", each frame shown {settings.shown} times"
         identity = EncoderIdentity(
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"{windowing_words(windowing, settings.frame_stride)}, {PREPROCESSING}",
+            preprocessing=f"{words}, {PREPROCESSING}",
             layer=stage,
             resolution=settings.resolution,
             dtype=settings.dtype,
@@ -124,8 +126,22 @@ class I3DEncoder(FrozenEncoder):
         front = int(field_centre(stage, 1) - (cell - 1) / 2 + 0.5)
         pads = (front, cell - front, front, cell - front)
         pixels = functional.pad(pixels, pads, mode="replicate").to(DTYPES[self.settings.dtype])
-        maps = self.network(pixels.unflatten(0, clips.shape[:2]).transpose(1, 2), stage)
+        pixels = pixels.unflatten(0, clips.shape[:2]).transpose(1, 2)
+        maps = self.network(pixels.repeat_interleave(self.settings.shown, 2), stage)
         return maps[..., : size[0] // cell, : size[1] // cell].transpose(1, 2)
+
+
+def _windowing(settings: I3DSettings) -> Windowing:
+    """How the network samples time, in frames of the clip."""
+    stride, shown = field_stride(settings.layer, 0), settings.shown
+    if shown < 1 or stride % shown:
+        raise ValueError(
+            f"i3d: {settings.layer} strides over {stride} frames, so that each can be shown 1 to "
+            f"{stride} times, a number that divides it; got {shown}"
+        )
+    # the middle of what the network sees there, of which each frame is so many parts
+    centre = (field_centre(settings.layer, 0) + 0.5) / shown - 0.5
+    return Windowing(settings.frames, settings.hop, stride // shown, centre, shortens=True)
 
 
 def load_i3d(settings: I3DSettings, where: Path | None = None, device: str = "cpu") -> I3DEncoder:

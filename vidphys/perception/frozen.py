@@ -164,7 +164,7 @@ def fit_readout(
         )
     every, last = labelled(clips, features), (count - held_out) * seen
     train, kept = every[:last], every[last:]
-    more = meeting(encoder, clips.first(count - held_out), frames if seen < frames else 1, task)
+    more = meeting(encoder, clips.first(count - held_out), task)
     train = joined([train, *more])
     readout = _train(encoder_name, Examples(train, kept), frames // seen, task, pooled)
     return FrozenPerception(encoder, readout.eval(), clips.world.camera.half_extent, task.folder)
@@ -178,19 +178,20 @@ def labelled(clips: Clips, features: FeatureMap) -> LabelledFrames:
     return labelled_frames(features, targets, torch.ones(targets.shape[:-1]))
 
 
-def meeting(
-    encoder: FrozenEncoder, clips: Clips, length: int, task: FitTask
-) -> list[LabelledFrames]:
+def meeting(encoder: FrozenEncoder, clips: Clips, task: FitTask) -> list[LabelledFrames]:
     """Frames of encounters beside those of the clips, none where the preset asks for none.
+
+    They are as long as the clips. An encoder that sees each frame by itself needs but one frame of
+    each, which gives the most different encounters for as many frames.
 
     Args:
         encoder: frozen.
         clips: whose paths they are made of.
-        length: frames of a clip that the encoder needs: one, if it sees each by itself, gives the
-            most different encounters for as many frames.
         task: see :class:`FitTask`.
     """
-    count = task.sizes.encounters * clips.frames.shape[1] // length
+    frames = clips.frames.shape[1]
+    length = 1 if encoder.frames_together == 1 else frames
+    count = task.sizes.encounters * frames // length
     if not count:
         return []
     made = encounters(clips, count, length, derive(task.seed, "encounters"))
@@ -231,7 +232,7 @@ def _rung(
 
 FROZEN_GROUNDINGS = [
     _rung("hiera", "hiera", video=False),
-    _rung("i3d", "i3d", video=True, layer="Conv3d_2c_3x3"),
+    _rung("i3d", "i3d", video=True, layer="Conv3d_1a_7x7", resolution=64, shown=2),
     _rung("dino-tiny", "dino-tiny", video=False, batch=8),
     _rung("videomae-tiny", "videomae-tiny", video=True, batch=8),
     _rung("vjepa2-tiny", "vjepa2-tiny", video=True, batch=8),

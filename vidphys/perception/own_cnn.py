@@ -27,7 +27,7 @@ class OwnCnn:
         image: pixels of the longer side of the frames that it was trained on.
     """
 
-    frames_per_feature = 1
+    frames_per_feature = frames_together = 1
 
     def __init__(self, network: ConvEncoder, image: int) -> None:
         self.network = network.eval().requires_grad_(False)
