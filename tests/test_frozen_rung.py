@@ -28,7 +28,6 @@ class Blocks:
     """Colour averaged over blocks of four pixels: features that anybody can check."""
 
     identity = EncoderIdentity("blocks", 1, "0" * 64, "none", "0", 32, "float32")
-    frames_together = 1
 
     def __init__(self):
         self.clips = 0
@@ -42,8 +41,6 @@ class Blocks:
 
 class Pairs(Blocks):
     """One feature frame for two frames of the clip, their channels side by side."""
-
-    frames_together = 2
 
     def __call__(self, frames, times, progress=None):
         each = super().__call__(frames, times)
@@ -181,30 +178,26 @@ def test_bodies_of_an_encounter_move_as_in_clips_and_meet_in_the_frame(clips):
     assert torch.equal(made.frames[7], drawn)
 
 
-def test_an_encoder_of_single_frames_sees_encounters_one_by_one(monkeypatch, clips):
-    """So many clips' worth of frames each is another encounter; one of video sees whole clips."""
+def test_encounters_are_as_long_as_the_encoder_needs(monkeypatch, clips):
+    """So many clips' worth of frames, of which each, or each few, are another encounter."""
     few = replace(clips, frames=clips.frames[:, :8], states=clips.states[:, :8])
     sizes = replace(SIZES, encounters=5, perception_steps=2)
-    for encoder, extra in ((Blocks(), 40), (Pairs(), 5), (Steps(), 5)):
+    for encoder, together, extra in (
+        (Blocks(), 1, 40),
+        (Blocks(), None, 5),
+        (Pairs(), 4, 10),
+        (Pairs(), None, 5),
+    ):
         trained = []
         monkeypatch.setattr(
             frozen, "_train", lambda name, x, *rest, t=trained: t.append(x) or Still()
         )
-        frozen.fit_readout(encoder, "blocks", FitTask(few, sizes, 0, "factored"))
+        task = FitTask(few, sizes, 0, "factored")
+        frozen.fit_readout(encoder, "blocks", task, together=together)
         assert encoder.clips == len(clips) + extra
         frames = 8 * 3 // trained[0].train.targets.shape[1]
         assert len(trained[0].train) == (21 + 5) * frames
         assert len(trained[0].held_out) == 3 * frames
-
-
-class Steps(Blocks):
-    """What changed since the frame before: a feature frame for each, that one alone cannot give."""
-
-    frames_together = 2
-
-    def __call__(self, frames, times, progress=None):
-        each = super().__call__(frames, times)
-        return replace(each, values=each.values.diff(dim=1, prepend=each.values[:, :1]))
 
 
 class Still(torch.nn.Module):

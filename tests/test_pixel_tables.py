@@ -128,7 +128,7 @@ def test_the_pooled_control_differs_in_nothing_but_the_readout():
     spatial = GROUNDINGS["hiera"]
     control = pooled(spatial)
     assert (control.name, control.world, control.share) == ("hiera-pooled", "rgb", spatial.share)
-    assert control.fit.keywords == {"pooled": True} and control.fit.func is not None
+    assert control.fit.keywords == {**spatial.fit.keywords, "pooled": True}
 
 
 def test_a_frozen_cnn_says_which_weights_it_has_and_encodes_each_frame_by_itself():

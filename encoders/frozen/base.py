@@ -67,11 +67,6 @@ class FrozenEncoder(ABC):
         """Frames of the clip from a feature frame to the next one."""
         return self.frame_stride * self.windowing.tubelet
 
-    @property
-    def frames_together(self) -> int:
-        """Frames of the clip that one pass sees together, at most."""
-        return self.frame_stride * (self.windowing.frames - 1) + 1
-
     def maps(self, pixels: Tensor) -> Tensor:
         """The network alone, from its own pixels, as a runtime can take it over."""
         raise NotImplementedError(f"{self.identity.name}: has no runtime but torch")

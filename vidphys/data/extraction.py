@@ -32,11 +32,6 @@ class FrozenEncoder(Protocol):
         """Frames of the clip from a feature frame to the next one."""
         ...
 
-    @property
-    def frames_together(self) -> int:
-        """Frames of the clip that are seen together, at most; one, if each is by itself."""
-        ...
-
     def __call__(
         self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
     ) -> FeatureMap: ...

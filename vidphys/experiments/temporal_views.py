@@ -57,7 +57,6 @@ class OneFrame:
         layer = f"{encoder.identity.layer}, feature frame of frame {frame}"
         self.identity = replace(encoder.identity, layer=layer)
         self.frames_per_feature = encoder.windowing.tubelet
-        self.frames_together = encoder.frames_together
 
     def __call__(self, frames: Tensor, times: Tensor, progress: Any = None) -> FeatureMap:
         """Feature maps ``(b, 1, c, h, w)``."""

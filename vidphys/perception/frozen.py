@@ -117,7 +117,11 @@ def encode_clips(encoder: FrozenEncoder, clips: Clips, folder: Path | None) -> F
 
 
 def fit_frozen(
-    encoder_name: str, options: dict[str, Any], task: FitTask, pooled: bool = False
+    encoder_name: str,
+    options: dict[str, Any],
+    task: FitTask,
+    pooled: bool = False,
+    together: int | None = None,
 ) -> Perception:
     """Load an encoder and train a readout over it; see :func:`fit_readout`.
 
@@ -126,16 +130,22 @@ def fit_frozen(
         options: of its settings.
         task: see :class:`FitTask`.
         pooled: the control in place of spatial attention.
+        together: see :func:`fit_readout`.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
         InputError: see :func:`fit_readout`.
     """
-    return fit_readout(load_encoder(encoder_name, options), encoder_name, task, pooled)
+    encoder = load_encoder(encoder_name, options)
+    return fit_readout(encoder, encoder_name, task, pooled, together)
 
 
 def fit_readout(
-    encoder: FrozenEncoder, encoder_name: str, task: FitTask, pooled: bool = False
+    encoder: FrozenEncoder,
+    encoder_name: str,
+    task: FitTask,
+    pooled: bool = False,
+    together: int | None = None,
 ) -> Perception:
     """Encode the training clips, and train a readout on their true positions.
 
@@ -144,6 +154,8 @@ def fit_readout(
         encoder_name: of the random streams and of what is said to the user.
         task: see :class:`FitTask`.
         pooled: read the mean over the cells, with as many parameters, in place of attending.
+        together: frames that the encoder is to see together, for made encounters: 1 for one that
+            sees each by itself; those of whole clips where not given.
 
     Raises:
         InputError: too few clips to hold one out, or a number of frames that its feature frames
@@ -164,7 +176,7 @@ def fit_readout(
         )
     every, last = labelled(clips, features), (count - held_out) * seen
     train, kept = every[:last], every[last:]
-    more = meeting(encoder, clips.first(count - held_out), task)
+    more = meeting(encoder, clips.first(count - held_out), together or frames, task)
     train = joined([train, *more])
     readout = _train(encoder_name, Examples(train, kept), frames // seen, task, pooled)
     return FrozenPerception(encoder, readout.eval(), clips.world.camera.half_extent, task.folder)
@@ -178,20 +190,19 @@ def labelled(clips: Clips, features: FeatureMap) -> LabelledFrames:
     return labelled_frames(features, targets, torch.ones(targets.shape[:-1]))
 
 
-def meeting(encoder: FrozenEncoder, clips: Clips, task: FitTask) -> list[LabelledFrames]:
+def meeting(
+    encoder: FrozenEncoder, clips: Clips, length: int, task: FitTask
+) -> list[LabelledFrames]:
     """Frames of encounters beside those of the clips, none where the preset asks for none.
-
-    They are as long as the clips. An encoder that sees each frame by itself needs but one frame of
-    each, which gives the most different encounters for as many frames.
 
     Args:
         encoder: frozen.
         clips: whose paths they are made of.
+        length: frames of a clip that the encoder needs: the fewer, the more different encounters
+            for as many frames.
         task: see :class:`FitTask`.
     """
-    frames = clips.frames.shape[1]
-    length = 1 if encoder.frames_together == 1 else frames
-    count = task.sizes.encounters * frames // length
+    count = task.sizes.encounters * clips.frames.shape[1] // length
     if not count:
         return []
     made = encounters(clips, count, length, derive(task.seed, "encounters"))
@@ -223,16 +234,23 @@ def _train(
 
 
 def _rung(
-    name: str, encoder: str, video: bool, pooled: bool = False, **options: object
+    name: str,
+    encoder: str,
+    video: bool,
+    pooled: bool = False,
+    together: int | None = None,
+    **options: object,
 ) -> Grounding:
     """A rung of coloured disks over one frozen encoder, of images or of video."""
-    fit = partial(fit_frozen, encoder, options, pooled=pooled)
+    together = together if video else 1
+    fit = partial(fit_frozen, encoder, options, pooled=pooled, together=together)
     return Grounding(name, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
 
 
 FROZEN_GROUNDINGS = [
     _rung("hiera", "hiera", video=False),
-    _rung("i3d", "i3d", video=True, layer="Conv3d_1a_7x7", resolution=64, shown=2),
+    # its first stage, shown each frame twice, looks a frame back and two ahead
+    _rung("i3d", "i3d", video=True, together=4, layer="Conv3d_1a_7x7", resolution=64, shown=2),
     _rung("dino-tiny", "dino-tiny", video=False, batch=8),
     _rung("videomae-tiny", "videomae-tiny", video=True, batch=8),
     _rung("vjepa2-tiny", "vjepa2-tiny", video=True, batch=8),

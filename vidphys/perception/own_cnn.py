@@ -27,7 +27,7 @@ class OwnCnn:
         image: pixels of the longer side of the frames that it was trained on.
     """
 
-    frames_per_feature = frames_together = 1
+    frames_per_feature = 1
 
     def __init__(self, network: ConvEncoder, image: int) -> None:
         self.network = network.eval().requires_grad_(False)
@@ -59,7 +59,7 @@ def fit_own_cnn(task: FitTask, pooled: bool = False) -> Perception:
     trained = fit_supervised(task)
     assert isinstance(trained, CnnPerception)
     encoder = OwnCnn(trained.encoder, max(task.clips.frames.shape[-2:]))
-    return fit_readout(encoder, NAME, task, pooled)
+    return fit_readout(encoder, NAME, task, pooled, together=1)
 
 
 def _digest(network: ConvEncoder) -> str:

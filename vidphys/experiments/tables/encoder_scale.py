@@ -16,7 +16,7 @@ IMAGE = ("dinov2-small", "dinov2-base", "dinov2-large")  # 22, 86 and 300 millio
 
 def rung(encoder: str, video: bool) -> Grounding:
     """A frozen rung of the encoder at its own settings; one of video sees whole clips."""
-    fit = partial(fit_frozen, encoder, {})
+    fit = partial(fit_frozen, encoder, {}, together=None if video else 1)
     return Grounding(encoder, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
 
 
