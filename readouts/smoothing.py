@@ -24,6 +24,7 @@ ROUNDS = 25  # of Levenberg-Marquardt for each slack, at most; most windows need
 SETTLED = 1e-3  # a relative gain below it ends them
 STUCK = 1e4  # so does damping above this
 OUTLYING = 2.0  # expected errors: beyond, a position counts less and less
+FREE = 2  # frames that some state passes through, whatever they show
 FORETOLD = 0.1  # deviations: a slope that foretells a frame worse than that is found again
 
 
@@ -33,8 +34,9 @@ class Smoothed:
 
     Args:
         states: at every frame, ``(b, t, n, d)``.
-        cost: minus twice the log likelihood of a frame, ``(b,)``: about one for each number that
-            was observed; infinite where the dynamics could not be rolled.
+        cost: minus twice the log likelihood, for each frame beyond the two that fix a state,
+            ``(b,)``: about one for each number that is observed of a frame, however long the
+            window; infinite where the dynamics could not be rolled.
     """
 
     states: PhaseState
@@ -74,7 +76,7 @@ def smooth(
     path = problem.path(torch.cat([guess.q.flatten(2), guess.p.flatten(2)], -1).to(positions))
     for slack in slacks:
         cost = _minimise(problem, path, slack)
-        yield Smoothed(problem.states(path.x.clone()), cost / positions.shape[1])
+        yield Smoothed(problem.states(path.x.clone()), cost / (positions.shape[1] - FREE))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from vidphys.perception.base import model_step
 from vidphys.training.segments import roll
 
 WINDOWS = (16, 7, 5, 4, 3)  # frames; a shorter window where the longer one is not explained
-UNUSUAL = 2.0  # times the median cost of a frame
+UNUSUAL = 2.0  # times the median cost
 SLACKS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)  # of momenta, relative to their size
 COARSE, SURE = 0.02, 0.01  # world units of a position half sure; part of its odds at full trust
 PRACTICE, AHEAD = 32, 2  # clips and frames that slacks are tried on
@@ -77,8 +77,8 @@ def by_shooting(
     """The end of the states that pass through the window's positions, nearly under the head.
 
     Episodes whose cost is unusual (an encounter in the window that the head or the binder got
-    wrong) are fitted again on shorter windows that end at the same frame; the one of least cost a
-    frame is kept where none is usual.
+    wrong) are fitted again on shorter windows that end at the same frame; the one of least cost is
+    kept where none is usual.
 
     Args:
         head: the law.
