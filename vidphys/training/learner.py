@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from vidphys.training.early_stopping import BestWeights
 
 Loss = Callable[[Any], Tensor]
 WARM_UP = 0.1
+SMALL = 2**18  # numbers that one thread updates in a sixth of a millisecond
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ class Learner:
         loss.backward()
         if self.settings.clip:
             nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
-        self.optimiser.step()
+        with _few_threads(sum(p.numel() for p in self.parameters)):
+            self.optimiser.step()
         self.step += 1
         if self.best is not None:
             self.best.look(self.step, last=self.step == self.settings.steps)
@@ -116,6 +119,22 @@ class Learner:
             self.best.load(under("best", tensors))
         self.lost = meta["loss"] is None
         self.step, self.loss = meta["step"], math.nan if self.lost else meta["loss"]
+
+
+@contextmanager
+def _few_threads(numbers: int) -> Iterator[None]:
+    """One thread for what one does at once: others would spin for milliseconds afterwards, where
+    the next step's fused loops want to run.
+    """
+    threads = torch.get_num_threads()
+    if threads == 1 or numbers > SMALL:
+        yield
+        return
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _laid_out(value: Tensor, parameter: Tensor) -> Tensor:

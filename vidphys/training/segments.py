@@ -38,10 +38,13 @@ class Segments:
         return len(self.q)
 
     def __getitem__(self, index: Tensor | slice) -> Segments:
-        p = None if self.p is None else self.p[index]
-        return Segments(
-            self.start[index], self.params[index], self.q[index], p, self.dt, self.every
-        )
+        def cut(x: Tensor) -> Tensor:
+            # Not x[index]: torch gathers even a few numbers by all its threads, which then spin.
+            return x[index] if isinstance(index, slice) else x.index_select(0, index)
+
+        p = None if self.p is None else cut(self.p)
+        start, params = self.start.map(cut), self.params.map(cut)
+        return Segments(start, params, cut(self.q), p, self.dt, self.every)
 
     def to(self, device: str) -> Segments:
         """The same examples on another device."""
