@@ -257,3 +257,17 @@ for kind, dtype in (("displacement", torch.float32), ("radial", torch.float64)):
 """
     where = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": str(Path(__file__).parent)}
     subprocess.run([sys.executable, "-c", code], check=True, env=where)
+
+
+@needs_numba
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_states_that_pass_the_caches_by_are_those_that_do_not(dtype):
+    """An episode more than whole blocks: its rows begin anywhere, and are stored one by one."""
+    from dynamics.compiled.steps import CACHED
+
+    head = compile_head(model("radial").to(dtype), 1e-3, backend="numba")
+    start, params = episodes(129, dtype=dtype)
+    steps = CACHED // (128 * 12 * dtype.itemsize) + 1
+    streamed = head.trajectory(start[:128], params[:128], steps, DT).states
+    stored = head.trajectory(start, params, steps, DT).states
+    assert torch.equal(streamed.flat, stored.flat[:128])

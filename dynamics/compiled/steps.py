@@ -27,8 +27,10 @@ from dynamics.compiled.pairs import (
     plane_spline,
     radial_spline,
 )
+from dynamics.compiled.streams import stream
 from dynamics.potentials import CORE
 
+CACHED = 2**22  # bytes of states up to which they are written into the caches
 part = partial(uncounted, inline=True)
 
 
@@ -114,6 +116,16 @@ def store(q: Array, p: Array, begin: int, count: int, out: Array, index: int) ->
 
 
 @part
+def _stream(q: Array, p: Array, begin: int, out: Array, index: int) -> None:
+    """:func:`store` of ``LANES`` episodes, past the caches."""
+    rows, episodes = q.shape[0] * 2, out.shape[4]
+    first = index * 2 * rows * episodes + begin
+    for row in range(rows):
+        stream(q, row * LANES, out, first + row * episodes)
+        stream(p, row * LANES, out, first + (rows + row) * episodes)
+
+
+@part
 def sum_of(q: Array, p: Array) -> Any:
     """Of all coordinates: finite where they are; what is not finite has stayed so."""
     total = 0.0
@@ -169,6 +181,7 @@ def steps(
     of_q, of_p, of_force = shaped
     bodies, asked, parts = of_q.shape[0], 0, dts.shape[0]
     far = reach[0] * reach[0]
+    large = out.nbytes > CACHED and count == LANES and out.shape[4] % LANES == 0
     # Before the first step comes one of no length, which finds the first force.
     for move in range((out.shape[0] - 1) * every * parts + 1):
         dt = dts[(move - 1) % parts] if move > 0 else reach.dtype.type(0)
@@ -194,5 +207,8 @@ def steps(
         kick(p, force, half)
         if move % (every * parts) == 0:
             stored = move // (every * parts)
-            store(of_q, of_p, begin, count, out, stored)
+            if large:
+                _stream(of_q, of_p, begin, out, stored)
+            else:
+                store(of_q, of_p, begin, count, out, stored)
     return asked
