@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from vidphys.diagnose.structures import Structure
 from vidphys.diagnose.windows import Windows, cut_windows, windows_at
 
 PIECES = (8, 16)  # frames of the windows, at least and at most
-STRIDE = 2  # frames between the windows of the first search
+AT_FIRST, AROUND = 48, 2  # splits that are tried over the clip; on each side of the best, after it
 PRICE = 1.5  # as for terms: of each number, over Schwarz's half logarithm of the rows
 PICARD = 3
 APART = 4.0  # standard errors between the numbers of the two parts
@@ -57,26 +58,38 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
     splits = splits[(splits >= size) & (splits <= frames - size)]
     if len(splits) < 2:
         return None
-    sliding = _Sliding(motion, inference, terms, size)
-    splits = splits[-(-splits // STRIDE) < len(sliding.parts)]
-    coarse = np.array([sliding.misfit(split) for split in splits])
-    near = splits[int(coarse.argmin())]
-    fine = [s for s in range(near - 2, near + 3) if splits[0] <= s <= splits[-1]]
-    gains = {s: _exact_gain(motion, inference, terms, s, size) for s in fine}
-    best = max(gains, key=lambda s: gains[s][0])
-    gain, before, after = gains[best]
+    best, (gain, before, after) = _likeliest(
+        splits, lambda split: _exact_gain(motion, inference, terms, split, size)
+    )
     # One of many moments was picked: that choice has its price too.
     gain -= float(np.log(len(splits)))
-    if gain <= 0 or not _confirmed(motion, inference, terms, int(best), size):
+    if gain <= 0 or not _confirmed(motion, inference, terms, best, size):
         return None
     names = [f"{term.name}: {part}" for term in terms for part in term.coefficients]
     return Switch(
-        int(best),
+        best,
         float(motion.times[0, best]),
         gain,
         dict(zip(names, before.tolist(), strict=True)),
         dict(zip(names, after.tolist(), strict=True)),
     )
+
+
+Gain = tuple[float, np.ndarray, np.ndarray]
+
+
+def _likeliest(splits: np.ndarray, gain_of: Callable[[int], Gain]) -> tuple[int, Gain]:
+    """The split of the largest gain: of some over the clip, then of nearer and nearer ones."""
+    step = max(1, len(splits) // AT_FIRST)
+    tried = {int(s): gain_of(int(s)) for s in splits[::step]}
+    while True:
+        best = max(tried, key=lambda s: tried[s][0])
+        if step == 1:
+            return best, tried[best]
+        step = (step + 1) // 2
+        near = range(best - AROUND * step, best + AROUND * step + 1, step)
+        within = (s for s in near if splits[0] <= s <= splits[-1] and s not in tried)
+        tried |= {s: gain_of(s) for s in within}
 
 
 def _confirmed(
@@ -127,47 +140,9 @@ def _rows(windows: Windows, inference: Inference, terms: tuple[Term, ...]) -> Ro
     return rows_of(windows, np.concatenate([term.columns(field) for term in terms], -1))
 
 
-class _Sliding:
-    """Normal equations of windows that begin at every frame, to try every split cheaply."""
-
-    def __init__(
-        self, motion: Motion, inference: Inference, terms: tuple[Term, ...], size: int
-    ) -> None:
-        self.size = size
-        firsts = np.arange(0, motion.positions.shape[1] - size + 1, STRIDE)
-        clip, first = np.meshgrid(np.arange(motion.clips), firsts, indexing="ij")
-        windows = windows_at(motion, clip.ravel(), first.ravel(), size)
-        rows = _rows(windows, inference, terms)
-        ratio = inference.kicks / inference.fitted.variance
-        begin = windows.first[rows.window]
-        self.parts = [normal_equations(rows, ratio, begin == f) for f in firsts]
-
-    def misfit(self, split: int) -> float:
-        """Mean square residual of two fits, of what ends before the split and begins after it."""
-        ended = (split - self.size) // STRIDE + 1
-        sides = [self.parts[:ended], self.parts[-(-split // STRIDE) :]]
-        left, rows = 0.0, 0
-        for parts in sides:
-            joined = _sum(parts)
-            everything = range(len(joined.moment))
-            left += joined.misfit(everything, joined.solve(everything))
-            rows += joined.count
-        return left / rows
-
-
-def _sum(parts: list[Normal]) -> Normal:
-    return Normal(
-        sum((p.gram for p in parts), np.zeros(())),
-        sum((p.moment for p in parts), np.zeros(())),
-        sum(p.power for p in parts),
-        sum(p.count for p in parts),
-        sum(p.log_weight for p in parts),
-    )
-
-
 def _exact_gain(
     motion: Motion, inference: Inference, terms: tuple[Term, ...], split: int, size: int
-) -> tuple[float, np.ndarray, np.ndarray]:
+) -> Gain:
     """Gain of log likelihood less the price, in windows none of which holds the split."""
     frames = motion.positions.shape[1]
     firsts = [*range(split % size, split, size), *range(split, frames - size + 1, size)]

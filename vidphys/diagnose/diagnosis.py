@@ -135,4 +135,4 @@ def _smoothness(stretches: list[np.ndarray]) -> float:
         told += float((part[:, 1:] ** 2).sum())
         left += float((x**2).sum() - (part**2).sum())
     least = np.finfo(float).tiny
-    return float(np.log(max(told, least) / max(left, least)))
+    return float(np.log(max(told, least)) - np.log(max(left, least)))
