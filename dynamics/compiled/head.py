@@ -190,7 +190,7 @@ def episodes_last(law: Any, params: Parameters, batch: torch.Size) -> tuple[Tens
     """Masses ``(n, episodes)`` and c(G) s_i s_j ``(pairs, episodes)`` of a batch of episodes."""
     strength, amount = law.strength(params)
     i, j = pair_indices(params.mass.shape[-1], params.mass.device)
-    # Picked by select: an index takes torch's threads, which then spin where the loops' want to run.
+    # By select: an index wakes torch's threads, which then spin where the loops' own want to run.
     product = strength.unsqueeze(-1) * (amount.index_select(-1, i) * amount.index_select(-1, j))
     wide = (x.expand(*batch, x.shape[-1]).reshape(-1, x.shape[-1]) for x in (params.mass, product))
     mass, product = (x.T.contiguous() for x in wide)
