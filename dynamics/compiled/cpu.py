@@ -53,30 +53,30 @@ def _roll(
     box: Any,
     every: int,
     out: Array,
-    blocks: tuple[int, int],
+    which: tuple[int, int],
 ) -> tuple[int, float, float, float]:
-    """Leapfrog steps of some blocks of episodes.
+    """Leapfrog steps of some episodes, in blocks.
 
     Args:
         kind, resolution, reach, table, weights, back, dts, box, every, out: see :func:`steps`.
         start: q and p, ``(episodes, bodies, 2)`` each.
         mass, strength, amount: see :class:`dynamics.compiled.head.Episodes`.
-        blocks: the first block of episodes, and the one after the last.
+        which: the first episode, and the one after the last.
 
     Returns:
         Pairs at which a network was asked, the largest and the smallest squared distance at which
         a force was, and a sum that is finite where all states are.
     """
-    episodes, bodies = mass.shape
+    bodies = mass.shape[1]
     pairs = bodies * (bodies - 1) // 2
     asked, one = 0, reach.dtype.type(1)
     layers, units = weights.biases.shape
     shape, total = (bodies, 2, LANES), 0.0
     seen = np.zeros((2, LANES), reach.dtype)
     seen[1] = np.inf
-    for block in range(blocks[0], blocks[1]):
-        begin = block * LANES
-        count = min(LANES, episodes - begin)
+    for begin in range(which[0], which[1], LANES):
+        count = min(LANES, which[1] - begin)
+        used = -(-count // PART) * PART
         q, p = aligned(bodies * 2 * LANES, reach), aligned(bodies * 2 * LANES, reach)
         force, loose = aligned(bodies * 2 * LANES, reach), aligned(bodies * 2 * LANES, reach)
         of_q, of_p, of_force = q.reshape(shape), p.reshape(shape), force.reshape(shape)
@@ -89,7 +89,7 @@ def _roll(
         inputs[:] = 0
         force[:] = 0
         for lane in range(LANES):
-            source = begin + min(lane, count - 1)  # lanes of no episode repeat the last one
+            source = begin + min(lane % used, count - 1)  # lanes of no episode repeat others
             pair = 0
             for i in range(bodies):
                 for axis in range(2):
@@ -129,9 +129,10 @@ def in_threads(part: Callable[[tuple[int, int]], Found], blocks: int) -> list[Fo
     threads = min(torch.get_num_threads(), blocks)
     if threads == 1:
         return [part((0, blocks))]
-    ends = [blocks * thread // threads for thread in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(part, pairwise(ends)))
+    first, *others = pairwise(blocks * thread // threads for thread in range(threads + 1))
+    with ThreadPoolExecutor(threads - 1) as pool:
+        later = [pool.submit(part, which) for which in others]
+        return [part(first), *(found.result() for found in later)]
 
 
 def states(shape: tuple[int, ...], real: Any) -> Array:
@@ -171,11 +172,14 @@ def roll(
     real, (count, bodies, _) = q.dtype.type, q.shape
     out = states((stored + 1, 2, bodies, 2, count), real)
     parts, side = np.array(dts, real), real(box or 0)
+    # A network's time is that of the lanes in use, a spline's that of whole blocks.
+    unit = LANES if law[0] & SPLINE else PART
 
     def part(which: tuple[int, int]) -> tuple[int, float, float, float]:
-        return _roll(*law, (q, p), *law_of, parts, side, every, out, which)
+        some = which[0] * unit, min(which[1] * unit, count)
+        return _roll(*law, (q, p), *law_of, parts, side, every, out, some)
 
-    asked, far, near, total = zip(*in_threads(part, -(-count // LANES)), strict=True)
+    asked, far, near, total = zip(*in_threads(part, -(-count // unit)), strict=True)
     bad = 0 * sum(total)  # NaN if any state is not finite
     nearness = sqrt(1 / min(near)) if min(near) > 0 else inf
     reached = {FARTHEST: sqrt(max(far)) + bad, NEAREST: nearness + bad}

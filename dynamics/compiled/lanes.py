@@ -109,19 +109,22 @@ def aligned(size: int, like: Array) -> Array:
 
 
 @kernel
-def product(matrix: Array, bias: Array, inputs: Array, sums: Array, outputs: Array) -> None:
-    """``matrix @ inputs + bias`` on ``TILE`` lanes, ``(inputs * TILE,) -> (outputs * TILE,)``.
+def product(
+    matrix: Array, bias: Array, inputs: Array, sums: Array, outputs: Array, lanes: int
+) -> None:
+    """``matrix @ inputs + bias``, ``(inputs * TILE,) -> (outputs * TILE,)``.
 
     Args:
         matrix: in blocks, see :class:`Weights`.
         bias: ``(outputs,)``.
         inputs, outputs: rows of lanes.
         sums: ``(BLOCK * PART,)`` of scratch, which the compiler keeps in registers.
+        lanes: the first so many of a row are computed, a multiple of ``PART``.
     """
     one = sums.dtype.type(1)  # known when it is compiled: half as many doubles fit
     width = PART if one + sums.dtype.type(1e-10) == one else PART // 2
-    for part in range(0, TILE, width):
-        for k in range(matrix.shape[0]):
+    for part in range(0, TILE, width):  # a constant: else the sums are not kept in registers
+        for k in range(matrix.shape[0] if part < lanes else 0):
             for lane in range(width):
                 sums[lane] = bias[k * BLOCK]
                 sums[width + lane] = bias[k * BLOCK + 1]
@@ -200,24 +203,26 @@ def tanh(x: Any, kind: Array) -> Any:
 
 
 @kernel
-def activate(flat: Array, flat_slopes: Array, activation: int) -> None:
+def activate(flat: Array, flat_slopes: Array, activation: int, lanes: int) -> None:
     """Each value ``(units * TILE,)`` by the activation, in place, and the activation's slope."""
-    values, slopes = flat.reshape((-1, TILE)), flat_slopes.reshape((-1, TILE))
+    values, slopes = flat.reshape((-1, PART)), flat_slopes.reshape((-1, PART))
     one, half = values.dtype.type(1), values.dtype.type(0.5)
     for k in range(values.shape[0]):
+        if k * PART % TILE >= lanes:
+            continue
         if activation == _TANH:
-            for lane in range(TILE):
+            for lane in range(PART):
                 t = tanh(values[k, lane], values)
                 values[k, lane] = t
                 slopes[k, lane] = one - t * t
         elif activation == _SOFTPLUS:
-            for lane in range(TILE):
+            for lane in range(PART):
                 x = values[k, lane]
                 slopes[k, lane] = half + half * tanh(half * x, values)
                 large = x if x > values.dtype.type(0) else values.dtype.type(0)
                 values[k, lane] = large + values.dtype.type(np.log1p(np.exp(-abs(x))))
         else:
-            for lane in range(TILE):
+            for lane in range(PART):
                 x = values[k, lane]
                 gate = half + half * tanh(half * x, values)
                 values[k, lane] = x * gate
@@ -225,80 +230,92 @@ def activate(flat: Array, flat_slopes: Array, activation: int) -> None:
 
 
 @kernel
-def values_only(values: Array, activation: int) -> None:
+def values_only(flat: Array, activation: int, lanes: int) -> None:
     """:func:`activate` without slopes."""
+    values = flat.reshape((-1, PART))
     one, half = values.dtype.type(1), values.dtype.type(0.5)
-    if activation == _TANH:
-        for i in range(values.shape[0]):
-            values[i] = tanh(values[i], values)
-    elif activation == _SOFTPLUS:
-        for i in range(values.shape[0]):
-            x = values[i]
-            large = x if x > values.dtype.type(0) else values.dtype.type(0)
-            values[i] = large + values.dtype.type(np.log1p(np.exp(-abs(x))))
-    else:
-        for i in range(values.shape[0]):
-            x = half * values[i]
-            values[i] = x * (one + tanh(x, values))
+    for k in range(values.shape[0]):
+        if k * PART % TILE >= lanes:
+            continue
+        if activation == _TANH:
+            for lane in range(PART):
+                values[k, lane] = tanh(values[k, lane], values)
+        elif activation == _SOFTPLUS:
+            for lane in range(PART):
+                x = values[k, lane]
+                large = x if x > values.dtype.type(0) else values.dtype.type(0)
+                values[k, lane] = large + values.dtype.type(np.log1p(np.exp(-abs(x))))
+        else:
+            for lane in range(PART):
+                x = half * values[k, lane]
+                values[k, lane] = x * (one + tanh(x, values))
 
 
 @kernel
-def _scale(values: Array, slopes: Array) -> None:
-    for i in range(values.shape[0]):
-        values[i] *= slopes[i]
+def _scale(flat: Array, flat_slopes: Array, lanes: int) -> None:
+    values, slopes = flat.reshape((-1, TILE)), flat_slopes.reshape((-1, TILE))
+    for k in range(values.shape[0]):
+        for lane in range(lanes):
+            values[k, lane] *= slopes[k, lane]
 
 
 @kernel
-def hidden(weights: Weights, inputs: Array, sums: Array, work: Array) -> None:
-    """The hidden layers on ``TILE`` lanes.
+def hidden(weights: Weights, inputs: Array, sums: Array, work: Array, lanes: int) -> None:
+    """The hidden layers.
 
     Args:
         weights: see :class:`Weights`.
         inputs: ``(inputs * TILE,)``.
-        sums: see :func:`product`.
+        sums, lanes: see :func:`product`.
         work: ``(2 * hidden layers, units * TILE)``; afterwards each layer's values in the first
             half, and the activation's slopes in the second.
     """
     layers = weights.biases.shape[0]
-    product(weights.first, weights.biases[0], inputs, sums, work[0])
-    activate(work[0], work[layers], weights.activation)
+    product(weights.first, weights.biases[0], inputs, sums, work[0], lanes)
+    activate(work[0], work[layers], weights.activation, lanes)
     for layer in range(1, layers):
         matrix, bias = weights.middle[layer - 1], weights.biases[layer]
-        product(matrix, bias, work[layer - 1], sums, work[layer])
-        activate(work[layer], work[layers + layer], weights.activation)
+        product(matrix, bias, work[layer - 1], sums, work[layer], lanes)
+        activate(work[layer], work[layers + layer], weights.activation, lanes)
 
 
 @kernel
-def forward(weights: Weights, inputs: Array, sums: Array, work: Array) -> None:
+def forward(weights: Weights, inputs: Array, sums: Array, work: Array, lanes: int) -> None:
     """The hidden layers' values alone; see :func:`hidden`, but for ``work``.
 
     Args:
         work: ``(hidden layers, units * TILE)``.
     """
-    product(weights.first, weights.biases[0], inputs, sums, work[0])
-    values_only(work[0], weights.activation)
+    product(weights.first, weights.biases[0], inputs, sums, work[0], lanes)
+    values_only(work[0], weights.activation, lanes)
     for layer in range(1, work.shape[0]):
         matrix, bias = weights.middle[layer - 1], weights.biases[layer]
-        product(matrix, bias, work[layer - 1], sums, work[layer])
-        values_only(work[layer], weights.activation)
+        product(matrix, bias, work[layer - 1], sums, work[layer], lanes)
+        values_only(work[layer], weights.activation, lanes)
 
 
 @kernel
 def input_gradient(
-    weights: Weights, back: Transposed, inputs: Array, sums: Array, work: Array, result: Array
+    weights: Weights,
+    back: Transposed,
+    inputs: Array,
+    sums: Array,
+    work: Array,
+    result: Array,
+    lanes: int,
 ) -> None:
-    """Gradient of the first output with respect to the inputs, on ``TILE`` lanes.
+    """Gradient of the first output with respect to the inputs.
 
     Args:
-        weights, inputs, sums, work: see :func:`hidden`.
+        weights, inputs, sums, work, lanes: see :func:`hidden`.
         back: see :class:`Transposed`.
         result: ``(inputs * TILE,)``, the inputs padded to ``BLOCK``.
     """
-    hidden(weights, inputs, sums, work)
+    hidden(weights, inputs, sums, work, lanes)
     layers = weights.biases.shape[0]
     for layer in range(layers - 2, -1, -1):
         # What comes from above: at first the last layer's slopes alone, see Transposed.
         above = work[2 * layers - 1] if layer == layers - 2 else work[layer + 1]
-        product(back.middle[layer], back.zeros, above, sums, work[layer])
-        _scale(work[layer], work[layers + layer])
-    product(back.first, back.zeros, work[0], sums, result)
+        product(back.middle[layer], back.zeros, above, sums, work[layer], lanes)
+        _scale(work[layer], work[layers + layer], lanes)
+    product(back.first, back.zeros, work[0], sums, result, lanes)

@@ -52,9 +52,9 @@ def _roll(
     known: Array,
     every: int,
     out: Array,
-    blocks: tuple[int, int],
+    which: tuple[int, int],
 ) -> int:
-    """Steps of some blocks of episodes.
+    """Steps of some episodes, in blocks.
 
     Args:
         weights: of the network.
@@ -64,18 +64,19 @@ def _roll(
         known: what the network is told besides, ``(conditions, episodes)``.
         every: steps between stored states.
         out: ``(stored, entries, episodes)``; the first of them is the start.
-        blocks: the first block of episodes, and the one after the last.
+        which: the first episode, and the one after the last.
     """
-    entries, episodes = start.shape
+    entries = start.shape[0]
     told, units = entries + known.shape[0], weights.biases.shape[1]
     inputs = aligned(told * TILE, scale)
     result = aligned(last.shape[0] * BLOCK * TILE, scale)
     sums = aligned(BLOCK * PART, scale)
     layers = weights.biases.shape[0]
     work = aligned(layers * units * TILE, scale).reshape((layers, units * TILE))
-    for block in range(blocks[0], blocks[1]):
-        begin = block * TILE
-        count = min(TILE, episodes - begin)
+    result[:] = 0  # what is not in use is added all the same
+    for begin in range(which[0], which[1], TILE):
+        count = min(TILE, which[1] - begin)
+        used = -(-count // PART) * PART
         for lane in range(TILE):
             source = begin + min(lane, count - 1)  # lanes of no episode repeat the last one
             for row in range(entries):
@@ -84,8 +85,8 @@ def _roll(
                 inputs[(entries + row) * TILE + lane] = known[row, source]
         for move in range((out.shape[0] - 1) * every + 1):
             if move > 0:
-                forward(weights, inputs, sums, work)
-                product(last, weights.last_bias, work[layers - 1], sums, result)
+                forward(weights, inputs, sums, work, used)
+                product(last, weights.last_bias, work[layers - 1], sums, result, used)
                 _add(inputs, result, scale)
             if move % every == 0:
                 _store(inputs, begin, count, out[move // every])
@@ -115,7 +116,8 @@ def roll(
     last = blocks_of(weights.last)
 
     def part(which: tuple[int, int]) -> int:
-        return _roll(weights, last, sizes, first, told, every, out, which)
+        some = which[0] * PART, min(which[1] * PART, len(start))
+        return _roll(weights, last, sizes, first, told, every, out, some)
 
-    in_threads(part, -(-len(start) // TILE))
+    in_threads(part, -(-len(start) // PART))
     return torch.from_numpy(out)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.compiled.kernels import inlined, uncounted
-from dynamics.compiled.lanes import TILE, Array, Transposed, Weights, input_gradient
+from dynamics.compiled.lanes import PART, TILE, Array, Transposed, Weights, input_gradient
 from dynamics.compiled.octaves import coarse_polynomials, fine_polynomials
 from dynamics.compiled.spline import DEGREE
 from dynamics.potentials import REACH, SPREAD, RadialPotential
@@ -102,12 +102,21 @@ def plane_spline(cells: int, far: Any, table: Array, work: Array, pair: int) -> 
 
 
 @uncounted
+def _repeat(result: Array, lanes: int) -> None:
+    """Lanes of no episode are copies of the first: so they stay, of a gradient ``(2 * LANES,)``."""
+    for row in range(0, 2 * LANES, LANES):
+        for lane in range(lanes, LANES):
+            result[row + lane] = result[row + lane - lanes]
+
+
+@uncounted
 def _plane_network(
     weights: Weights,
     back: Transposed,
     far: Any,
     work: Array,
     room: Room,
+    lanes: int,
 ) -> None:
     """Gradient of a :class:`dynamics.potentials.DisplacementPotential` where it is out of reach."""
     inputs, sums, scratch, result = room
@@ -119,7 +128,8 @@ def _plane_network(
             x, y = work[X, lane], work[Y, lane]
             scale = (sign + sign) / (spread + np.sqrt(work[S, lane]))
             inputs[lane], inputs[LANES + lane] = scale * x, scale * y
-        input_gradient(weights, back, inputs, sums, scratch, result)
+        input_gradient(weights, back, inputs, sums, scratch, result, lanes)
+        _repeat(result, lanes)
         for lane in range(LANES):
             x, y = work[X, lane], work[Y, lane]
             r = np.sqrt(work[S, lane])
@@ -141,6 +151,7 @@ def _radial_network(
     far: Any,
     work: Array,
     room: Room,
+    lanes: int,
 ) -> None:
     """Force along the line of a :class:`dynamics.potentials.RadialPotential`, out of reach."""
     inputs, sums, scratch, result = room
@@ -151,7 +162,8 @@ def _radial_network(
         r = np.sqrt(work[S, lane])
         inputs[lane] = spread * (two * (r / (near + r)) - one)
         inputs[LANES + lane] = spread * (two * (r / (wide + r)) - one)
-    input_gradient(weights, back, inputs, sums, scratch, result)
+    input_gradient(weights, back, inputs, sums, scratch, result, lanes)
+    _repeat(result, lanes)
     for lane in range(LANES):
         r = np.sqrt(work[S, lane])
         a, b = one / (near + r), one / (wide + r)
@@ -175,7 +187,7 @@ def ask_networks(
     Returns:
         Pairs of the first ``count`` lanes that were out of a spline's reach.
     """
-    asked = 0
+    asked, lanes = 0, -(-count // PART) * PART
     for pair in range(work.shape[0]):
         out = 0
         for lane in range(count):
@@ -183,9 +195,9 @@ def ask_networks(
         if out > 0:
             here = work[pair]
             if kind & RADIAL:
-                _radial_network(weights, back, far, here, room)
+                _radial_network(weights, back, far, here, room, lanes)
             else:
-                _plane_network(weights, back, far, here, room)
+                _plane_network(weights, back, far, here, room, lanes)
         if kind & SPLINE:
             asked += out
     return asked
