@@ -33,6 +33,8 @@ COVERING = [
     "guards",
     "contacts",
     "compiled",
+    "unrolled_orbits",
+    "octaves",
     "pair_families",
     "coupling_power",
     "dissipation",
