@@ -15,6 +15,7 @@ from dynamics.compiled.gradient import input_gradient, plain_gradient
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import ROWS
 from dynamics.mlp import MLP
+from vidphys.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 ROUNDING = {torch.float32: 2e-6, torch.float64: 1e-13}
@@ -72,11 +73,8 @@ def test_several_calls_before_one_way_back_keep_their_own_memory():
 def test_two_threads_give_what_one_gives():
     given = case(300, 2, 32)
     alone = torch.autograd.grad(input_gradient(*given).square().sum(), given)
-    torch.set_num_threads(2)
-    try:
+    with held_to(2):
         both = torch.autograd.grad(input_gradient(*given).square().sum(), given)
-    finally:
-        torch.set_num_threads(1)
     for one, other in zip(both, alone, strict=True):
         close(one, other, 1e-13)
 
@@ -97,11 +95,8 @@ def test_without_a_way_back_nothing_is_kept(monkeypatch):
 def test_threads_that_keep_nothing_do_not_share_memory():
     given = [x.detach() for x in case(20_000, 2, 64)]
     alone = input_gradient(*given)
-    torch.set_num_threads(4)
-    try:
+    with held_to(4):
         together = [input_gradient(*given) for _ in range(5)]
-    finally:
-        torch.set_num_threads(1)
     for each in together:
         assert torch.equal(each, alone)
 
@@ -166,16 +161,12 @@ def test_an_ensemble_of_heads_trains_through_the_fused_gradient():
 
 def test_the_way_back_is_the_same_whichever_thread_is_first():
     given = case(4096, 2, 32, torch.float32)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(4)
-    try:
+    with held_to(4):
         upstream = torch.ones(4096, 2)
         found = {
             torch.autograd.grad(input_gradient(*given), given[1], upstream)[0].numpy().tobytes()
             for _ in range(40)
         }
-    finally:
-        torch.set_num_threads(threads)
     assert len(found) == 1
 
 

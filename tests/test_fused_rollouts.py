@@ -12,6 +12,7 @@ from dynamics import HEADS, HamiltonianTerms, Parameters, PhaseState, build, rol
 from dynamics.compiled import cpu, pairs
 from dynamics.domain import FARTHEST, NEAREST, extents
 from dynamics.head import stepped
+from vidphys.threads import held_to
 
 DT = 0.002
 
@@ -112,23 +113,15 @@ def test_what_lay_in_memory_before_does_not_matter(name):
     np.testing.assert_array_equal(*found)
 
 
-@pytest.fixture
-def threads():
-    """Sets torch's number of threads, which is what it was afterwards."""
-    before = torch.get_num_threads()
-    yield torch.set_num_threads
-    torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize("name", ["factored", "factored-radial", "unstructured"])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_how_episodes_are_shared_among_threads_does_not_matter(name, dtype, threads):
+def test_how_episodes_are_shared_among_threads_does_not_matter(name, dtype):
     """Blocks that are full, half full and between give what one thread gives, in all bits."""
     head, start, params = case(name, dtype=dtype)
     found = []
     with torch.no_grad():
         for count in (1, 2, 3):
-            threads(count)
-            found.append(head.trajectory(start, params, 20, DT))
+            with held_to(count):
+                found.append(head.trajectory(start, params, 20, DT))
     assert all(torch.equal(x.states.flat, found[0].states.flat) for x in found)
     assert all(x.reached == found[0].reached for x in found)

@@ -7,16 +7,15 @@ import torch
 from torch import nn
 
 from dynamics import Parameters, PhaseState
+from vidphys.threads import held_to
 from vidphys.training.learner import FitSettings, Learner
 from vidphys.training.segments import Segments
 
 
 @pytest.fixture
 def three_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(3)
-    yield
-    torch.set_num_threads(before)
+    with held_to(3):
+        yield
 
 
 def trained(width):
@@ -36,8 +35,8 @@ def test_one_thread_updates_a_small_model_and_all_a_large_one(three_threads):
 
 def test_the_number_of_threads_changes_no_weight(three_threads):
     together = trained(200)[0].weight
-    torch.set_num_threads(1)
-    assert torch.equal(together, trained(200)[0].weight)
+    with held_to(1):
+        assert torch.equal(together, trained(200)[0].weight)
 
 
 def test_threads_are_given_back_where_a_step_fails(three_threads):

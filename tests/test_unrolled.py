@@ -11,6 +11,7 @@ from dynamics.compiled.unrolled import _Unrolled, plainly, unrolled
 from dynamics.head import Head
 from dynamics.mlp import MLP, SILU
 from dynamics.unstructured import ResidualMap
+from vidphys.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 STORED, EVERY = 2, 3
@@ -86,11 +87,8 @@ def test_two_threads_give_what_one_gives():
         return torch.autograd.grad(states.square().sum(), network.layers[1].weight)[0]
 
     alone = gradient()
-    torch.set_num_threads(2)
-    try:
+    with held_to(2):
         both = gradient()
-    finally:
-        torch.set_num_threads(1)
     close(both, alone)
 
 

@@ -11,6 +11,7 @@ from dynamics.compiled import unrolled_orbits
 from dynamics.compiled.unrolled_orbits import plainly, unrolled
 from dynamics.head import Head
 from dynamics.potentials import DisplacementPotential
+from vidphys.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 STORED, EVERY, DT = 2, 3, 0.02
@@ -72,11 +73,8 @@ def test_two_threads_give_what_one_gives():
         return torch.autograd.grad(states.square().sum(), weights_of(law)[2])[0]
 
     alone = gradient()
-    torch.set_num_threads(2)
-    try:
+    with held_to(2):
         both = gradient()
-    finally:
-        torch.set_num_threads(1)
     close(both, alone)
 
 

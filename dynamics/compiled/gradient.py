@@ -6,7 +6,7 @@ call, and the way back is written out, so that no graph of small operations is b
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS, out_of_panels
 from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers, value_rows
+from dynamics.compiled.shares import Some, on_weights, shares
 
 
 def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
@@ -98,7 +99,7 @@ class _Gradient(Function):
         kept = Kept(shape, rows.dtype) if any(ctx.needs_input_grad) else None
         out = np.empty_like(rows)
 
-        def part(which: tuple[int, int]) -> int:
+        def part(which: Some) -> int:
             # Held by name: memory that is let go may be another thread's next.
             memory = kept or Kept((2, 1, 1, *shape[3:]), rows.dtype)
             hidden = memory.array
@@ -122,41 +123,22 @@ class _Gradient(Function):
         nets, rows, above, hidden = ctx.nets, ctx.rows, _tiled(upstream), ctx.hidden.array
         on_rows = np.empty_like(rows)
 
-        def part(which: tuple[int, int]) -> list[tuple[int, Layers]]:
-            found = []
-            for model, some in shares(which, rows.shape[1]):
-                total = Layers(*(np.zeros_like(w) for w in nets[model]))
-                found.append((model, total))
-                backward_rows(
-                    nets[model],
-                    rows[model],
-                    hidden[0, model],
-                    hidden[1, model],
-                    above[model],
-                    on_rows[model],
-                    total,
-                    some,
-                )
-            return found
+        def back(model: int, some: Some, total: Layers) -> None:
+            backward_rows(
+                nets[model],
+                rows[model],
+                hidden[0, model],
+                hidden[1, model],
+                above[model],
+                on_rows[model],
+                total,
+                some,
+            )
 
-        totals: list[list[Layers]] = [[] for _ in nets]
-        for found in in_threads(part, rows.shape[0] * rows.shape[1]):
-            for model, total in found:
-                totals[model].append(total)
         x, first, *_ = ctx.saved_tensors
-        each = [in_torchs_form(total, *first.shape[1:]) for total in totals]
-        on_weights = (torch.from_numpy(np.array(w)) for w in zip(*each, strict=True))
-        return _untiled(on_rows, x), *on_weights
-
-
-def shares(which: tuple[int, int], tiles: int) -> Iterator[tuple[int, tuple[int, int]]]:
-    """Each model's tiles of some of all models' tiles."""
-    begin, end = which
-    while begin < end:
-        model = begin // tiles
-        stop = min(end, (model + 1) * tiles)
-        yield model, (begin - model * tiles, stop - model * tiles)
-        begin = stop
+        form = partial(in_torchs_form, units=first.shape[1], inputs=first.shape[2])
+        found = on_weights(nets, rows.shape[1], back, form)
+        return _untiled(on_rows, x), *found
 
 
 def _differentiable(given: tuple[Tensor, ...], upstream: Tensor) -> list[Tensor | None]:

@@ -10,9 +10,10 @@ from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
+from numba.extending import intrinsic
 
 
 class _Apart(Compiler):
@@ -48,6 +49,12 @@ def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function into its callers."""
     return _compiled(function, forceinline=True)
+
+
+def instructions(written: Callable[..., Any], plainly: Callable[..., Any]) -> Any:
+    """A function of our own instructions, in numpy where numba is told to compile nothing."""
+    compiles = not getattr(config, "DISABLE_JIT")  # noqa: B009 (numba sets it when imported)
+    return intrinsic(unwrap(written)) if compiles else plainly
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:

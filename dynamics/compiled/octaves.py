@@ -9,17 +9,15 @@ a cycle, where loads need one for each lane.
 from __future__ import annotations
 
 from collections.abc import Callable
-from inspect import unwrap
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config, types
+from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dynamics.compiled.kernels import uncounted
+from dynamics.compiled.kernels import instructions, uncounted
 from dynamics.compiled.lanes import TILE
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES
 
@@ -52,24 +50,24 @@ def _plainly(fineness: int, table: Array, rows: Array, places: int, values: int)
 def _by_registers(
     typing: Any, fineness: Any, table: Any, rows: Any, places: Any, values: Any
 ) -> tuple[Any, Callable[..., Any]]:
-    def instructions(context: Any, build: Any, signature: Any, args: Any) -> Any:
+    def emit(context: Any, build: Any, signature: Any, args: Any) -> Any:
         lanes = _Lanes(build, context.get_data_type(table.dtype))
         quick = "+avx512f" in context.codegen().magic_tuple()[2]
         look_up = lanes.picked if quick else lanes.loaded
         return _evaluate(context, lanes, signature.args, args, ir.IntType(64)(0), look_up)
 
-    return types.void(fineness, table, rows, places, values), instructions
+    return types.void(fineness, table, rows, places, values), emit
 
 
 def _by_loads(
     typing: Any, fineness: Any, table: Any, rows: Any, places: Any, values: Any
 ) -> tuple[Any, Callable[..., Any]]:
-    def instructions(context: Any, build: Any, signature: Any, args: Any) -> Any:
+    def emit(context: Any, build: Any, signature: Any, args: Any) -> Any:
         lanes = _Lanes(build, context.get_data_type(table.dtype))
         fine = context.cast(build, args[0], fineness, types.intp)
         return _evaluate(context, lanes, signature.args, args, fine, lanes.loaded)
 
-    return types.void(fineness, table, rows, places, values), instructions
+    return types.void(fineness, table, rows, places, values), emit
 
 
 def _evaluate(
@@ -175,10 +173,9 @@ class _Lanes:
         return found
 
 
-_COMPILES = not getattr(config, "DISABLE_JIT")  # noqa: B009 (numba sets it when it is imported)
 # With one polynomial an octave; and of any fineness.
-coarse_polynomials = intrinsic(unwrap(_by_registers)) if _COMPILES else _plainly
-_polynomials = intrinsic(unwrap(_by_loads)) if _COMPILES else _plainly
+coarse_polynomials = instructions(_by_registers, _plainly)
+_polynomials = instructions(_by_loads, _plainly)
 
 
 @uncounted

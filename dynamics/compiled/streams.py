@@ -8,13 +8,12 @@ than the steps themselves.
 from __future__ import annotations
 
 from collections.abc import Callable
-from inspect import unwrap
 from typing import Any
 
 from llvmlite import ir
-from numba import config, types
-from numba.extending import intrinsic
+from numba import types
 
+from dynamics.compiled.kernels import instructions
 from dynamics.compiled.lanes import TILE, Array
 
 LINE = 64  # bytes that are written at once, from an address that is a multiple of them
@@ -28,7 +27,7 @@ def _plainly(source: Array, begin: int, target: Array, at: int) -> None:
 def _by_lines(
     typing: Any, source: Any, begin: Any, target: Any, at: Any
 ) -> tuple[Any, Callable[..., Any]]:
-    def instructions(context: Any, build: Any, signature: Any, args: Any) -> Any:
+    def emit(context: Any, build: Any, signature: Any, args: Any) -> Any:
         kinds = signature.args
         real = context.get_data_type(source.dtype)
         width = LINE // (4 if isinstance(real, ir.FloatType) else 8)
@@ -46,8 +45,7 @@ def _by_lines(
             written.set_metadata("nontemporal", by)
         return context.get_dummy_value()
 
-    return types.void(source, begin, target, at), instructions
+    return types.void(source, begin, target, at), emit
 
 
-_COMPILES = not getattr(config, "DISABLE_JIT")  # noqa: B009 (numba sets it when it is imported)
-stream = intrinsic(unwrap(_by_lines)) if _COMPILES else _plainly
+stream = instructions(_by_lines, _plainly)

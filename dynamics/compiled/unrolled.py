@@ -6,6 +6,7 @@ back through them in another. See :mod:`dynamics.compiled.residual`.
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -16,11 +17,11 @@ from torch.autograd import Function
 from torch.nn.functional import linear, silu
 
 from dynamics.compiled.cpu import in_threads
-from dynamics.compiled.gradient import shares
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS
 from dynamics.compiled.residual import Net, backward_rows, forward_rows, net_of, weights_of
+from dynamics.compiled.shares import Some, on_weights, shares
 from dynamics.mlp import MLP
 
 
@@ -111,7 +112,7 @@ class _Unrolled(Function):
         seen = np.empty((models, tiles, steps if back else 0, *rows.shape[2:]), rows.dtype)
         out = np.empty((models, stored + 1, tiles, ROWS, sizes.shape[1]), rows.dtype)
 
-        def part(which: tuple[int, int]) -> int:
+        def part(which: Some) -> int:
             spare = np.empty((1, *shape), rows.dtype)
             for model, (begin, end) in shares(which, tiles):
                 for tile in range(begin, end):
@@ -141,27 +142,17 @@ class _Unrolled(Function):
         above = _in_tiles(upstream.flatten(0, 1)).reshape(models, -1, tiles, ROWS, sizes.shape[1])
         on_x = np.empty((models, tiles, ROWS, x.shape[2]), seen.dtype)
 
-        def part(which: tuple[int, int]) -> list[tuple[int, Net]]:
-            found = []
-            for model, (begin, end) in shares(which, tiles):
-                total = Net(*(np.zeros_like(w) for w in nets[model]))
-                found.append((model, total))
-                for tile in range(begin, end):
-                    told, kept, here = seen[model, tile], hidden[model, tile], on_x[model, tile]
-                    backward_rows(
-                        nets[model], sizes[model], every, told, kept, above[model], here, total,
-                        tile,
-                    )  # fmt: skip
-            return found
+        def back(model: int, some: Some, total: Net) -> None:
+            for tile in range(*some):
+                told, kept, here = seen[model, tile], hidden[model, tile], on_x[model, tile]
+                backward_rows(
+                    nets[model], sizes[model], every, told, kept, above[model], here, total, tile
+                )
 
-        totals: list[list[Net]] = [[] for _ in nets]
-        for found in in_threads(part, models * tiles):
-            for model, total in found:
-                totals[model].append(total)
-        each = [_in_torchs_form(total, weights[0].shape[1]) for total in totals]
+        form = partial(_in_torchs_form, units=weights[0].shape[1])
+        found = on_weights(nets, tiles, back, form)
         on_rows = torch.from_numpy(on_x).reshape(models, -1, x.shape[2])[:, : x.shape[1]]
-        on_weights = (torch.from_numpy(np.array(w)) for w in zip(*each, strict=True))
-        return None, None, None, on_rows, *on_weights
+        return None, None, None, on_rows, *found
 
 
 def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:

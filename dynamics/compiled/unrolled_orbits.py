@@ -6,6 +6,7 @@ the way back through them in another. See :mod:`dynamics.compiled.orbits`.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from torch import Tensor
 from torch.autograd import Function
 
 from dynamics.compiled.cpu import in_threads
-from dynamics.compiled.gradient import in_torchs_form, plain_gradient, shares
+from dynamics.compiled.gradient import in_torchs_form, plain_gradient
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.orbits import LANES, backward_block, forward_block
 from dynamics.compiled.panels import PANEL, ROWS
 from dynamics.compiled.rows import Layers, layers
+from dynamics.compiled.shares import Some, on_weights, shares
 from dynamics.pairs import pair_indices
 from dynamics.potentials import REACH, SPREAD, DisplacementPotential, soft_length, unsquashed
 
@@ -126,7 +128,7 @@ class _Unrolled(Function):
         kept = Kept((2, models, blocks, steps, *shape), real) if back else None
         out = np.empty((models, blocks, stored + 1, 2, 2 * bodies, LANES), real)
 
-        def part(which: tuple[int, int]) -> int:
+        def part(which: Some) -> int:
             spare = np.empty((2, 1, *shape), real)
             for model, some in shares(which, blocks):
                 for at in range(*some):
@@ -166,37 +168,28 @@ class _Unrolled(Function):
         above = above.reshape(models, blocks, -1, 2, 2 * bodies, LANES)
         on_start = np.empty((models, blocks, 2, 2 * bodies, LANES), real)
 
-        def part(which: tuple[int, int]) -> list[tuple[int, Layers]]:
-            found = []
-            for model, some in shares(which, blocks):
-                total = Layers(*(np.zeros_like(w) for w in nets[model]))
-                found.append((model, total))
-                for at in range(*some):
-                    backward_block(
-                        nets[model],
-                        known[model, at, :bodies],
-                        known[model, at, bodies:],
-                        real(dt),
-                        every,
-                        ctx.places[model, at],
-                        ctx.slopes[model, at],
-                        kept[0, model, at],
-                        kept[1, model, at],
-                        above[model, at],
-                        on_start[model, at],
-                        total,
-                    )
-            return found
+        def back(model: int, some: Some, total: Layers) -> None:
+            for at in range(*some):
+                backward_block(
+                    nets[model],
+                    known[model, at, :bodies],
+                    known[model, at, bodies:],
+                    real(dt),
+                    every,
+                    ctx.places[model, at],
+                    ctx.slopes[model, at],
+                    kept[0, model, at],
+                    kept[1, model, at],
+                    above[model, at],
+                    on_start[model, at],
+                    total,
+                )
 
-        totals: list[list[Layers]] = [[] for _ in nets]
-        for found in in_threads(part, models * blocks):
-            for model, total in found:
-                totals[model].append(total)
-        each = [in_torchs_form(total, *first.shape[1:]) for total in totals]
+        form = partial(in_torchs_form, units=first.shape[1], inputs=first.shape[2])
+        found = on_weights(nets, blocks, back, form)
         lanes = on_start.reshape(models, blocks, -1, LANES).transpose(0, 1, 3, 2)
         on_rows = torch.from_numpy(lanes.reshape(models, -1, 4 * bodies)[:, : start.shape[1]])
-        on_weights = (torch.from_numpy(np.array(w)) for w in zip(*each, strict=True))
-        return None, on_rows, None, *on_weights
+        return None, on_rows, None, *found
 
 
 def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:

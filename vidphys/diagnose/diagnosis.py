@@ -115,8 +115,11 @@ def nothing_to_see(motion: Motion) -> str:
     if not sum(map(len, stretches)):
         return f"no body is seen in {size} frames in a row; a force cannot show"
     rng = np.random.default_rng(0)
-    mixed = [_smoothness([x[:, rng.permutation(size)] for x in stretches]) for _ in range(SHUFFLES)]
-    beyond = (_smoothness(stretches) - np.mean(mixed)) / max(float(np.std(mixed)), STILL)
+    slow = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
+    mixed = [
+        _smoothness([x[:, rng.permutation(size)] for x in stretches], slow) for _ in range(SHUFFLES)
+    ]
+    beyond = (_smoothness(stretches, slow) - np.mean(mixed)) / max(float(np.std(mixed)), STILL)
     if stats.norm.sf(beyond) > SURE:
         return (
             "nothing above the noise moves smoothly: the bodies are at rest, the noise hides "
@@ -125,13 +128,16 @@ def nothing_to_see(motion: Motion) -> str:
     return ""
 
 
-def _smoothness(stretches: list[np.ndarray]) -> float:
-    """Logarithm of what slow polynomials explain of ``(rows, frames)``, over what they leave."""
-    size = stretches[0].shape[1]
-    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
+def _smoothness(stretches: list[np.ndarray], slow: np.ndarray) -> float:
+    """Logarithm of what slow polynomials explain of ``(rows, frames)``, over what they leave.
+
+    Args:
+        stretches: positions of each body and axis in a row.
+        slow: the polynomials, orthonormal, the constant one first, ``(frames, polynomials)``.
+    """
     told = left = 0.0
     for x in stretches:
-        part = x @ basis
+        part = x @ slow
         told += float((part[:, 1:] ** 2).sum())
         left += float((x**2).sum() - (part**2).sum())
     least = np.finfo(float).tiny

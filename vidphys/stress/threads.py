@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 
 import torch
@@ -14,6 +13,7 @@ from dynamics.head import stepped
 from vidphys.stress.bodies import STEP
 from vidphys.stress.case import SOUND, Case
 from vidphys.stress.learned import FAMILIES, trained
+from vidphys.threads import held_to
 
 COUNTS = (2, 8)
 EPISODES, STEPS = 1024, 4
@@ -30,9 +30,17 @@ def threads() -> Iterator[Case]:
             for count in COUNTS:
                 run = partial(_apart, name, way, count)
                 extreme = f"{count} threads"
-                must = (SOUND,)
                 yield Case(
-                    "threads", name, extreme, count, run, ROUNDING, "own", "float32", way, must=must
+                    "threads",
+                    name,
+                    extreme,
+                    count,
+                    run,
+                    ROUNDING,
+                    "own",
+                    "float32",
+                    way,
+                    must=(SOUND,),
                 )
 
 
@@ -40,21 +48,11 @@ def _apart(name: str, way: str, count: int) -> float:
     """Largest difference from what one thread gives, over the largest number."""
     head, start, params = trained(name, EPISODES)
     head.requires_grad_(way == "gradient")  # what keeps nothing for a way back has other memory
-    with _held_to(1):
+    with held_to(1):
         alone = WAYS[way](head, start, params)
-    with _held_to(count):
+    with held_to(count):
         together = torch.stack([WAYS[way](head, start, params) for _ in range(TIMES)])
     return float((together - alone).abs().max() / alone.abs().max())
-
-
-@contextmanager
-def _held_to(count: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _rolled(head: Head, start: PhaseState, params: Parameters) -> Tensor:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from vidphys.errors import InputError
 from vidphys.runs.checkpoint import under
+from vidphys.threads import held_to
 from vidphys.training.early_stopping import BestWeights
 
 Loss = Callable[[Any], Tensor]
@@ -81,7 +82,10 @@ class Learner:
         loss.backward()
         if self.settings.clip:
             nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
-        with _few_threads(sum(p.numel() for p in self.parameters)):
+        # One thread for what one does at once: others would spin for milliseconds afterwards, where
+        # the next step's fused loops want to run.
+        small = sum(p.numel() for p in self.parameters) <= SMALL
+        with held_to(1) if small else nullcontext():
             self.optimiser.step()
         self.step += 1
         if self.best is not None:
@@ -119,22 +123,6 @@ class Learner:
             self.best.load(under("best", tensors))
         self.lost = meta["loss"] is None
         self.step, self.loss = meta["step"], math.nan if self.lost else meta["loss"]
-
-
-@contextmanager
-def _few_threads(numbers: int) -> Iterator[None]:
-    """One thread for what one does at once: others would spin for milliseconds afterwards, where
-    the next step's fused loops want to run.
-    """
-    threads = torch.get_num_threads()
-    if threads == 1 or numbers > SMALL:
-        yield
-        return
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _laid_out(value: Tensor, parameter: Tensor) -> Tensor:
