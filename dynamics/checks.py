@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from typing import cast
 
 import torch
@@ -23,6 +24,7 @@ from dynamics.head import Head
 from dynamics.potentials import Potential
 from dynamics.stability import Rates, flat_parameters, is_learned, stiffest
 from dynamics.state import Parameters, PhaseState
+from dynamics.threads import held_to
 
 NOT_BELIEVED = 1.0  # omega * dt of a fixed step; a harmonic oscillator diverges at 2
 ENERGY_LOST = 1e-2  # relative drift from which on a conserving model is not believed
@@ -31,6 +33,9 @@ HIDDEN = 5e-3  # of the way that bodies move: rounding of positions from which o
 # States whose energy is looked at: all while they are few, by whether the model is learned; else
 # the two ends and one in so many steps.
 FEW_STATES, SHARE = {True: 64, False: 8192}, {True: 1000, False: 100}
+# Numbers from which on torch shares them among threads. A root of MKL's does it with any, and waits
+# for the others longer than it takes.
+SHARED = 2**15
 
 
 def start(start: PhaseState, params: Parameters, dt: float) -> None:
@@ -153,7 +158,8 @@ def energy(
     looked = torch.linspace(0, stored - 1, min(count, stored)).round().long().to(states.q.device)
     # An index, not index_select, which makes a contiguous copy of all states first.
     states = states.map(lambda x: x[..., looked, :, :])
-    energy = _energies(head, states, params)
+    with held_to(1) if states.q.numel() < SHARED else nullcontext():
+        energy = _energies(head, states, params)
     change = (energy - energy[..., :1]).abs()
     if not bool((change > ENERGY_LOST * energy[..., :1].abs()).any()):
         return []  # what drift is relative to is no less: the potential energy need not be asked

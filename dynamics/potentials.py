@@ -131,7 +131,8 @@ class DisplacementPotential(PairPotential):
 
     def disk_energy(self, u: Tensor) -> Tensor:
         """Phi of a squashed displacement, ``(..., d) -> (...)``."""
-        return 0.5 * (self.phi(SPREAD * u) + self.phi(-SPREAD * u)).squeeze(-1)
+        both = self.phi(SPREAD * torch.stack([u, -u])).squeeze(-1)
+        return 0.5 * (both[0] + both[1])
 
     def disk_gradient(self, u: Tensor) -> Tensor:
         """Gradient of :meth:`disk_energy`, ``(..., d) -> (..., d)``."""

@@ -42,6 +42,7 @@ from dynamics.potentials import (
 )
 from dynamics.stability import SteepnessTable, flat_parameters, rates_of, steepness, stiffest
 from dynamics.substeps import watched
+from dynamics.threads import held_to
 
 DT = 0.002
 
@@ -301,6 +302,18 @@ def test_energy_is_not_asked_of_models_that_do_not_conserve_it() -> None:
     head = build(HEADS["unstructured"], 2, DT).double()
     assert quietly(head, state, params, 20, DT).status == "ok"
     assert not head.conserves
+
+
+@pytest.mark.parametrize(("episodes", "wanted"), [(8, 1), (4096, 2)])
+def test_one_thread_looks_at_the_energy_of_a_few_states(episodes: int, wanted: int) -> None:
+    head, seen = gravity(0.05), []
+    state, params = pair(0.0, batch=episodes)
+    asked = head.energy
+    head.energy = lambda *given: seen.append(torch.get_num_threads()) or asked(*given)  # type: ignore[func-returns-value, method-assign]
+    with held_to(2):
+        rollout(head, state, params, 4, DT)
+        assert torch.get_num_threads() == 2
+    assert seen == [wanted]
 
 
 # --- where a learned model was trained ----------------------------------------------------------

@@ -11,7 +11,7 @@ from dynamics.compiled import unrolled_orbits
 from dynamics.compiled.unrolled_orbits import plainly, unrolled
 from dynamics.head import Head
 from dynamics.potentials import DisplacementPotential
-from vidphys.threads import held_to
+from dynamics.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 STORED, EVERY, DT = 2, 3, 0.02

@@ -124,9 +124,17 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
     return kind + SPLINE, potential.resolution, reach, table, weights, back
 
 
-def in_threads(part: Callable[[tuple[int, int]], Found], blocks: int) -> list[Found]:
-    """``part(first, end)`` of the blocks for each thread that torch has been told to use."""
-    threads = min(torch.get_num_threads(), blocks)
+def in_threads(
+    part: Callable[[tuple[int, int]], Found], blocks: int, fewest: int = 1
+) -> list[Found]:
+    """``part(first, end)`` of the blocks for each thread that torch has been told to use.
+
+    Args:
+        part: of the work.
+        blocks: of all work.
+        fewest: blocks that are worth another thread, whose start takes a tenth of a millisecond.
+    """
+    threads = max(1, min(torch.get_num_threads(), blocks // fewest))
     if threads == 1:
         return [part((0, blocks))]
     first, *others = pairwise(blocks * thread // threads for thread in range(threads + 1))

@@ -21,6 +21,8 @@ from dynamics.compiled.panels import PANEL, ROWS, out_of_panels
 from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers, value_rows
 from dynamics.compiled.shares import Some, on_weights, shares
 
+FEWEST_TILES = 16  # of outputs, that take a thread as long as its start
+
 
 def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
     """Gradient of a network ``inputs -> units -> units -> 1`` with respect to its inputs.
@@ -44,7 +46,7 @@ def output(x: Tensor, *weights: Tensor) -> Tensor:
     """
     net, rows = layers(*(w.detach().numpy() for w in weights)), _tiled(x.unsqueeze(0))[0]
     out = np.empty((len(rows), ROWS, 1), rows.dtype)
-    in_threads(lambda some: value_rows(net, rows, out, some), len(rows))
+    in_threads(lambda some: value_rows(net, rows, out, some), len(rows), FEWEST_TILES)
     return torch.from_numpy(out).reshape(-1, 1)[: len(x)]
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from dynamics.threads import held_to
 from vidphys.errors import InputError
 from vidphys.runs.checkpoint import under
-from vidphys.threads import held_to
 from vidphys.training.early_stopping import BestWeights
 
 Loss = Callable[[Any], Tensor]
