@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from importlib.util import find_spec
-
 import torch
 from torch import Tensor
+
+from loops import has_numba
 
 
 def fused_loops(states: Tensor, like: Tensor, fewest: int) -> bool:
@@ -35,9 +34,3 @@ def differentiable_loops(states: Tensor, like: Tensor, fewest: int) -> bool:
     plain = stack is None or [each.key().name for each in stack] == ["Vmap"]
     single = states.dtype == like.dtype == torch.float32
     return plain and single and states.shape[:-2].numel() >= fewest
-
-
-@lru_cache
-def has_numba() -> bool:
-    """Whether numba can be imported."""
-    return find_spec("numba") is not None

@@ -12,7 +12,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from dynamics.fused import has_numba
+from loops import has_numba
 
 FEWEST_ROWS = 64  # fewer are left to torch
 TANH, SOFTPLUS, SILU = "tanh", "softplus", "silu"

@@ -7,7 +7,7 @@ import pytest
 
 from vidphys.cli import VERBS, main
 
-STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts")
+STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "loops")
 HEAVY = ("cv2", "mujoco", "rerun", "transformers", "timm", "matplotlib", "vidphys", "viz")
 
 

@@ -5,7 +5,7 @@ import importlib.util
 import numpy as np
 import pytest
 
-from dynamics.compiled import kernels
+from loops import kernels
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def hits(function):
 def test_a_change_in_another_kernels_file_is_heeded(total, monkeypatch):
     assert hits(total) == 0
     assert hits(total) == 1
-    monkeypatch.setattr(kernels, "_sources", lambda: "another file has changed")
+    monkeypatch.setattr(kernels, "_sources", lambda folders: "another file has changed")
     assert hits(total) == 0
     assert hits(total) == 1
 
@@ -42,11 +42,21 @@ def test_processes_do_not_write_into_one_file(total, tmp_path, monkeypatch):
     assert files == {"1-1", "2-1"}
 
 
-def test_every_file_beside_it_counts(tmp_path, monkeypatch):
-    read = kernels._sources.__wrapped__
-    monkeypatch.setattr(kernels, "__file__", str(tmp_path / "kernels.py"))
-    found = [read()]
-    for name, text in (("a.py", "1"), ("b.py", "1"), ("a.py", "2")):
-        (tmp_path / name).write_text(text)
-        found.append(read())
-    assert len(set(found)) == 4
+def test_every_file_of_the_folders_counts(tmp_path):
+    read, found = kernels._sources.__wrapped__, []
+    here, there = folders = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    for path, text in ((here / "a.py", "1"), (there / "b.py", "1"), (here / "a.py", "2")):
+        path.write_text(text)
+        found.append(read(frozenset(folders)))
+    assert len(set(found)) == 3
+
+
+def test_what_a_function_calls_in_another_folder_counts():
+    from dynamics.compiled.steps import _measured, kick
+
+    caller = type(hits)(hits.__code__, {"kick": kick, "unrelated": 3})
+    folders = {folder.name for folder in kernels._folders(caller)}
+    assert folders == {"tests", "compiled", "loops"}
+    assert {folder.name for folder in kernels._folders(_measured.py_func)} == {"compiled", "loops"}

@@ -5,18 +5,14 @@ Blocks run on as many threads as torch has been told to use.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from math import inf, prod, sqrt
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from dynamics.compiled.head import Episodes
-from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import (
     BLOCK,
     PART,
@@ -33,8 +29,8 @@ from dynamics.compiled.spline import PairSpline
 from dynamics.compiled.steps import steps, sum_of
 from dynamics.domain import FARTHEST, NEAREST
 from dynamics.potentials import DisplacementPotential, RadialPotential
-
-Found = TypeVar("Found")
+from loops.kernels import kernel
+from loops.threads import in_threads
 
 
 @kernel
@@ -122,25 +118,6 @@ def packed(potential: PairFunction, like: Tensor) -> Packed:
         return kind, 0, np.zeros(1, real), np.zeros(0, real), weights, back
     reach, table = np.array([potential.reach], real), potential.table.numpy().astype(real).ravel()
     return kind + SPLINE, potential.resolution, reach, table, weights, back
-
-
-def in_threads(
-    part: Callable[[tuple[int, int]], Found], blocks: int, fewest: int = 1
-) -> list[Found]:
-    """``part(first, end)`` of the blocks for each thread that torch has been told to use.
-
-    Args:
-        part: of the work.
-        blocks: of all work.
-        fewest: blocks that are worth another thread, whose start takes a tenth of a millisecond.
-    """
-    threads = max(1, min(torch.get_num_threads(), blocks // fewest))
-    if threads == 1:
-        return [part((0, blocks))]
-    first, *others = pairwise(blocks * thread // threads for thread in range(threads + 1))
-    with ThreadPoolExecutor(threads - 1) as pool:
-        later = [pool.submit(part, which) for which in others]
-        return [part(first), *(found.result() for found in later)]
 
 
 def states(shape: tuple[int, ...], real: Any) -> Array:

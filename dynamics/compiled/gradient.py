@@ -14,12 +14,12 @@ import torch
 from torch import Tensor
 from torch.autograd import Function
 
-from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS, out_of_panels
 from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers, value_rows
 from dynamics.compiled.shares import Some, on_weights, shares
+from loops.threads import in_threads
 
 FEWEST_TILES = 16  # of outputs, that take a thread as long as its start
 

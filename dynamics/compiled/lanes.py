@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.compiled.kernels import inlined, kernel
 from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
+from loops.kernels import inlined, kernel
 
 TILE = 64
 BLOCK, PART = 8, 32  # outputs and lanes whose sums fit into the registers together

@@ -10,8 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dynamics.compiled.cpu import in_threads
-from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import (
     BLOCK,
     PART,
@@ -25,6 +23,8 @@ from dynamics.compiled.lanes import (
     weights_of,
 )
 from dynamics.mlp import MLP
+from loops.kernels import kernel
+from loops.threads import in_threads
 
 
 @kernel

@@ -17,9 +17,9 @@ from numba import types
 from numba.core import cgutils
 from numpy.typing import NDArray
 
-from dynamics.compiled.kernels import instructions, uncounted
 from dynamics.compiled.lanes import TILE
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES
+from loops.kernels import instructions, uncounted
 
 AT_ONCE = 4  # registers, which hide each other's latency
 REGISTER = 512  # bits

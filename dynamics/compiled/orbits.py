@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.rows import ROWS, Layers, backward_rows, gradient_rows
 from dynamics.potentials import CORE, REACH, SPREAD
+from loops.kernels import kernel
 
 LANES = ROWS // 2
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.compiled.kernels import inlined, uncounted
 from dynamics.compiled.lanes import PART, TILE, Array, Transposed, Weights, input_gradient
 from dynamics.compiled.octaves import coarse_polynomials, fine_polynomials
 from dynamics.compiled.spline import DEGREE
 from dynamics.potentials import REACH, SPREAD, RadialPotential
+from loops.kernels import inlined, uncounted
 
 LANES = TILE  # episodes side by side: a pair of each is one tile of the network
 # Rows of a pair's work: displacement, gradient, square of the soft length; of a radial law, the

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import Array
+from loops.kernels import kernel
 
 ROWS, PANEL = 64, 32
 BLOCK = 8  # rows whose sums with a panel fit into the registers together

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynamics.compiled.kernels import inlined, kernel
 from dynamics.compiled.lanes import Array, aligned, tanh
 from dynamics.compiled.panels import (
     BLOCK,
@@ -23,6 +22,7 @@ from dynamics.compiled.panels import (
     outer,
     times,
 )
+from loops.kernels import inlined, kernel
 
 
 class Net(NamedTuple):

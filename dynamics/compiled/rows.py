@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynamics.compiled.kernels import kernel
 from dynamics.compiled.lanes import Array, aligned, tanh
 from dynamics.compiled.panels import (
     BLOCK,
@@ -23,6 +22,7 @@ from dynamics.compiled.panels import (
     outer,
     times,
 )
+from loops.kernels import kernel
 
 
 class Layers(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.lanes import Array
+from loops.threads import in_threads
 
 Some = tuple[int, int]  # tiles, from one up to another
 

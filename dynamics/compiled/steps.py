@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.compiled.kernels import uncounted
-from dynamics.compiled.lanes import Array, Transposed, Weights
+from dynamics.compiled.lanes import TILE, Array, Transposed, Weights
 from dynamics.compiled.pairs import (
     ALONG,
     GX,
@@ -27,10 +26,11 @@ from dynamics.compiled.pairs import (
     plane_spline,
     radial_spline,
 )
-from dynamics.compiled.streams import stream
 from dynamics.potentials import CORE
+from loops.kernels import uncounted
+from loops.streams import CACHED, streaming
 
-CACHED = 2**22  # bytes of states up to which they are written into the caches
+stream = streaming(TILE)
 part = partial(uncounted, inline=True)
 
 

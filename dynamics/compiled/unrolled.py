@@ -16,13 +16,13 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.nn.functional import linear, silu
 
-from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS
 from dynamics.compiled.residual import Net, backward_rows, forward_rows, net_of, weights_of
 from dynamics.compiled.shares import Some, on_weights, shares
 from dynamics.mlp import MLP
+from loops.threads import in_threads
 
 
 def unrolled(

@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 from torch.autograd import Function
 
-from dynamics.compiled.cpu import in_threads
 from dynamics.compiled.gradient import in_torchs_form, plain_gradient
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
@@ -24,6 +23,7 @@ from dynamics.compiled.rows import Layers, layers
 from dynamics.compiled.shares import Some, on_weights, shares
 from dynamics.pairs import pair_indices
 from dynamics.potentials import REACH, SPREAD, DisplacementPotential, soft_length, unsquashed
+from loops.threads import in_threads
 
 Lengths = tuple[int, int, float]
 

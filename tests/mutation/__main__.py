@@ -24,7 +24,17 @@ from tests.mutation.equivalent import reason_of, stale
 from tests.mutation.rewrite import PROBE, Place, Signs, Tolerances, rewritten
 
 HOME = Path(__file__).resolve().parents[2]
-PACKAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "vidphys", "tests")
+PACKAGES = (
+    "loops",
+    "dynamics",
+    "renderers",
+    "encoders",
+    "binders",
+    "readouts",
+    "viz",
+    "vidphys",
+    "tests",
+)
 PHYSICS = ["dynamics", "vidphys/scenes"]
 NOT_RUN = ("cuda.py",)  # needs a device
 COVERING = [

@@ -26,7 +26,7 @@ VERBS = {
     "doctor": ("DoctorConfig", "say what this machine has"),
 }
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz")
+STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops")
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -20,11 +20,11 @@ from torch import Tensor
 
 from dynamics import Hamiltonian, Parameters, PhaseState
 from dynamics.compiled.cpu import states
-from dynamics.compiled.kernels import kernel, uncounted
 from dynamics.compiled.steps import kick, move_all, store
 from dynamics.mlp import MLP
 from dynamics.potentials import CORE, REACH, SPREAD, RadialPotential
 from dynamics.unstructured import ResidualMap
+from loops.kernels import kernel, uncounted
 from vidphys.trade.training import DT, RATE, Problem
 from vidphys.training.segments import scale_of
 

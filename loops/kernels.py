@@ -63,23 +63,30 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     fast = njit(fastmath={"contract", "nsz"}, error_model="numpy", cache=True, **options)
     made: Any = fast(unwrap(function))
     if isinstance(made, Dispatcher):  # not where numba is told to compile nothing
-        _keep_apart(made._cache._cache_file)  # type: ignore[attr-defined]
+        _keep_apart(made._cache._cache_file, _folders(made.py_func))  # type: ignore[attr-defined]
     return made
 
 
-def _keep_apart(kept: Any) -> None:
+def _folders(function: Any) -> frozenset[Path]:
+    """Where what is compiled into a function may lie: beside it, here, and beside what it calls."""
+    called = (x.py_func for x in function.__globals__.values() if isinstance(x, Dispatcher))
+    beside = (Path(f.__code__.co_filename).parent for f in (function, *called))
+    return frozenset((Path(__file__).parent, *beside))
+
+
+def _keep_apart(kept: Any, folders: frozenset[Path]) -> None:
     """Machine code is kept under the state of all files, and by each process in files of its own.
 
     Two processes that compile at the same time would otherwise give two things one name.
     """
-    kept._source_stamp = (kept._source_stamp, _sources())
+    kept._source_stamp = (kept._source_stamp, _sources(folders))
     kept._data_name_pattern = kept._data_name_pattern.replace("{", f"{os.getpid()}-{{")
 
 
 @cache
-def _sources() -> str:
-    """A hash of all files here: what one calls in another is compiled into it, and numba asks
-    of a kept function only whether its own file is as it was.
+def _sources(folders: frozenset[Path]) -> str:
+    """A hash of all files in folders: what one calls in another is compiled into it, and numba
+    asks of a kept function only whether its own file is as it was.
     """
-    files = sorted(Path(__file__).parent.glob("*.py"))
+    files = sorted(file for folder in folders for file in folder.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
