@@ -1,9 +1,9 @@
 """Splats drawn into memory that is there already, with their gradients written out.
 
 A fresh tensor of many frames costs more in page faults than the drawing itself. Here the caller
-brings the memory, one pass writes it, and the gradient reads it once: nothing else of the images'
-size is made. The plain formulas of :mod:`renderers.splats` are the twins that these are tested
-against; unlike them, these have first derivatives only and no forward mode.
+brings the memory, one pass writes it, and the gradient reads it once: on a CPU nothing else of the
+images' size is made. The plain formulas of :mod:`renderers.splats` are the twins that these are
+tested against; unlike them, these have first derivatives only and no forward mode.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
+from loops import has_numba
 from renderers.camera import Camera
 
-PIECE = 2**20  # numbers at once on a CPU: what several passes go over stays in its cache
 SHARPEST = 40.0  # R / 2s: a sharper disk's factors leave the range of single precision
-FARTHEST = 80.0  # exponent of a factor; e^-(80 - 40) is no light in either precision
+FAR = 80.0**0.5  # e^(d^2) farther off leaves it too; e^-(80 - 40) is no light in either
 
 
 def draw_gaussians(centres: Tensor, camera: Camera, sigma: float, out: Tensor) -> Tensor:
     """:func:`renderers.gaussians` into ``out``."""
     _check("gaussians", centres, camera, out)
-    return _Gaussians.apply(centres, camera, sigma, out.detach())
+    return _Splats.apply(centres, camera, 0.5**0.5 / sigma, None, out.detach())
 
 
 def draw_disks(
@@ -45,90 +45,69 @@ def draw_disks(
             f"disks: an edge of {softness:g} is too sharp for a radius of {radius:g} to be drawn "
             f"into out (at least {radius / (2 * SHARPEST):g}); leave out away"
         )
-    return _Disks.apply(centres, camera, radius, softness, out.detach())
+    scale = (2 * radius * softness) ** -0.5
+    return _Splats.apply(centres, camera, scale, (radius * scale) ** 2, out.detach())
 
 
-class _Gaussians(Function):
-    @staticmethod
-    def forward(ctx: Any, centres: Tensor, camera: Camera, sigma: float, out: Tensor) -> Tensor:
-        dx, dy = _offsets(centres.detach(), camera)
-        across, down = ((d.square() * (-0.5 / sigma**2)).exp() for d in (dx, dy))
-        torch.mul(down.unsqueeze(-1), across.unsqueeze(-2), out=out)
-        ctx.mark_dirty(out)
-        ctx.save_for_backward(dx, dy, across, down)
-        ctx.sigma = sigma
-        return out
+class _Splats(Function):
+    """exp(-d^2) of the distance in units of 1 / ``scale``, or with an edge sigmoid(edge - d^2)."""
 
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None]:
-        dx, dy, across, down = ctx.saved_tensors
-        plain, turned = _columns(torch.stack([down, down * dy], -2), gradient)
-        x, y = (across * dx * plain).sum(-1), (across * turned).sum(-1)
-        return torch.stack([x, y], -1) / ctx.sigma**2, None, None, None
-
-
-class _Disks(Function):
     @staticmethod
     def forward(
-        ctx: Any, centres: Tensor, camera: Camera, radius: float, softness: float, out: Tensor
+        ctx: Any, centres: Tensor, camera: Camera, scale: float, edge: float | None, out: Tensor
     ) -> Tensor:
-        scale = (2 * radius * softness) ** -0.5  # lengths in it are pure numbers of moderate size
-        dx, dy = (d * scale for d in _offsets(centres.detach(), camera))
-        across, dx = _grown(dx, 0.0)
-        down, dy = _grown(dy, (radius * scale) ** 2)
-        pieces = (x.flatten(0, -2).split(_rows(out)) for x in (across, down))
-        for drawn, a, b in zip(_pieces(out), *pieces, strict=True):
-            torch.mul(b.unsqueeze(-1), a.unsqueeze(-2), out=drawn)
-            drawn.add_(1).reciprocal_()
+        ctx.given = camera, scale, edge
+        if _in_loops(out):
+            from renderers import compiled
+
+            flat, images = centres.detach().flatten(0, -2), out.flatten(0, -3)
+            compiled.draw(flat, camera, scale, edge, FAR, images)
+        else:
+            (_, across), (_, down) = _profiles(centres, camera, scale, edge)
+            torch.mul(down.unsqueeze(-1), across.unsqueeze(-2), out=out)
+            if edge is not None:
+                out.add_(1).reciprocal_()
         ctx.mark_dirty(out)
-        ctx.save_for_backward(dx, dy, across, down, out)
-        ctx.scale = scale
+        ctx.save_for_backward(centres, None if edge is None else out)
         return out
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None, None]:
-        dx, dy, across, down, out = ctx.saved_tensors
-        weights = torch.stack([down, down * dy], -2).flatten(0, -3).split(_rows(out))
-        gradient = gradient.contiguous()
-        scratch = torch.empty_like(_pieces(out)[0])
-        found = []
-        for drawn, g, w in zip(_pieces(out), _pieces(gradient), weights, strict=True):
-            inner = torch.mul(drawn, drawn, out=scratch[: len(drawn)]).mul_(g)
-            found.append(_columns(w, inner))
-        plain, turned = (torch.cat(x).reshape(across.shape) for x in zip(*found, strict=True))
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None, None, None, None]:
+        (centres, out), (camera, scale, edge) = ctx.saved_tensors, ctx.given
+        if _in_loops(upstream):
+            from renderers import compiled
+
+            flat, above = centres.detach().flatten(0, -2), upstream.contiguous().flatten(0, -3)
+            drawn = None if out is None else out.flatten(0, -3)
+            slopes = compiled.slopes(flat, camera, scale, edge, FAR, drawn, above)
+            return slopes.view(centres.shape), None, None, None, None
+        (dx, across), (dy, down) = _profiles(centres, camera, scale, edge)
+        if out is not None:
+            upstream = torch.ops.aten.sigmoid_backward(upstream, out)
+            across, down = torch.ones_like(dx), torch.ones_like(dy)
+        plain, turned = (torch.stack([down, down * dy], -2) @ upstream).unbind(-2)
         x, y = (across * dx * plain).sum(-1), (across * turned).sum(-1)
-        return 2 * ctx.scale * torch.stack([x, y], -1), None, None, None, None
+        return 2 * scale * torch.stack([x, y], -1), None, None, None, None
 
 
-def _offsets(centres: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
-    """From each body's centre to the columns ``(..., n, W)`` and to the rows ``(..., n, H)``."""
-    xs, ys = (f(centres.dtype, centres.device) for f in (camera.xs, camera.ys))
-    return xs - centres[..., 0:1], ys - centres[..., 1:2]
+def _profiles(
+    centres: Tensor, camera: Camera, scale: float, edge: float | None
+) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+    """Offsets dx ``(..., n, W)`` and dy ``(..., n, H)``, each with its factor of the picture."""
+    sides = (f(centres.dtype, centres.device) for f in (camera.xs, camera.ys))
+    dx, dy = (
+        ((side - centres[..., i, None]) * scale).clamp(-FAR, FAR) for i, side in enumerate(sides)
+    )
+    sign = -1 if edge is None else 1
+    across, down = (sign * dx.square()).exp(), (sign * dy.square() - (edge or 0)).exp()
+    return (dx, across), (dy, down)
 
 
-def _grown(distance: Tensor, less: float) -> tuple[Tensor, Tensor]:
-    """exp(d^2 - less) within the range of numbers, and d where it is not cut off, else 0."""
-    exponent = distance.square() - less
-    inside = exponent < FARTHEST
-    return exponent.clamp_max(FARTHEST).exp(), torch.where(inside, distance, 0)
-
-
-def _columns(weights: Tensor, images: Tensor) -> tuple[Tensor, Tensor]:
-    """Two weighted sums over the rows, ``(..., 2, H)`` and ``(..., H, W)``: two of ``(..., W)``."""
-    plain, turned = (weights @ images).unbind(-2)
-    return plain, turned
-
-
-def _rows(images: Tensor) -> int:
-    """Images a piece."""
-    size = images.shape[-2] * images.shape[-1]
-    return max(1, PIECE // size) if images.device.type == "cpu" else images.numel() // size
-
-
-def _pieces(images: Tensor) -> tuple[Tensor, ...]:
-    return images.view(-1, *images.shape[-2:]).split(_rows(images))
+def _in_loops(images: Tensor) -> bool:
+    """Whether compiled loops can go over these images."""
+    known = images.dtype in (torch.float32, torch.float64) and images.device.type == "cpu"
+    return known and has_numba() and not torch.compiler.is_compiling()
 
 
 def _check(who: str, centres: Tensor, camera: Camera, out: Tensor) -> None:

@@ -21,7 +21,7 @@ from vidphys.trade.memory import keep_memory
 SIZE, BODIES, FRAMES = 224, 3, 128
 SIGMA, RADIUS, SOFTNESS = 0.32, 0.4, 0.05  # world units, of a view that is 8 wide
 PLACES = 6.0  # world units: bodies lie in a square of this side
-OURS = "torch, reused memory"
+OURS = "numba, reused memory"
 Draw = Callable[[Tensor], Tensor]
 
 
