@@ -104,6 +104,7 @@ def test_what_is_drawn_lies_in_the_given_memory(name):
     assert not out.requires_grad
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("far", [3.0, 50.0, -1e4, 1e18])
 @pytest.mark.parametrize("softness", [0.3, 0.05, 0.009])
