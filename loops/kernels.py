@@ -15,6 +15,9 @@ from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
+# Fused multiply-adds are allowed; infinities and NaN stay what they are.
+FAST = frozenset({"contract", "nsz"})
+
 
 class _Apart(Compiler):
     """Promises that the arrays of a call lie apart.
@@ -31,6 +34,11 @@ class _Apart(Compiler):
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function whose arrays lie apart; it holds no lock that other threads wait for."""
     return _compiled(function, nogil=True, pipeline_class=_Apart)
+
+
+def summing(function: Callable[..., Any]) -> Any:
+    """The same for a function whose sums may be taken in any order, and so by vectors."""
+    return _compiled(function, nogil=True, pipeline_class=_Apart, fastmath={*FAST, "reassoc"})
 
 
 def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
@@ -57,10 +65,11 @@ def instructions(written: Callable[..., Any], plainly: Callable[..., Any]) -> An
     return intrinsic(unwrap(written)) if compiles else plainly
 
 
-def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    # Fused multiply-adds are allowed; infinities and NaN stay what they are. Unwrapped, because
-    # checks of types that tests put around a function cannot be compiled.
-    fast = njit(fastmath={"contract", "nsz"}, error_model="numpy", cache=True, **options)
+def _compiled(
+    function: Callable[..., Any], fastmath: frozenset[str] | set[str] = FAST, **options: Any
+) -> Any:
+    # Unwrapped, because checks of types that tests put around a function cannot be compiled.
+    fast = njit(fastmath=set(fastmath), error_model="numpy", cache=True, **options)
     made: Any = fast(unwrap(function))
     if isinstance(made, Dispatcher):  # not where numba is told to compile nothing
         _keep_apart(made._cache._cache_file, _folders(made.py_func))  # type: ignore[attr-defined]

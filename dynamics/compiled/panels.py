@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynamics.compiled.lanes import Array
-from loops.kernels import kernel
+from loops.kernels import kernel, summing
 
 ROWS, PANEL = 64, 32
 BLOCK = 8  # rows whose sums with a panel fit into the registers together
@@ -65,34 +65,27 @@ def enter(first: Array, bias: Array, x: Array, sums: Array, out: Array) -> None:
                 out[p, row + 7, lane] = sums[7 * PANEL + lane]
 
 
-@kernel
-def leave(first: Array, values: Array, sums: Array, out: Array) -> None:
+@summing
+def leave(first: Array, values: Array, out: Array) -> None:
     """``values @ first.T``: panels to ``(ROWS, inputs)``."""
+    zero = values.dtype.type(0)
     for row in range(0, ROWS, BLOCK):
         for j in range(first.shape[0]):
-            for lane in range(BLOCK * PANEL):
-                sums[lane] = 0
+            t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = zero
             for p in range(values.shape[0]):
+                # Rows side by side: the sums of a row alone would become no vectors.
                 for lane in range(PANEL):
                     w = first[j, p, lane]
-                    sums[lane] += values[p, row, lane] * w
-                    sums[PANEL + lane] += values[p, row + 1, lane] * w
-                    sums[2 * PANEL + lane] += values[p, row + 2, lane] * w
-                    sums[3 * PANEL + lane] += values[p, row + 3, lane] * w
-                    sums[4 * PANEL + lane] += values[p, row + 4, lane] * w
-                    sums[5 * PANEL + lane] += values[p, row + 5, lane] * w
-                    sums[6 * PANEL + lane] += values[p, row + 6, lane] * w
-                    sums[7 * PANEL + lane] += values[p, row + 7, lane] * w
-            for i in range(0, BLOCK * PANEL, PANEL):
-                for lane in range(16):
-                    sums[i + lane] += sums[i + 16 + lane]
-                for lane in range(8):
-                    sums[i + lane] += sums[i + 8 + lane]
-            for i in range(BLOCK):
-                at = i * PANEL
-                even = (sums[at] + sums[at + 4]) + (sums[at + 2] + sums[at + 6])
-                odd = (sums[at + 1] + sums[at + 5]) + (sums[at + 3] + sums[at + 7])
-                out[row + i, j] = even + odd
+                    t0 += values[p, row, lane] * w
+                    t1 += values[p, row + 1, lane] * w
+                    t2 += values[p, row + 2, lane] * w
+                    t3 += values[p, row + 3, lane] * w
+                    t4 += values[p, row + 4, lane] * w
+                    t5 += values[p, row + 5, lane] * w
+                    t6 += values[p, row + 6, lane] * w
+                    t7 += values[p, row + 7, lane] * w
+            out[row, j], out[row + 1, j], out[row + 2, j], out[row + 3, j] = t0, t1, t2, t3
+            out[row + 4, j], out[row + 5, j], out[row + 6, j], out[row + 7, j] = t4, t5, t6, t7
 
 
 @kernel

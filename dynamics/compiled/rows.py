@@ -125,7 +125,7 @@ def gradient_rows(
         _descend(net.last, top[at], work)
         times(work, net.down, net.none, sums, sent[at])
         _steepened(sent[at], low, work)
-        leave(net.first, work, sums, out[tile])
+        leave(net.first, work, out[tile])
     return 0
 
 
@@ -146,7 +146,7 @@ def value_rows(net: Layers, x: Array, out: Array, tiles: tuple[int, int]) -> int
         _squash(low)
         times(low, net.up, net.bias, sums, top)
         _squash(top)
-        leave(last, top, sums, out[tile])
+        leave(last, top, out[tile])
     return 0
 
 
@@ -231,7 +231,7 @@ def backward_rows(
         times(d, net.down, net.none, sums, a)
         _join(low, c, a, b, total.first_bias)  # b reaches the first layer's argument
         enter_back(b, x[tile], sums, total.first)
-        leave(net.first, b, sums, on_x[tile])
+        leave(net.first, b, on_x[tile])
         _steepened(sent[tile], low, a)
         enter_back(a, upstream[tile], sums, total.first)
     return 0
