@@ -8,6 +8,7 @@ from test_unrolled import close, fused
 
 from dynamics import HEADS, Parameters, PhaseState, build
 from dynamics.compiled import unrolled_orbits
+from dynamics.compiled.orbits import LANES
 from dynamics.compiled.unrolled_orbits import plainly, unrolled
 from dynamics.head import Head
 from dynamics.potentials import DisplacementPotential
@@ -76,6 +77,13 @@ def test_two_threads_give_what_one_gives():
     with held_to(2):
         both = gradient()
     close(both, alone)
+
+
+def test_a_start_is_left_as_it_was_however_it_lies():
+    law, start, told = case(episodes=LANES)
+    across = start.detach().T.contiguous().T
+    unrolled(law, across, told, STORED, EVERY, DT)
+    assert torch.equal(across, start)
 
 
 def head_and_start(episodes, name="factored"):

@@ -140,7 +140,7 @@ def _drift(q: Array, p: Array, mobility: Array, dt: Any) -> None:
 
 
 @kernel
-def forward_block(
+def _forward(
     net: Layers,
     state: Array,
     mobility: Array,
@@ -153,21 +153,7 @@ def forward_block(
     sent: Array,
     out: Array,
 ) -> None:
-    """All steps of a block of episodes.
-
-    Args:
-        net: see :class:`dynamics.compiled.rows.Layers`.
-        state: q and p at the start, ``(2, bodies * 2, LANES)``; moved on.
-        mobility: 1 / m, ``(bodies, LANES)``.
-        weight: c(G) s_i s_j, ``(pairs, LANES)``.
-        dt: seconds of a step.
-        every: steps between stored states.
-        places: q at which forces were asked for, written, ``(steps + 1, bodies * 2, LANES)``.
-        slopes: of the network there, written, ``(steps + 1, pairs, ROWS, 2)``.
-        top, sent: see :func:`dynamics.compiled.rows.gradient_rows`, of each of them, written,
-            ``(steps + 1, pairs, panels, ROWS, PANEL)``, or of one, where they are not kept.
-        out: states, written, ``(stored + 1, 2, bodies * 2, LANES)``; the start first.
-    """
+    """All steps of one block; see :func:`forward_blocks`."""
     q, p, half = state[0], state[1], dt * state.dtype.type(0.5)
     seen, force = np.empty(slopes.shape[1:], q.dtype), np.empty(q.shape, q.dtype)
     out[0] = state
@@ -187,7 +173,55 @@ def forward_block(
 
 
 @kernel
-def backward_block(
+def forward_blocks(
+    net: Layers,
+    state: Array,
+    mobility: Array,
+    weight: Array,
+    dt: Any,
+    every: int,
+    places: Array,
+    slopes: Array,
+    top: Array,
+    sent: Array,
+    out: Array,
+    blocks: tuple[int, int],
+) -> None:
+    """All steps of some blocks of episodes, one block after another.
+
+    Args:
+        net: see :class:`dynamics.compiled.rows.Layers`.
+        state: q and p at the start, ``(blocks, 2, bodies * 2, LANES)``; moved on.
+        mobility: 1 / m, ``(blocks, bodies, LANES)``.
+        weight: c(G) s_i s_j, ``(blocks, pairs, LANES)``.
+        dt: seconds of a step.
+        every: steps between stored states.
+        places: q of each force, written, ``(blocks, steps + 1, bodies * 2, LANES)``.
+        slopes: of the network there, written, ``(blocks, steps + 1, pairs, ROWS, 2)``.
+        top, sent: see :func:`dynamics.compiled.rows.gradient_rows`, of each of them, written,
+            ``(blocks, steps + 1, pairs, panels, ROWS, PANEL)``, or of one, where they are not kept.
+        out: states, written, ``(blocks, stored + 1, 2, bodies * 2, LANES)``; the start first.
+        blocks: the first of them, and the one after the last.
+    """
+    for block in range(blocks[0], blocks[1]):
+        at = block if top.shape[0] > 1 else 0
+        _forward(
+            net,
+            state[block],
+            mobility[block],
+            weight[block],
+            dt,
+            every,
+            places[block],
+            slopes[block],
+            top[at],
+            sent[at],
+            out[block],
+        )
+
+
+@kernel
+def _backward(
     net: Layers,
     mobility: Array,
     weight: Array,
@@ -201,14 +235,7 @@ def backward_block(
     on_state: Array,
     total: Layers,
 ) -> None:
-    """From a gradient with respect to the stored states to one of the start and the weights.
-
-    Args:
-        net, mobility, weight, dt, every, places, slopes, top, sent: see :func:`forward_block`.
-        upstream: shape of its ``out``.
-        on_state: written, ``(2, bodies * 2, LANES)``.
-        total: gradients are added, in the form of the weights.
-    """
+    """The way back through one block; see :func:`backward_blocks`."""
     on_q, on_p, half = on_state[0], on_state[1], dt * on_state.dtype.type(0.5)
     seen, on_slope = np.empty(slopes.shape[1:], on_q.dtype), np.empty(slopes.shape[1:], on_q.dtype)
     on_seen, on_force = np.empty(slopes.shape[1:], on_q.dtype), np.zeros(on_q.shape, on_q.dtype)
@@ -229,3 +256,44 @@ def backward_block(
             on_force[:] = 0
             _kick(on_force, on_p, half)
     on_state += upstream[0]
+
+
+@kernel
+def backward_blocks(
+    net: Layers,
+    mobility: Array,
+    weight: Array,
+    dt: Any,
+    every: int,
+    places: Array,
+    slopes: Array,
+    top: Array,
+    sent: Array,
+    upstream: Array,
+    on_state: Array,
+    total: Layers,
+    blocks: tuple[int, int],
+) -> None:
+    """From a gradient with respect to the stored states to one of the start and the weights.
+
+    Args:
+        net, mobility, weight, dt, every, places, slopes, top, sent, blocks: as the way forward.
+        upstream: shape of its ``out``.
+        on_state: written, ``(blocks, 2, bodies * 2, LANES)``.
+        total: gradients are added, in the form of the weights.
+    """
+    for block in range(blocks[0], blocks[1]):
+        _backward(
+            net,
+            mobility[block],
+            weight[block],
+            dt,
+            every,
+            places[block],
+            slopes[block],
+            top[block],
+            sent[block],
+            upstream[block],
+            on_state[block],
+            total,
+        )

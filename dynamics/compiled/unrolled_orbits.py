@@ -17,7 +17,7 @@ from torch.autograd import Function
 from dynamics.compiled.gradient import in_torchs_form, plain_gradient
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
-from dynamics.compiled.orbits import LANES, backward_block, forward_block
+from dynamics.compiled.orbits import LANES, backward_blocks, forward_blocks
 from dynamics.compiled.panels import PANEL, ROWS
 from dynamics.compiled.rows import Layers, layers
 from dynamics.compiled.shares import Some, on_weights, shares
@@ -110,6 +110,8 @@ class _Mapped(Function):
 class _Unrolled(Function):
     """Of models along a first axis: ``(models, episodes, ...)``, and likewise the weights."""
 
+    whole_rollouts = True  # see dynamics.fused.rolled_in_loops
+
     @staticmethod
     def forward(
         ctx: Any, lengths: Lengths, start: Tensor, told: Tensor, *weights: Tensor
@@ -117,11 +119,11 @@ class _Unrolled(Function):
         stored, every, dt = lengths
         parts = [w.detach().numpy() for w in weights]
         nets = [layers(*each) for each in zip(*parts, strict=True)]
-        states, known = _in_blocks(start), _in_blocks(told)
-        models, blocks, size, _ = states.shape
-        bodies, real = size // 4, states.dtype.type
-        steps, pairs = stored * every + 1, known.shape[2] - bodies
-        back = any(ctx.needs_input_grad)
+        bodies, size = start.shape[2] // 4, start.shape[2]
+        states, mobility, weight = map(_in_blocks, (start, told[..., :bodies], told[..., bodies:]))
+        models, blocks, pairs, _ = weight.shape
+        states, real = states.reshape(models, blocks, 2, -1, LANES), states.dtype.type
+        steps, back = stored * every + 1, any(ctx.needs_input_grad)
         places = np.empty((models, blocks, steps, 2 * bodies, LANES), real)
         slopes = np.empty((models, blocks, steps, pairs, ROWS, 2), real)
         shape = pairs, len(nets[0].last), ROWS, PANEL
@@ -129,29 +131,29 @@ class _Unrolled(Function):
         out = np.empty((models, blocks, stored + 1, 2, 2 * bodies, LANES), real)
 
         def part(which: Some) -> int:
-            spare = np.empty((2, 1, *shape), real)
+            spare = np.empty((2, 1, 1, *shape), real)
             for model, some in shares(which, blocks):
-                for at in range(*some):
-                    top, sent = spare if kept is None else kept.array[:, model, at]
-                    forward_block(
-                        nets[model],
-                        states[model, at].reshape(2, 2 * bodies, LANES),
-                        known[model, at, :bodies],
-                        known[model, at, bodies:],
-                        real(dt),
-                        every,
-                        places[model, at],
-                        slopes[model, at],
-                        top,
-                        sent,
-                        out[model, at],
-                    )
+                top, sent = spare if kept is None else kept.array[:, model]
+                forward_blocks(
+                    nets[model],
+                    states[model],
+                    mobility[model],
+                    weight[model],
+                    real(dt),
+                    every,
+                    places[model],
+                    slopes[model],
+                    top,
+                    sent,
+                    out[model],
+                    some,
+                )
             return 0
 
         in_threads(part, models * blocks)
         if kept is not None:
             ctx.save_for_backward(start, told, *weights)
-            ctx.lengths, ctx.nets, ctx.known = lengths, nets, known
+            ctx.lengths, ctx.nets, ctx.law = lengths, nets, (mobility, weight)
             ctx.places, ctx.slopes, ctx.kept = places, slopes, kept
         found = out.reshape(models, blocks, stored + 1, size, LANES).transpose(0, 1, 4, 2, 3)
         return torch.from_numpy(found.reshape(models, -1, stored + 1, size)[:, : start.shape[1]])
@@ -160,7 +162,7 @@ class _Unrolled(Function):
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
         if torch.is_grad_enabled() or ctx.needs_input_grad[2]:  # the loops know but weights, start
             return None, *_by_twin(ctx, upstream)
-        (_, every, dt), nets, known, kept = ctx.lengths, ctx.nets, ctx.known, ctx.kept.array
+        (_, every, dt), nets, (mobility, weight) = ctx.lengths, ctx.nets, ctx.law
         start, _, first, *_ = ctx.saved_tensors
         above = _in_blocks(upstream.flatten(2))
         models, blocks = above.shape[:2]
@@ -169,21 +171,20 @@ class _Unrolled(Function):
         on_start = np.empty((models, blocks, 2, 2 * bodies, LANES), real)
 
         def back(model: int, some: Some, total: Layers) -> None:
-            for at in range(*some):
-                backward_block(
-                    nets[model],
-                    known[model, at, :bodies],
-                    known[model, at, bodies:],
-                    real(dt),
-                    every,
-                    ctx.places[model, at],
-                    ctx.slopes[model, at],
-                    kept[0, model, at],
-                    kept[1, model, at],
-                    above[model, at],
-                    on_start[model, at],
-                    total,
-                )
+            backward_blocks(
+                nets[model],
+                mobility[model],
+                weight[model],
+                real(dt),
+                every,
+                ctx.places[model],
+                ctx.slopes[model],
+                *ctx.kept.array[:, model],
+                above[model],
+                on_start[model],
+                total,
+                some,
+            )
 
         form = partial(in_torchs_form, units=first.shape[1], inputs=first.shape[2])
         found = on_weights(nets, blocks, back, form)
@@ -205,5 +206,7 @@ def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
 def _in_blocks(rows: Tensor) -> Array:
     """``(models, episodes, x)`` in blocks, the last filled up with zeros, ``(..., x, LANES)``."""
     x = rows.detach().numpy()
-    x = np.pad(x, ((0, 0), (0, -x.shape[1] % LANES), (0, 0)))
-    return np.ascontiguousarray(x.reshape(len(x), -1, LANES, x.shape[2]).transpose(0, 1, 3, 2))
+    if missing := -x.shape[1] % LANES:
+        x = np.pad(x, ((0, 0), (0, missing), (0, 0)))
+    # Always a copy: the loops move the start on where it lies.
+    return np.array(x.reshape(len(x), -1, LANES, x.shape[2]).transpose(0, 1, 3, 2), order="C")
