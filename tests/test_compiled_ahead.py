@@ -17,7 +17,7 @@ LOOPS = {
         (maps, ("_roll",)),
         (gradient, ("gradient_rows", "backward_rows")),
         (unrolled, ("forward_rows", "backward_rows")),
-        (unrolled_orbits, ("forward_block", "backward_block")),
+        (unrolled_orbits, ("forward_blocks", "backward_blocks")),
     )
     for name in names
 }
