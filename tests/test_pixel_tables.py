@@ -77,7 +77,7 @@ def test_one_perception_serves_all_heads_and_a_lost_head_stops_no_other(monkeypa
         if head == "gns":
             raise FloatingPointError("lost")
         rest[5].add_value("inversion_nmse", 1.0)
-        return None, None
+        return None, None, None
 
     monkeypatch.setattr(seeing, "draw", lambda *x: None)
     monkeypatch.setattr(seeing, "fit_perception", fit)

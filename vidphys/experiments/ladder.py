@@ -6,15 +6,17 @@ import difflib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from dynamics import HEADS, Head
+from dynamics import HEADS, Head, Rollout
 from dynamics.terms import to_config
 from vidphys.errors import InputError
-from vidphys.experiments.oracle import OLDEST, held_out_question, score_oracle, train_on_states
+from vidphys.experiments.members import train_members
+from vidphys.experiments.oracle import OLDEST, held_out_question, score_oracle, true_examples
 from vidphys.experiments.pixels import (
     TRAINERS,
     draw,
@@ -178,16 +180,17 @@ def _run_oracle(
 ) -> None:
     scene = oracle_scene()
     question = held_out_question(scene, preset.oracle.held_out, unit.seed)
+    examples = true_examples(scene, preset.oracle.trajectories, [unit.seed])
     for name in heads:
         recorder = Recorder(_origin(unit, name, scene, "none", "none"))
         folder = run.checkpoints(unit.part(name))
         began = time.perf_counter()
         try:
             progress = _stage(report, unit.part(name))
-            trained = train_on_states(
+            trained = train_members(
                 name,
-                HEADS[name],
-                scene,
+                partial(scene.build, HEADS[name]),
+                examples,
                 preset.oracle,
                 {unit.seed: recorder},
                 save_to=folder / "fit.json",
@@ -196,9 +199,9 @@ def _run_oracle(
             if unit.seed not in trained:
                 raise FloatingPointError(f"{name}: the trained weights are not finite")
             head = trained[unit.seed]
-            score_oracle(recorder, head, question)
+            rolled = score_oracle(recorder, head, question)
             _keep(name, head, question, folder)
-            _show(run, unit, name, head, question)
+            _show(run, unit, name, head, question, rolled)
         except FloatingPointError:
             score_lost(recorder, preset.oracle.held_out)
         recorder.took(time.perf_counter() - began)
@@ -227,7 +230,7 @@ def _run_pixels(
             folder = run.checkpoints(part) / readout
             began = time.perf_counter()
             try:
-                head, question = train_and_score(
+                head, question, rolled = train_and_score(
                     readout,
                     name,
                     scene,
@@ -240,7 +243,7 @@ def _run_pixels(
                     _stage(report, f"{part}: {readout}"),
                 )
                 _keep(name, head, question, folder)
-                shown = head, question  # the last readout is the better one
+                shown = head, question, rolled  # the last readout is the better one
             except FloatingPointError:
                 score_lost(reading, sizes.held_out)
             reading.took(time.perf_counter() - began)
@@ -276,9 +279,16 @@ def _keep(name: str, head: Head, question: Question, folder: Path) -> None:
 
 
 def _show(
-    run: RunFolder, unit: Unit, name: str, head: Head, question: Question, *seen: Any
+    run: RunFolder,
+    unit: Unit,
+    name: str,
+    head: Head,
+    question: Question,
+    rolled: Rollout,
+    *seen: Any,
 ) -> None:
     """For the first seed, keep the arrays of a cell's recording."""
     if unit.seed == 0:
         cell = f"{unit.grounding}/{name}"
-        write_showcase(run.showcase(cell), head, question, {"cell": cell, "seed": "0"}, *seen)
+        meta = {"cell": cell, "seed": "0"}
+        write_showcase(run.showcase(cell), head, question, rolled, meta, *seen)

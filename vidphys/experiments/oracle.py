@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterable
 
 import torch
 from torch import Generator
 
-from dynamics import Head, Rollout, Terms
-from vidphys.experiments.members import Examples, MemberLoss, one_step, train_members
+from dynamics import Head, Rollout
+from vidphys.experiments.members import Examples
 from vidphys.experiments.scoring import (
+    LONG_STEPS,
     Question,
     score_drift,
     score_inversion,
     score_long_drift,
 )
-from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.seeding import derive
-from vidphys.training.loop import Progress
 from vidphys.training.segments import Segments, from_trajectory
 
 HORIZON = 20  # steps of a training trajectory (the study, C4)
@@ -59,41 +57,13 @@ def true_trajectories(
     return scene.simulate(start, params, HORIZON)
 
 
-def train_on_states(
-    name: str,
-    terms: Terms,
-    scene: Scene,
-    sizes: OracleSizes,
-    recorders: Mapping[int, Recorder],
-    loss: MemberLoss = one_step,
-    device: str = "cpu",
-    save_to: Path | None = None,
-    progress: Progress | None = None,
-    k: int = 1,
-    both_signs: bool = False,
-) -> dict[int, Head]:
-    """Build a head for each seed and train them on ``k``-step increments, side by side.
-
-    See :func:`true_segments` for the data.
-
-    Returns:
-        The heads by seed, without those whose training was lost.
-    """
-    examples = {
-        seed: Examples(*true_segments(scene, sizes.trajectories, seed, k, both_signs))
-        for seed in recorders
+def true_examples(
+    scene: Scene, trajectories: int, seeds: Iterable[int], k: int = 1, both_signs: bool = False
+) -> dict[int, Examples]:
+    """What :func:`true_segments` gives for each seed, for all heads that train on it."""
+    return {
+        seed: Examples(*true_segments(scene, trajectories, seed, k, both_signs)) for seed in seeds
     }
-    return train_members(
-        name,
-        lambda: scene.build(terms),
-        examples,
-        sizes,
-        recorders,
-        loss,
-        device,
-        save_to,
-        progress,
-    )
 
 
 def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:
@@ -102,9 +72,11 @@ def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:
     return Question(scene, start, start, params)
 
 
-def score_oracle(recorder: Recorder, head: Head, question: Question) -> None:
-    """Both questions, the 10,000-step rollout, and the scene's Lyapunov time."""
-    score_inversion(recorder, head, question)
-    score_drift(recorder, head, question)
-    score_long_drift(recorder, head, question)
+def score_oracle(recorder: Recorder, head: Head, question: Question) -> Rollout:
+    """Both questions, the 10,000-step rollout, which is returned, and the Lyapunov time."""
+    rolled = question.ask(head, LONG_STEPS)
+    score_inversion(recorder, head, question, rolled)
+    score_drift(recorder, head, question, rolled=rolled)
+    score_long_drift(recorder, head, question, rolled)
     recorder.add_value("lyapunov_time", float(question.lyapunov_time.median()))
+    return rolled

@@ -12,11 +12,11 @@ from pathlib import Path
 import torch
 
 from binders import Tracks
-from dynamics import HEADS, Head, PhaseState, build
+from dynamics import HEADS, Head, PhaseState, Rollout, build
 from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
-from vidphys.experiments.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
 from vidphys.initial_state import by_differencing, by_shooting, choose_slack
 from vidphys.perception.base import (
     HEAD_DT,
@@ -118,8 +118,12 @@ def train_and_score(
     recorder: Recorder,
     folder: Path | None,
     progress: Progress | None,
-) -> tuple[Head, Question]:
-    """One readout of one cell: train the head on the tracks, read the start at t0, score."""
+) -> tuple[Head, Question, Rollout]:
+    """One readout of one cell: train the head on the tracks, read the start at t0, score.
+
+    Returns:
+        The head, what it was asked, and its rollout under the law that held.
+    """
     torch.manual_seed(derive(seed, "init", head_name))
     head = build(HEADS[head_name], scene.bodies, HEAD_DT)
     task = TrackTask(
@@ -136,9 +140,10 @@ def train_and_score(
     recorder.add_value("training_loss", result.final_loss)
     question = seen.asked.starting(read_start(readout, head, seen, perceived))
     score_state(recorder, question)
-    score_inversion(recorder, head, question)
-    score_drift(recorder, head, question)
-    return head, question
+    rolled = question.ask(head, DRIFT_STEPS[-1])
+    score_inversion(recorder, head, question, rolled)
+    score_drift(recorder, head, question, rolled=rolled)
+    return head, question, rolled
 
 
 def read_start(readout: str, head: Head, seen: Seen, perceived: Perceived) -> PhaseState:

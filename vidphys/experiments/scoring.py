@@ -40,8 +40,8 @@ class Question:
     every: int = 5
 
     @cached_property
-    def _known(self) -> dict[bytes, Rollout]:
-        """References under laws that were asked about before."""
+    def _known(self) -> dict[tuple[bytes, int], Rollout]:
+        """References that were asked for before, by true starts, law and steps."""
         return {}
 
     @cached_property
@@ -51,7 +51,15 @@ class Question:
 
     def starting(self, start: PhaseState) -> Question:
         """The same question from another start; what the truth answers is shared."""
-        other = replace(self, start=start)
+        return self._sharing(replace(self, start=start))
+
+    def alone(self, episode: int, steps: int) -> Question:
+        """One of the episodes, for so many steps; what the truth answers is shared."""
+        one = slice(episode, episode + 1)
+        start, truth, params = self.start[one], self.truth[one], self.params[one]
+        return self._sharing(replace(self, start=start, truth=truth, params=params, steps=steps))
+
+    def _sharing(self, other: Question) -> Question:
         other.__dict__["_known"] = self._known
         return other
 
@@ -66,10 +74,11 @@ class Question:
 
     def reference(self, params: Parameters) -> Rollout:
         """The truth under a law, from the true start; rolled once for each law."""
-        law = params.flat.numpy().tobytes()
-        if law not in self._known:
-            self._known[law] = self.scene.simulate(self.truth, params, self.steps, self.every)
-        return self._known[law]
+        numbers = torch.cat([self.truth.flat.flatten(), params.flat.flatten()])
+        key = numbers.numpy().tobytes(), self.steps
+        if key not in self._known:
+            self._known[key] = self.scene.simulate(self.truth, params, self.steps, self.every)
+        return self._known[key]
 
     def straight_lines(self) -> Rollout:
         """The zero-force predictor from the *true* start, the stricter yardstick."""
@@ -82,13 +91,23 @@ def _to(dtype: torch.dtype):  # noqa: ANN202 (a tensor function)
     return lambda x: x.to(dtype)
 
 
-def score_inversion(recorder: Recorder, head: Head, question: Question) -> None:
-    """K3, K4, K25, K26 at each flipped coupling, with the truth-against-truth distance."""
+def score_inversion(
+    recorder: Recorder, head: Head, question: Question, rolled: Rollout | None = None
+) -> None:
+    """K3, K4, K25, K26 at each flipped coupling, with the truth-against-truth distance.
+
+    Args:
+        recorder: gets the numbers.
+        head: is asked.
+        question: gives the starts and the length.
+        rolled: the head under the law that held, at least as long; rolled here where not given.
+    """
     for coupling in COUPLINGS:
         flipped = question.params.with_coupling(coupling)
         usual = question.params.with_coupling(-coupling)
         score_changed_law(recorder, head, question, flipped, usual, coupling)
-    recorder.add("in_distribution_nmse", _in_distribution(head, question), None, question.steps)
+    rolled = question.ask(head, question.steps) if rolled is None else rolled
+    recorder.add("in_distribution_nmse", _in_distribution(rolled, question), None, question.steps)
 
 
 def score_lost(recorder: Recorder, episodes: int) -> None:
@@ -147,16 +166,29 @@ def _force_cosine(head: Head, question: Question, params: Parameters) -> metrics
     return metrics.cosine(model, true)
 
 
-def _in_distribution(head: Head, question: Question) -> metrics.Summary:
-    truth = question.reference(question.params)
-    return metrics.nmse(question.ask(head, question.steps).states, truth.states)
+def _in_distribution(rolled: Rollout, question: Question) -> metrics.Summary:
+    truth = question.reference(question.params).states
+    states = rolled.states.map(lambda x: x[..., : truth.q.shape[-3], :, :])
+    return metrics.nmse(states, truth)
 
 
 def score_drift(
-    recorder: Recorder, head: Head, question: Question, horizons: tuple[int, ...] = DRIFT_STEPS
+    recorder: Recorder,
+    head: Head,
+    question: Question,
+    horizons: tuple[int, ...] = DRIFT_STEPS,
+    rolled: Rollout | None = None,
 ) -> Rollout:
-    """K1 and K2 under the law that held; returns the rollout that was scored."""
-    rolled = question.ask(head, horizons[-1])
+    """K1 and K2 under the law that held; returns the rollout that was scored.
+
+    Args:
+        recorder: gets the numbers.
+        head: is asked.
+        question: gives the starts.
+        horizons: reference steps, rising.
+        rolled: the head under the law that held, at least as long; rolled here where not given.
+    """
+    rolled = question.ask(head, horizons[-1]) if rolled is None else rolled
     drift = _drift(question, rolled)
     for horizon in horizons:
         at = drift[:, horizon // question.every]
@@ -180,15 +212,23 @@ def score_rollout_error(recorder: Recorder, question: Question, rolled: Rollout)
         recorder.add("rollout_error_median", metrics.median(error), None, horizon)
 
 
-def score_long_drift(recorder: Recorder, head: Head, question: Question) -> None:
+def score_long_drift(
+    recorder: Recorder, head: Head, question: Question, rolled: Rollout | None = None
+) -> None:
     """Whether the drift still grows at 10,000 steps: slopes of D(t) over the second half.
 
     ``energy_drift_slope`` is that of the median over episodes, the statistic that drift is
     reported in, with a bootstrap interval over episodes. ``energy_drift_mean_slope`` is the mean
     of the episodes' own slopes with its normal interval: a few episodes with hard encounters rule
     it. Both are per 1,000 steps.
+
+    Args:
+        recorder: gets the numbers.
+        head: is asked.
+        question: gives the starts.
+        rolled: the head over ``LONG_STEPS`` under the law that held; rolled here where not given.
     """
-    rolled = question.ask(head, LONG_STEPS)
+    rolled = question.ask(head, LONG_STEPS) if rolled is None else rolled
     drift = _drift(question, rolled)
     at = drift[:, -1]
     recorder.add("energy_drift_median", metrics.median(at), None, LONG_STEPS)

@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from binders import Tracks
-from dynamics import Head, PhaseState
+from dynamics import Head, PhaseState, Rollout
 from vidphys.data.clips import Clips
 from vidphys.experiments.scoring import DRIFT_STEPS, Question
 from vidphys.runs.atomic import write_with
@@ -23,44 +23,44 @@ def write_showcase(
     path: Path,
     head: Head,
     question: Question,
+    rolled: Rollout,
     meta: dict[str, str],
     clips: Clips | None = None,
     tracks: Tracks | None = None,
     episode: int = 0,
 ) -> None:
-    """Roll one episode under both laws, in truth and by the head, and keep every array.
+    """One episode under both laws, in truth and by the head; every array is kept.
 
     Args:
         path: ``.safetensors`` file; ``meta`` goes into its header.
         head: a trained head.
         question: start and truth of the held-out episodes.
+        rolled: what the head was scored by under the law that held, ``DRIFT_STEPS`` or more.
         meta: strings (cell, seed, ...).
         clips, tracks: the frames seen until t0 and what was perceived in them.
         episode: which of the held-out ones.
     """
-    one = slice(episode, episode + 1)
-    question = Question(
-        question.scene, question.start[one], question.truth[one], question.params[one]
-    )
-    scene, params = question.scene, question.params
+    one = question.alone(episode, SHOWN_STEPS)
+    scene, params = one.scene, one.params
     flipped = params.with_coupling(FLIPPED)
-    truth = scene.simulate(question.truth, params, SHOWN_STEPS, question.every)
-    other = scene.simulate(question.truth, flipped, SHOWN_STEPS, question.every)
-    predicted = question.ask(head, SHOWN_STEPS)
-    counterfactual = question.ask(head, SHOWN_STEPS, question.params.with_coupling(FLIPPED))
-    long = question.ask(head, DRIFT_STEPS[-1])
+    truth, other = one.reference(params), one.reference(flipped)
+    # With all others: one episode by itself does not roll in fused loops.
+    changed = question.ask(head, SHOWN_STEPS, question.params.with_coupling(FLIPPED))
+    counterfactual = _first(changed, episode, SHOWN_STEPS // question.every)
+    predicted = _first(rolled, episode, SHOWN_STEPS // question.every)
+    long = _first(rolled, episode, DRIFT_STEPS[-1] // question.every)
     arrays = {
         "times": truth.times,
         "truth": _path(truth.states),
-        "prediction": _path(predicted.states),
+        "prediction": _path(predicted),
         "counterfactual_truth": _path(other.states),
-        "counterfactual": _path(counterfactual.states),
+        "counterfactual": _path(counterfactual),
         "energy_truth": scene.energy(truth.states, params)[0],
-        "energy_prediction": scene.energy(predicted.states, params)[0],
+        "energy_prediction": scene.energy(predicted, params)[0],
         "energy_counterfactual_truth": scene.energy(other.states, flipped)[0],
-        "energy_counterfactual": scene.energy(counterfactual.states, flipped)[0],
-        "long_times": long.times,
-        "energy_long": scene.energy(long.states, params)[0],
+        "energy_counterfactual": scene.energy(counterfactual, flipped)[0],
+        "long_times": rolled.times[: long.q.shape[1]],
+        "energy_long": scene.energy(long, params)[0],
     }
     if clips is not None and tracks is not None:
         arrays |= _seen(clips, tracks, episode)
@@ -70,6 +70,11 @@ def write_showcase(
     whole = {k: v.contiguous() for k, v in arrays.items()}
     header = {**meta, "coupling": json.dumps(float(params.coupling[0]))}
     write_with(path, lambda partial: save_file(whole, partial, metadata=header))
+
+
+def _first(rolled: Rollout, episode: int, steps: int) -> PhaseState:
+    """The start of an episode and so many stored states after it, ``(1, t, n, d)``."""
+    return rolled.states.map(lambda x: x[episode : episode + 1, : steps + 1])
 
 
 def _path(states: PhaseState) -> Tensor:

@@ -17,7 +17,9 @@ from vidphys.experiments.losses import energy_penalised, noisy
 from vidphys.experiments.members import MemberLoss, one_step
 from vidphys.experiments.oracle import held_out_question
 from vidphys.experiments.scoring import (
+    DRIFT_STEPS,
     INVERSION_STEPS,
+    LONG_STEPS,
     Question,
     score_drift,
     score_inversion,
@@ -88,13 +90,14 @@ def recipe_cell(name: str, recipe: Recipe) -> Cell:
         )
         for seed, head, recorder in trained:
             question = held_out_question(scene, task.sizes.held_out, seed)
-            score_inversion(recorder, head, question)
+            rolled = question.ask(head, LONG_STEPS if recipe.long else DRIFT_STEPS[-1])
+            score_inversion(recorder, head, question, rolled)
             score_short_inversion(recorder, head, question)
-            rolled = score_drift(recorder, head, question)
+            score_drift(recorder, head, question, rolled=rolled)
             score_rollout_error(recorder, question, rolled)
             score_extrapolation(recorder, head, question)
             if recipe.long:
-                score_long_drift(recorder, head, question)
+                score_long_drift(recorder, head, question, rolled)
 
     return run
 

@@ -63,7 +63,7 @@ class Watcher:
         cell = task.recorder(self.seed, self.scene, head, part, g.name, g.encoder, g.binder)
         recorder = cell.reading(readout)
         try:
-            _, question = train_and_score(
+            _, question, _ = train_and_score(
                 readout,
                 head,
                 self.scene,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynamics import Head, Terms
-from vidphys.experiments.members import MemberLoss, one_step
-from vidphys.experiments.oracle import train_on_states
+from vidphys.experiments.members import MemberLoss, one_step, train_members
+from vidphys.experiments.oracle import true_examples
 from vidphys.experiments.tables.base import CellTask
 from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder
@@ -31,7 +31,8 @@ def train_cell(
         name: of the head, in the records.
         terms, scene: what is built, and on what it is trained.
         sizes: where they differ from the preset's.
-        loss, k, both_signs: see :func:`vidphys.experiments.oracle.train_on_states`.
+        loss: see :func:`vidphys.experiments.members.train_members`.
+        k, both_signs: see :func:`vidphys.experiments.oracle.true_segments`.
         start: name that initial weights and batch order are drawn by, for models that are to
             start alike; the head's own name by default.
 
@@ -39,18 +40,17 @@ def train_cell(
         Seed, head and recorder of each training that was not lost; one that was has its record.
     """
     recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
-    heads = train_on_states(
+    sizes = task.sizes if sizes is None else sizes
+    heads = train_members(
         name if start is None else start,
-        terms,
-        scene,
-        task.sizes if sizes is None else sizes,
+        lambda: scene.build(terms),
+        true_examples(scene, sizes.trajectories, task.seeds, k, both_signs),
+        sizes,
         recorders,
         loss,
         task.device,
         task.checkpoint("fit"),
         task.progress,
-        k,
-        both_signs,
     )
     return [(seed, head, recorders[seed]) for seed, head in heads.items()]
 
