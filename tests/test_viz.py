@@ -747,6 +747,24 @@ class TestFigures:
         figures.save_png(figure, tmp_path / "sheet.png")
         assert (tmp_path / "sheet.png").stat().st_size > 10_000
 
+    def test_film_strip_marks_each_body_in_each_frame(self):
+        showcase = make_showcase()
+        axes = contact_sheet(showcase, {}).subfigs[0].axes[0]
+        count, (height, width) = len(showcase["frames"]), showcase["frames"].shape[1:3]
+        chosen = np.unique(np.linspace(0, count - 1, 8).round().astype(int))
+        assert [text.get_text() for text in axes.texts] == [
+            f"{showcase['frame_times'][k]:+.2f} s" for k in chosen
+        ]
+        track = world_to_pixel(showcase["track"], (height, width), float(showcase["half_extent"]))
+        marks = [np.ravel(line.get_data()) for line in axes.lines if line.get_marker() == "o"]
+        bodies = track.shape[1]
+        for place, (picture, k) in enumerate(zip(axes.images, chosen, strict=True)):
+            left, right, bottom, top = picture.get_extent()
+            assert (right - left, bottom - top) == pytest.approx((width, height))
+            assert np.array_equal(picture.get_array(), showcase["frames"][k])
+            here = np.array(marks[place * bodies : (place + 1) * bodies]) - (left, 0)
+            np.testing.assert_allclose(here, track[k])
+
 
 @pytest.fixture
 def run_folder(tmp_path):
