@@ -24,7 +24,7 @@ from dynamics.head import Head
 from dynamics.potentials import Potential
 from dynamics.stability import Rates, flat_parameters, is_learned, stiffest
 from dynamics.state import Parameters, PhaseState
-from dynamics.threads import held_to
+from loops.threads import held_to
 
 NOT_BELIEVED = 1.0  # omega * dt of a fixed step; a harmonic oscillator diverges at 2
 ENERGY_LOST = 1e-2  # relative drift from which on a conserving model is not believed

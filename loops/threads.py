@@ -1,10 +1,11 @@
-"""Work shared among as many threads as torch has been told to use."""
+"""Work shared among as many threads as torch has been told to use, and their number for a while."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
 from typing import TypeVar
@@ -40,3 +41,16 @@ def _kept(threads: int, process: int) -> ThreadPoolExecutor:
     Each process has its own, since a fork inherits none.
     """
     return ThreadPoolExecutor(threads)
+
+
+@contextmanager
+def held_to(count: int) -> Iterator[None]:
+    """So many threads inside, and as many as before afterwards."""
+    before = torch.get_num_threads()
+    if count != before:  # to set what is set costs a microsecond that a small step would feel
+        torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        if count != before:
+            torch.set_num_threads(before)

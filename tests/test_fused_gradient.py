@@ -15,7 +15,7 @@ from dynamics.compiled.gradient import input_gradient, plain_gradient
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import ROWS
 from dynamics.mlp import MLP
-from dynamics.threads import held_to
+from loops.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 ROUNDING = {torch.float32: 2e-6, torch.float64: 1e-13}

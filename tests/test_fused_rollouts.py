@@ -12,7 +12,7 @@ from dynamics import HEADS, HamiltonianTerms, Parameters, PhaseState, build, rol
 from dynamics.compiled import cpu, pairs
 from dynamics.domain import FARTHEST, NEAREST, extents
 from dynamics.head import stepped
-from dynamics.threads import held_to
+from loops.threads import held_to
 
 DT = 0.002
 

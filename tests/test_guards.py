@@ -42,7 +42,7 @@ from dynamics.potentials import (
 )
 from dynamics.stability import SteepnessTable, flat_parameters, rates_of, steepness, stiffest
 from dynamics.substeps import watched
-from dynamics.threads import held_to
+from loops.threads import held_to
 
 DT = 0.002
 

@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from dynamics import Parameters, PhaseState
-from dynamics.threads import held_to
+from loops.threads import held_to
 from vidphys.training.learner import FitSettings, Learner
 from vidphys.training.segments import Segments
 

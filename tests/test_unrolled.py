@@ -10,8 +10,8 @@ from dynamics.compiled.residual import net_of
 from dynamics.compiled.unrolled import _Unrolled, plainly, unrolled
 from dynamics.head import Head
 from dynamics.mlp import MLP, SILU
-from dynamics.threads import held_to
 from dynamics.unstructured import ResidualMap
+from loops.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 STORED, EVERY = 2, 3

@@ -12,7 +12,7 @@ from dynamics.compiled.orbits import LANES
 from dynamics.compiled.unrolled_orbits import plainly, unrolled
 from dynamics.head import Head
 from dynamics.potentials import DisplacementPotential
-from dynamics.threads import held_to
+from loops.threads import held_to
 from vidphys.training.ensemble import Ensemble
 
 STORED, EVERY, DT = 2, 3, 0.02

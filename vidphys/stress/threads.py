@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState
 from dynamics.head import stepped
-from dynamics.threads import held_to
+from loops.threads import held_to
 from vidphys.stress.bodies import STEP
 from vidphys.stress.case import SOUND, Case
 from vidphys.stress.learned import FAMILIES, trained

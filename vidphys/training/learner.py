@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from dynamics.threads import held_to
+from loops.threads import held_to
 from vidphys.errors import InputError
 from vidphys.runs.checkpoint import under
 from vidphys.training.early_stopping import BestWeights
