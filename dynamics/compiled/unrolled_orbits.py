@@ -110,8 +110,6 @@ class _Mapped(Function):
 class _Unrolled(Function):
     """Of models along a first axis: ``(models, episodes, ...)``, and likewise the weights."""
 
-    whole_rollouts = True  # see dynamics.fused.rolled_in_loops
-
     @staticmethod
     def forward(
         ctx: Any, lengths: Lengths, start: Tensor, told: Tensor, *weights: Tensor
