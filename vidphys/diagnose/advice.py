@@ -42,7 +42,11 @@ def advise(inference: Inference, interval: float) -> Advice:
         interval: seconds between the frames of the recording.
     """
     field = field_of(inference.windows, inference.fitted.paths)
-    fastest = stiffest(field, inference.structure)
+    return suffices(stiffest(field, inference.structure), interval)
+
+
+def suffices(fastest: float, interval: float) -> Advice:
+    """Advice from the rate of the stiffest motion, radians per second."""
     if fastest <= 0:
         return Advice(0.0, interval, "leapfrog", np.inf, True)
     dt, frames = PHASE / fastest, SEEN / fastest

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from vidphys.diagnose.advice import advise
-from vidphys.diagnose.beside_wall import SAMPLES, BesideWall
+from vidphys.diagnose.advice import Advice, advise, suffices
+from vidphys.diagnose.beside_wall import KINDS, SAMPLES, BesideWall
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose
 from vidphys.diagnose.forecast import (
     Validation,
@@ -18,8 +18,10 @@ from vidphys.diagnose.forecast import (
     validate,
 )
 from vidphys.diagnose.identity import check_identity
+from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.longer import LongFit
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.release import held_until
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
 from vidphys.diagnose.spectrum import Mode, distinct, modes_of_data, modes_of_model
@@ -100,41 +102,74 @@ def answer(motion: Motion, angles: bool, hold_out: float) -> Answered:
     Raises:
         ValueError: a recording that is too short.
     """
+    recorded, begin = motion, held_until(motion)
+    motion = motion.cut(begin)
     total = motion.positions.shape[1]
     end = total
     if motion.clips == 1 and total - int(hold_out * total) > FEW:
         end = total - int(hold_out * total)
-    found = diagnose(motion.cut(0, end), angles)
+    found = _later(diagnose(motion.cut(0, end), angles), begin)
     identity = check_identity(motion)
     inference = found.inference
-    advice = advise(inference, motion.interval) if inference is not None else None
-    data = as_data(found, identity, advice)
+    # bounces are no term of the menu, which may take them for random kicks
+    doubtful = inference is not None and (not found.explained or inference.kicks > 0)
+    wall = BesideWall.of(motion, end) if doubtful else None
+    advice = _advice(inference, wall, motion.interval)
     answered = Answered(
         found,
-        summary(found, identity, advice),
-        data,
+        summary(found, identity, advice, wall),
+        as_data(found, identity, advice),
         None,
         {"noise_sigma": found.noise.sigma},
-        motion.times[0],
-        motion.positions[0],
+        recorded.times[0],
+        recorded.positions[0],
     )
+    if begin:
+        _let_go(answered, motion, begin)
     if inference is None:
         return answered
     answered.probability.update({kind: inference.chance(kind) for kind in ASKED})
     answered.numbers["residual_over_noise"] = float(np.sqrt(inference.leftover.excess))
-    if found.look is not None:
-        if end < total - LEAST_FRAMES:
-            _validated(answered, validate(found.look, motion.cut(end)))
-        _modes(answered, motion, found.look)
-        _changed(answered, found.look, motion)
-    described = specification(inference, motion.interval)
-    # bounces are no term of the menu, which may take them for random kicks
-    wall = BesideWall.of(motion, end) if not found.explained or inference.kicks > 0 else None
     if wall is not None:
         described = wall.specification()
         _walled(answered, wall)
+    else:
+        described = specification(inference, motion.interval)
+        if found.look is not None:
+            _rolled_on(answered, motion, end, found.look)
     described["mass"] = found.motion.mass[0].tolist()
     return Answered(**{**vars(answered), "specification": described})
+
+
+def _later(found: Diagnosis, frames: int) -> Diagnosis:
+    """The same, its frames counted from the recording's first."""
+    if found.switch is None:
+        return found
+    return replace(found, switch=replace(found.switch, frame=found.switch.frame + frames))
+
+
+def _advice(inference: Inference | None, wall: BesideWall | None, interval: float) -> Advice | None:
+    if wall is not None:
+        return suffices(float(np.sqrt(max(wall.fit.wall.stiffness, 0.0))), interval)
+    return None if inference is None else advise(inference, interval)
+
+
+def _let_go(answered: Answered, motion: Motion, begin: int) -> None:
+    """Say which frames were left out, because something held the bodies in them."""
+    time = float(motion.times[0, 0])
+    answered.data["held_until"] = {"frame": begin, "time": time}
+    noun = "body is" if motion.bodies == 1 else "bodies are"
+    answered.lines.insert(
+        0, f"The {noun} held still until {time:.3g} s (frame {begin}); only the rest is looked at."
+    )
+
+
+def _rolled_on(answered: Answered, motion: Motion, end: int, look: LongFit) -> None:
+    """The menu's model in the tail, its oscillations, and its motion under changed laws."""
+    if end < motion.positions.shape[1] - LEAST_FRAMES:
+        _validated(answered, validate(look, motion.cut(end)))
+    _modes(answered, motion, look)
+    _changed(answered, look, motion)
 
 
 def _validated(answered: Answered, tail: Validation) -> None:
@@ -153,8 +188,9 @@ def _validated(answered: Answered, tail: Validation) -> None:
 
 def _walled(answered: Answered, wall: BesideWall) -> None:
     """A wall in place of what the menu has."""
-    answered.lines.append(wall.line())
     answered.data["wall"] = wall.data()
+    answered.data["terms"] = sorted(KINDS)
+    answered.data["explained"] = True
     answered.numbers["wall_restitution"] = wall.fit.wall.restitution
     tail = wall.forecast()
     if tail is not None:

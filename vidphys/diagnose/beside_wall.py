@@ -15,6 +15,7 @@ from vidphys.diagnose.wall import WallFit, find_wall
 from vidphys.statistics import NORMAL_95
 
 SAMPLES = 600  # of a changed law
+KINDS = ("linear", "trap", "wall")  # of terms, that every such scene has
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class BesideWall:
         wall, errors = self.fit.wall, self.fit.errors
         axis = "xyz"[self.fit.axis]
         return (
-            f"Rather than these, a wall: the body swings along {axis} and strikes {axis} = "
+            f"The motion shows a wall: the body swings along {axis} and strikes {axis} = "
             f"{self.fit.sign * wall.place:.4g} {self.fit.count} times, each time keeping "
             f"{wall.restitution:.3g} ± {NORMAL_95 * errors['restitution']:.1g} of its speed; "
             f"between, stiffness {wall.stiffness:.4g} ± {NORMAL_95 * errors['stiffness']:.1g} and "

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.advice import Advice
+from vidphys.diagnose.beside_wall import BesideWall
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.identity import Identity
 from vidphys.diagnose.inference import Inference
@@ -41,11 +42,34 @@ WORDS = {
 }
 
 
-def summary(found: Diagnosis, identity: Identity, advice: Advice | None) -> list[str]:
-    """What a person should know, a sentence each."""
+def summary(
+    found: Diagnosis, identity: Identity, advice: Advice | None, wall: BesideWall | None
+) -> list[str]:
+    """What a person should know, a sentence each.
+
+    Args:
+        found: what the menu of terms says.
+        identity: of the bodies.
+        advice: where there is any.
+        wall: that explains the recording where the menu does not, or only by a heat bath.
+    """
     lines = [identity.why + ".", _noise(found)]
     if found.refused or found.inference is None:
         return [*lines, f"No answer: {found.refused}."]
+    if wall is not None:
+        alone = f"The menu's terms alone would show {_named(found.inference)}."
+        lines += [wall.line(), alone]
+    else:
+        lines += _of_menu(found)
+    if advice is not None and advice.fastest > 0:
+        lines.append(_advised(advice))
+    return lines
+
+
+def _of_menu(found: Diagnosis) -> list[str]:
+    """Which of the menu's terms the motion shows, and what stays open."""
+    assert found.inference is not None
+    lines = []
     if found.switch is not None and found.parts:
         lines.append(
             f"Something changes at {found.switch.time:.4g} s (frame {found.switch.frame}); before "
@@ -63,8 +87,6 @@ def summary(found: Diagnosis, identity: Identity, advice: Advice | None) -> list
         lines.append(f"None of the menu's terms explains all of it: {_why(found)}.")
     if found.power is not None:
         lines.append(f"Power of the coupling: {found.power.why}.")
-    if advice is not None and advice.fastest > 0:
-        lines.append(_advised(advice))
     return lines
 
 
