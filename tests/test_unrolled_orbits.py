@@ -36,7 +36,14 @@ def twin(law, start, told):
     return plainly((STORED, EVERY, DT), *given).squeeze(0)
 
 
-@pytest.mark.parametrize("sizes", [{}, {"episodes": 32, "bodies": 2, "width": 64}])
+SIZES = [
+    {},
+    {"episodes": 32, "bodies": 2, "width": 64},
+    {"episodes": 3, "bodies": 2, "width": 4},  # also quick where the loops are not compiled
+]
+
+
+@pytest.mark.parametrize("sizes", SIZES)
 def test_states_and_gradients_are_the_twins(sizes):
     law, start, told = case(**sizes)
     found, wanted = unrolled(law, start, told, STORED, EVERY, DT), twin(law, start, told)
