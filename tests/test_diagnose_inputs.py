@@ -241,6 +241,17 @@ def test_real_recordings_are_modelled_and_foretold(tmp_path, name, terms, modes)
     assert errors["model"] < 0.1 * min(v for k, v in errors.items() if k != "model")
 
 
+@real
+def test_a_real_weight_is_let_go_and_strikes_a_wall(tmp_path):
+    path = Path(REAL or "") / "pendulum_string.mp4"
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert 7 <= data["held_until"]["frame"] <= 11  # by eye the hand opens in frames 8 to 10
+    assert data["terms"] == ["linear", "trap", "wall"]
+    errors = data["forecast_error"]
+    assert errors["model"] < 0.5 * min(v for k, v in errors.items() if k != "model")
+
+
 def test_a_motion_needs_frames_and_increasing_times():
     with pytest.raises(ValueError, match="8 frames or more"):
         motion_of(np.zeros((1, 5, 1, 2)), STEP)

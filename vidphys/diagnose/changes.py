@@ -15,7 +15,7 @@ from vidphys.diagnose.paths import Paths, integrated, smooth
 from vidphys.diagnose.refine import refine
 from vidphys.diagnose.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.structures import Structure
-from vidphys.diagnose.windows import Windows, cut_windows, windows_at
+from vidphys.diagnose.windows import Unseen, Windows, cut_windows, windows_at
 
 PIECES = (8, 16)  # frames of the windows, at least and at most
 AT_FIRST, AROUND = 48, 2  # splits that are tried over the clip; on each side of the best, after it
@@ -58,12 +58,15 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
     splits = splits[(splits >= size) & (splits <= frames - size)]
     if len(splits) < 2:
         return None
-    best, (gain, before, after) = _likeliest(
-        splits, lambda split: _exact_gain(motion, inference, terms, split, size)
-    )
-    # One of many moments was picked: that choice has its price too.
-    gain -= float(np.log(len(splits)))
-    if gain <= 0 or not _confirmed(motion, inference, terms, best, size):
+    try:
+        best, (gain, before, after) = _likeliest(
+            splits, lambda split: _exact_gain(motion, inference, terms, split, size)
+        )
+        # One of many moments was picked: that choice has its price too.
+        gain -= float(np.log(len(splits)))
+        if gain <= 0 or not _confirmed(motion, inference, terms, best, size):
+            return None
+    except Unseen:  # on one side of a moment
         return None
     names = [f"{term.name}: {part}" for term in terms for part in term.coefficients]
     return Switch(

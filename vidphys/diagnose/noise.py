@@ -58,7 +58,10 @@ def measure_noise(motion: Motion) -> Noise:
         if best is None or sigma < best[0]:
             best = (sigma, order)
     if best is None:
-        raise ValueError("measure_noise: no run of evenly spaced frames is long enough")
+        raise ValueError(
+            f"no body is seen in {ORDERS[0] + 1} evenly spaced frames in a row, often enough to "
+            "tell its motion from noise; follow fewer bodies, or use another part of the recording"
+        )
     sigma, order = best
     steps = np.linalg.norm(np.diff(motion.positions, axis=1), axis=-1)
     step = float(np.nanmedian(steps))

@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.diagnose.windows import Windows
 
 RIDGE = 1e-10  # over the mean square of a column
+NOTHING = 1e-200  # squared size of a column that is zero for all that can be told of it
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def normal_equations(rows: Rows, ratio: float = 0.0, keep: np.ndarray | None = N
 def gram_inverse(gram: np.ndarray) -> np.ndarray:
     """Inverse of a Gram matrix ``(p, p)``; what its rows cannot tell gets a very large variance."""
     size = np.diag(gram)
-    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    scale = np.sqrt(np.where(size > NOTHING, size, 1.0))
     told, directions = np.linalg.eigh(gram / np.outer(scale, scale))
     told = np.maximum(told, len(gram) * np.finfo(float).eps)
     return (directions / told) @ directions.T / np.outer(scale, scale)

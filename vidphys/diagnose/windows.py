@@ -26,6 +26,10 @@ FEW = 64  # frames of a window above which there is one node for each
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
 
 
+class Unseen(ValueError):
+    """No stretch of a recording shows all bodies."""
+
+
 @dataclass(frozen=True)
 class Windows:
     """Windows of a recording, all of one number of frames.
@@ -163,7 +167,11 @@ def _tests(times: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def cut_windows(motion: Motion, frames: int) -> Windows:
-    """Cut every clip into neighbouring windows of about ``frames`` frames, all of one size."""
+    """Cut every clip into neighbouring windows of about ``frames`` frames, all of one size.
+
+    Raises:
+        Unseen: in none of them all bodies are seen.
+    """
     total = motion.positions.shape[1]
     pieces = max(1, total // frames)
     if total // pieces > STRETCH * frames:
@@ -175,8 +183,22 @@ def cut_windows(motion: Motion, frames: int) -> Windows:
 
 
 def windows_at(motion: Motion, clip: np.ndarray, first: np.ndarray, size: int) -> Windows:
-    """Windows of ``size`` frames that begin at given frames of given clips."""
-    at = clip[:, None], first[:, None] + np.arange(size)
+    """Windows of ``size`` frames that begin at given frames of given clips.
+
+    Without those in which a body is hardly seen: nobody knows what it did to the others there.
+
+    Raises:
+        Unseen: there are no others.
+    """
+    reach = np.arange(size)
+    told = (motion.seen[clip[:, None], first[:, None] + reach].sum(1) >= LEAST).all(-1)
+    if not told.any():
+        raise Unseen(
+            f"no stretch of {size} frames shows each body {LEAST} times; follow fewer bodies, or "
+            "use a part of the recording that shows them all"
+        )
+    clip, first = clip[told], first[told]
+    at = clip[:, None], first[:, None] + reach
     positions, seen, times = motion.positions[at], motion.seen[at], motion.times[at]
     coupling = None if motion.coupling is None else motion.coupling[clip]
     return Windows(

@@ -1,0 +1,62 @@
+"""Bodies that are not always seen: what is told of the rest, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.test_diagnose import STEP, seen
+from vidphys.diagnose.answers import answer
+from vidphys.diagnose.changes import find_switch
+from vidphys.diagnose.infer import infer
+from vidphys.diagnose.motion import motion_of
+from vidphys.diagnose.regression import gram_inverse
+from vidphys.diagnose.windows import LEAST, Unseen, cut_windows
+
+
+def hidden(motion, body, first, stop=None):
+    """The same, a body unseen from one frame to another."""
+    positions = motion.positions.copy()
+    positions[:, first:stop, body] = np.nan
+    return replace(motion, positions=positions)
+
+
+def test_windows_in_which_a_body_is_hardly_seen_are_left_out():
+    motion = hidden(seen("gravity"), 1, 0, 20)
+    windows = cut_windows(motion, 12)
+    assert len(windows) < len(cut_windows(seen("gravity"), 12))
+    assert (windows.seen.sum(1) >= LEAST).all()
+
+
+def test_a_pair_force_is_found_where_one_body_hides_for_a_third_of_the_clips():
+    whole, part = seen("gravity", 0.002), hidden(seen("gravity", 0.002), 1, 0, 16)
+    assert infer(part).kinds == infer(whole).kinds == {"pair"}
+
+
+def test_bodies_that_are_never_seen_together_are_refused_in_words():
+    motion = seen("gravity")
+    apart = hidden(hidden(motion, 0, 0, 24), 1, 24)
+    with pytest.raises(Unseen, match="follow fewer bodies"):
+        cut_windows(apart, 8)
+    with pytest.raises(ValueError, match="follow fewer bodies"):
+        answer(apart, False, 0.0)
+
+
+def test_no_switch_is_claimed_where_one_side_of_it_is_not_seen():
+    motion = seen("trap", 0.002)
+    late = hidden(motion, 0, 0, 40)
+    assert find_switch(late, infer(motion)) is None
+
+
+def test_tracks_with_hardly_a_frame_in_a_row_are_refused_in_words():
+    positions = np.full((1, 40, 1, 2), np.nan)
+    positions[:, ::4] = np.random.default_rng(0).standard_normal((1, 10, 1, 2))
+    with pytest.raises(ValueError, match="no body is seen in 4 evenly spaced frames"):
+        answer(motion_of(positions, STEP), False, 0.0)
+
+
+def test_a_column_that_is_zero_for_all_that_can_be_told_has_a_finite_inverse():
+    gram = np.diag([2.0, 1e-300])
+    inverse = gram_inverse(gram)
+    assert np.isfinite(inverse).all() and inverse[0, 0] == pytest.approx(0.5)
+    assert inverse[1, 1] > 1e12
