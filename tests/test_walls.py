@@ -21,7 +21,7 @@ from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from dynamics.terms import from_config, to_config
 from dynamics.walls import Wall, Walled
-from vidphys.diagnose.wall import Wall as Swing
+from vidphys.diagnose.flights import Wall as Swing
 from vidphys.stress.walls import height
 
 DOWN = (0.6, -0.8)  # a floor that is tilted, so that no axis is special
@@ -101,7 +101,7 @@ def test_only_what_goes_into_the_wall_is_turned_and_along_it_nothing_changes():
 
 
 def test_a_swing_beside_a_wall_converges_to_its_closed_form():
-    swing = Swing(0.3, 0.85, 16.0, 0.0, 0.0, -0.45, 0.0)
+    swing = Swing(0.3, 0.85, 16.0, -4.8, 0.0, -0.45, 0.0)
     free = Hamiltonian(FixedKinetic(), HarmonicTrap(swing.stiffness))
     head = Walled(free, Wall(swing.place, swing.restitution, (1.0,)))
     start = PhaseState(torch.full((1, 1, 1), swing.start).double(), torch.zeros(1, 1, 1).double())

@@ -57,7 +57,7 @@ def stiffest(field: Field, structure: Structure) -> float:
     """The fastest rate of the linearised motion over all places, radians per second."""
     count, nodes, bodies, space = field.q.shape
     a = structure.accelerations(field)
-    step = NUDGE * float(field.q.std() + 1e-12)
+    step = NUDGE * float(field.q.std() or 1.0)
     slopes = np.zeros((count, nodes, bodies * space, bodies * space))
     for body in range(bodies):
         for axis in range(space):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.advice import Advice, advise, suffices
-from vidphys.diagnose.beside_wall import KINDS, SAMPLES, BesideWall
+from vidphys.diagnose.beside_wall import SAMPLES, BesideWall
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose
 from vidphys.diagnose.forecast import (
     Validation,
@@ -150,7 +150,7 @@ def _later(found: Diagnosis, frames: int) -> Diagnosis:
 
 def _advice(inference: Inference | None, wall: BesideWall | None, interval: float) -> Advice | None:
     if wall is not None:
-        return suffices(float(np.sqrt(max(wall.fit.wall.stiffness, 0.0))), interval)
+        return suffices(wall.fastest, interval)
     return None if inference is None else advise(inference, interval)
 
 
@@ -189,7 +189,7 @@ def _validated(answered: Answered, tail: Validation) -> None:
 def _walled(answered: Answered, wall: BesideWall) -> None:
     """A wall in place of what the menu has."""
     answered.data["wall"] = wall.data()
-    answered.data["terms"] = sorted(KINDS)
+    answered.data["terms"] = wall.kinds
     answered.data["explained"] = True
     answered.numbers["wall_restitution"] = wall.fit.wall.restitution
     tail = wall.forecast()

@@ -15,7 +15,6 @@ from vidphys.diagnose.wall import WallFit, find_wall
 from vidphys.statistics import NORMAL_95
 
 SAMPLES = 600  # of a changed law
-KINDS = ("linear", "trap", "wall")  # of terms, that every such scene has
 
 
 @dataclass(frozen=True)
@@ -43,22 +42,42 @@ class BesideWall:
         """Of the frames, seconds since the first."""
         return self.motion.times[0] - self.motion.times[0, 0]
 
+    @property
+    def kinds(self) -> list[str]:
+        """Of the terms that the scene has."""
+        wall = self.fit.wall
+        held = ["trap" if wall.stiffness else "uniform"]
+        return sorted([*held, *(["linear"] if wall.rate else []), "wall"])
+
+    @property
+    def fastest(self) -> float:
+        """Rate of the swing between bounces, radians per second; 0 in a field."""
+        return float(np.sqrt(max(self.fit.wall.stiffness, 0.0)))
+
     def line(self) -> str:
         """For a person."""
-        wall, errors = self.fit.wall, self.fit.errors
+        wall = self.fit.wall
         axis = "xyz"[self.fit.axis]
+        between = [self._number("stiffness" if wall.stiffness else "pull", ".4g")]
+        if wall.rate:
+            between.append(f"{self._number('rate', '.2g', 'friction')} per second")
         return (
-            f"The motion shows a wall: the body swings along {axis} and strikes {axis} = "
+            f"The motion shows a wall: the body moves along {axis} and strikes {axis} = "
             f"{self.fit.sign * wall.place:.4g} {self.fit.count} times, each time keeping "
-            f"{wall.restitution:.3g} ± {NORMAL_95 * errors['restitution']:.1g} of its speed; "
-            f"between, stiffness {wall.stiffness:.4g} ± {NORMAL_95 * errors['stiffness']:.1g} and "
-            f"friction {wall.rate:.2g} ± {NORMAL_95 * errors['rate']:.1g} per second (95 %). The "
-            f"fit is off by {self.fit.left:.2g}."
+            f"{self._number('restitution', '.3g', '')} of its speed; "
+            f"between, {' and '.join(between)} (95 %). The fit is off by {self.fit.left:.2g}."
         )
+
+    def _number(self, name: str, form: str, said: str | None = None) -> str:
+        """A number with its interval."""
+        value = f"{getattr(self.fit.wall, name):{form}}"
+        interval = NORMAL_95 * self.fit.errors[name]
+        return f"{name if said is None else said} {value} ± {interval:.1g}".strip()
 
     def data(self) -> dict[str, Any]:
         """As JSON."""
-        return {**asdict(self.fit.wall), "errors": self.fit.errors, "bounces": self.fit.count}
+        known = {name: error for name, error in self.fit.errors.items() if np.isfinite(error)}
+        return {**asdict(self.fit.wall), "errors": known, "bounces": self.fit.count}
 
     def forecast(self) -> Validation | None:
         """The tail beside simple forecasts; ``None`` where there is none to speak of.
@@ -80,26 +99,33 @@ class BesideWall:
         begin, last = self.times[self.end - 1], self.times[-1]
         later = self.fit.wall.later(float(begin))
         since = np.linspace(0, last - begin + 0.3 * begin, SAMPLES)
-        laws = {
-            "no friction, no loss at the wall": replace(later, rate=0.0, restitution=1.0),
-            "half the length": replace(later, stiffness=2 * later.stiffness),
-        }
+        laws = {"no friction, no loss at the wall": replace(later, rate=0.0, restitution=1.0)}
+        if later.stiffness:
+            half = replace(later, stiffness=2 * later.stiffness, pull=2 * later.pull)
+            laws["half the length"] = half
+        else:
+            laws["twice the field"] = replace(later, pull=2 * later.pull)
         when = self.motion.times[0, self.end - 1] + since
-        return {name: (when, self.fit.positions(since, law)) for name, law in laws.items()}
+        return {
+            name: (when, self.fit.positions(since, law, float(begin))) for name, law in laws.items()
+        }
 
     def specification(self) -> dict[str, Any]:
-        """The scene: a trap, its friction and the wall, all of which the fit has numbers for."""
+        """The scene: a trap or a field, perhaps friction, and the wall, with the fit's numbers."""
         wall, errors = self.fit.wall, self.fit.errors
-        origin = self.fit.place(np.asarray(wall.rest)).tolist()
+        trapped = bool(wall.stiffness)
+        origin = self.fit.place(np.asarray(wall.rest if trapped else wall.place), np.zeros(()))
         normal = [0.0] * len(origin)
         normal[self.fit.axis] = self.fit.sign
         terms = HamiltonianTerms(
             potential="none",
-            trap=wall.stiffness,
-            ports=(PORTS["linear"],),
-            wall=(wall.place - wall.rest, wall.restitution, *normal),
+            trap=wall.stiffness if trapped else None,
+            uniform=not trapped,
+            ports=(PORTS["linear"],) if wall.rate else (),
+            wall=(wall.place - wall.rest if trapped else 0.0, wall.restitution, *normal),
         )
-        named = {"trap: stiffness": "stiffness", "linear: rate": "rate"}
-        named |= {f"wall: {name}": name for name in ("place", "restitution")}
+        named = {f"wall: {name}": name for name in ("place", "restitution")}
+        named |= {"trap: stiffness": "stiffness"} if trapped else {"uniform: pull": "pull"}
+        named |= {"linear: rate": "rate"} if wall.rate else {}
         numbers = {key: (getattr(wall, name), errors[name]) for key, name in named.items()}
-        return as_specification(terms, 1, origin, numbers, True, self.motion.interval)
+        return as_specification(terms, 1, origin.tolist(), numbers, True, self.motion.interval)

@@ -114,7 +114,7 @@ def _confirmed(
             return True
         field = field_of(windows, fitted.paths)
         columns = np.concatenate([term.columns(field) for term in terms], -1)
-        usual = np.sqrt(np.mean(fitted.structure.accelerations(field) ** 2)) + 1e-12
+        usual = np.sqrt(np.mean(fitted.structure.accelerations(field) ** 2)) + np.finfo(float).tiny
         fits.append((fitted, np.sqrt((columns**2).mean((0, 1, 2, 3))) / usual))
     (before, share), (after, other) = fits
     count = len(share)

@@ -127,7 +127,7 @@ def corrected_rate(motion: Motion, potential: Potential, sigma: float | None = N
     # What the correction leaves is taken to be as much smaller than the change as the change is
     # smaller than the rate: nothing where frames resolve the motion, all where they do not.
     change = abs(_joined(coarse) - _joined(fine))
-    left = change * min(1.0, change / max(abs(rate.value), 1e-12))
+    left = change * min(1.0, change / max(abs(rate.value), np.finfo(float).tiny))
     return replace(rate, low=rate.low - left, high=rate.high + left)
 
 

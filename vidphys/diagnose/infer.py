@@ -108,10 +108,20 @@ class _Search:
     def first_size(self) -> int:
         """Frames of the first windows: about the time in which velocities change."""
         paths = smooth(cut_windows(self.motion, FIRST), self.sigma)
-        spread = np.sqrt(np.mean((paths.v - paths.v.mean((0, 1, 2))) ** 2))
-        change = np.sqrt(np.mean(paths.a**2)) + 1e-12
-        frames = REACH * spread / change / self.motion.interval
-        return int(np.clip(frames, SHORTEST, LONGEST))
+        return max(int(self.frames_of(paths.v, paths.a, REACH)), SHORTEST)
+
+    def frames_of(self, v: np.ndarray, a: np.ndarray, reach: float) -> float:
+        """Frames in which velocities change by their spread, times ``reach``; ``LONGEST`` at most.
+
+        Args:
+            v, a: along paths, ``(w, m, n, d)``.
+            reach: see there.
+        """
+        spread = np.sqrt(np.mean((v - v.mean((0, 1, 2))) ** 2))
+        in_a_frame = np.sqrt(np.mean(a**2)) * self.motion.interval
+        if reach * spread >= LONGEST * in_a_frame:
+            return LONGEST
+        return float(reach * spread / in_a_frame)
 
     def terms(self, field: Field, near: Term | None) -> list[Term]:
         terms = external_terms(self.motion.space, self.angles) + list(FRICTIONS.values())
@@ -201,10 +211,8 @@ class _Search:
     def longest(self, found: _Round) -> int:
         """Frames in which the best model's velocities change as often as windows may hold."""
         field = field_of(found.windows, found.paths)
-        change = np.sqrt(np.mean(found.best.accelerations(field) ** 2)) + 1e-12
-        spread = np.sqrt(np.mean((field.v - field.v.mean((0, 1, 2))) ** 2))
-        frames = FARTHEST * spread / change / self.motion.interval
-        return int(min(frames, LONGEST, self.motion.positions.shape[1]))
+        frames = self.frames_of(field.v, found.best.accelerations(field), FARTHEST)
+        return int(min(frames, self.motion.positions.shape[1]))
 
     def conclude(self, found: _Round, noise: Noise) -> Inference:
         """Fit the winner's numbers; where the combinations then rank differently, once more."""

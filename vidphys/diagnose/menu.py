@@ -17,7 +17,7 @@ from vidphys.diagnose.windows import Windows
 
 PAIR, EXTERNAL, FRICTION = "pair", "external", "friction"
 FAMILIES = (PAIR, EXTERNAL, FRICTION)
-STILL = 1e-9  # speed below which a direction of motion means nothing, world units per second
+STILL = 1e-9  # of the largest speed, below which a direction of motion means nothing
 
 
 @dataclass(frozen=True)
@@ -134,10 +134,16 @@ def resistance(power: int) -> Callable[[Field], np.ndarray]:
 
     def columns(field: Field) -> np.ndarray:
         speed = np.linalg.norm(field.v, axis=-1, keepdims=True)
-        size = np.maximum(speed, STILL) ** (power - 1)
+        least = max(STILL * float(speed.max(initial=0.0)), np.finfo(float).tiny)
+        size = np.maximum(speed, least) ** (power - 1)
         return -(size * field.v)[..., None] / field.inertia
 
     return columns
+
+
+def _inverse(r: np.ndarray) -> np.ndarray:
+    """1 / r; zero where bodies coincide, because there a force has no direction."""
+    return 1 / np.where(r > 0, r, np.inf)
 
 
 SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
@@ -145,8 +151,8 @@ SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
     "inverse": lambda r, s: 1 / (r**2 + s**2),
     "gaussian": lambda r, s: np.exp(-0.5 * (r / s) ** 2),
     "spring": lambda r, s: np.isfinite(r).astype(float),
-    "rest-length": lambda r, s: 1 / np.maximum(r, 1e-9),
-    "contact": lambda r, s: -np.maximum(s / np.maximum(r, 1e-9) - 1, 0),
+    "rest-length": lambda r, s: _inverse(r),
+    "contact": lambda r, s: -np.maximum(s * _inverse(r) - 1, 0),
 }
 """Pair force over the displacement, from the distance and a length; infinite distance gives 0."""
 

@@ -171,7 +171,7 @@ def _derivatives(field: Field, structure: Structure) -> tuple[np.ndarray, np.nda
     size = bodies * space
     by_q = np.zeros((count, nodes, size, size))
     by_v = np.zeros((count, nodes, size, size))
-    place, speed = (NUDGE * (x.std() + 1e-12) for x in (field.q, field.v))
+    place, speed = (NUDGE * (x.std() or 1.0) for x in (field.q, field.v))
     for axis in range(space):
         # Friction acts on each body by itself: all bodies can be nudged at once.
         v = field.v.copy()

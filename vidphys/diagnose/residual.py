@@ -18,7 +18,8 @@ PRICE = 1.5  # of each number of a probe, over Schwarz's half logarithm of the r
 EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
 SPREADS = 5.0  # and standard deviations of a mean square
 BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree
-RATIOS = np.concatenate([[0.0], np.geomspace(1e-3, 1e8, 56)])  # per second cubed
+# Variances that are tried of what kicks do to a row, over that of the noise of a position.
+VARIANCES = np.concatenate([[0.0], np.geomspace(1e-5, 1e8, 66)])
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Kicks:
     """Random kicks beside the chosen terms.
 
     Args:
-        ratio: their variance per second over that of the noise of a position.
+        ratio: their variance per second over that of the noise of a position, per second cubed.
         gain: of log likelihood over no kicks.
         moved: root mean square of what they do to a row, world units.
     """
@@ -62,9 +63,10 @@ def _likeliest(
         normal = normal_equations(few, ratio)
         return normal.log_likelihood(normal.misfit(everything, normal.solve(everything)), floor)
 
-    found = np.array([log_likelihood(ratio) for ratio in RATIOS])
+    ratios = VARIANCES / shape.mean()
+    found = np.array([log_likelihood(ratio) for ratio in ratios])
     best = int(found.argmax())
-    return float(RATIOS[best]), float(found[best] - found[0])
+    return float(ratios[best]), float(found[best] - found[0])
 
 
 def smooth_force_gain(windows: Windows, rows: Rows, chosen: list[int], floor: float) -> float:
@@ -101,7 +103,7 @@ def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
 
 
 def _in_time(field: Field, structure: Structure) -> np.ndarray:
-    t = (field.t - field.t.mean()) / (field.t.std() + 1e-12)
+    t = (field.t - field.t.mean()) / max(field.t.std(), np.finfo(float).tiny)
     force = structure.accelerations(field)
     shapes = [force * x[:, :, None, None] for x in (t, t**2, t**3)]
     return np.stack(shapes, -1)

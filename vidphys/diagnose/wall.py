@@ -1,130 +1,31 @@
-"""A wall that one body strikes again and again: a trap's damped swing between losing bounces.
+"""A wall that one body strikes again and again, found by fitting the whole recording.
 
 A bounce is over within a frame, which no term of the menu describes: its acceleration is no
-smooth function of place and speed. Between bounces the swing is known in closed form, so the
-whole recording is one fit of seven numbers.
+smooth function of place and speed. Between bounces the flight is known in closed form, so all
+frames are one fit of seven numbers or fewer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.optimize import OptimizeResult, brentq, least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
+from vidphys.diagnose.flights import Wall
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.regression import gram_inverse
+from vidphys.statistics import NORMAL_95
 
-FEW = 6  # bounces, from which a wall is believed
+FEW = 4  # bounces, from which a wall is believed
 SHARES = (0.25, 0.5, 0.75, 1.0)  # of a recording, over which the fit grows
-RATES = (6.0, 9.0, 12.0, 16.0)  # first guesses of the stiffness, over the spread of s squared
-TRIES = 48  # places in a period at which the next bounce is looked for
-MOST = 400  # bounces, after which the body lies at the wall
-SHORTEST = 1e-4  # seconds of a flight, below which it lies there too
+RATES = (0.6, 0.8, 1.0, 1.4)  # first guesses of half swings between bounces
+SHARP = 0.4  # of the hardest bounce's change of speed: as hard are the others that are counted
+FIRST = 4  # bounces whose distance in time tells the scale of the flights
 CLOSE = 0.1  # of the path's spread: a wall is believed if the fit leaves less
 ROBUST = 0.02  # of the spread: larger residuals count by their size, not its square
-
-
-@dataclass(frozen=True)
-class Wall:
-    """A swing beside a wall, in one coordinate ``s`` that grows towards the wall.
-
-    Args:
-        place: of the wall.
-        restitution: speed after a bounce over that before it.
-        stiffness: of the trap, per second squared.
-        rest: where the trap pulls to.
-        rate: of linear friction, per second.
-        start, speed: place and speed at the first frame.
-    """
-
-    place: float
-    restitution: float
-    stiffness: float
-    rest: float
-    rate: float
-    start: float
-    speed: float
-
-    @property
-    def values(self) -> np.ndarray:
-        """The numbers, in their order."""
-        return np.array([getattr(self, name) for name in NAMES])
-
-    @classmethod
-    def of(cls, values: np.ndarray) -> Wall:
-        """From its numbers, in their order."""
-        return cls(*(float(value) for value in values))
-
-    def flights(self, seconds: float) -> Iterator[tuple[float, float, _Flight]]:
-        """Begin, end and course of each flight until then; none where the body lies at the wall."""
-        begin, s, v = 0.0, self.start, self.speed
-        for _ in range(MOST):
-            flight = _Flight(self, s, v)
-            lasts = flight.next_bounce()
-            yield begin, begin + lasts, flight
-            if begin + lasts > seconds or lasts < SHORTEST:
-                return
-            v = -self.restitution * float(flight.at(np.array([lasts]))[1][0])
-            begin, s = begin + lasts, self.place
-
-    def path(self, times: np.ndarray) -> np.ndarray:
-        """Places at increasing times since the first frame, seconds."""
-        out = np.full(len(times), self.place)
-        for begin, end, flight in self.flights(float(times[-1])):
-            here = (times >= begin) & (times <= end)
-            out[here] = flight.at(times[here] - begin)[0]
-        return out
-
-    def bounces(self, seconds: float) -> int:
-        """How many there are in so long."""
-        return sum(int(end <= seconds) for _, end, _ in self.flights(seconds))
-
-    def later(self, seconds: float) -> Wall:
-        """The same, begun so much later."""
-        place, speed = np.array([self.place]), np.zeros(1)
-        for begin, end, flight in self.flights(seconds):
-            if begin <= seconds <= end:
-                place, speed = flight.at(np.array([seconds - begin]))
-        return replace(self, start=float(place[0]), speed=float(speed[0]))
-
-
 NAMES = tuple(field.name for field in fields(Wall))
-
-
-@dataclass(frozen=True)
-class _Flight:
-    """A damped swing from one bounce to the next."""
-
-    wall: Wall
-    s: float
-    v: float
-
-    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places and speeds, ``t`` seconds after its start."""
-        half = 0.5 * self.wall.rate
-        omega = np.sqrt(max(self.wall.stiffness - half**2, 1e-6))
-        a = self.s - self.wall.rest
-        b = (self.v + half * a) / omega
-        fade, c, s = np.exp(-half * t), np.cos(omega * t), np.sin(omega * t)
-        place = self.wall.rest + fade * (a * c + b * s)
-        return place, fade * ((b * omega - half * a) * c - (a * omega + half * b) * s)
-
-    def next_bounce(self) -> float:
-        """Seconds until the wall is reached; infinite if it is not within a period."""
-        period = 2 * np.pi / np.sqrt(max(self.wall.stiffness, 1e-6))
-        t = np.linspace(0, period, TRIES + 1)[1:]
-        beyond = self.at(t)[0] > self.wall.place
-        if not beyond.any():
-            return np.inf
-        first = int(beyond.argmax())
-        low = t[first - 1] if first else 0.5 * t[0]
-        if self.at(np.array([low]))[0][0] > self.wall.place:
-            return float(low)
-        return float(
-            brentq(lambda x: self.at(np.array([x]))[0][0] - self.wall.place, low, t[first])
-        )
+MAY_VANISH = ("stiffness", "rate")  # numbers whose terms the scene may lack
 
 
 @dataclass(frozen=True)
@@ -133,9 +34,11 @@ class WallFit:
 
     Args:
         wall: its numbers.
-        errors: their standard errors, by name.
+        errors: their standard errors, by name; infinite of a number that the scene does without.
         axis, sign: the coordinate, and which way along it the wall lies.
-        arc: the other coordinates as quadratics of ``s``, for a body on a string or a rail.
+        beside: the other coordinates as quadratics, of ``s`` for a body on a string or a rail,
+            of time for one that flies.
+        bound: whether they are of ``s``.
         left: root mean square of what the fit leaves, in the unit of the positions.
         count: bounces.
     """
@@ -144,20 +47,29 @@ class WallFit:
     errors: dict[str, float]
     axis: int
     sign: float
-    arc: dict[int, np.ndarray]
+    beside: dict[int, np.ndarray]
+    bound: bool
     left: float
     count: int
 
-    def positions(self, times: np.ndarray, wall: Wall | None = None) -> np.ndarray:
-        """Places ``(t, 1, d)`` at seconds since the first frame, perhaps of a changed wall."""
-        return self.place((wall or self.wall).path(times))[:, None]
+    def positions(
+        self, times: np.ndarray, wall: Wall | None = None, begin: float = 0.0
+    ) -> np.ndarray:
+        """Places ``(t, 1, d)``, perhaps of a changed wall.
 
-    def place(self, s: np.ndarray) -> np.ndarray:
-        """Coordinates ``(..., d)`` of places ``(...)`` along the path."""
-        out = np.zeros((*np.shape(s), 1 + len(self.arc)))
+        Args:
+            times: seconds since ``begin``, increasing.
+            wall: in place of the fitted one.
+            begin: seconds from the first frame to the wall's own start.
+        """
+        return self.place((wall or self.wall).path(times), begin + times)[:, None]
+
+    def place(self, s: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Coordinates ``(..., d)`` of places ``(...)`` at seconds since the first frame."""
+        out = np.zeros((*np.shape(s), 1 + len(self.beside)))
         out[..., self.axis] = self.sign * s
-        for other, quadratic in self.arc.items():
-            out[..., other] = np.polyval(quadratic, s)
+        for other, quadratic in self.beside.items():
+            out[..., other] = np.polyval(quadratic, s if self.bound else times)
         return out
 
 
@@ -171,48 +83,121 @@ def find_wall(motion: Motion) -> WallFit | None:
         return None
     seen = motion.seen[0, :, 0]
     path, times = motion.positions[0, seen, 0], motion.times[0, seen] - motion.times[0, 0]
-    axis = int(path.std(0).argmax())
-    s = path[:, axis]
-    # The wall is where the path is cut off: the nearer end of its range to the middle.
-    sign = 1.0 if s.max() - np.median(s) < np.median(s) - s.min() else -1.0
-    s = sign * s
+    # A bounce is the sharpest turn of the path, and away from the wall.
+    turns = np.diff(path, 2, axis=0)
+    axis = int(np.abs(turns).max(0).argmax())
+    sign = -float(np.sign((turns[:, axis] ** 3).sum()))
+    s = sign * path[:, axis]
     wall, errors = _fitted(times, s)
     left, count = float((wall.path(times) - s).std()), wall.bounces(times[-1])
-    lossy = 0 < wall.restitution <= 1
+    named = dict(zip(NAMES, errors.tolist(), strict=True))
+    lossy = 0 < wall.restitution <= 1 + NORMAL_95 * named["restitution"]
     if count < FEW or left > CLOSE * s.std() or not lossy:
         return None
+    wall = replace(wall, restitution=min(wall.restitution, 1.0))
     others = [k for k in range(path.shape[1]) if k != axis]
-    arc = {k: np.polyfit(s, path[:, k], 2) for k in others}
-    return WallFit(
-        wall, dict(zip(NAMES, errors.tolist(), strict=True)), axis, sign, arc, left, count
-    )
+    beside = [{k: np.polyfit(x, path[:, k], 2) for k in others} for x in (s, times)]
+    off = [
+        sum(float(((np.polyval(p, x) - path[:, k]) ** 2).sum()) for k, p in some.items())
+        for x, some in zip((s, times), beside, strict=True)
+    ]
+    bound = off[0] <= off[1]
+    return WallFit(wall, named, axis, sign, beside[0 if bound else 1], bound, left, count)
 
 
 def _fitted(times: np.ndarray, s: np.ndarray) -> tuple[Wall, np.ndarray]:
-    """Least squares over ever longer beginnings of the recording, and the numbers' errors."""
-    spread, high = float(s.std()), float(np.quantile(s, 0.98))
-    speed = float(np.gradient(s, times)[0])
-    guesses = [Wall(high, 0.8, rate, high, 0.1, float(s[0]), speed) for rate in RATES]
-    scale = np.array([0.2 * spread, 0.2, 3.0, 0.5 * spread, 0.1, 0.2 * spread, spread])
+    """Least squares over ever longer beginnings of the recording, and the numbers' errors.
+
+    Of the terms that a scene may lack, those are left out that do not pay for themselves.
+    """
+    guesses, scale = _guesses(times, s)
     for share in SHARES:
         part = slice(0, max(len(NAMES) + 1, int(share * len(times))))
-        fits = [_fit(times[part], s[part], guess, scale) for guess in guesses]
-        best = min(fits, key=lambda fit: fit[1].cost)
-        guesses = [best[0]]
-    wall, found = best
-    freedom = max(len(s) - len(NAMES), 1)
-    variance = float((found.fun**2).sum()) / freedom
-    covariance = variance * gram_inverse(found.jac.T @ found.jac)
-    return wall, scale * np.sqrt(np.diag(covariance))
+        best = min((_fit(times[part], s[part], g, scale) for g in guesses), key=lambda f: f.cost)
+        guesses = [best.wall]
+    for name in MAY_VANISH:
+        without = _fit(times, s, replace(best.wall, **{name: 0.0}), np.where(_is(name), 0.0, scale))
+        if without.price(len(s)) < best.price(len(s)):
+            best, scale = without, np.where(_is(name), 0.0, scale)
+    return best.wall, best.errors(len(s))
 
 
-def _fit(
-    times: np.ndarray, s: np.ndarray, guess: Wall, scale: np.ndarray
-) -> tuple[Wall, OptimizeResult]:
-    begin = guess.values
+def _is(name: str) -> np.ndarray:
+    return np.array(NAMES) == name
+
+
+def _guesses(times: np.ndarray, s: np.ndarray) -> tuple[list[Wall], np.ndarray]:
+    """Where fits begin, and the size of a change of each number: traps, and a uniform field."""
+    spread, high = float(s.std()), float(np.quantile(s, 0.98))
+    between = _between_bounces(times, s)
+    swing = np.pi / between
+    rate, speed = 0.02 * swing, float(np.gradient(s, times)[0])
+    fall = 8 * (high - float(s.min())) / between**2
+    guesses = [Wall(high, 0.8, (x * swing) ** 2, 0.0, rate, float(s[0]), speed) for x in RATES] + [
+        Wall(high, 0.8, 0.0, fall, rate, float(s[0]), speed)
+    ]
+    scale = np.array(
+        [
+            0.2 * spread,
+            0.2,
+            0.2 * swing**2,
+            0.5 * spread * swing**2,
+            rate,
+            0.2 * spread,
+            0.25 * spread * swing,
+        ]
+    )
+    return guesses, scale
+
+
+def _between_bounces(times: np.ndarray, s: np.ndarray) -> float:
+    """Usual seconds between the first bounces, which turn the path sharply; a guess."""
+    turn = -np.diff(s, 2)
+    hard = np.nonzero(turn > SHARP * turn.max())[0]
+    first = hard[np.diff(hard, prepend=-3) > 2]  # a bounce between frames turns two of them
+    apart = np.diff(times[first[: FIRST + 1]])
+    return float(np.median(apart)) if len(apart) else float(times[-1]) / FEW
+
+
+@dataclass(frozen=True)
+class _Fit:
+    wall: Wall
+    found: OptimizeResult
+    scale: np.ndarray
+
+    @property
+    def cost(self) -> float:
+        return float(self.found.cost)
+
+    @property
+    def free(self) -> np.ndarray:
+        return np.nonzero(self.scale)[0]
+
+    def price(self, frames: int) -> float:
+        """Schwarz's criterion: the smaller the better."""
+        return float(frames * np.log(2 * self.cost / frames) + len(self.free) * np.log(frames))
+
+    def errors(self, frames: int) -> np.ndarray:
+        """Standard errors of all numbers; infinite where one was held."""
+        variance = float((self.found.fun**2).sum()) / max(frames - len(self.free), 1)
+        covariance = variance * gram_inverse(self.found.jac.T @ self.found.jac)
+        out = np.full(len(NAMES), np.inf)
+        out[self.free] = self.scale[self.free] * np.sqrt(np.diag(covariance))
+        return out
+
+
+def _fit(times: np.ndarray, s: np.ndarray, guess: Wall, scale: np.ndarray) -> _Fit:
+    """Least squares from a guess; numbers without a scale are held."""
+    begin, free, spread = guess.values, np.nonzero(scale)[0], s.std()
+
+    def wall(change: np.ndarray) -> Wall:
+        values = begin.copy()
+        values[free] += scale[free] * change
+        return Wall(*values.tolist())
 
     def left(change: np.ndarray) -> np.ndarray:
-        return Wall.of(begin + scale * change).path(times) - s
+        return (wall(change).path(times) - s) / spread
 
-    found = least_squares(left, np.zeros(len(NAMES)), loss="soft_l1", f_scale=ROBUST * s.std())
-    return Wall.of(begin + scale * found.x), found
+    with np.errstate(over="ignore", invalid="ignore"):  # of steps that are then taken back
+        found = least_squares(left, np.zeros(len(free)), loss="soft_l1", f_scale=ROBUST)
+    return _Fit(wall(found.x), found, scale)

@@ -23,6 +23,7 @@ LEAST = 5  # frames of a body in a window, below which it tells nothing of its a
 NODES_PER_FRAME = 1.5
 NODES = (16, 48)
 FEW = 64  # frames of a window above which there is one node for each
+SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
 
 
@@ -65,7 +66,9 @@ class Windows:
     @cached_property
     def alike(self) -> bool:
         """Whether all windows have the same times and every body is seen in every frame."""
-        return bool(self.seen.all()) and bool(np.abs(self.times - self.times[:1]).max() < 1e-9)
+        return bool(self.seen.all()) and bool(
+            np.abs(self.times - self.times[:1]).max() < SAME * self.length.max()
+        )
 
     def inverse(self, design: np.ndarray) -> np.ndarray:
         """Pseudo-inverse of a design ``(w, n, f, k)`` of the times alone, where seen."""
