@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.advice import advise
+from vidphys.diagnose.answers import answer
 from vidphys.diagnose.changes import find_switch
 from vidphys.diagnose.diagnosis import diagnose, nothing_to_see
 from vidphys.diagnose.identity import check_identity
@@ -285,3 +286,19 @@ def test_a_contact_that_frames_hardly_show_is_no_switch():
 def test_rare_encounters_in_long_windows_are_no_kicks():
     found = infer(record(KINDS["repulsion"], Setting(0.02, 0.08, 5, 201), 4))
     assert found.kinds == {"pair"} and found.leftover.explained
+
+
+def test_a_model_that_follows_only_for_a_while_is_said_to():
+    t = np.arange(400) * STEP
+    q, v, path = np.array([1.0, 0.0]), np.array([0.0, 0.6]), []
+    for _ in t:  # about r^4 / 4, which the menu lacks and a trap is like for a while
+        path.append(q)
+        for _ in range(20):
+            v = v - 0.05 * STEP * q * (q @ q)
+            q = q + 0.05 * STEP * v
+    noise = 0.003 * np.random.default_rng(0).standard_normal((len(t), 2))
+    given = answer(motion_of((np.array(path) + noise)[None, :, None], STEP), False, 0.3)
+    follows = given.data.get("follows_seconds")
+    assert follows is not None and follows < 0.5 * t[-1] or not given.data["explained"]
+    whole = answer(seen("trap", 0.003, 1, clips=1, frames=400), False, 0.3)
+    assert whole.data["explained"] and "follows_seconds" not in whole.data

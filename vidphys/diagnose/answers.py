@@ -166,6 +166,12 @@ def _let_go(answered: Answered, motion: Motion, begin: int) -> None:
 
 def _rolled_on(answered: Answered, motion: Motion, end: int, look: LongFit) -> None:
     """The menu's model in the tail, its oscillations, and its motion under changed laws."""
+    if look.windows.frames.shape[1] < end:
+        answered.data["follows_seconds"] = look.seconds
+        answered.lines.append(
+            f"The model follows the recording for {look.seconds:.3g} s at a time and no longer: "
+            "the motion is chaotic, or a term is missing that changes little in so short a time."
+        )
     if end < motion.positions.shape[1] - LEAST_FRAMES:
         _validated(answered, validate(look, motion.cut(end)))
     _modes(answered, motion, look)
