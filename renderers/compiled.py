@@ -8,7 +8,6 @@ on spinning after they have shared even this little, where the loops want to run
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from loops.threads import in_threads
 from renderers.camera import Camera
 
 ROWS = 16
-FEWEST = 2**18  # numbers that are worth waking other threads for
+FEWEST = 2**17  # numbers that are worth waking another thread for
 Array = NDArray[Any]
 stream = streaming(ROWS)
 
@@ -49,7 +48,7 @@ def draw(
         some = which[0] * ROWS, min(which[1] * ROWS, down.size)
         _draw(down.ravel(), across, edged, large, room, flat, *some)
 
-    _shared(part, -(-down.size // ROWS), out)
+    in_threads(part, -(-down.size // ROWS), -(-FEWEST // (ROWS * width)))
 
 
 def slopes(
@@ -82,7 +81,7 @@ def slopes(
         else:
             _edge_slopes(dx, dy, below, above, room, found, *which)
 
-    _shared(part, len(centres), upstream)
+    in_threads(part, len(centres), -(-FEWEST // upstream.shape[1:].numel()))
     return 2 * scale * torch.from_numpy(found)
 
 
@@ -100,13 +99,6 @@ def _profiles(
         factor -= i * (edge or 0)
         found.append((d, np.exp(factor, out=factor)))
     return found[0], found[1]
-
-
-def _shared(part: Callable[[tuple[int, int]], None], blocks: int, images: Tensor) -> None:
-    if images.numel() < FEWEST:
-        part((0, blocks))
-    else:
-        in_threads(part, blocks)
 
 
 @kernel
@@ -182,11 +174,10 @@ def _slopes(
             for x in range(len(row)):
                 plain[x] += weight * row[x]
                 turned[x] += bent * row[x]
-        along, upwards = 0.0, 0.0
         for x in range(len(plain)):
-            along += across[image, x] * dx[image, x] * plain[x]
-            upwards += across[image, x] * turned[x]
-        found[image, 0], found[image, 1] = along, upwards
+            plain[x] *= across[image, x]
+            turned[x] *= across[image, x]
+        _along_and_upwards(dx[image], plain, turned, found[image])
 
 
 @kernel
@@ -210,8 +201,14 @@ def _edge_slopes(
                 slope = row[x] * light[x] * (one - light[x])
                 plain[x] += slope
                 turned[x] += bent * slope
-        along, upwards = 0.0, 0.0
-        for x in range(len(plain)):
-            along += dx[image, x] * plain[x]
-            upwards += turned[x]
-        found[image, 0], found[image, 1] = along, upwards
+        _along_and_upwards(dx[image], plain, turned, found[image])
+
+
+@kernel
+def _along_and_upwards(dx: Array, plain: Array, turned: Array, found: Array) -> None:
+    """What is left to sum, over the columns."""
+    along, upwards = 0.0, 0.0
+    for x in range(len(plain)):
+        along += dx[x] * plain[x]
+        upwards += turned[x]
+    found[0], found[1] = along, upwards
