@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vidphys.runs.records import Recorder
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
-ELSEWHERE = ("out", "profile", "overwrite", "quiet", "input")
+ELSEWHERE = ("out", "profile", "overwrite", "quiet", "input", "trade")
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ class DiagnoseConfig:
         start: first frame that is used.
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
+        trade: what `vidphys trade` has measured, its run folder or profile: which integrator and
+            which encoder suffice is chosen from it.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -61,6 +63,7 @@ class DiagnoseConfig:
     start: int = 0
     stop: int | None = None
     rate: float | None = None
+    trade: Path | None = None
     profile: Path | None = None
     overwrite: bool = False
     quiet: bool = False
@@ -76,15 +79,24 @@ def diagnose(config: DiagnoseConfig) -> None:
     config = with_profile(config, "diagnose")
     from vidphys.diagnose.answers import answer
     from vidphys.runs.folder import RunFolder
+    from vidphys.trade.session import load_points
 
     if not 0 <= config.hold_out < 1:
         raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
     given = _given(config.columns)
+    if config.trade is not None and not config.trade.exists():
+        raise InputError(
+            f"--trade {config.trade}: nothing was measured there; `vidphys trade --out "
+            f"{config.trade}` does"
+        )
+    points = load_points(config.trade) if config.trade is not None else []
     loaded, frames = _load(config, given)
-    run = RunFolder.open(config.out, _about(config), config.overwrite)
+    about = {**_about(config), "trade": sorted(point.key for point in points)}
+    run = RunFolder.open(config.out, about, config.overwrite)
     with run.locked(), Console(config.quiet, 2, "diagnose") as console:
         try:
-            found = answer(loaded.motion, loaded.angles or config.angles, config.hold_out)
+            angles = loaded.angles or config.angles
+            found = answer(loaded.motion, angles, config.hold_out, points)
         except ValueError as error:
             run.abandon()
             raise InputError(f"{config.input}: {error}") from error

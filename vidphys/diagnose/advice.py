@@ -25,6 +25,8 @@ class Advice:
         integrator: of :data:`dynamics.INTEGRATORS`.
         frame_interval: seconds, at most, between frames that still show it.
         enough_frames: whether the recording had them.
+        measured: sentences on what was measured to suffice, see
+            :func:`vidphys.diagnose.sufficient.with_measured`.
     """
 
     fastest: float
@@ -32,6 +34,7 @@ class Advice:
     integrator: str
     frame_interval: float
     enough_frames: bool
+    measured: tuple[str, ...] = ()
 
 
 def advise(inference: Inference, interval: float) -> Advice:

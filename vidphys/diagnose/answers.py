@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,8 +26,10 @@ from vidphys.diagnose.release import held_until
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
 from vidphys.diagnose.spectrum import Mode, distinct, modes_of_data, modes_of_model
+from vidphys.diagnose.sufficient import with_measured
 from vidphys.diagnose.windows import FEW
 from vidphys.statistics import NORMAL_95
+from vidphys.trade.point import Point
 
 BLANK = 160  # pixels of a recording's pictures where there is no clip
 
@@ -91,13 +94,14 @@ def _plane(positions: np.ndarray) -> np.ndarray:
     return np.concatenate([positions, np.zeros_like(positions)], -1)
 
 
-def answer(motion: Motion, angles: bool, hold_out: float) -> Answered:
+def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point] = ()) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
     Args:
         motion: tracks.
         angles: whether coordinates are joint angles.
         hold_out: share at the end of a single long clip that nothing is fitted to.
+        points: measured speed against accuracy, from which integrator and encoder are chosen.
 
     Raises:
         ValueError: a recording that is too short.
@@ -115,6 +119,8 @@ def answer(motion: Motion, angles: bool, hold_out: float) -> Answered:
     doubtful = inference is not None and (not found.explained or inference.kicks > 0)
     wall = BesideWall.of(motion, end) if doubtful else None
     advice = _advice(inference, wall, motion.interval)
+    if advice is not None and points:
+        advice = with_measured(advice, motion, found.noise, points)
     answered = Answered(
         found,
         summary(found, identity, advice, wall),

@@ -33,6 +33,14 @@ class Noise:
     why: str
 
 
+def blur_seen(step: float, space: int) -> float:
+    """Noise of a coordinate up to which a central difference shows speeds; see :class:`Noise`.
+
+    A central difference over two intervals has the noise sigma * sqrt(2 d) / 2 of one step.
+    """
+    return step / (SEEN * np.sqrt(2 * space) / 2)
+
+
 def differences(motion: Motion, order: int) -> np.ndarray:
     """Differences over neighbouring frames that are evenly spaced, flattened, without gaps."""
     x = np.diff(motion.positions, order, axis=1)
@@ -65,9 +73,8 @@ def measure_noise(motion: Motion) -> Noise:
     sigma, order = best
     steps = np.linalg.norm(np.diff(motion.positions, axis=1), axis=-1)
     step = float(np.nanmedian(steps))
-    # A central difference over two intervals has the noise sigma * sqrt(2 d) / 2 of one step.
     blur = sigma * np.sqrt(2 * motion.space) / 2
-    visible = bool(step > SEEN * blur)
+    visible = bool(sigma < blur_seen(step, motion.space))
     why = (
         f"a body moves {step:.3g} from frame to frame, a difference of frames is sure to {blur:.2g}"
     )

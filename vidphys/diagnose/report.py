@@ -61,8 +61,9 @@ def summary(
         lines += [wall.line(), alone]
     else:
         lines += _of_menu(found)
-    if advice is not None and advice.fastest > 0:
-        lines.append(_advised(advice))
+    if advice is not None:
+        lines += [_advised(advice)] if advice.fastest > 0 else []
+        lines += advice.measured
     return lines
 
 
@@ -189,6 +190,7 @@ def as_data(found: Diagnosis, identity: Identity, advice: Advice | None) -> dict
             "integrator": advice.integrator,
             "frame_interval": advice.frame_interval,
             "enough_frames": advice.enough_frames,
+            "measured": list(advice.measured),
         }
     return data
 
