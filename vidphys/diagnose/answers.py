@@ -19,7 +19,6 @@ from vidphys.diagnose.forecast import (
     validate,
 )
 from vidphys.diagnose.identity import check_identity
-from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.longer import LongFit
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.release import held_until
@@ -114,13 +113,8 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         end = total - int(hold_out * total)
     found = _later(diagnose(motion.cut(0, end), angles), begin)
     identity = check_identity(motion)
-    inference = found.inference
-    # bounces are no term of the menu, which may take them for random kicks
-    doubtful = inference is not None and (not found.explained or inference.kicks > 0)
-    wall = BesideWall.of(motion, end) if doubtful else None
-    advice = _advice(inference, wall, motion.interval)
-    if advice is not None and points:
-        advice = with_measured(advice, motion, found.noise, points)
+    inference, wall = found.inference, _wall(found, motion, end)
+    advice = _advice(found, wall, motion, points)
     answered = Answered(
         found,
         summary(found, identity, advice, wall),
@@ -154,10 +148,24 @@ def _later(found: Diagnosis, frames: int) -> Diagnosis:
     return replace(found, switch=replace(found.switch, frame=found.switch.frame + frames))
 
 
-def _advice(inference: Inference | None, wall: BesideWall | None, interval: float) -> Advice | None:
+def _wall(found: Diagnosis, motion: Motion, end: int) -> BesideWall | None:
+    """A wall that the body strikes, where the menu explains nothing or only by random kicks."""
+    if found.inference is None or (found.explained and not found.inference.kicks):
+        return None
+    return BesideWall.of(motion, end)
+
+
+def _advice(
+    found: Diagnosis, wall: BesideWall | None, motion: Motion, points: Sequence[Point]
+) -> Advice | None:
+    """By rule, and by what was measured."""
+    if found.inference is None:
+        return None
     if wall is not None:
-        return suffices(wall.fastest, interval)
-    return None if inference is None else advise(inference, interval)
+        by_rule = suffices(wall.fastest, motion.interval)
+    else:
+        by_rule = advise(found.inference, motion.interval)
+    return with_measured(by_rule, motion, found.noise, points) if points else by_rule
 
 
 def _let_go(answered: Answered, motion: Motion, begin: int) -> None:
