@@ -34,5 +34,5 @@ def held_until(motion: Motion) -> int:
     if not FEWEST <= first <= len(moved) - LEAST_FRAMES:
         return 0
     later = min(2 * first, len(away) - 1)
-    from_rest = near * (later / first) ** 2
+    from_rest = near * (later / (first - 1)) ** 2  # it was still near in the frame before
     return first if away[later] > SUDDEN * from_rest else 0
