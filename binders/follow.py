@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 REACH = 4.0
 LONGEST_COAST = 5
 FAINT = 0.15
+STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,13 @@ class Path:
         confidence: ``(t, n)``: energy of the blob relative to the body's median, at most 1; 0
             where it was not seen.
         radius: median radius of the blobs that were taken, pixels.
+        others: share of the frames in which a blob that is as strong is not followed.
     """
 
     positions: Float[np.ndarray, "t n 2"]
     confidence: Float[np.ndarray, "t n"]
     radius: float
+    others: float
 
 
 def follow(blobs: list[Blobs], bodies: int) -> Path:
@@ -111,7 +114,7 @@ def _gather(blobs: list[Blobs], chosen: np.ndarray) -> Path:
     frames, bodies = chosen.shape
     positions = np.zeros((frames, bodies, 2))
     confidence = np.zeros((frames, bodies))
-    radii = []
+    radii, energies = [], []
     for body in range(bodies):
         seen = np.nonzero(chosen[:, body] >= 0)[0]
         taken = [(blobs[t], chosen[t, body]) for t in seen]
@@ -121,4 +124,10 @@ def _gather(blobs: list[Blobs], chosen: np.ndarray) -> Path:
         for axis in (0, 1):
             positions[:, body, axis] = np.interp(np.arange(frames), seen, centre[:, axis])
         confidence[seen, body] = np.minimum(1.0, energy / np.median(energy))
-    return Path(positions, confidence, float(np.median(radii)))
+        energies.append(np.median(energy))
+    strong = STRONG * min(energies)
+    others = [
+        (np.delete(blob.energy, mine[mine >= 0]) > strong).any()
+        for blob, mine in zip(blobs, chosen, strict=True)
+    ]
+    return Path(positions, confidence, float(np.median(radii)), float(np.mean(others)))

@@ -55,10 +55,12 @@ class MotionTracks:
             interpolated and its confidence 0.
         camera: displacement of the still background in each frame, normalised image units,
             y upwards; subtract it from the positions to have them before a still camera.
+        others: share of the frames in which something else moves that is as strong as a body.
     """
 
     tracks: Tracks
     camera: Float[torch.Tensor, "t 2"]
+    others: float
 
 
 def bind_motion(
@@ -90,7 +92,7 @@ def bind_motion(
         torch.from_numpy(path.confidence)[None].float(),
         torch.from_numpy(times),
     )
-    return MotionTracks(tracks, torch.from_numpy(drift / half * up).float())
+    return MotionTracks(tracks, torch.from_numpy(drift / half * up).float(), path.others)
 
 
 def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:

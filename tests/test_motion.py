@@ -98,7 +98,10 @@ def test_two_bodies_keep_their_identity() -> None:
     two = np.stack([112 - 95 * t, 65 + 8 * np.sin(6 * t)], 1)
     paths = np.stack([one, two], 1)
     frames = draw(paths, still(), strings=False)
-    found = pixels(bind_motion(frames, times(), MotionSettings(bodies=2)))
+    bound = bind_motion(frames, times(), MotionSettings(bodies=2))
+    assert bound.others == 0
+    assert bind_motion(frames, times(), MotionSettings(bodies=1)).others > 0.8
+    found = pixels(bound)
     error = min(
         np.abs(found - paths).max(),
         np.abs(found[:, ::-1] - paths).max(),

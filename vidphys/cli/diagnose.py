@@ -126,10 +126,9 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
     if config.input.suffix.lower() in VIDEOS:
         from vidphys.diagnose.clips import follow_clip
 
-        motion, video = follow_clip(
+        motion, video, notes = follow_clip(
             config.input, config.bodies, config.start, config.stop, config.rate
         )
-        notes = (*video.notes, f"{len(video.frames)} frames of {video.interval:.4g} s followed")
         return Loaded(motion, False, notes), video.frames
     if config.input.suffix not in SUFFIXES and config.input.is_file():
         known = ", ".join((*SUFFIXES, *VIDEOS))

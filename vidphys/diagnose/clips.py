@@ -11,10 +11,12 @@ from vidphys.data.video import ClipSelection, Video, read_video, require_frames
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.errors import InputError
 
+MANY = 0.1  # share of the frames in which something else moves, from which it is said
+
 
 def follow_clip(
     path: Path, bodies: int, start: int, stop: int | None, rate: float | None
-) -> tuple[Motion, Video]:
+) -> tuple[Motion, Video, tuple[str, ...]]:
     """The motion of a clip's bodies before a still background, in normalised image units.
 
     Args:
@@ -22,6 +24,9 @@ def follow_clip(
         bodies: how many are followed.
         start, stop: frames that are used.
         rate: frames per second, in place of the container's time stamps.
+
+    Returns:
+        The motion, the pictures, and what a person should know of how it was followed.
 
     Raises:
         InputError: a clip that cannot be read or is too short, or in which nothing moves.
@@ -41,4 +46,11 @@ def follow_clip(
         np.asarray(video.times, float)[None],
         np.ones((1, positions.shape[2])),
     )
-    return motion, video
+    notes = [*video.notes, f"{len(video.frames)} frames of {video.interval:.4g} s followed"]
+    if bound.others > MANY:
+        notes.append(
+            f"in {bound.others:.0%} of them something else moves as strongly; if it is a body of "
+            f"the scene, ask for more than {bodies} (--bodies), else leave its frames out "
+            "(--start, --stop)"
+        )
+    return motion, video, tuple(notes)

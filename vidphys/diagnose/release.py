@@ -31,7 +31,7 @@ def held_until(motion: Motion) -> int:
     away = np.nan_to_num(np.linalg.norm(motion.positions - first_place, axis=-1)).max((0, 2))
     near = STILL * measure_noise(motion).sigma
     in_a_row = np.lib.stride_tricks.sliding_window_view(away, SURE)  # one may be an outlier
-    moved = (in_a_row > near).all(1)
+    moved = in_a_row.min(1) > near
     first = int(moved.argmax())
     if not FEWEST <= first <= len(moved) - LEAST_FRAMES:
         return 0
