@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from vidphys.cli.console import Console
@@ -82,6 +83,7 @@ def train_on_tracks(config: TrainConfig) -> int:
             "bodies": motion.bodies,
             "space": motion.space,
             "origin": held["origin"],
+            "units": asdict(found.units),
         }
         path = run.checkpoints("heads") / "specified.json"
         checkpoint.save(path, dict(found.head.state_dict()), meta)

@@ -125,7 +125,9 @@ class BesideWall:
             wall=(wall.place - wall.rest if trapped else 0.0, wall.restitution, *normal),
         )
         named = {f"wall: {name}": name for name in ("place", "restitution")}
-        named |= {"trap: stiffness": "stiffness"} if trapped else {"uniform: pull": "pull"}
+        named |= {"trap: stiffness": "stiffness"} if trapped else {}
         named |= {"linear: rate": "rate"} if wall.rate else {}
         numbers = {key: (getattr(wall, name), errors[name]) for key, name in named.items()}
+        if not trapped:
+            numbers[f"uniform: {'xyz'[self.fit.axis]}"] = self.fit.sign * wall.pull, errors["pull"]
         return as_specification(terms, 1, origin.tolist(), numbers, True, self.motion.interval)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,8 @@ import torch
 
 from binders import Tracks
 from dynamics import Head, Parameters, build, rollout
+from dynamics.fields import UniformField
+from dynamics.friction import Friction
 from dynamics.terms import HamiltonianTerms
 from vidphys.diagnose.motion import Motion
 from vidphys.diagnose.specification import BATH
@@ -22,7 +24,52 @@ from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 EVEN = 0.1  # share by which frame intervals may differ
 AHEAD = 4  # frames that are predicted after the two that start a window
-PRECISE = 0.1  # coordinate units: errors below count by their square
+PRECISE = 0.5  # of the positions' spread: errors below count by their square
+
+
+@dataclass(frozen=True)
+class Units:
+    """What a model counts in, so that its numbers are near one whatever the tracks are in.
+
+    Args:
+        length: the spread of the positions, in the unit of the tracks.
+        seconds: in which a body goes as far at its usual speed.
+    """
+
+    length: float
+    seconds: float
+
+    @classmethod
+    def of(cls, motion: Motion) -> Units:
+        """Of tracks that move."""
+        length = float(np.nanstd(motion.positions, axis=(0, 1, 2)).max())
+        speed = float(np.sqrt(np.nanmean(np.diff(motion.positions, axis=1) ** 2))) / motion.interval
+        return cls(length, length / speed) if speed > 0 else cls(1.0, 1.0)
+
+    def motion(self, motion: Motion) -> Motion:
+        """The same tracks, counted so."""
+        positions, times = motion.positions / self.length, motion.times / self.seconds
+        return replace(motion, positions=positions, times=times)
+
+    def terms(self, terms: HamiltonianTerms) -> HamiltonianTerms:
+        """The same terms."""
+        wall = (terms.wall[0] / self.length, *terms.wall[1:]) if terms.wall else ()
+        trap = None if terms.trap is None else terms.trap * self.seconds**2
+        return replace(terms, trap=trap, reach=terms.reach / self.length, wall=wall)
+
+    def start(self, head: Head, numbers: Mapping[str, Any]) -> None:
+        """Begin training at the numbers that the diagnosis found, of fields and frictions."""
+        known = {name: float(number["value"]) for name, number in numbers.items()}
+        field = self.length / self.seconds**2
+        rate = {"linear": 1 / self.seconds, "square": 1 / self.length, "dry": field}
+        with torch.no_grad():
+            for part in head.modules():
+                if isinstance(part, UniformField):
+                    for axis, name in zip(range(len(part.acceleration)), "xyz", strict=False):
+                        part.acceleration[axis] = known.get(f"uniform: {name}", 0.0) / field
+                elif isinstance(part, Friction) and f"{part.law}: rate" in known:
+                    value = torch.tensor(known[f"{part.law}: rate"] / rate[part.law])
+                    part.raw.copy_(value if part.strength == "free" else value.expm1().log())
 
 
 @dataclass(frozen=True)
@@ -30,13 +77,15 @@ class Trained:
     """A model with its forecast of the frames that it was not trained on.
 
     Args:
-        head: of the specified terms.
+        head: of the specified terms, in its own units.
+        units: those.
         error: root mean squared distance on those frames, in the unit of the tracks; ``None``
             where there are none.
         still: the same for a body that stays where it last was.
     """
 
     head: Head
+    units: Units
     error: float | None
     still: float | None
 
@@ -64,7 +113,9 @@ def train_specified(
         InputError: tracks of another scene, frames that are not even, or a heat bath.
     """
     _check(terms, held, motion)
-    origin = np.asarray(held["origin"])
+    units = Units.of(motion)
+    origin = np.asarray(held["origin"]) / units.length
+    motion, terms = units.motion(motion), units.terms(terms)
     mass = torch.tensor(held.get("mass", [1.0] * motion.bodies)).expand(motion.clips, -1)
     coupling = np.ones(motion.clips) if motion.coupling is None else motion.coupling
     params = Parameters(torch.tensor(coupling).float(), mass.float())
@@ -78,10 +129,12 @@ def train_specified(
         tracks, params, motion.interval, steps, seed, AHEAD, PRECISE, progress=progress
     )
     tell_scale(head, task)
+    units.start(head, held["numbers"])
     train_by_shooting(head, task)
     if end >= motion.positions.shape[1]:
-        return Trained(head, None, None)
-    return _foretold(head, positions, sure, params, motion.interval, end)
+        return Trained(head, units, None, None)
+    error, still = _foretold(head, positions, sure, params, motion.interval, end)
+    return Trained(head, units, units.length * error, units.length * still)
 
 
 def _check(terms: HamiltonianTerms, held: Mapping[str, Any], motion: Motion) -> None:
@@ -104,7 +157,8 @@ def _foretold(
     params: Parameters,
     interval: float,
     end: int,
-) -> Trained:
+) -> tuple[float, float]:
+    """Root mean squared distances in the tail: of the model, and of a body that stays."""
     times = interval * torch.arange(end)
     start = by_shooting(head, Tracks(positions[:, :end], sure[:, :end], times), params, interval)
     dt, every = model_step(interval)
@@ -116,4 +170,4 @@ def _foretold(
         squared = ((path - seen) ** 2).sum(-1)
         return float(((squared * weight).sum() / weight.sum()).sqrt())
 
-    return Trained(head, error(rolled), error(positions[:, end - 1 : end].expand_as(seen)))
+    return error(rolled), error(positions[:, end - 1 : end].expand_as(seen))
