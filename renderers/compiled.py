@@ -48,7 +48,7 @@ def draw(
         some = which[0] * ROWS, min(which[1] * ROWS, down.size)
         _draw(down.ravel(), across, edged, large, room, flat, *some)
 
-    in_threads(part, -(-down.size // ROWS), -(-FEWEST // (ROWS * width)))
+    in_threads(part, -(-down.size // ROWS), _fewest(ROWS * width))
 
 
 def slopes(
@@ -81,7 +81,7 @@ def slopes(
         else:
             _edge_slopes(dx, dy, below, above, room, found, *which)
 
-    in_threads(part, len(centres), -(-FEWEST // upstream.shape[1:].numel()))
+    in_threads(part, len(centres), _fewest(upstream.shape[1:].numel()))
     return 2 * scale * torch.from_numpy(found)
 
 
@@ -99,6 +99,11 @@ def _profiles(
         factor -= i * (edge or 0)
         found.append((d, np.exp(factor, out=factor)))
     return found[0], found[1]
+
+
+def _fewest(numbers: int) -> int:
+    """Blocks, of so many numbers each, that are worth waking another thread for."""
+    return -(-FEWEST // max(1, numbers))
 
 
 @kernel

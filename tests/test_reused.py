@@ -53,7 +53,7 @@ def large_on_two_threads(monkeypatch):
     """Small images go the way of large ones: past the caches, and shared."""
     compiled = pytest.importorskip("renderers.compiled")
     monkeypatch.setattr(compiled, "CACHED", 0)
-    monkeypatch.setattr(compiled, "FEWEST", 0)
+    monkeypatch.setattr(compiled, "FEWEST", 1)
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     yield

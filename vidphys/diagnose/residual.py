@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
 from vidphys.diagnose.refine import Fitted
@@ -19,7 +20,7 @@ EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
 SPREADS = 5.0  # and standard deviations of a mean square
 BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree
 # Variances that are tried of what kicks do to a row, over that of the noise of a position.
-VARIANCES = np.concatenate([[0.0], np.geomspace(1e-5, 1e8, 66)])
+VARIANCES = np.concatenate([[0.0], np.geomspace(1e-5, 1e8, 40)])
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,13 @@ def _likeliest(
     ratios = VARIANCES / shape.mean()
     found = np.array([log_likelihood(ratio) for ratio in ratios])
     best = int(found.argmax())
-    return float(ratios[best]), float(found[best] - found[0])
+    if not 1 < best < len(ratios) - 1:
+        return float(ratios[best]), float(found[best] - found[0])
+    ends = np.log(ratios[[best - 1, best + 1]])
+    between = minimize_scalar(
+        lambda x: -log_likelihood(np.exp(x)), bounds=ends, method="bounded", options={"xatol": 0.02}
+    )
+    return float(np.exp(between.x)), float(-between.fun - found[0])
 
 
 def smooth_force_gain(windows: Windows, rows: Rows, chosen: list[int], floor: float) -> float:
