@@ -11,7 +11,7 @@ ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
 
 test: $(READY)
-	$(VENV)/bin/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2
 
 check: $(READY)
 	$(VENV)/bin/ruff check .

@@ -25,6 +25,9 @@ VERBS = {
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
     "doctor": ("DoctorConfig", "say what this machine has"),
 }
+# numpy's matrices here are small; its threads only wait for each other, and where something else
+# runs on the machine a diagnosis takes twenty times as long. Torch's are its own.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops")
 
