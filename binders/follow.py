@@ -123,8 +123,8 @@ def _gather(blobs: list[Blobs], chosen: np.ndarray) -> Path:
         radii += [b.radius[k] for b, k in taken]
         for axis in (0, 1):
             positions[:, body, axis] = np.interp(np.arange(frames), seen, centre[:, axis])
-        confidence[seen, body] = np.minimum(1.0, energy / np.median(energy))
         energies.append(np.median(energy))
+        confidence[seen, body] = np.minimum(1.0, energy / energies[-1])
     strong = STRONG * min(energies)
     others = [
         (np.delete(blob.energy, mine[mine >= 0]) > strong).any()

@@ -138,7 +138,7 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         if found.look is not None:
             _rolled_on(answered, motion, end, found.look)
     described["mass"] = found.motion.mass[0].tolist()
-    return Answered(**{**vars(answered), "specification": described})
+    return replace(answered, specification=described)
 
 
 def _later(found: Diagnosis, frames: int) -> Diagnosis:

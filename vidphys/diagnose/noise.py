@@ -34,11 +34,13 @@ class Noise:
 
 
 def blur_seen(step: float, space: int) -> float:
-    """Noise of a coordinate up to which a central difference shows speeds; see :class:`Noise`.
+    """Noise of a coordinate up to which a central difference shows speeds; see :class:`Noise`."""
+    return step / (SEEN * _blurred(space))
 
-    A central difference over two intervals has the noise sigma * sqrt(2 d) / 2 of one step.
-    """
-    return step / (SEEN * np.sqrt(2 * space) / 2)
+
+def _blurred(space: int) -> float:
+    """Noise of one step by a central difference over two intervals, over that of a coordinate."""
+    return float(np.sqrt(2 * space) / 2)
 
 
 def differences(motion: Motion, order: int) -> np.ndarray:
@@ -73,7 +75,7 @@ def measure_noise(motion: Motion) -> Noise:
     sigma, order = best
     steps = np.linalg.norm(np.diff(motion.positions, axis=1), axis=-1)
     step = float(np.nanmedian(steps))
-    blur = sigma * np.sqrt(2 * motion.space) / 2
+    blur = sigma * _blurred(motion.space)
     visible = bool(sigma < blur_seen(step, motion.space))
     why = (
         f"a body moves {step:.3g} from frame to frame, a difference of frames is sure to {blur:.2g}"

@@ -27,10 +27,11 @@ def with_measured(advice: Advice, motion: Motion, noise: Noise, points: Sequence
         points: measured by `vidphys trade`.
     """
     spread = float(np.nanstd(motion.positions))
-    rolled = _cheapest(points, "rollouts", Bound("state_error", noise.sigma / spread))
-    looked = _cheapest(
-        points, "encoders", Bound("probe_nmse", (blur_seen(noise.step, motion.space) / spread) ** 2)
-    )
+    told_apart = blur_seen(noise.step, motion.space) / spread
+    rollouts = [p for p in points if p.front == "rollouts" and "radians" in p.units]
+    encoders = [p for p in points if p.front == "encoders"]
+    rolled = _cheapest(rollouts, Bound("state_error", noise.sigma / spread))
+    looked = _cheapest(encoders, Bound("probe_nmse", told_apart**2))
     told = []
     if rolled is not None and advice.fastest > 0:
         told.append(f"Rolled with an error below the noise, as measured: {rolled.sentence}.")
@@ -43,8 +44,7 @@ def with_measured(advice: Advice, motion: Motion, noise: Noise, points: Sequence
     return replace(advice, measured=tuple(told))
 
 
-def _cheapest(points: Sequence[Point], front: str, bound: Bound) -> Choice | None:
-    """The choice among points that say what is asked; ``None`` where there are none."""
-    asked = "radians" if front == "rollouts" else "tokens"
-    some = [p for p in points if p.front == front and p.error is not None and asked in p.units]
+def _cheapest(points: Sequence[Point], bound: Bound) -> Choice | None:
+    """The choice among points whose result was finite; ``None`` where there are none."""
+    some = [p for p in points if p.error is not None]
     return pick(some, bound)[0] if some else None

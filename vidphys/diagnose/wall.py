@@ -116,14 +116,11 @@ def _fitted(times: np.ndarray, s: np.ndarray) -> tuple[Wall, np.ndarray]:
         best = min((_fit(times[part], s[part], g, scale) for g in guesses), key=lambda f: f.cost)
         guesses = [best.wall]
     for name in MAY_VANISH:
-        without = _fit(times, s, replace(best.wall, **{name: 0.0}), np.where(_is(name), 0.0, scale))
+        held = np.where(np.array(NAMES) == name, 0.0, best.scale)
+        without = _fit(times, s, replace(best.wall, **{name: 0.0}), held)
         if without.price(len(s)) < best.price(len(s)):
-            best, scale = without, np.where(_is(name), 0.0, scale)
+            best = without
     return best.wall, best.errors(len(s))
-
-
-def _is(name: str) -> np.ndarray:
-    return np.array(NAMES) == name
 
 
 def _guesses(times: np.ndarray, s: np.ndarray) -> tuple[list[Wall], np.ndarray]:
@@ -133,21 +130,18 @@ def _guesses(times: np.ndarray, s: np.ndarray) -> tuple[list[Wall], np.ndarray]:
     swing = np.pi / between
     rate, speed = 0.02 * swing, float(np.gradient(s, times)[0])
     fall = 8 * (high - float(s.min())) / between**2
-    guesses = [Wall(high, 0.8, (x * swing) ** 2, 0.0, rate, float(s[0]), speed) for x in RATES] + [
-        Wall(high, 0.8, 0.0, fall, rate, float(s[0]), speed)
-    ]
-    scale = np.array(
-        [
-            0.2 * spread,
-            0.2,
-            0.2 * swing**2,
-            0.5 * spread * swing**2,
-            rate,
-            0.2 * spread,
-            0.25 * spread * swing,
-        ]
+    bare = Wall(high, 0.8, 0.0, 0.0, rate, float(s[0]), speed)
+    traps = [replace(bare, stiffness=(x * swing) ** 2) for x in RATES]
+    change = Wall(
+        place=0.2 * spread,
+        restitution=0.2,
+        stiffness=0.2 * swing**2,
+        pull=0.5 * spread * swing**2,
+        rate=rate,
+        start=0.2 * spread,
+        speed=0.25 * spread * swing,
     )
-    return guesses, scale
+    return [*traps, replace(bare, pull=fall)], change.values
 
 
 def _between_bounces(times: np.ndarray, s: np.ndarray) -> float:

@@ -194,15 +194,16 @@ def windows_at(motion: Motion, clip: np.ndarray, first: np.ndarray, size: int) -
         Unseen: there are no others.
     """
     reach = np.arange(size)
-    told = (motion.seen[clip[:, None], first[:, None] + reach].sum(1) >= LEAST).all(-1)
+    seen = motion.seen[clip[:, None], first[:, None] + reach]
+    told = (seen.sum(1) >= LEAST).all(-1)
     if not told.any():
         raise Unseen(
             f"no stretch of {size} frames shows each body {LEAST} times; follow fewer bodies, or "
             "use a part of the recording that shows them all"
         )
-    clip, first = clip[told], first[told]
+    clip, first, seen = clip[told], first[told], seen[told]
     at = clip[:, None], first[:, None] + reach
-    positions, seen, times = motion.positions[at], motion.seen[at], motion.times[at]
+    positions, times = motion.positions[at], motion.times[at]
     coupling = None if motion.coupling is None else motion.coupling[clip]
     return Windows(
         np.where(seen[..., None], positions, 0.0),
