@@ -44,9 +44,12 @@ def test_flights_follow_the_same_motion_in_small_steps(wall):
     np.testing.assert_allclose(wall.path(times), stepped(wall, times, 4000), atol=2e-3)
 
 
-@given(st.floats(0, 6), st.floats(0, 6), st.floats(0.1, 3.0))
-def test_a_flight_obeys_its_equation_of_motion_however_weak_its_terms(trap, friction, late):
-    wall = Wall(0.3, 0.8, 10.0**-trap, 2.0, 10.0**-friction, 0.1, -0.4)
+@given(st.floats(0, 6), st.floats(0, 9), st.floats(0, 6), st.floats(0.1, 3.0), st.booleans())
+def test_a_flight_obeys_its_equation_of_motion_however_weak_its_terms(
+    trap, weaker, friction, late, injects
+):
+    rate = (-1.0 if injects else 1.0) * 10.0**-friction
+    wall = Wall(0.3, 0.8, 10.0 ** -(trap + weaker), 2.0, rate, 0.1, -0.4)
     flight = next(iter(wall.flights(1.0)))[2]
     h = 1e-4
     s, v = flight.at(late + h * np.arange(-1, 2))

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from vidphys.diagnose.tables import Loaded
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
+    from vidphys.trade.point import Point
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
 ELSEWHERE = ("out", "profile", "overwrite", "quiet", "input", "trade")
@@ -79,17 +80,11 @@ def diagnose(config: DiagnoseConfig) -> None:
     config = with_profile(config, "diagnose")
     from vidphys.diagnose.answers import answer
     from vidphys.runs.folder import RunFolder
-    from vidphys.trade.session import load_points
 
     if not 0 <= config.hold_out < 1:
         raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
     given = _given(config.columns)
-    if config.trade is not None and not config.trade.exists():
-        raise InputError(
-            f"--trade {config.trade}: nothing was measured there; `vidphys trade --out "
-            f"{config.trade}` does"
-        )
-    points = load_points(config.trade) if config.trade is not None else []
+    points = [] if config.trade is None else _measured(config.trade)
     loaded, frames = _load(config, given)
     about = {**_about(config), "trade": sorted(point.key for point in points)}
     run = RunFolder.open(config.out, about, config.overwrite)
@@ -107,6 +102,16 @@ def diagnose(config: DiagnoseConfig) -> None:
         for line in (*loaded.notes, *found.lines):
             console.result(line)
         console.result(f"written: {run.path / 'summary.txt'}, specification.json, recordings")
+
+
+def _measured(folder: Path) -> list[Point]:
+    from vidphys.trade.session import load_points
+
+    if not folder.exists():
+        raise InputError(
+            f"--trade {folder}: nothing was measured there; `vidphys trade --out {folder}` does"
+        )
+    return load_points(folder)
 
 
 def _given(columns: tuple[str, ...]) -> dict[str, str]:

@@ -110,7 +110,7 @@ class _Flight:
         longest = float(t.max(initial=0.0))
         if abs(stiffness) * longest**2 > SMALL:
             return (1 - still) / stiffness
-        if self.wall.rate * longest > SMALL**0.5:
+        if abs(self.wall.rate) * longest > SMALL**0.5:
             return (faded + np.expm1(-faded)) / self.wall.rate**2
         return 0.5 * t**2 * (1 - faded / 3)
 

@@ -69,7 +69,7 @@ class Units:
                         part.acceleration[axis] = known.get(f"uniform: {name}", 0.0) / field
                 elif isinstance(part, Friction) and f"{part.law}: rate" in known:
                     value = torch.tensor(known[f"{part.law}: rate"] / rate[part.law])
-                    part.raw.copy_(value if part.strength == "free" else value.expm1().log())
+                    part.raw.copy_(value if part.strength == "free" else _inverse_softplus(value))
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,10 @@ def train_specified(
         return Trained(head, units, None, None)
     error, still = _foretold(head, positions, sure, params, motion.interval, end)
     return Trained(head, units, units.length * error, units.length * still)
+
+
+def _inverse_softplus(value: torch.Tensor) -> torch.Tensor:
+    return value + torch.log(-torch.expm1(-value))  # finite where exp(value) is not
 
 
 def _check(terms: HamiltonianTerms, held: Mapping[str, Any], motion: Motion) -> None:
