@@ -1,6 +1,7 @@
 """The run folder: resumes, extends, refuses, and is never half-written."""
 
 import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -8,10 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
+import vidphys
 from vidphys.errors import InputError
 from vidphys.metrics import Summary
 from vidphys.runs.atomic import write_with
-from vidphys.runs.folder import RunFolder, code_version
+from vidphys.runs.folder import FILES, FOLDERS, RunFolder, code_version
 from vidphys.runs.records import Origin, Recorder
 
 SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
@@ -115,6 +117,18 @@ def test_a_run_that_could_not_begin_leaves_nothing_and_finished_work_stays(tmp_p
     kept.finish("a-b-s0", *recorder().tables())
     kept.abandon()
     assert kept.is_done("a-b-s0")
+    other = RunFolder.open(tmp_path / "o", SETTINGS)
+    (other.path / "notes.md").write_text("mine")
+    other.abandon()
+    assert [p.name for p in other.path.iterdir()] == ["notes.md"]
+
+
+def test_a_run_that_is_given_up_takes_along_whatever_any_verb_writes():
+    written = re.compile(r'run\.path / "([^"]+)"')
+    source = "".join(p.read_text() for p in Path(vidphys.__file__).parent.rglob("*.py"))
+    names = set(written.findall(source))
+    assert {"diagnosis.json", "outcomes", "points.parquet"} <= names
+    assert names <= {*FOLDERS, *FILES}
 
 
 def test_a_checkouts_code_is_known_by_its_commit():

@@ -167,6 +167,7 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
     write_with(run.path / "summary.txt", lambda path: _write(path, text))
     write_json(run.path / "diagnosis.json", found.data)
+    (run.path / "specification.json").unlink(missing_ok=True)  # perhaps of an earlier answer
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
     if config.input.suffix.lower() in VIDEOS:

@@ -27,7 +27,7 @@ from vidphys.runs.records import write_table
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")
-FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips")
+FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
 FILES = (
     "run.json",
     "records.parquet",
@@ -35,6 +35,13 @@ FILES = (
     "report.html",
     "dataset.json",
     "rollout.npz",
+    "verdicts.json",
+    "points.parquet",
+    "profile.json",
+    "summary.txt",
+    "diagnosis.json",
+    "specification.json",
+    "tracks.csv",
 )
 PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
 
@@ -134,11 +141,15 @@ class RunFolder:
             (self.path / name).unlink(missing_ok=True)
 
     def abandon(self) -> None:
-        """Leave nothing of a run that could not begin; one with finished work is kept."""
+        """Leave nothing of a run that could not begin; one with finished work is kept.
+
+        The folder stays where somebody keeps other files in it.
+        """
         if not (self.path / "parts").exists():
             self.clear()
             (self.path / ".lock").unlink(missing_ok=True)
-            self.path.rmdir()
+            if not any(self.path.iterdir()):
+                self.path.rmdir()
 
     @contextmanager
     def locked(self) -> Iterator[None]:
