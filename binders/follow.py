@@ -62,7 +62,7 @@ def follow(blobs: list[Blobs], bodies: int) -> Path:
     if clearest[start] == 0.0:
         raise ValueError(
             f"follow: no frame shows {bodies} moving bodies; check the number of bodies, or keep "
-            "changes of brightness (shadow = 1)"
+            "changes of brightness (shadow 1)"
         )
     chosen = np.full((len(blobs), bodies), -1)
     chosen[start] = np.argsort(-blobs[start].energy)[:bodies]

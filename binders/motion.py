@@ -39,11 +39,20 @@ class MotionSettings:
             that differ from their background in brightness alone).
         thin: structures thinner than this many pixels (of the working image, at most 400 on its
             longer side) belong to no body: strings, rods, edges.
+
+    Raises:
+        ValueError: numbers outside these ranges.
     """
 
     bodies: int = 1
     shadow: float = 0.6
     thin: int = 3
+
+    def __post_init__(self) -> None:
+        if self.bodies < 1:
+            raise ValueError(f"bodies {self.bodies}: follow at least 1")
+        if not 0 < self.shadow <= 1:
+            raise ValueError(f"shadow {self.shadow}: must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests import small_clips
 from vidphys.cli import main
+from vidphys.data.rendered import write_video
 from vidphys.diagnose.columns import detect_columns
 from vidphys.diagnose.energy_balance import corrected_rate, envelope_rate, plain_rate, sliding_rates
 from vidphys.diagnose.motion import motion_of
@@ -163,9 +165,26 @@ def test_inputs_that_are_not_there_or_not_known(tmp_path, capsys):
         ([str(tmp_path / "a.doc")], "neither a table nor a clip"),
         (["nowhere.csv", "--hold-out", "1.5"], "--hold-out 1.5"),
         (["nowhere.csv", "--columns", "x"], "write ROLE=NAME"),
+        (["nowhere.mp4", "--shadow", "1.5"], "--shadow 1.5: must be above 0 and at most 1"),
+        (["nowhere.mp4", "--bodies", "0"], "--bodies 0: follow at least 1"),
     ):
         assert main(["diagnose", *arguments, "--out", str(tmp_path / "out")]) == 2
         assert said in capsys.readouterr().err
+
+
+def test_a_grey_clip_is_followed_when_told_that_brightness_is_no_shadow(tmp_path, capsys):
+    clip, out = tmp_path / "grey.avi", tmp_path / "out"
+    places = small_clips.swing(60, 0.0)
+    grey = small_clips.pictures(places).mean(-1, keepdims=True).repeat(3, -1).astype(np.uint8)
+    write_video(clip, grey, small_clips.RATE)
+    assert main(["diagnose", str(clip), "--out", str(out)]) == 2
+    assert "shadow 1" in capsys.readouterr().err
+    assert not out.exists()
+    assert main(["diagnose", str(clip), "--shadow", "1", "--out", str(out)]) == 0
+    followed = read_motion(out / "tracks.csv").motion.positions[0]
+    half = (small_clips.SIDE - 1) / 2
+    seen = followed * [1, -1] * small_clips.SIDE / 2 + half
+    assert np.abs(seen - places).max() < 0.7
 
 
 # the energy balance (X1-X5)

@@ -115,7 +115,7 @@ def test_grey_body_needs_brightness() -> None:
     found = bind_motion(grey, times(), MotionSettings(shadow=1.0))
     error = np.linalg.norm(pixels(found)[:, 0] - swing(), axis=-1)
     assert np.sqrt((error**2).mean()) < 1.0
-    with pytest.raises(ValueError, match=r"keep changes of brightness \(shadow = 1\)"):
+    with pytest.raises(ValueError, match=r"keep changes of brightness \(shadow 1\)"):
         bind_motion(grey, times(), MotionSettings())
 
 

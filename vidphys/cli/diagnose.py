@@ -44,6 +44,8 @@ class DiagnoseConfig:
         hold_out: share of one long recording, at its end, that nothing is fitted to and the
             forecast is scored on.
         bodies: that the binder follows in a clip.
+        shadow: darkening, as a factor of the background's brightness, that the binder takes for a
+            shadow rather than a body; 1 where bodies differ from it in brightness alone.
         start: first frame that is used.
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
@@ -61,6 +63,7 @@ class DiagnoseConfig:
     angles: bool = False
     hold_out: float = 0.3
     bodies: int = 1
+    shadow: float = 0.6
     start: int = 0
     stop: int | None = None
     rate: float | None = None
@@ -129,11 +132,13 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
     from vidphys.diagnose.tables import SUFFIXES, Loaded, read_motion
 
     if config.input.suffix.lower() in VIDEOS:
+        from vidphys.cli.binder import binder_settings
+        from vidphys.data.video import ClipSelection
         from vidphys.diagnose.clips import follow_clip
 
-        motion, video, notes = follow_clip(
-            config.input, config.bodies, config.start, config.stop, config.rate
-        )
+        selection = ClipSelection(config.start, config.stop, rate=config.rate)
+        binder = binder_settings(config.bodies, config.shadow)
+        motion, video, notes = follow_clip(config.input, selection, binder)
         return Loaded(motion, False, notes), video.frames
     if config.input.suffix not in SUFFIXES and config.input.is_file():
         known = ", ".join((*SUFFIXES, *VIDEOS))

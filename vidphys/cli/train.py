@@ -52,6 +52,8 @@ class TrainConfig(SeeingOptions):
             training; 0 ends none early.
         shift: move training features by up to so many cells, so that few labels show more places.
         bodies: that the hand-made binder follows.
+        shadow: darkening, as a factor of the background's brightness, that it takes for a shadow
+            rather than a body; 1 where bodies differ from it in brightness alone.
         train_share: of the clips that is trained on; of a single clip, its first part.
         head_steps: optimiser steps of each dynamics head.
         friction: whether the factored head has friction; auto leaves it out where the data set
@@ -77,6 +79,7 @@ class TrainConfig(SeeingOptions):
     patience: int = 20
     shift: int = 4
     bodies: int = 1
+    shadow: float = 0.6
     train_share: float = 0.6
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
@@ -132,7 +135,10 @@ def train(config: TrainConfig) -> int:
 
 
 def _check(config: TrainConfig) -> None:
-    counts = ("seeds", "steps", "batch", "head_steps", "bodies")
+    from vidphys.cli.binder import binder_settings
+
+    binder_settings(config.bodies, config.shadow)
+    counts = ("seeds", "steps", "batch", "head_steps")
     for name, least in (*((name, 1) for name in counts), ("patience", 0), ("shift", 0)):
         if getattr(config, name) < least:
             option = name.replace("_", "-")
@@ -190,8 +196,8 @@ def _train(
     run: RunFolder,
     console: Console,
 ) -> None:
-    from binders.motion import MotionSettings
     from encoders.store import FeatureStore
+    from vidphys.cli.binder import binder_settings
     from vidphys.cli.recordings import record_training
     from vidphys.data.seen_clips import see
     from vidphys.experiments.training import perceive, understand
@@ -203,7 +209,7 @@ def _train(
 
     settings, checkpoints = _settings(config), run.checkpoints("training")
     selection = settings.selection
-    motion = MotionSettings(bodies=config.bodies)
+    motion = binder_settings(config.bodies, config.shadow)
     try:
         clips = see(dataset, encoders, FeatureStore(config.store), selection, motion, stage)
         console.done(0)

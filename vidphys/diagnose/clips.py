@@ -11,19 +11,19 @@ from vidphys.data.video import ClipSelection, Video, read_video, require_frames
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
 from vidphys.errors import InputError
 
+SELDOM = 0.5  # share of the frames in which a body is not seen, from which it is said
 MANY = 0.1  # share of the frames in which something else moves, from which it is said
 
 
 def follow_clip(
-    path: Path, bodies: int, start: int, stop: int | None, rate: float | None
+    path: Path, selection: ClipSelection, settings: MotionSettings
 ) -> tuple[Motion, Video, tuple[str, ...]]:
     """The motion of a clip's bodies before a still background, in normalised image units.
 
     Args:
         path: the video.
-        bodies: how many are followed.
-        start, stop: frames that are used.
-        rate: frames per second, in place of the container's time stamps.
+        selection: which of its frames are used.
+        settings: of the binder.
 
     Returns:
         The motion, the pictures, and what a person should know of how it was followed.
@@ -33,10 +33,10 @@ def follow_clip(
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a table of tracks or a clip")
-    video = read_video(path, ClipSelection(start, stop, rate=rate))
+    video = read_video(path, selection)
     require_frames(video, LEAST_FRAMES)
     try:
-        bound = bind_motion(video.frames, video.times, MotionSettings(bodies=bodies))
+        bound = bind_motion(video.frames, video.times, settings)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     positions = (bound.tracks.positions - bound.camera[None, :, None]).double().numpy()
@@ -50,7 +50,12 @@ def follow_clip(
     if bound.others > MANY:
         notes.append(
             f"in {bound.others:.0%} of them something else moves as strongly; if it is a body of "
-            f"the scene, ask for more than {bodies} (--bodies), else leave its frames out "
+            f"the scene, ask for more than {settings.bodies} (--bodies), else leave its frames out "
             "(--start, --stop)"
+        )
+    if unseen.mean((0, 1)).max() > SELDOM and settings.shadow < 1:
+        notes.append(
+            "a body is often not seen; if it differs from what is behind it in brightness alone, "
+            "like a grey one, pass --shadow 1"
         )
     return motion, video, tuple(notes)
