@@ -157,6 +157,15 @@ def test_kicks_alone_are_no_heat_bath():
     assert found.kinds == {"trap"} and not found.leftover.explained
 
 
+@pytest.mark.parametrize("rate, explained", [(0.1, True), (0.4, False), (12.0, False)])
+def test_a_bath_is_believed_only_where_speeds_last_for_some_frames(rate, explained):
+    rate /= STEP
+    bath = Kind("fast", total(trapped, drag(rate, 1)), None, noise=np.sqrt(2 * rate * 0.3))
+    found = infer(record(bath, Setting(0.005, STEP, 1, 1), 16, 64))
+    assert found.leftover.explained == explained
+    assert ("record more often" in found.leftover.why) != explained
+
+
 @pytest.mark.parametrize("name", ["outside-magnetic", "outside-waning"])
 def test_what_the_menu_lacks_is_said_to_be_unexplained(name):
     found = infer(seen(name, 0.005, 2, 1, 8, 64))

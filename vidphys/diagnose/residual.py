@@ -19,6 +19,9 @@ PRICE = 1.5  # of each number of a probe, over Schwarz's half logarithm of the r
 EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
 SPREADS = 5.0  # and standard deviations of a mean square
 BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree
+# Frames that a speed must last against friction or a drive to be told; beside random kicks, which
+# the smoothing of paths takes for noise where they fade sooner, so that a temperature is too low.
+LASTING, LASTING_BESIDE_KICKS = 1.0, 4.0
 # Variances that are tried of what kicks do to a row, over that of the noise of a position.
 VARIANCES = np.concatenate([[0.0], np.geomspace(1e-5, 1e8, 40)])
 
@@ -192,8 +195,21 @@ def leftover(
     probes = _probe_gains(rows, chosen, places, ratio, floor)
     allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
     excess = fitted.variance / sigma**2
-    one_temperature = not ratio or _one_temperature(fitted, ratio * fitted.variance, field)
-    return _judged(excess, allowed, kicks.gain, smooth, probes, ratio, one_temperature)
+    doubt = ""
+    if ratio and not _one_temperature(fitted, ratio * fitted.variance, field):
+        doubt = "random kicks and friction do not belong to one temperature"
+    elif not _lasts(fitted, LASTING_BESIDE_KICKS if ratio else LASTING, windows):
+        doubt = "speeds change faster than frames show: record more often, or the tracks jump"
+    return _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
+
+
+def _lasts(fitted: Fitted, frames: float, windows: Windows) -> bool:
+    """Whether a speed lasts so many frames against what goes with it."""
+    law = fitted.structure.term(FRICTION)
+    if law is None or law.kind != "linear":
+        return True
+    interval = float(np.diff(windows.times).mean())
+    return abs(friction_rate(fitted)[0]) * interval * frames < 1
 
 
 def _one_temperature(fitted: Fitted, kicks: float, field: Field) -> bool:
@@ -250,15 +266,15 @@ def _judged(
     smooth: float,
     probes: dict[str, float],
     ratio: float,
-    one_temperature: bool,
+    doubt: str,
 ) -> Leftover:
     if probes:
         likeliest = max(probes, key=lambda name: probes[name])
         why = f"what is left over looks like {likeliest}"
     elif ratio and smooth > kicks:
         why = "what is left over changes smoothly: a force, not random kicks"
-    elif not one_temperature:
-        why = "random kicks and friction do not belong to one temperature"
+    elif doubt:
+        why = doubt
     elif not ratio and excess > allowed:
         why = f"the residual is {np.sqrt(excess):.2f} times the noise"
     else:
