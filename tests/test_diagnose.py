@@ -11,11 +11,12 @@ from vidphys.diagnose.changes import find_switch
 from vidphys.diagnose.diagnosis import diagnose, nothing_to_see
 from vidphys.diagnose.identity import check_identity
 from vidphys.diagnose.infer import infer
-from vidphys.diagnose.menu import FRICTIONS, external_terms
+from vidphys.diagnose.menu import FRICTIONS, external_terms, field_of
 from vidphys.diagnose.motion import Motion, motion_of
 from vidphys.diagnose.noise import measure_noise
 from vidphys.diagnose.paths import smooth
 from vidphys.diagnose.refine import refine
+from vidphys.diagnose.residual import _one_temperature
 from vidphys.diagnose.specification import read_specification, specification, terms_of
 from vidphys.diagnose.structures import Structure
 from vidphys.diagnose.windows import cut_windows
@@ -149,6 +150,15 @@ def test_a_friction_that_may_be_zero_is_not_named_for_the_kicks_it_came_with():
     described = specification(found, STEP)
     assert list(described["terms"]["ports"]) == []
     assert all(name.startswith("trap") for name in described["numbers"])
+
+
+def test_a_baths_friction_is_known_no_better_than_the_speeds_seen_allow():
+    found = infer(seen("langevin", 0.005, 3, 1, 8, 64))
+    sure = replace(found.fitted, covariance=1e-6 * found.fitted.covariance)
+    field = field_of(found.windows, sure.paths)
+    brief = replace(found.windows, times=found.windows.times / 40)  # 1.5 speeds are forgotten
+    assert _one_temperature(sure, found.kicks, field, found.windows)
+    assert not _one_temperature(sure, found.kicks, field, brief)
 
 
 def test_kicks_alone_are_no_heat_bath():

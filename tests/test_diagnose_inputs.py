@@ -68,6 +68,8 @@ def test_angles_pixels_and_given_names_are_told():
     assert detect_columns(["t", "u1", "v1"]).pixels
     found = detect_columns(["T_s", "left"], {"time": "T_s", "x": "left"})
     assert (found.time, found.coordinates) == ("T_s", (("left",),))
+    found = detect_columns(["t", "x1", "y1", "x2", "y2"], {"x": "x2", "y": "y2"})
+    assert (found.time, found.coordinates) == ("t", (("x2", "y2"),))
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from tests.test_diagnose import STEP, seen
+from vidphys.diagnose import diagnosis
 from vidphys.diagnose.answers import answer
-from vidphys.diagnose.changes import find_switch
+from vidphys.diagnose.changes import Switch, find_switch
+from vidphys.diagnose.diagnosis import nothing_to_see
 from vidphys.diagnose.infer import infer
-from vidphys.diagnose.motion import motion_of
+from vidphys.diagnose.motion import Unseen, motion_of
 from vidphys.diagnose.regression import gram_inverse
-from vidphys.diagnose.windows import LEAST, Unseen, cut_windows
+from vidphys.diagnose.windows import LEAST, cut_windows
+from vidphys.experiments.confusion import KINDS, Setting, record
 
 
 def hidden(motion, body, first, stop=None):
@@ -46,6 +49,24 @@ def test_no_switch_is_claimed_where_one_side_of_it_is_not_seen():
     motion = seen("trap", 0.002)
     late = hidden(motion, 0, 0, 40)
     assert find_switch(late, infer(motion)) is None
+
+
+@pytest.mark.parametrize("first", [16, 19])
+def test_a_body_that_crosses_the_picture_is_diagnosed_from_its_frames(first):
+    flight = record(KINDS["projectile"], Setting(0.002, STEP, 1, 0), 1, 80)
+    crossing = hidden(hidden(flight, 0, 0, first), 0, first + 40)
+    found = answer(crossing, False, 0.3)
+    assert found.data["terms"] == ["uniform"] and found.data["explained"]
+    assert nothing_to_see(hidden(hidden(flight, 0, 0, first), 0, first + 20)) == ""
+
+
+def test_a_switch_one_side_of_which_shows_too_little_is_none(monkeypatch):
+    motion = seen("trap", 0.002)
+    late = hidden(motion, slice(None), 0, 24)
+    switch = Switch(20, 20 * STEP, 9.0, {}, {})
+    monkeypatch.setattr(diagnosis, "find_switch", lambda motion, inference: switch)
+    found = diagnosis.diagnose(late)
+    assert found.switch is None and found.kinds == {"trap"}
 
 
 def test_tracks_with_hardly_a_frame_in_a_row_are_refused_in_words():

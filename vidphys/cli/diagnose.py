@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     from vidphys.trade.point import Point
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
+WRITTEN = (
+    "diagnosis.json",
+    "specification.json",
+    "tracks.csv",
+    "figures/diagnosis.svg",
+    "recordings/diagnosis.rrd",
+)
 ELSEWHERE = ("out", "profile", "overwrite", "quiet", "input", "trade")
 
 
@@ -38,7 +45,8 @@ class DiagnoseConfig:
         input: a table (CSV, Parquet, NPZ, motion-capture text) of times and positions, or a clip
             whose moving bodies a hand-made binder follows.
         out: the run folder.
-        columns: what columns of a table are, where their names do not tell: x1=LEFT time=T_S.
+        columns: what columns of a table are, where their names do not tell (x1=LEFT time=T_S), or
+            which of its bodies are looked at (x=x2 y=y2).
         interval: seconds between frames, where the table has no times.
         angles: the coordinates are joint angles in radians; told by names like theta otherwise.
         hold_out: share of one long recording, at its end, that nothing is fitted to and the
@@ -104,7 +112,8 @@ def diagnose(config: DiagnoseConfig) -> None:
         console.done(1)
         for line in (*loaded.notes, *found.lines):
             console.result(line)
-        console.result(f"written: {run.path / 'summary.txt'}, specification.json, recordings")
+        there = [name for name in WRITTEN if (run.path / name).exists()]
+        console.result(f"written: {run.path / 'summary.txt'}, {', '.join(there)}")
 
 
 def _measured(folder: Path) -> list[Point]:

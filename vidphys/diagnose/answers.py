@@ -105,8 +105,10 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
     Raises:
         ValueError: a recording that is too short.
     """
-    recorded, begin = motion, held_until(motion)
-    motion = motion.cut(begin)
+    recorded, (first, last) = motion, motion.shown()
+    held = held_until(motion.cut(first, last))
+    begin = first + held
+    motion = motion.cut(begin, last)
     total = motion.positions.shape[1]
     end = total
     if motion.clips == 1 and total - int(hold_out * total) > FEW:
@@ -124,7 +126,7 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         recorded.times[0],
         recorded.positions[0],
     )
-    if begin:
+    if held:
         _let_go(answered, motion, begin)
     if inference is None:
         return answered

@@ -10,12 +10,12 @@ import numpy as np
 from vidphys.diagnose.infer import NUMERICAL
 from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.menu import FRICTION, FRICTIONS, Term, field_of
-from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.paths import Paths, integrated, smooth
 from vidphys.diagnose.refine import refine
 from vidphys.diagnose.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.structures import Structure
-from vidphys.diagnose.windows import Unseen, Windows, cut_windows, windows_at
+from vidphys.diagnose.windows import Windows, cut_windows, windows_at
 
 PIECES = (8, 16)  # frames of the windows, at least and at most
 AT_FIRST, AROUND = 48, 2  # splits that are tried over the clip; on each side of the best, after it

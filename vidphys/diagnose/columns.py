@@ -50,7 +50,7 @@ def detect_columns(names: Sequence[str], given: Mapping[str, str] | None = None)
     Args:
         names: of all columns, in their order.
         given: what some columns are (``{"time": "T_s", "x1": "left"}``), where their names do
-            not tell.
+            not tell. Where coordinates are given, the table's others are left out.
 
     Raises:
         InputError: a column that was given is not there, or no coordinates were found.
@@ -64,7 +64,8 @@ def detect_columns(names: Sequence[str], given: Mapping[str, str] | None = None)
     told = {name: role for role, name in given.items()}
     called = {name: told.get(name, name.strip().lower()) for name in names}
     roles = {role: _first(called, (role, *usual)) for role, usual in ROLES.items()}
-    found = {name: COORDINATE.match(text) for name, text in called.items()}
+    chosen = {name for name, role in told.items() if COORDINATE.match(role)}
+    found = {name: COORDINATE.match(called[name]) for name in names if name in (chosen or names)}
     places = {name: match for name, match in found.items() if match}
     bodies = _bodies(places)
     if not bodies:

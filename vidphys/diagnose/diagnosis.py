@@ -13,7 +13,7 @@ from vidphys.diagnose.changes import Switch, find_switch
 from vidphys.diagnose.infer import infer
 from vidphys.diagnose.inference import Inference
 from vidphys.diagnose.longer import LongFit, last_look, looked_again
-from vidphys.diagnose.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.noise import Noise, measure_noise
 from vidphys.diagnose.power import infer_with_power
 from vidphys.diagnose.weigh import weigh
@@ -85,14 +85,23 @@ def diagnose(motion: Motion, angles: bool = False) -> Diagnosis:
         motion, inference = weighed.motion, weighed.inference
     switch = find_switch(motion, inference)
     if switch is not None:
-        halves = motion.cut(0, switch.frame), motion.cut(switch.frame)
-        parts = tuple(infer(half, angles) for half in halves)
-        if all(part.leftover.explained for part in parts):
+        parts = _parts(motion, switch, angles)
+        if parts and all(part.leftover.explained for part in parts):
             return Diagnosis(motion, noise, "", inference, switch, parts, power)
     look = last_look(motion, inference)
     if look is not None:
         inference = looked_again(inference, look)
     return Diagnosis(motion, noise, "", inference, power=power, look=look)
+
+
+def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:
+    """What is inferred before and after a switch; nothing where too little is seen of either."""
+    try:
+        return tuple(
+            infer(half, angles) for half in (motion.cut(0, switch.frame), motion.cut(switch.frame))
+        )
+    except Unseen:
+        return ()
 
 
 def nothing_to_see(motion: Motion) -> str:
@@ -108,11 +117,8 @@ def nothing_to_see(motion: Motion) -> str:
     spread = np.nanmax(np.nanstd(motion.positions, axis=1))
     if not spread > STILL * np.nanmax(np.abs(motion.positions)):
         return "nothing moves"
-    stretches = []
-    for first in range(0, frames - size + 1, size):
-        x = motion.positions[:, first : first + size].transpose(0, 2, 3, 1).reshape(-1, size)
-        stretches.append(x[np.isfinite(x).all(1)])
-    if not sum(map(len, stretches)):
+    stretches = _stretches(motion, size)
+    if not stretches:
         return f"no body is seen in {size} frames in a row; a force cannot show"
     rng = np.random.default_rng(0)
     slow = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
@@ -126,6 +132,22 @@ def nothing_to_see(motion: Motion) -> str:
             "them, or the frames are out of order"
         )
     return ""
+
+
+def _stretches(motion: Motion, size: int) -> list[np.ndarray]:
+    """Coordinates ``(k, size)`` of so many frames in a row that show a body: first, next, ..."""
+    pieces: dict[int, list[np.ndarray]] = {}
+    for path, seen in zip(motion.positions, motion.seen, strict=True):
+        for body in range(motion.bodies):
+            ends = np.flatnonzero(np.diff(seen[:, body], prepend=False, append=False))
+            starts = [
+                first
+                for begin, end in ends.reshape(-1, 2)
+                for first in range(begin, end - size + 1, size)
+            ]
+            for number, first in enumerate(starts):
+                pieces.setdefault(number, []).append(path[first : first + size, body].T)
+    return [np.concatenate(pieces[number]) for number in sorted(pieces)]
 
 
 def _smoothness(stretches: list[np.ndarray], slow: np.ndarray) -> float:

@@ -9,6 +9,10 @@ import numpy as np
 LEAST_FRAMES = 8
 
 
+class Unseen(ValueError):
+    """No stretch of a recording shows all bodies."""
+
+
 @dataclass(frozen=True)
 class Motion:
     """Positions of bodies in one or several clips.
@@ -68,6 +72,11 @@ class Motion:
     def seen(self) -> np.ndarray:
         """Which bodies were seen in which frame, ``(e, t, n)``."""
         return np.isfinite(self.positions).all(-1)
+
+    def shown(self) -> tuple[int, int]:
+        """First frame in which a body was seen, and the frame after the last; of any clip."""
+        frames = np.flatnonzero(self.seen.any((0, 2)))
+        return (int(frames[0]), int(frames[-1]) + 1) if len(frames) else (0, 0)
 
     def reversed(self) -> Motion:
         """The same clips run backwards."""

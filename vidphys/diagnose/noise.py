@@ -7,7 +7,7 @@ from math import comb
 
 import numpy as np
 
-from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.motion import Motion, Unseen
 
 ORDERS = range(3, 8)
 SEEN = 3.0  # times its own noise, from which a speed counts as visible in one frame interval
@@ -58,6 +58,9 @@ def measure_noise(motion: Motion) -> Noise:
 
     A difference of order k of smooth motion shrinks with the frame interval to the power k, that
     of independent noise of variance s^2 has the variance s^2 binomial(2k, k).
+
+    Raises:
+        Unseen: too few frames in a row show a body.
     """
     best = None
     for order in ORDERS:
@@ -68,7 +71,7 @@ def measure_noise(motion: Motion) -> Noise:
         if best is None or sigma < best[0]:
             best = (sigma, order)
     if best is None:
-        raise ValueError(
+        raise Unseen(
             f"no body is seen in {ORDERS[0] + 1} evenly spaced frames in a row, often enough to "
             "tell its motion from noise; follow fewer bodies, or use another part of the recording"
         )

@@ -196,7 +196,7 @@ def leftover(
     allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
     excess = fitted.variance / sigma**2
     doubt = ""
-    if ratio and not _one_temperature(fitted, ratio * fitted.variance, field):
+    if ratio and not _one_temperature(fitted, ratio * fitted.variance, field, windows):
         doubt = "random kicks and friction do not belong to one temperature"
     elif not _lasts(fitted, LASTING_BESIDE_KICKS if ratio else LASTING, windows):
         doubt = "speeds change faster than frames show: record more often, or the tracks jump"
@@ -212,12 +212,15 @@ def _lasts(fitted: Fitted, frames: float, windows: Windows) -> bool:
     return abs(friction_rate(fitted)[0]) * interval * frames < 1
 
 
-def _one_temperature(fitted: Fitted, kicks: float, field: Field) -> bool:
+def _one_temperature(fitted: Fitted, kicks: float, field: Field, windows: Windows) -> bool:
     """Whether kicks and friction balance at about the temperature at which the bodies move.
 
-    A friction that may be zero balances no kicks at all.
+    A friction that may be zero balances no kicks at all, and none is known better than the speeds
+    that it makes forget allow: to sqrt(2 rate / time) in each coordinate.
     """
     rate, error = friction_rate(fitted)
+    seen = float((windows.length[:, None] * windows.seen.mean(1)).sum()) * field.v.shape[-1]
+    error = max(error, float(np.sqrt(2 * max(rate, 0.0) / seen)))
     if rate <= NORMAL_95 * error:
         return False
     kinetic = float((field.v**2 * field.mass[:, None, :, None]).mean())

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from vidphys.diagnose.motion import Motion
+from vidphys.diagnose.motion import Motion, Unseen
 
 LEAST = 5  # frames of a body in a window, below which it tells nothing of its acceleration
 NODES_PER_FRAME = 1.5
@@ -25,10 +25,6 @@ NODES = (16, 48)
 FEW = 64  # frames of a window above which there is one node for each
 SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
-
-
-class Unseen(ValueError):
-    """No stretch of a recording shows all bodies."""
 
 
 @dataclass(frozen=True)
