@@ -126,8 +126,10 @@ def test_a_swing_without_a_wall_has_none():
 
 
 def test_bounces_are_said_rolled_on_and_changed():
-    given = answer(recorded(), False, 0.3)
-    assert "wall" in given.data and "a wall" in "\n".join(given.lines)
+    given = answer(recorded(sign=-1.0), False, 0.3)
+    told = given.data["wall"]
+    assert told["axis"] == "x" and told["place"] == pytest.approx(-TRUE.place, abs=0.01)
+    assert f"strikes x = {told['place']:.4g}" in "\n".join(given.lines)
     described = given.specification
     assert described["explained"] and described["numbers"]["wall: restitution"]["value"] < 0.87
     errors = {k: v for k, v in given.numbers.items() if k.startswith("forecast_rmse")}

@@ -223,7 +223,9 @@ def _draw(
     from viz.figures import save_svg
     from viz.recording import write_overlay_recording
 
-    figure = diagnosis_figure(found.times, found.positions, found.probability, found.rolled)
+    figure = diagnosis_figure(
+        found.times, found.positions, found.probability, found.rolled, found.data.get("wall")
+    )
     save_svg(figure, run.path / "figures" / "diagnosis.svg")
     arrays = found.showcase(frames)
     if arrays is not None:

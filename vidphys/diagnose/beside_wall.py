@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from vidphys.diagnose.wall import WallFit, find_wall
 from vidphys.statistics import NORMAL_95
 
 SAMPLES = 600  # of a changed law
+OF_THE_SCENE = ("restitution", "stiffness", "pull", "rate")  # a wall's numbers beside its place
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,15 @@ class BesideWall:
         return f"{name if said is None else said} {value} ± {interval:.1g}".strip()
 
     def data(self) -> dict[str, Any]:
-        """As JSON."""
-        known = {name: error for name, error in self.fit.errors.items() if np.isfinite(error)}
-        return {**asdict(self.fit.wall), "errors": known, "bounces": self.fit.count}
+        """As JSON; the place as recorded, the pull positive towards the wall."""
+        wall, errors = self.fit.wall, self.fit.errors
+        return {
+            "axis": "xyz"[self.fit.axis],
+            "place": self.fit.sign * wall.place,
+            **{name: getattr(wall, name) for name in OF_THE_SCENE},
+            "errors": {k: errors[k] for k in ("place", *OF_THE_SCENE) if np.isfinite(errors[k])},
+            "bounces": self.fit.count,
+        }
 
     def forecast(self) -> Validation | None:
         """The tail beside simple forecasts; ``None`` where there is none to speak of.
