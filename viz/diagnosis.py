@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from viz.legend import named_handles
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -47,18 +49,8 @@ def diagnosis_figure(
             axes[k].sharex(axes[0])
             if wall is not None and names[k] == wall["axis"]:
                 axes[k].axhline(wall["place"], color=WALL, lw=1, zorder=0, label="wall")
-        handles = {
-            name: line
-            for axis in axes[:rows]
-            for line, name in zip(*axis.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend(
-            list(handles.values()),
-            list(handles),
-            loc="outside upper center",
-            ncols=len(handles),
-            frameon=False,
-        )
+        handles, labels = named_handles(axes[:rows])
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
         axes[rows - 1].set_xlabel("seconds")
         _terms(axes[rows], probability, wall is not None)
     return figure

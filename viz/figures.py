@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from viz.legend import named_handles
 from viz.summary import Line, Records, median
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -242,14 +242,11 @@ def _drift_lines(axes: Axes, records: Records, line: Line) -> str:
 
 
 def _legend(figure: Figure, panels: list[Axes]) -> None:
-    handles: dict[str, Artist] = {}
-    for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
+    handles, labels = named_handles(panels)
     if handles:
         figure.legend(
-            list(handles.values()),
-            list(handles),
+            handles,
+            labels,
             loc="outside upper left" if figure.get_layout_engine() else "upper left",
             ncols=4,
             frameon=False,

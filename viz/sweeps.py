@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from viz.figures import FAINT, INK, SPARE, STYLES
+from viz.legend import named_handles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,8 +49,7 @@ def sweep_figure(sweep: Mapping[str, Any], records: Rows) -> Figure | None:
             _levels(ax, panel, lines, names)
         ax.spines[["top", "right"]].set_visible(False)
     if sweep["along"]:
-        handles, labels = _legend(axes)
-        figure.legend(handles, labels, fontsize=8, frameon=False, loc="center right")
+        figure.legend(*named_handles(axes), fontsize=8, frameon=False, loc="center right")
     longest = 0.3 + 0.075 * max(map(len, names))  # inches that a name takes
     _margins(figure, 0.9 if sweep["along"] else longest, longest + 0.4 if sweep["along"] else 0.2)
     return figure
@@ -168,12 +168,3 @@ def _levels(
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.grid(axis="x", color="#e6e9ec", lw=0.6)
-
-
-def _legend(axes: Sequence[Axes]) -> tuple[list[Any], list[str]]:
-    """One entry a name, whichever panels it is in."""
-    found: dict[str, Any] = {}
-    for ax in axes:
-        handles, labels = ax.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
-    return list(found.values()), list(found)

@@ -11,8 +11,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from viz.figures import _TEXT, FAINT, INK, SPARE, STYLES
+from viz.legend import named_handles
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -140,23 +142,23 @@ def _grid(count: int) -> tuple[Figure, list[Axes]]:
 
 
 def _name(figure: Figure, panels: Sequence[Axes], by: str) -> None:
-    handles = _handles(panels)
+    handles, labels = named_handles(panels)
     if len(handles) > 1:
-        _beside(figure, handles, by)
+        _beside(figure, handles, labels, by)
 
 
 def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    _beside(figure, _handles(panels), None)
+    _beside(figure, *named_handles(panels), None)
 
 
-def _beside(figure: Figure, handles: Mapping[str, Any], title: str | None) -> None:
+def _beside(figure: Figure, handles: list[Artist], labels: list[str], title: str | None) -> None:
     """A narrow legend beside the panels, which keep their size: the figure grows by it."""
     width, height = figure.get_size_inches()
-    longest = max(len(label) for label in (*handles, title or ""))
+    longest = max(len(label) for label in (*labels, title or ""))
     figure.set_size_inches(width + 0.5 + 0.075 * longest, height)
     figure.legend(
-        list(handles.values()),
-        list(handles),
+        handles,
+        labels,
         title=title,
         loc="outside right upper",
         frameon=False,
@@ -164,11 +166,3 @@ def _beside(figure: Figure, handles: Mapping[str, Any], title: str | None) -> No
         title_fontsize=8,
         labelcolor=FAINT,
     )
-
-
-def _handles(panels: Sequence[Axes]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return found
