@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
 WRITTEN = (
+    "summary.txt",
     "diagnosis.json",
     "specification.json",
     "tracks.csv",
@@ -112,8 +113,8 @@ def diagnose(config: DiagnoseConfig) -> None:
         console.done(1)
         for line in (*loaded.notes, *found.lines):
             console.result(line)
-        there = [name for name in WRITTEN if (run.path / name).exists()]
-        console.result(f"written: {run.path / 'summary.txt'}, {', '.join(there)}")
+        summary, *others = (name for name in WRITTEN if (run.path / name).exists())
+        console.result(f"written: {run.path / summary}, {', '.join(others)}")
 
 
 def _measured(folder: Path) -> list[Point]:
@@ -178,10 +179,11 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     from vidphys.diagnose.tables import write_tracks
     from vidphys.runs.atomic import write_json, write_with
 
+    for name in WRITTEN:  # perhaps by an earlier answer, which had more to say
+        (run.path / name).unlink(missing_ok=True)
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
     write_with(run.path / "summary.txt", lambda path: _write(path, text))
     write_json(run.path / "diagnosis.json", found.data)
-    (run.path / "specification.json").unlink(missing_ok=True)  # perhaps of an earlier answer
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
     if config.input.suffix.lower() in VIDEOS:

@@ -15,6 +15,7 @@ from vidphys.cli.seeing import SeeingOptions
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from binders.motion import MotionSettings
     from vidphys.data.dataset import Dataset
     from vidphys.experiments.training import TrainSettings
     from vidphys.reader import Layer, LoadedEncoder
@@ -102,11 +103,13 @@ def train(config: TrainConfig) -> int:
             that are missing or wrong, a device that is not there, or another run in the folder.
     """
     config = with_profile(config, "train")
+    from vidphys.cli.binder import binder_settings
     from vidphys.data.dataset import find_dataset
     from vidphys.reader import load_layers
     from vidphys.runs.folder import RunFolder
 
     _check(config)
+    binder = binder_settings(config.bodies, config.shadow)
     check_cuda(config.device)
     if config.specification is not None:
         from vidphys.cli.specified import train_on_tracks
@@ -123,7 +126,7 @@ def train(config: TrainConfig) -> int:
     with run.locked(), Console(config.quiet, 4, "train") as console:
         if not run.is_done(part):
             try:
-                _train(config, dataset, encoders, run, console)
+                _train(config, dataset, encoders, binder, run, console)
             except InputError:
                 run.abandon()
                 raise
@@ -135,9 +138,6 @@ def train(config: TrainConfig) -> int:
 
 
 def _check(config: TrainConfig) -> None:
-    from vidphys.cli.binder import binder_settings
-
-    binder_settings(config.bodies, config.shadow)
     counts = ("seeds", "steps", "batch", "head_steps")
     for name, least in (*((name, 1) for name in counts), ("patience", 0), ("shift", 0)):
         if getattr(config, name) < least:
@@ -193,11 +193,11 @@ def _train(
     config: TrainConfig,
     dataset: Dataset,
     encoders: dict[Layer, LoadedEncoder],
+    binder: MotionSettings,
     run: RunFolder,
     console: Console,
 ) -> None:
     from encoders.store import FeatureStore
-    from vidphys.cli.binder import binder_settings
     from vidphys.cli.recordings import record_training
     from vidphys.data.seen_clips import see
     from vidphys.experiments.training import perceive, understand
@@ -209,9 +209,8 @@ def _train(
 
     settings, checkpoints = _settings(config), run.checkpoints("training")
     selection = settings.selection
-    motion = binder_settings(config.bodies, config.shadow)
     try:
-        clips = see(dataset, encoders, FeatureStore(config.store), selection, motion, stage)
+        clips = see(dataset, encoders, FeatureStore(config.store), selection, binder, stage)
         console.done(0)
         perceived = perceive(clips, dataset, encoders, settings, checkpoints, stage)
         console.done(1)
