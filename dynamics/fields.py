@@ -19,6 +19,11 @@ class UniformField(nn.Module):
         super().__init__()
         self.acceleration = nn.Parameter(torch.zeros(space))
 
+    def start_at(self, acceleration: list[float]) -> None:
+        """Begin training at this acceleration, ``(d,)``."""
+        with torch.no_grad():
+            self.acceleration.copy_(torch.tensor(acceleration))
+
     def energy(self, q: Tensor, params: Parameters) -> Tensor:
         return -(params.mass * (q @ self.acceleration.to(q.dtype))).sum(-1)
 

@@ -73,6 +73,19 @@ class Friction(Port):
             start = SLOW if strength == "positive" else 0.0
             self.raw = nn.Parameter(torch.tensor(start))
 
+    def start_at(self, gamma: float) -> None:
+        """Begin training at this coefficient, or multiple of the one told; nothing if ``known``.
+
+        A strength that is positive by construction takes one above zero.
+        """
+        if self.strength == "known":
+            return
+        value = torch.tensor(gamma)
+        if self.strength != "free":
+            value += torch.log(-torch.expm1(-value))  # softplus inverted, where exp overflows too
+        with torch.no_grad():
+            self.raw.copy_(value)
+
     def coefficient(self, params: Parameters) -> Tensor:
         """The coefficient gamma of each episode, ``(...)``, or ``()`` where all have the same."""
         if self.strength == "free":
