@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.test_diagnose_wall import STEP, TRUE, stepped
 from vidphys.diagnose.answers import answer
 from vidphys.diagnose.motion import motion_of
-from vidphys.diagnose.release import held_until
+from vidphys.diagnose.release import free_frames, held_until
 
 FRAMES = 120
 NOISE = 0.001
@@ -62,6 +62,13 @@ def test_moving_or_unseen_or_resting_bodies_are_not_held():
 def test_one_moving_body_is_enough_to_see_that_none_is_held():
     both = np.stack([falling(30, 2.0), falling(0, 2.0)], 1)
     assert held_until(motion_of(both[None], STEP)) == 0
+
+
+def test_a_hold_is_counted_from_where_the_body_is_first_seen():
+    whole = recorded(falling(30, 2.0))
+    first, stop = free_frames(whole)
+    path = np.pad(whole.positions, ((0, 0), (7, 5), (0, 0), (0, 0)), constant_values=np.nan)
+    assert first >= 30 and free_frames(motion_of(path, STEP)) == (first + 7, stop + 7)
 
 
 @pytest.fixture(scope="module")

@@ -52,3 +52,14 @@ def test_a_bouncing_ball_is_foretold_as_well_in_pixels_and_milliseconds():
         errors.append(trained.error / unit)
         assert trained.error < 0.2 * trained.still
     assert errors[1] == pytest.approx(errors[0], rel=0.05)
+
+
+def test_standing_still_is_where_a_body_was_last_seen():
+    motion = thrown()
+    found = answer(motion, False, 0.3).specification
+    terms = HamiltonianTerms(potential="none", uniform=True, wall=tuple(found["terms"]["wall"]))
+    shown = motion.positions[0, 81].copy()
+    motion.positions[0, 82:84] = np.nan
+    trained = train_specified(terms, found, motion, 84, 1, 0)
+    away = np.linalg.norm(motion.positions[0, 84:] - shown, axis=-1)
+    assert trained.still == pytest.approx(np.sqrt((away**2).mean()), rel=1e-4)

@@ -11,7 +11,7 @@ from vidphys.errors import InputError
 if TYPE_CHECKING:
     from vidphys.cli.train import TrainConfig
 
-TRAINED = ("head_steps", "seed", "train_share", "device")
+TRAINED = ("head_steps", "seed", "train_share", "start", "stop", "device")
 
 
 def train_on_tracks(config: TrainConfig) -> int:
@@ -25,7 +25,7 @@ def train_on_tracks(config: TrainConfig) -> int:
     """
     from dynamics.build import parameter_count
     from dynamics.terms import to_config
-    from vidphys.diagnose.release import held_until
+    from vidphys.diagnose.release import free_frames
     from vidphys.diagnose.specification import read_specification
     from vidphys.diagnose.tables import read_motion
     from vidphys.runs import checkpoint
@@ -38,7 +38,7 @@ def train_on_tracks(config: TrainConfig) -> int:
     terms, held = read_specification(config.specification)
     motion = read_motion(config.data, interval=float(held["interval_seconds"])).motion
     motion = motion.cut(config.start, config.stop)
-    motion = motion.cut(held_until(motion))
+    motion = motion.cut(*free_frames(motion))
     end = round(config.train_share * motion.positions.shape[1])
     about = {
         **{name: getattr(config, name) for name in TRAINED},

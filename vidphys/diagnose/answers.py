@@ -21,7 +21,7 @@ from vidphys.diagnose.forecast import (
 from vidphys.diagnose.identity import check_identity
 from vidphys.diagnose.longer import LongFit
 from vidphys.diagnose.motion import LEAST_FRAMES, Motion
-from vidphys.diagnose.release import held_until
+from vidphys.diagnose.release import free_frames
 from vidphys.diagnose.report import ASKED, as_data, summary
 from vidphys.diagnose.specification import specification
 from vidphys.diagnose.spectrum import Mode, distinct, modes_of_data, modes_of_model
@@ -105,10 +105,8 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
     Raises:
         ValueError: a recording that is too short.
     """
-    recorded, (first, last) = motion, motion.shown()
-    held = held_until(motion.cut(first, last))
-    begin = first + held
-    motion = motion.cut(begin, last)
+    recorded, (begin, stop) = motion, free_frames(motion)
+    motion = motion.cut(begin, stop)
     total = motion.positions.shape[1]
     end = total
     if motion.clips == 1 and total - int(hold_out * total) > FEW:
@@ -126,7 +124,7 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         recorded.times[0],
         recorded.positions[0],
     )
-    if held:
+    if begin > recorded.shown()[0]:
         _let_go(answered, motion, begin)
     if inference is None:
         return answered

@@ -17,6 +17,12 @@ STILL = 4.0  # times the noise of a position, within which a body has not moved
 SUDDEN = 3.0  # times farther than from rest a body is after twice the frames, if it was held
 
 
+def free_frames(motion: Motion) -> tuple[int, int]:
+    """First frame in which bodies are seen that nothing holds, and the one after the last."""
+    first, last = motion.shown()
+    return first + held_until(motion.cut(first, last)), last
+
+
 def held_until(motion: Motion) -> int:
     """First frame in which a body has moved, after all were held still; 0 where none was.
 

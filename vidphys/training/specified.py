@@ -62,14 +62,12 @@ class Units:
         known = {name: float(number["value"]) for name, number in numbers.items()}
         field = self.length / self.seconds**2
         rate = {"linear": 1 / self.seconds, "square": 1 / self.length, "dry": field}
-        with torch.no_grad():
-            for part in head.modules():
-                if isinstance(part, UniformField):
-                    for axis, name in zip(range(len(part.acceleration)), "xyz", strict=False):
-                        part.acceleration[axis] = known.get(f"uniform: {name}", 0.0) / field
-                elif isinstance(part, Friction) and f"{part.law}: rate" in known:
-                    value = torch.tensor(known[f"{part.law}: rate"] / rate[part.law])
-                    part.raw.copy_(value if part.strength == "free" else _inverse_softplus(value))
+        for part in head.modules():
+            if isinstance(part, UniformField):
+                found = [known.get(f"uniform: {name}", 0.0) / field for name in "xyz"]
+                part.start_at(found[: len(part.acceleration)])
+            elif isinstance(part, Friction) and f"{part.law}: rate" in known:
+                part.start_at(known[f"{part.law}: rate"] / rate[part.law])
 
 
 @dataclass(frozen=True)
@@ -137,10 +135,6 @@ def train_specified(
     return Trained(head, units, units.length * error, units.length * still)
 
 
-def _inverse_softplus(value: torch.Tensor) -> torch.Tensor:
-    return value + torch.log(-torch.expm1(-value))  # finite where exp(value) is not
-
-
 def _check(terms: HamiltonianTerms, held: Mapping[str, Any], motion: Motion) -> None:
     if (motion.bodies, motion.space) != (held["bodies"], held["space"]):
         raise InputError(
@@ -162,7 +156,7 @@ def _foretold(
     interval: float,
     end: int,
 ) -> tuple[float, float]:
-    """Root mean squared distances in the tail: of the model, and of a body that stays."""
+    """Root mean squared distances in the tail: of the model, and of a body last seen that stays."""
     times = interval * torch.arange(end)
     start = by_shooting(head, Tracks(positions[:, :end], sure[:, :end], times), params, interval)
     dt, every = model_step(interval)
@@ -174,4 +168,6 @@ def _foretold(
         squared = ((path - seen) ** 2).sum(-1)
         return float(((squared * weight).sum() / weight.sum()).sqrt())
 
-    return error(rolled), error(positions[:, end - 1 : end].expand_as(seen))
+    last = (sure[:, :end] * torch.arange(1, end + 1)[:, None]).argmax(1)  # frame, of each body
+    still = positions[torch.arange(len(last))[:, None], last, torch.arange(last.shape[1])]
+    return error(rolled), error(still[:, None].expand_as(seen))
