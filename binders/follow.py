@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 REACH = 4.0
 LONGEST_COAST = 5
+STARTS = 8
 FAINT = 0.15
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 
@@ -48,27 +49,46 @@ class Path:
 
 
 def follow(blobs: list[Blobs], bodies: int) -> Path:
-    """Follow the ``bodies`` strongest blobs from the clearest frame to both ends of the clip.
+    """Follow the ``bodies`` strongest blobs of a frame to both ends of the clip.
 
     A body takes the blob nearest to where it would be without acceleration, within a reach of
-    four radii plus twice what it moves in a frame (it may bounce); the stronger blob is preferred,
-    and one far fainter than the body has been is not the body.
+    four radii plus twice what it has moved since it was seen (it may bounce); the stronger blob is
+    preferred, and one far fainter than the body has been is not the body. Of several starts, the
+    clearest frame of each part of the clip, the one counts whose bodies are seen most, beside what
+    else moves.
 
     Raises:
         ValueError: there is no frame with so many blobs.
     """
     clearest = [np.sort(b.energy)[-bodies] if len(b.energy) >= bodies else 0.0 for b in blobs]
-    start = int(np.argmax(clearest))
-    if clearest[start] == 0.0:
+    if not any(clearest):
         raise ValueError(
             f"follow: no frame shows {bodies} moving bodies; check the number of bodies, or keep "
             "changes of brightness (shadow 1)"
         )
+    clear = STRONG * np.median([energy for energy in clearest if energy])
+    parts = np.array_split(range(len(blobs)), min(STARTS, len(blobs)))
+    starts = [int(max(part, key=clearest.__getitem__)) for part in parts]
+    found = [_followed(blobs, bodies, start) for start in starts if clearest[start] >= clear]
+    return _gather(blobs, max(found, key=lambda chosen: _seen(blobs, chosen)))
+
+
+def _followed(blobs: list[Blobs], bodies: int, start: int) -> np.ndarray:
+    """Number of each body's blob, ``(t, n)``; -1 where it has none."""
     chosen = np.full((len(blobs), bodies), -1)
     chosen[start] = np.argsort(-blobs[start].energy)[:bodies]
     _walk(blobs, chosen, range(start + 1, len(blobs)), start)
     _walk(blobs, chosen, range(start - 1, -1, -1), start)
-    return _gather(blobs, chosen)
+    return chosen
+
+
+def _seen(blobs: list[Blobs], chosen: np.ndarray) -> float:
+    """Frames in which the bodies are seen, each by its energy over that of the strongest blob."""
+    return sum(
+        float(blob.energy[mine[mine >= 0]].sum() / blob.energy.max())
+        for blob, mine in zip(blobs, chosen, strict=True)
+        if len(blob.energy)
+    )
 
 
 def _walk(blobs: list[Blobs], chosen: np.ndarray, order: range, start: int) -> None:
@@ -77,10 +97,12 @@ def _walk(blobs: list[Blobs], chosen: np.ndarray, order: range, start: int) -> N
     radius = blobs[start].radius[chosen[start]]
     energy = blobs[start].energy[chosen[start]]
     speed = np.zeros_like(here)
+    fastest = np.zeros(len(here))
     unseen = np.zeros(len(here))
     for frame in order:
         here = here + speed
-        reach = REACH * radius * (1 + unseen) + 2 * np.linalg.norm(speed, axis=-1)
+        fastest = np.where(unseen > LONGEST_COAST, fastest, np.linalg.norm(speed, axis=-1))
+        reach = REACH * radius + 2 * fastest * (1 + unseen)
         found = _assign(blobs[frame], here, reach, FAINT * energy)
         seen = found >= 0
         new = np.where(seen[:, None], blobs[frame].centre[found], here) if seen.any() else here

@@ -190,8 +190,15 @@ def _threshold(change: np.ndarray) -> float:
 
 
 def _blobs(change: np.ndarray, threshold: float, settings: MotionSettings) -> Blobs:
-    """The compact regions of a frame that changed most, with their weighted centroids."""
+    """The compact regions of a frame that changed most, with their weighted centroids.
+
+    One that the picture's edge cuts is left out: the middle of what is seen of it is not its own,
+    and it may be the hand or the person that set things going.
+    """
     core = ndimage.binary_opening(change > threshold, np.ones((settings.thin,) * 2, bool))
+    edge = np.ones(core.shape, bool)
+    edge[1:-1, 1:-1] = False
+    core &= ~ndimage.binary_propagation(core & edge, mask=core)
     labels, count = ndimage.label(core)
     y, x = np.nonzero(core)
     label, change = labels[y, x] - 1, change[y, x]

@@ -171,6 +171,50 @@ def test_a_faint_or_far_blob_is_not_the_body() -> None:
     np.testing.assert_array_equal(path.confidence[:, 0], [1, 1, 0, 0, 1])
 
 
+def test_a_body_that_is_lost_does_not_become_another() -> None:
+    """However long it is not seen, it comes back where it can have got to."""
+    gone = [none()] * 12
+    slow = [one(x) for x in (0, 1, 2, 3, 4)]
+    path = follow([*slow, *gone, *[one(80)] * 3], 1)
+    np.testing.assert_array_equal(path.confidence[:5, 0], 1)
+    np.testing.assert_array_equal(path.confidence[5:, 0], 0)
+    path = follow([*slow, *gone, one(17), one(18), one(19)], 1)
+    np.testing.assert_array_equal(path.confidence[-3:, 0], 1)
+
+
+def test_what_is_strong_for_a_while_is_not_what_is_there_all_the_time() -> None:
+    def both(x: float) -> Blobs:
+        return Blobs(np.array([[x, 0.0], [300.0, 0.0]]), np.array([100.0, 400.0]), np.full(2, 2.0))
+
+    path = follow([one(x) if x < 30 else both(x) for x in range(40)], 1)
+    np.testing.assert_array_equal(path.positions[:, 0, 0], range(40))
+    assert path.others == 0.25
+
+
+def test_a_hand_that_reaches_into_the_picture_is_no_body() -> None:
+    """Its middle is not in the picture; it threw the body up and is drawn back."""
+    t = np.arange(FRAMES)
+    ball = np.stack([60 + 0.2 * t, 25 + 0.06 * (t - 30.0) ** 2], 1)
+    frames = draw(ball[:, None], still(), shade=0, strings=False)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    for frame, when in zip(frames, t, strict=True):
+        frame[(np.abs(x - 100) < 8) & (y > HEIGHT - 40 + 2 * when)] = (90, 160, 60)
+    found = bind_motion(frames, times(), MotionSettings())
+    error = np.linalg.norm(pixels(found)[:, 0] - ball, axis=-1)
+    assert (found.tracks.confidence > 0.3).all() and error.max() < 1.0
+    assert found.others == 0
+
+
+def test_a_body_that_the_edge_cuts_is_not_seen() -> None:
+    t = np.arange(FRAMES)
+    path = np.stack([-10 + 3.0 * t, 30 + 0 * t], 1)
+    found = bind_motion(draw(path[:, None], still(), 0, False), times(), MotionSettings())
+    seen = found.tracks.confidence[0, :, 0].numpy() > 0
+    whole = (path[:, 0] > 5) & (path[:, 0] < WIDTH - 6)
+    assert (seen == whole).mean() > 0.95 and not seen[~whole & (path[:, 0] < 3)].any()
+    assert np.abs(pixels(found)[seen, 0, 0] - path[seen, 0]).max() < 1.0
+
+
 def test_a_bounce_is_followed() -> None:
     x = [0, 6, 12, 18, 12, 6, 0]
     path = follow([one(v) for v in x], 1)

@@ -124,8 +124,7 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         recorded.times[0],
         recorded.positions[0],
     )
-    if begin > recorded.shown()[0]:
-        _let_go(answered, motion, begin)
+    _left_out(answered, recorded, begin)
     if inference is None:
         return answered
     answered.probability.update({kind: inference.chance(kind) for kind in ASKED})
@@ -168,14 +167,22 @@ def _advice(
     return with_measured(by_rule, motion, found.noise, points) if points else by_rule
 
 
-def _let_go(answered: Answered, motion: Motion, begin: int) -> None:
-    """Say which frames were left out, because something held the bodies in them."""
-    time = float(motion.times[0, 0])
-    answered.data["held_until"] = {"frame": begin, "time": time}
-    noun = "body is" if motion.bodies == 1 else "bodies are"
-    answered.lines.insert(
-        0, f"The {noun} held still until {time:.3g} s (frame {begin}); only the rest is looked at."
-    )
+def _left_out(answered: Answered, recorded: Motion, begin: int) -> None:
+    """Say which frames were left out, because they show no body or something holds it there."""
+    first, stop = recorded.shown()
+    noun = "body is" if recorded.bodies == 1 else "bodies are"
+    if begin > first:
+        time = float(recorded.times[0, begin])
+        answered.data["held_until"] = {"frame": begin, "time": time}
+        held = (
+            f"The {noun} held still until {time:.3g} s (frame {begin}); only the rest is looked at."
+        )
+        answered.lines.insert(0, held)
+    frames = recorded.positions.shape[1]
+    if stop - first < frames:
+        answered.data["shown"] = {"first": first, "last": stop - 1}
+        shown = f"The {noun} in view from frame {first} to {stop - 1} of {frames}."
+        answered.lines.insert(0, shown)
 
 
 def _rolled_on(answered: Answered, motion: Motion, end: int, look: LongFit) -> None:
