@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 REACH = 4.0
-LONGEST_COAST = 5
-STARTS = 8
+LONGEST_COAST = 5  # frames in a row in which a body that is not seen goes on
+STARTS = 8  # parts of the clip in which it is tried to begin
 FAINT = 0.15
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 
@@ -63,8 +63,8 @@ def follow(blobs: list[Blobs], bodies: int) -> Path:
     clearest = [np.sort(b.energy)[-bodies] if len(b.energy) >= bodies else 0.0 for b in blobs]
     if not any(clearest):
         raise ValueError(
-            f"follow: no frame shows {bodies} moving bodies; check the number of bodies, or keep "
-            "changes of brightness (shadow 1)"
+            f"follow: no frame shows {bodies} moving bodies that its edge does not cut; check the "
+            "number of bodies, or keep changes of brightness (shadow 1)"
         )
     clear = STRONG * np.median([energy for energy in clearest if energy])
     parts = np.array_split(range(len(blobs)), min(STARTS, len(blobs)))
