@@ -209,7 +209,8 @@ def _drifts(records: Records, lines: list[Line]) -> bool:
 def _drift_panel(axes: Axes, records: Records, rung: str, lines: list[Line]) -> None:
     axes.set(xscale="log", yscale="log")
     axes.set_title(rung, fontsize=9, loc="left")
-    axes.set_xticks(records.horizons, [f"{h:,}" for h in records.horizons], fontsize=9)
+    short = [f"{h / 1000:g}k" if h >= 1000 else str(h) for h in records.horizons]
+    axes.set_xticks(records.horizons, short, fontsize=9)
     axes.minorticks_off()
     axes.grid(color="#eeeeee", lw=0.8)
     axes.set_axisbelow(True)
