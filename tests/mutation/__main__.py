@@ -38,26 +38,26 @@ PACKAGES = (
 PHYSICS = ["dynamics", "vidphys/scenes"]
 NOT_RUN = ("cuda.py",)  # needs a device
 COVERING = [
-    "dynamics",
-    "integrators",
-    "guards",
-    "contacts",
-    "compiled",
-    "unrolled_orbits",
-    "octaves",
-    "pair_families",
-    "coupling_power",
-    "dissipation",
-    "drive",
-    "engine",
-    "factorial",
-    "scenes",
-    "values_by_hand",
-    "thermostat",
-    "neighbours",
-    "walls",
-    "renderers",
-    "metrics",
+    "dynamics/test_heads.py",
+    "dynamics/test_integrators.py",
+    "dynamics/test_guards.py",
+    "vidphys/experiments/test_contacts.py",
+    "dynamics/test_compiled.py",
+    "dynamics/test_unrolled_orbits.py",
+    "dynamics/test_octaves.py",
+    "vidphys/experiments/test_pair_families.py",
+    "vidphys/test_coupling_power.py",
+    "vidphys/experiments/test_dissipation.py",
+    "vidphys/experiments/test_drive.py",
+    "vidphys/experiments/test_engine.py",
+    "vidphys/experiments/test_factorial.py",
+    "vidphys/scenes/test_scenes.py",
+    "dynamics/test_values_by_hand.py",
+    "vidphys/experiments/test_thermostat.py",
+    "dynamics/test_neighbours.py",
+    "dynamics/test_walls.py",
+    "renderers/test_renderers.py",
+    "vidphys/test_metrics.py",
 ]
 HUNDREDTH = 2  # powers of ten
 LEAST = 0.95  # share of mutants that must be killed
@@ -73,11 +73,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/mutation.json"))
     parser.add_argument("--only", choices=("tolerance", "sign"), help="one kind of mutants")
-    parser.add_argument("--tests", nargs="*", default=COVERING, help="names without test_ and .py")
+    parser.add_argument("--tests", nargs="*", default=COVERING, help="files below tests/")
     parser.add_argument("--sources", nargs="*", default=PHYSICS, help="whose signs are turned")
     told = parser.parse_args()
     told.out.parent.mkdir(parents=True, exist_ok=True)
-    files = [f"tests/test_{name}.py" for name in told.tests]
+    files = [f"tests/{name}" for name in told.tests]
     rows = []
     kept = told.out.resolve()
     if told.only != "sign":

@@ -15,11 +15,11 @@ from vidphys.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from vidphys.diagnose.answers import Answered
-    from vidphys.diagnose.tables import Loaded
+    from vidphys.diagnose.recordings.tables import Loaded
+    from vidphys.diagnose.telling.answers import Answered
+    from vidphys.points.point import Point
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
-    from vidphys.trade.point import Point
 
 VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
 WRITTEN = (
@@ -90,7 +90,7 @@ def diagnose(config: DiagnoseConfig) -> None:
             another run in the folder.
     """
     config = with_profile(config, "diagnose")
-    from vidphys.diagnose.answers import answer
+    from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
 
     if not 0 <= config.hold_out < 1:
@@ -139,12 +139,12 @@ def _given(columns: tuple[str, ...]) -> dict[str, str]:
 
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
     """The tracks, and the pictures where there are any."""
-    from vidphys.diagnose.tables import SUFFIXES, Loaded, read_motion
+    from vidphys.diagnose.recordings.tables import SUFFIXES, Loaded, read_motion
 
     if config.input.suffix.lower() in VIDEOS:
         from vidphys.cli.binder import binder_settings
         from vidphys.data.video import ClipSelection
-        from vidphys.diagnose.clips import follow_clip
+        from vidphys.diagnose.recordings.clips import follow_clip
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
         binder = binder_settings(config.bodies, config.shadow)
@@ -176,7 +176,7 @@ def _about(config: DiagnoseConfig) -> dict[str, Any]:
 
 
 def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answered) -> None:
-    from vidphys.diagnose.tables import write_tracks
+    from vidphys.diagnose.recordings.tables import write_tracks
     from vidphys.runs.atomic import write_json, write_with
 
     for name in WRITTEN:  # perhaps by an earlier answer, which had more to say

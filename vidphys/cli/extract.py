@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.devices import check_cuda
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
 from vidphys.data.video import Video, read_video
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from encoders.frozen import FrozenEncoder
-    from vidphys.training.loop import Progress
+    from vidphys.progress import Progress
 
 
 @dataclass(frozen=True)

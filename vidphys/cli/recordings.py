@@ -10,10 +10,10 @@ from torch import Tensor
 
 if TYPE_CHECKING:
     from vidphys.data.video import ClipSelection, Video
-    from vidphys.experiments.training import Perceived
-    from vidphys.experiments.training_scores import Told
-    from vidphys.forecasts import Forecast
-    from vidphys.pipeline import Reading
+    from vidphys.reading.forecasts import Forecast
+    from vidphys.reading.pipeline import Reading
+    from vidphys.reading.scores import Told
+    from vidphys.reading.training import Perceived
 
 
 def record_training(run: Path, perceived: Perceived, told: Told, selection: ClipSelection) -> None:
@@ -26,7 +26,7 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
         selection: the frames that were used of it.
     """
     from vidphys.data.video import read_video
-    from vidphys.training.clip_dynamics import FACTORED
+    from vidphys.reading.clip_dynamics import FACTORED
     from viz.recording import write_overlay_recording
 
     clip, extent = perceived.clips[told.clip], perceived.reader.half_extent

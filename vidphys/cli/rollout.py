@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.devices import check_cuda
 from vidphys.cli.profiles import with_profile
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from vidphys.forecasts import Forecast
-    from vidphys.pipeline import Reading
+    from vidphys.reading.forecasts import Forecast
+    from vidphys.reading.pipeline import Reading
     from vidphys.runs.folder import RunFolder
 
 
@@ -76,7 +76,7 @@ def rollout(config: RolloutConfig) -> None:
     from vidphys.cli.recordings import record_rollout
     from vidphys.data.dataset import clip_file
     from vidphys.data.video import ClipSelection, read_video, require_frames
-    from vidphys.pipeline import load_pipeline
+    from vidphys.reading.pipeline import load_pipeline
     from vidphys.runs.folder import RunFolder
 
     if not config.beyond > 0:
@@ -112,7 +112,7 @@ def rollout(config: RolloutConfig) -> None:
 
 
 def _about(config: RolloutConfig, sha256: str) -> dict[str, Any]:
-    from vidphys.pipeline import FILE
+    from vidphys.reading.pipeline import FILE
     from vidphys.runs.atomic import sha256 as hash_of
 
     kept = ("beyond", "coupling", "no_friction", "head", "start", "stop", "rate")

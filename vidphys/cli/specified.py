@@ -25,14 +25,14 @@ def train_on_tracks(config: TrainConfig) -> int:
     """
     from dynamics.build import parameter_count
     from dynamics.terms import to_config
-    from vidphys.diagnose.release import free_frames
-    from vidphys.diagnose.specification import read_specification
-    from vidphys.diagnose.tables import read_motion
+    from vidphys.diagnose.recordings.release import free_frames
+    from vidphys.diagnose.recordings.tables import read_motion
+    from vidphys.diagnose.telling.specification import read_specification
+    from vidphys.reading.specified import train_specified
     from vidphys.runs import checkpoint
     from vidphys.runs.atomic import sha256
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Origin, Recorder
-    from vidphys.training.specified import train_specified
 
     assert config.specification is not None
     terms, held = read_specification(config.specification)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from vidphys.cli.devices import check_cuda
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 from vidphys.presets import Preset, preset
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from vidphys.cli.console import Console
-from vidphys.cli.devices import check_cuda
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vidphys.trade.point import Point
+    from vidphys.points.point import Point
 
 REPEATS = {"quick": 3, "standard": 7}  # of a benchmark row
 
@@ -129,7 +129,7 @@ def _measure(config: TradeConfig) -> int:
 
 
 def _pick(config: TradeConfig, text: str) -> int:
-    from vidphys.trade.pick import Bound, pick
+    from vidphys.points.pick import Bound, pick
     from vidphys.trade.profile import write_profile
     from vidphys.trade.session import load_points, surroundings_of
 
@@ -151,8 +151,8 @@ def _of_task(config: TradeConfig, points: Sequence[Point]) -> list[Point]:
 
 
 def _compare(config: TradeConfig, old: Path) -> int:
+    from vidphys.points.pareto import by_task
     from vidphys.trade.compare import compare
-    from vidphys.trade.pareto import by_task
     from vidphys.trade.session import load_points
 
     now = by_task(_of_task(config, load_points(config.out)))
@@ -171,9 +171,9 @@ def _compare(config: TradeConfig, old: Path) -> int:
 
 def _benchmark(config: TradeConfig) -> int:
     """Rows one by one, each printed and kept as it is measured; what is kept is not done again."""
+    from benchmarks.benchmark import ROWS, run_benchmark, table
     from vidphys.runs.atomic import write_json
     from vidphys.runs.folder import code_version
-    from vidphys.trade.benchmark import ROWS, run_benchmark, table
     from vidphys.trade.session import surroundings
 
     if unknown := [row for row in config.rows if row not in ROWS]:

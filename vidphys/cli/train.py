@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.devices import check_cuda
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from binders.motion import MotionSettings
     from vidphys.data.dataset import Dataset
-    from vidphys.experiments.training import TrainSettings
-    from vidphys.reader import Layer, LoadedEncoder
+    from vidphys.progress import Progress
+    from vidphys.reading.reader import Layer, LoadedEncoder
+    from vidphys.reading.training import TrainSettings
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
-    from vidphys.training.loop import Progress
 
 HEADS = 4  # by which the width of a readout's attention is divided
 # where things lie and what is shown make no other run
@@ -105,7 +105,7 @@ def train(config: TrainConfig) -> int:
     config = with_profile(config, "train")
     from vidphys.cli.binder import binder_settings
     from vidphys.data.dataset import find_dataset
-    from vidphys.reader import load_layers
+    from vidphys.reading.reader import load_layers
     from vidphys.runs.folder import RunFolder
 
     _check(config)
@@ -159,7 +159,7 @@ def _about(
     config: TrainConfig, dataset: Dataset, encoders: dict[Layer, LoadedEncoder]
 ) -> dict[str, Any]:
     """What makes the run this run, for ``run.json``."""
-    from vidphys.training.clip_dynamics import FACTORED, UNSTRUCTURED
+    from vidphys.reading.clip_dynamics import FACTORED, UNSTRUCTURED
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
     return {
@@ -174,7 +174,7 @@ def _about(
 
 
 def _settings(config: TrainConfig) -> TrainSettings:
-    from vidphys.experiments.training import TrainSettings
+    from vidphys.reading.training import TrainSettings
     from vidphys.training.candidates import Grid
     from vidphys.training.early_stopping import StopSettings
     from vidphys.training.learner import FitSettings
@@ -199,10 +199,10 @@ def _train(
 ) -> None:
     from encoders.store import FeatureStore
     from vidphys.cli.recordings import record_training
-    from vidphys.data.seen_clips import see
-    from vidphys.experiments.training import perceive, understand
-    from vidphys.experiments.training_scores import foretell, record_forecasts, record_readouts
-    from vidphys.pipeline import save_pipeline
+    from vidphys.reading.pipeline import save_pipeline
+    from vidphys.reading.scores import foretell, record_forecasts, record_readouts
+    from vidphys.reading.seen_clips import see
+    from vidphys.reading.training import perceive, understand
 
     def stage(name: str) -> Progress:
         return lambda step, steps, _: console.stage((name, step, steps))

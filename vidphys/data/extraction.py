@@ -13,7 +13,7 @@ from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.video import Video
-from vidphys.training.loop import Progress
+from vidphys.progress import Progress
 
 StoredDtype = Literal["float16", "bfloat16", "float32"]
 

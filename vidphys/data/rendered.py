@@ -24,11 +24,11 @@ from vidphys.data.dataset import MANIFEST, SCHEMA_VERSION
 from vidphys.data.labels import write_labels
 from vidphys.data.video import opencv
 from vidphys.errors import InputError
+from vidphys.progress import Progress
 from vidphys.runs.atomic import sha256, write_json, write_with
 from vidphys.runs.folder import RunFolder
 from vidphys.scenes import Scene, gravity
 from vidphys.scenes.springs import springs
-from vidphys.training.loop import Progress
 
 SCENES: dict[str, Callable[[], Scene]] = {
     # a disk's picture does not show its mass

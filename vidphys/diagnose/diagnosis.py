@@ -9,14 +9,14 @@ import numpy as np
 from scipy import stats
 
 from vidphys.coupling_power import PowerVerdict
-from vidphys.diagnose.changes import Switch, find_switch
-from vidphys.diagnose.infer import infer
-from vidphys.diagnose.inference import Inference
-from vidphys.diagnose.longer import LongFit, last_look, looked_again
-from vidphys.diagnose.motion import LEAST_FRAMES, Motion, Unseen
-from vidphys.diagnose.noise import Noise, measure_noise
-from vidphys.diagnose.power import infer_with_power
-from vidphys.diagnose.weigh import weigh
+from vidphys.diagnose.inference.changes import Switch, find_switch
+from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
+from vidphys.diagnose.inference.power import infer_with_power
+from vidphys.diagnose.inference.search import infer
+from vidphys.diagnose.inference.weigh import weigh
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
+from vidphys.diagnose.recordings.noise import Noise, measure_noise
 
 SMOOTH = 2  # degree of the polynomials by which motion is told from noise
 STILL = 1e-12  # of the size of the positions, below which a change is rounding

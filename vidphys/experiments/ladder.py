@@ -15,17 +15,17 @@ import torch
 from dynamics import HEADS, Head, Rollout
 from dynamics.terms import to_config
 from vidphys.errors import InputError
-from vidphys.experiments.members import train_members
-from vidphys.experiments.oracle import OLDEST, held_out_question, score_oracle, true_examples
-from vidphys.experiments.pixels import (
+from vidphys.experiments.core.members import train_members
+from vidphys.experiments.core.oracle import OLDEST, held_out_question, score_oracle, true_examples
+from vidphys.experiments.core.scoring import Question, score_lost
+from vidphys.experiments.core.showcase import write_showcase
+from vidphys.experiments.pixels.seen import (
     TRAINERS,
     draw,
     fit_perception,
     perceive,
     train_and_score,
 )
-from vidphys.experiments.scoring import Question, score_lost
-from vidphys.experiments.showcase import write_showcase
 from vidphys.perception.catalogue import GROUNDINGS
 from vidphys.presets import Preset
 from vidphys.runs import checkpoint

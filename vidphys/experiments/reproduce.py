@@ -12,7 +12,8 @@ from typing import Any
 import torch
 
 from vidphys.errors import InputError
-from vidphys.experiments.tables.bars import (
+from vidphys.experiments.catalogue import TABLES
+from vidphys.experiments.core.bars import (
     ABSENT,
     Verdict,
     bars_hash,
@@ -20,8 +21,7 @@ from vidphys.experiments.tables.bars import (
     rows_of,
     with_remark,
 )
-from vidphys.experiments.tables.base import CellTask, Table
-from vidphys.experiments.tables.catalogue import TABLES
+from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.presets import Preset
 from vidphys.runs.atomic import write_json
 from vidphys.runs.folder import RunFolder

@@ -25,8 +25,7 @@ from binders.tracker import (
 )
 from dynamics import Head, Parameters
 from vidphys.data.clips import Clips
-from vidphys.perception.aim import PRECISE, motion_under, surprise
-from vidphys.perception.base import HEAD_DT, FitTask, Grounding, Perception
+from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.detections import (
     WINDOW,
     Windows,
@@ -37,6 +36,8 @@ from vidphys.perception.detections import (
 from vidphys.perception.discovered import new_head
 from vidphys.perception.windows import steps_per_frame
 from vidphys.seeding import derive
+from vidphys.shooting.aim import PRECISE, motion_under, surprise
+from vidphys.shooting.step import HEAD_DT
 from vidphys.training.loop import FitSettings, fit
 
 AHEAD = 2  # frames that the head predicts after the two that it starts from

@@ -11,19 +11,7 @@ from binders import Tracks
 from dynamics import Head
 from vidphys.data.clips import Clips
 from vidphys.presets import PixelSizes
-from vidphys.training.loop import Progress
-
-HEAD_DT = 0.01  # seconds; model step of every head that is trained on perceived tracks
-
-
-def model_step(interval: float) -> tuple[float, int]:
-    """The model step nearest to ``HEAD_DT`` that divides a frame interval (seconds).
-
-    Returns:
-        The step in seconds and the number of steps a frame.
-    """
-    every = max(1, round(interval / HEAD_DT))
-    return interval / every, every
+from vidphys.progress import Progress
 
 
 class Perception(Protocol):

@@ -17,13 +17,13 @@ from dynamics import HEADS, Head, PhaseState, build
 from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
 from vidphys.errors import InputError
-from vidphys.perception.base import HEAD_DT, FitTask, Perception
+from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.cnn import CnnPerception, new_perception, train
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
 from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
+from vidphys.shooting.step import HEAD_DT, roll
 from vidphys.training.loop import FitSettings
-from vidphys.training.segments import roll
 
 SEEN = 3  # frames that are encoded; the start state is at the middle one
 FUTURE = 2  # frames that are predicted

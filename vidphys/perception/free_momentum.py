@@ -16,10 +16,11 @@ from torch import Tensor, nn
 from dynamics import Head, PhaseState
 from readouts.differencing import central_difference
 from renderers import ChannelWorld
-from vidphys.perception.base import HEAD_DT, FitTask
+from vidphys.perception.base import FitTask
 from vidphys.perception.cnn import CnnPerception
 from vidphys.perception.discovered import SEEN, Discovery, discover
 from vidphys.perception.windows import Window
+from vidphys.shooting.step import HEAD_DT
 
 WIDTH = 64
 

@@ -26,11 +26,11 @@ from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.data.clips import Clips
 from vidphys.data.encounters import encounters
 from vidphys.data.extraction import FrozenEncoder
+from vidphys.data.labelled import LabelledFrames, joined, labelled_frames
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.seeding import derive
 from vidphys.training.candidates import Examples
-from vidphys.training.labelled import LabelledFrames, joined, labelled_frames
 from vidphys.training.loop import FitSettings
 from vidphys.training.readouts import ReadoutSettings, read_all, train_readout
 from vidphys.training.refinement import train_refined

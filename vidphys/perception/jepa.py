@@ -19,11 +19,11 @@ from encoders.jepa import EmaTarget, variance_floor
 from readouts.differencing import central_difference
 from renderers import centroids
 from vidphys.data.clips import Clips
-from vidphys.perception.base import HEAD_DT, FitTask, Perception
+from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.cnn import CHUNK, CnnPerception, new_perception, train
 from vidphys.perception.discovered import FUTURE, SEEN, joint_settings, new_head
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
-from vidphys.training.segments import roll
+from vidphys.shooting.step import HEAD_DT, roll
 
 ANCHOR_WEIGHT = 100.0
 

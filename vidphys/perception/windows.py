@@ -10,7 +10,7 @@ from torch import Tensor
 from dynamics import Parameters
 from vidphys.data.clips import Clips
 from vidphys.errors import InputError
-from vidphys.perception.base import HEAD_DT
+from vidphys.shooting.step import HEAD_DT
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import torch
 import tyro
 
-from vidphys.cli.devices import check_cuda
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 from vidphys.pretraining.run import SHIPPED, TOY, pretrain
 

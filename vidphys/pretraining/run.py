@@ -19,9 +19,10 @@ from vidphys.pretraining.clips import Examples, Layout, RandomClips
 from vidphys.pretraining.dino import PatchDistillation
 from vidphys.pretraining.videomae import MaskedAutoencoding
 from vidphys.pretraining.vjepa2 import FeaturePrediction
+from vidphys.progress import Progress
 from vidphys.runs.atomic import write_json, write_with
 from vidphys.seeding import derive
-from vidphys.training.loop import FitSettings, Progress, fit
+from vidphys.training.loop import FitSettings, fit
 
 RECORD = "pretraining.json"
 CHECKPOINT = "checkpoint.json"

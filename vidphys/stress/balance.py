@@ -15,8 +15,8 @@ from dynamics.findings import DynamicsWarning
 from dynamics.friction import Friction
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import SoftenedGravity
-from vidphys.diagnose.energy_balance import corrected_rate
-from vidphys.diagnose.motion import motion_of
+from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.weak.energy_balance import corrected_rate
 from vidphys.stress.bodies import STEP
 from vidphys.stress.case import SOUND, WARNED, Case
 

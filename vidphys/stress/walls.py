@@ -14,7 +14,7 @@ from dynamics.fields import UniformField
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap, Potential
 from dynamics.walls import Wall, Walled
-from vidphys.diagnose.flights import Wall as Swing
+from vidphys.diagnose.wall.flights import Wall as Swing
 from vidphys.stress.bodies import DTYPES
 from vidphys.stress.case import Case
 

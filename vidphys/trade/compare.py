@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vidphys.trade.pareto import pareto
-from vidphys.trade.point import Point
+from vidphys.points.pareto import pareto
+from vidphys.points.point import Point
 
 TIME, ERROR = 0.05, 0.02  # shares by which a front may move back
 NEGLIGIBLE = 1e-12  # errors below it are rounding and equal

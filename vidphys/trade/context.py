@@ -10,7 +10,7 @@ import torch
 from torch import Generator
 
 from dynamics import HEADS, Head
-from vidphys.experiments.oracle import true_segments
+from vidphys.experiments.core.oracle import true_segments
 from vidphys.scenes import Scene, gravity
 from vidphys.seeding import derive
 from vidphys.training.loop import FitSettings, fit

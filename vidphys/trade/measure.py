@@ -12,8 +12,8 @@ from typing import Any
 
 import torch
 
+from vidphys.points.point import CPU_CLOCK, WALL_CLOCK, Point, Setting
 from vidphys.trade.memory import peak_bytes
-from vidphys.trade.point import CPU_CLOCK, WALL_CLOCK, Point, Setting
 
 SHORTEST = 2e-3  # seconds: a shorter call is repeated within one timing
 LONG = 0.5  # seconds: a longer first call tells that the others are no shorter than that
@@ -24,7 +24,7 @@ class Job:
     """Something that can be done again and again at the same cost.
 
     Args:
-        task: see :class:`vidphys.trade.point.Point`.
+        task: see :class:`vidphys.points.point.Point`.
         configuration: what is set.
         work: one call; returns what the errors are computed from.
         errors: of what the first call returned, by name; the front's own error among them.

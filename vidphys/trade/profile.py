@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vidphys.errors import InputError
+from vidphys.points.point import Point, Setting
 from vidphys.runs.atomic import write_json
-from vidphys.trade.point import Point, Setting
 
 SCHEMA_VERSION = 1
 Config = TypeVar("Config")

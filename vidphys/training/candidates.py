@@ -12,8 +12,8 @@ from torch import nn
 
 from readouts.attention import AttentionReadout
 from readouts.pooled import pooled_twin
-from vidphys.training.labelled import LabelledFrames
-from vidphys.training.loop import Progress
+from vidphys.data.labelled import LabelledFrames
+from vidphys.progress import Progress
 from vidphys.training.readouts import ReadoutFit, ReadoutSettings, train_readouts
 
 ATTENTION, POOLED = "attention", "pooled"

@@ -16,6 +16,7 @@ import torch
 from torch import Generator, Tensor, nn
 
 from vidphys.errors import InputError
+from vidphys.progress import Progress
 from vidphys.runs import checkpoint
 from vidphys.training.learner import FitSettings, Learner, Loss, one_cycle
 
@@ -25,7 +26,6 @@ __all__ = [
     "FitSettings",
     "Learner",
     "Loss",
-    "Progress",
     "choose_learning_rate",
     "fit",
     "fit_together",
@@ -39,9 +39,6 @@ class Batches(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: Tensor) -> Any: ...
-
-
-Progress = Callable[[int, int, float], None]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from torch import Generator, Tensor
 
 from dynamics import PhaseState
 from readouts.probes import StateProbe
+from vidphys.data.labelled import LabelledFrames, Shifted
+from vidphys.progress import Progress
 from vidphys.seeding import derive
 from vidphys.training.early_stopping import BestWeights, StopSettings
-from vidphys.training.labelled import LabelledFrames, Shifted
 from vidphys.training.learner import FitSettings, Learner
-from vidphys.training.loop import Progress, fit_together
+from vidphys.training.loop import fit_together
 from vidphys.training.readouts import SCORED_AT_ONCE
 
 CELLS = 2  # largest random move of a training map, in cells

@@ -12,10 +12,11 @@ import torch
 from torch import Tensor, nn
 
 from readouts.attention import distance_at
+from vidphys.data.labelled import LabelledFrames, Shifted
+from vidphys.progress import Progress
 from vidphys.training.early_stopping import BestWeights, StopSettings
-from vidphys.training.labelled import LabelledFrames, Shifted
 from vidphys.training.learner import FitSettings, Learner
-from vidphys.training.loop import Progress, fit_together
+from vidphys.training.loop import fit_together
 
 SCORED_AT_ONCE = 64
 SOFTENING = 0.003  # normalised image units; the loss is quadratic below and linear above

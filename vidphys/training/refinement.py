@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
+from vidphys.data.labelled import LabelledFrames
+from vidphys.progress import Progress
 from vidphys.training.early_stopping import BestWeights, StopSettings
-from vidphys.training.labelled import LabelledFrames
 from vidphys.training.learner import FitSettings, Learner
-from vidphys.training.loop import Progress, fit, fit_together
+from vidphys.training.loop import fit, fit_together
 from vidphys.training.readouts import (
     SCORED_AT_ONCE,
     ReadoutFit,

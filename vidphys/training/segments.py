@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout
+from vidphys.shooting.step import roll
 
 
 @dataclass(frozen=True)
@@ -138,14 +139,6 @@ def increment_error(states: PhaseState, batch: Segments, scale: Scale) -> Tensor
         size = batch.p.square().sum(-1, keepdim=True) + scale.p_small**2
         total = total + (((states.p - start.p) - batch.p).square() / size).mean()
     return total
-
-
-def roll(
-    head: Head, start: PhaseState, params: Parameters, stored: int, dt: float, every: int
-) -> PhaseState:
-    """``stored`` later states, ``every`` steps apart, ``(..., stored, n, d)``; differentiable."""
-    states = head.trajectory(start, params, stored * every, dt, every).states
-    return states.map(lambda x: x[..., 1:, :, :])
 
 
 def standardise(head: Head, segments: Segments) -> None:

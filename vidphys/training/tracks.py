@@ -23,17 +23,10 @@ from binders import Tracks
 from dynamics import Head, Parameters, Rollout
 from dynamics.rollout import first_bad_step
 from readouts.differencing import central_difference
-from vidphys.perception.aim import PRECISE, surprise
-from vidphys.perception.base import model_step
-from vidphys.training.loop import (
-    Batches,
-    FitResult,
-    FitSettings,
-    Loss,
-    Progress,
-    choose_learning_rate,
-    fit,
-)
+from vidphys.progress import Progress
+from vidphys.shooting.aim import PRECISE, surprise
+from vidphys.shooting.step import model_step
+from vidphys.training.loop import Batches, FitResult, FitSettings, Loss, choose_learning_rate, fit
 from vidphys.training.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
 
 

@@ -10,8 +10,8 @@ from binders import Tracks
 from dynamics import PhaseState
 from renderers import Camera, ChannelWorld
 from vidphys.data.clips import Clips, render_clips
-from vidphys.initial_state import by_differencing, by_shooting
 from vidphys.perception.synthesis import Synthesis
+from vidphys.shooting.initial_state import by_differencing, by_shooting
 from vidphys.trade.context import Context
 from vidphys.trade.measure import Job, Scale
 

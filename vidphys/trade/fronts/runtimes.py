@@ -18,10 +18,10 @@ from encoders.frozen.catalogue import CATALOGUE
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.clips import Clips
+from vidphys.points.point import Setting
 from vidphys.trade.context import Context
 from vidphys.trade.fronts.encoders import available
 from vidphys.trade.measure import Job, Scale
-from vidphys.trade.point import Setting
 from vidphys.trade.scenery import coloured_clips, encoded
 
 SCALE = Scale(

@@ -1,0 +1,1 @@
+"""Our fast paths beside their peers: `python -m benchmarks`."""

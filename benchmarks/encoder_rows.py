@@ -1,0 +1,127 @@
+"""Benchmark rows of frozen encoders: the fastest runtime that holds the error, and the store.
+
+Networks have fresh weights: speed does not depend on them, and the error is that of the arithmetic.
+The peer is the library's model in float32 on pixels that are ready; ours also prepares them.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from benchmarks.benchmark import Contender, Match
+from encoders.features import FeatureMap
+from encoders.frozen import DINOv2Encoder, DINOv2Settings, VideoMAEEncoder, VideoMAESettings
+from encoders.frozen.runtimes import Runtime
+from encoders.release import WeightsFile
+from encoders.store import FeatureRequest, FeatureStore
+
+IMAGE, FRAMES = 224, {"dinov2-small": 4, "videomae-base": 16}
+FASTER, CACHED, WORST = 2.5, 100.0, 1e-2  # bars: ratios of speed, and a feature error
+FRESH = WeightsFile(Path("fresh weights"), "0" * 64)
+
+
+def dinov2() -> Match:
+    """DINOv2-S, frames a second."""
+    return _computed("dinov2-small", _dinov2)
+
+
+def dinov2_cached() -> Match:
+    """DINOv2-S from the store."""
+    return _from_store("dinov2-small", _dinov2)
+
+
+def videomae() -> Match:
+    """VideoMAE-B, frames a second."""
+    return _computed("videomae-base", _videomae)
+
+
+def videomae_cached() -> Match:
+    """VideoMAE-B from the store."""
+    return _from_store("videomae-base", _videomae)
+
+
+ROWS: dict[str, Callable[[], Match]] = {
+    "dinov2": dinov2,
+    "dinov2-cached": dinov2_cached,
+    "videomae": videomae,
+    "videomae-cached": videomae_cached,
+}
+Build = Callable[[str, Runtime], tuple[Any, Callable[[Tensor], Tensor]]]
+
+
+def _computed(name: str, build: Build) -> Match:
+    runtime: Runtime = "openvino" if importlib.util.find_spec("openvino") else "torch"
+    frames, times = _clip(name)
+    encoder, _ = build("bfloat16", runtime)
+    exact, shipped = build("float32", "torch")
+    away = encoder(frames, times).values - (truth := exact(frames, times).values)
+    error = float(away.norm() / truth.norm())
+    path = f"{runtime} bfloat16, feature error {error:.1e}"
+    if error > WORST:
+        path += f" (over the {WORST:g} that counts)"
+    ours = Contender(lambda: encoder(frames, times), FRAMES[name], path)
+    return Match(name, "frames", ours, {"float32 as shipped": (_shipped(name, shipped), FASTER)})
+
+
+def _from_store(name: str, build: Build) -> Match:
+    encoder, shipped = build("float32", "torch")
+    frames, times = _clip(name)
+    store = FeatureStore(Path(tempfile.mkdtemp(prefix="vidphys-benchmark-")))
+    request = FeatureRequest(
+        encoder.identity, "0" * 64, tuple(range(len(times))), tuple(times.tolist()), (IMAGE, IMAGE)
+    )
+    store.get(request, "clip", lambda: encoder(frames, times))
+
+    def read() -> Tensor:
+        found: FeatureMap | None = store.read(request)
+        assert found is not None
+        return found.values.float()
+
+    ours = Contender(read, FRAMES[name], "store on disk, float16")
+    peer = {"float32 as shipped": (_shipped(name, shipped), CACHED)}
+    return Match(f"{name}, cached", "frames", ours, peer)
+
+
+def _clip(name: str) -> tuple[Tensor, Tensor]:
+    rng = torch.Generator().manual_seed(0)
+    frames = torch.rand(1, FRAMES[name], 3, IMAGE, IMAGE, generator=rng)
+    return frames, torch.arange(FRAMES[name], dtype=torch.float64)
+
+
+def _shipped(name: str, network: Callable[[Tensor], Tensor]) -> Contender:
+    pixels = _clip(name)[0]
+
+    def work() -> Tensor:
+        with torch.inference_mode():
+            return network(pixels)
+
+    return Contender(work, FRAMES[name], "torch")
+
+
+def _dinov2(dtype: Any, runtime: Runtime) -> tuple[Any, Callable[[Tensor], Tensor]]:
+    import timm
+
+    torch.manual_seed(0)
+    network: Any = timm.create_model(
+        "vit_small_patch14_dinov2", pretrained=False, num_classes=0, dynamic_img_size=True
+    )
+    settings = DINOv2Settings(dtype=dtype, batch=FRAMES["dinov2-small"], runtime=runtime)
+    encoder = DINOv2Encoder(network, settings, "dinov2-small", FRESH)
+    return encoder, lambda pixels: network.forward_features(pixels[0])
+
+
+def _videomae(dtype: Any, runtime: Runtime) -> tuple[Any, Callable[[Tensor], Tensor]]:
+    from transformers import VideoMAEConfig, VideoMAEModel
+
+    torch.manual_seed(0)
+    network = VideoMAEModel(VideoMAEConfig())
+    settings = VideoMAESettings(dtype=dtype, runtime=runtime)
+    encoder = VideoMAEEncoder(network, settings, "videomae-base", FRESH)
+    return encoder, lambda pixels: network(pixels).last_hidden_state

@@ -1,0 +1,44 @@
+"""What it costs that a rollout is never silently wrong: with all checks, against its bare steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import torch
+
+from benchmarks.benchmark import Contender, Match
+from benchmarks.contenders import BODIES_DT, episodes, fitted
+from dynamics import rollout
+from vidphys.scenes.gravity import gravity
+
+LEAST = 1 / 1.03  # of the bare steps' speed
+WIDTH, STEPS = 64, 2000  # the study's
+HEADS = ("exact", "factored")
+COUNTS = (1, 64)  # episodes
+
+
+def guards(name: str, count: int) -> Match:
+    """Near-circular episodes at the study's step, which no check has a word to say of."""
+    head: Any = gravity().law if name == "exact" else fitted("displacement", WIDTH)
+    start, params = episodes(count)
+    if name != "exact":
+        head.see(gravity().simulate(start, params, STEPS).states)
+
+    def bare() -> Any:
+        with torch.no_grad():
+            return head.trajectory(start, params, STEPS, BODIES_DT)
+
+    def guarded() -> Any:
+        return rollout(head, start, params, STEPS, BODIES_DT)
+
+    amount, path = count * STEPS, bare().backend
+    peers = {"the same steps without guards": (Contender(bare, amount, path), LEAST)}
+    row = f"guards, {name}, {count} episode{'s' if count > 1 else ''}"
+    return Match(row, "episode-steps", Contender(guarded, amount, path), peers)
+
+
+ROWS: dict[str, Callable[[], Match]] = {
+    f"guards-{name}-{count}": partial(guards, name, count) for name in HEADS for count in COUNTS
+}

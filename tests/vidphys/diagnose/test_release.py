@@ -1,0 +1,101 @@
+"""Bodies that are held when a recording begins: noticed, left out, and not seen where none is."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.vidphys.diagnose.test_wall import STEP, TRUE, stepped
+from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.recordings.release import free_frames, held_until
+from vidphys.diagnose.telling.answers import answer
+
+FRAMES = 120
+NOISE = 0.001
+
+
+def recorded(path, noise=NOISE, seed=0):
+    """A body along a path ``(t, d)``, as it is seen."""
+    path = path + noise * np.random.default_rng(seed).standard_normal(path.shape)
+    return motion_of(path[None, :, None], STEP)
+
+
+def falling(held, pull):
+    t = np.maximum(np.arange(FRAMES) - held, 0) * STEP
+    return np.stack([0 * t, 0.5 * pull * t**2], -1)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(20, 60), st.floats(0.5, 5.0), st.integers(0, 2**31))
+def test_a_release_is_found_as_soon_as_it_shows(held, pull, seed):
+    shows = int(np.ceil(np.sqrt(2 * 8 * NOISE / pull) / STEP))
+    assert held <= held_until(recorded(falling(held, pull), seed=seed)) <= held + shows
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.02, 5.0), st.floats(0.0, 6.0), st.integers(0, 2**31))
+def test_a_body_that_starts_from_rest_was_not_held(pull, stiffness, seed):
+    t = np.arange(FRAMES) * STEP
+    fall = falling(0, pull)
+    swing = np.stack([0 * t, pull * np.cos(stiffness * t)], -1)
+    assert held_until(recorded(fall, seed=seed)) == 0
+    assert held_until(recorded(swing, seed=seed)) == 0
+
+
+def test_a_body_is_held_also_if_it_swings_back_later():
+    since = np.maximum(np.arange(FRAMES) - 30, 0) * STEP
+    swing = np.stack([0 * since, np.cos(2 * np.pi * since / (30 * STEP))], -1)
+    assert 30 < held_until(recorded(swing)) <= 32
+
+
+def test_moving_or_unseen_or_resting_bodies_are_not_held():
+    t = np.arange(FRAMES)[:, None] * STEP
+    moving = recorded(np.concatenate([t, 0.2 * t], 1))
+    assert held_until(moving) == 0
+    resting = recorded(np.zeros((FRAMES, 2)))
+    assert held_until(resting) == 0
+    hidden = recorded(falling(30, 2.0)).positions
+    hidden[:, :10] = np.nan
+    assert held_until(motion_of(hidden, STEP)) == 0
+
+
+def test_one_moving_body_is_enough_to_see_that_none_is_held():
+    both = np.stack([falling(30, 2.0), falling(0, 2.0)], 1)
+    assert held_until(motion_of(both[None], STEP)) == 0
+
+
+def test_a_hold_is_counted_from_where_the_body_is_first_seen():
+    whole = recorded(falling(30, 2.0))
+    first, stop = free_frames(whole)
+    path = np.pad(whole.positions, ((0, 0), (7, 5), (0, 0), (0, 0)), constant_values=np.nan)
+    assert first >= 30 and free_frames(motion_of(path, STEP)) == (first + 7, stop + 7)
+
+
+@pytest.fixture(scope="module")
+def held_answer():
+    """A swing beside a wall that a hand lets go after twelve frames."""
+    s = stepped(TRUE, np.arange(240) * STEP)
+    s = np.concatenate([np.full(12, s[0]), s])
+    path = np.stack([s, 0.3 * s**2 - 0.6], -1)
+    return answer(recorded(path, 0.002), False, 0.3)
+
+
+def test_a_wall_is_found_although_a_hand_held_the_body_at_first(held_answer):
+    held = held_answer.data["held_until"]
+    assert 12 <= held["frame"] <= 16 and held["time"] == pytest.approx(held["frame"] * STEP)
+    assert "held still until" in held_answer.lines[0]
+    assert held_answer.data["terms"] == ["linear", "trap", "wall"]
+    assert held_answer.data["wall"]["restitution"] == pytest.approx(TRUE.restitution, abs=0.03)
+    assert held_answer.numbers["forecast_rmse_model"] < 0.02
+
+
+def test_the_frames_of_a_hold_are_still_shown(held_answer):
+    assert len(held_answer.times) == len(held_answer.positions) == 252
+    model, _ = held_answer.rolled["model"]
+    assert model[-1] == held_answer.times[-1]
+
+
+def test_a_wall_is_said_first_and_the_heat_bath_only_as_what_the_menu_alone_would_say(held_answer):
+    said = "\n".join(held_answer.lines)
+    assert "The motion shows a wall" in said
+    assert "bath" not in said.split("alone")[0]

@@ -1,0 +1,63 @@
+"""Questions: from another start it is the same question, and the truth is asked once."""
+
+import dataclasses
+
+import torch
+
+from dynamics import HEADS
+from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.runs.records import Origin, Recorder
+from vidphys.scenes import gravity
+
+
+def test_another_start_shares_what_the_truth_answers_and_changes_nothing_of_it(monkeypatch):
+    scene = gravity()
+    truth, params = scene.sample(2, torch.Generator().manual_seed(0))
+    asked = Question(scene, truth, truth, params, steps=20)
+    rolled = []
+    simulate = type(scene).simulate
+
+    def counted(*arguments, **named):
+        rolled.append(arguments)
+        return simulate(*arguments, **named)
+
+    monkeypatch.setattr(type(scene), "simulate", counted)
+    moved = asked.starting(truth.map(lambda x: x + 0.1))
+    flipped = params.with_coupling(-1.0)
+    first = asked.reference(flipped)
+    assert moved.reference(flipped) is first and len(rolled) == 1
+    assert moved.truth is truth and not torch.equal(moved.start.q, truth.q)
+    torch.testing.assert_close(first.states.q[:, 0], truth.q)
+    # another law, and the same question asked over another time, are rolled anew
+    assert not torch.equal(moved.reference(params).states.q, first.states.q)
+    longer = dataclasses.replace(asked, steps=40).reference(flipped)
+    assert len(rolled) == 3 and longer.states.q.shape[1] == 9
+
+
+def test_one_episode_alone_is_the_question_of_it_and_shares_the_truth():
+    scene = gravity()
+    truth, params = scene.sample(3, torch.Generator().manual_seed(0))
+    asked = Question(scene, truth.map(lambda x: x + 0.1), truth, params, steps=20)
+    one = asked.alone(1, 40)
+    torch.testing.assert_close(one.start.q, asked.start.q[1:2])
+    torch.testing.assert_close(one.params.mass, params.mass[1:2])
+    found = one.reference(one.params).states.q
+    torch.testing.assert_close(found[:, :5], asked.reference(params).states.q[1:2])
+    assert found.shape[1] == 9
+    assert asked.starting(truth).alone(1, 40).reference(one.params).states.q is found
+
+
+def test_a_longer_rollout_that_is_there_gives_the_same_numbers():
+    scene = gravity()
+    start, params = scene.sample(8, torch.Generator().manual_seed(0))
+    asked = Question(scene, start, start, params, steps=20)
+    torch.manual_seed(0)
+    head = scene.build(HEADS["factored"])
+    tables = []
+    for rolled in (None, asked.ask(head, 200)):
+        recorder = Recorder(Origin(*"abcdefgh", seed=0, device="cpu", dtype="float32"))
+        score_inversion(recorder, head, asked, rolled)
+        score_drift(recorder, head, asked, (20, 100), rolled)
+        tables.append(recorder.tables())
+    for kind in (0, 1):
+        assert tables[0][kind].equals(tables[1][kind])

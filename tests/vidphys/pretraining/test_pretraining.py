@@ -1,0 +1,238 @@
+"""The tiny encoders: what the package holds, and how it is made."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+import encoders.weights as weights_module
+from encoders.frozen import load_encoder
+from encoders.jepa import ema_momentum, follow
+from encoders.known_weights import KNOWN
+from encoders.release import release_files
+from encoders.weights import PACKAGED, fetch, find_weights
+from renderers import Camera, RgbWorld
+from vidphys.data.clips import render_clips
+from vidphys.errors import InputError
+from vidphys.perception.base import FitTask
+from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.presets import PixelSizes
+from vidphys.pretraining import run
+from vidphys.pretraining.clips import Layout, RandomClips
+from vidphys.pretraining.dino import FIRST_MOMENTUM
+from vidphys.pretraining.run import OBJECTIVES, RECORD, pretrain, watch
+from vidphys.scenes import gravity
+from vidphys.training.loop import FitSettings
+
+TINY = tuple(OBJECTIVES)
+MOST_BYTES = 6_000_000
+GOLDEN = {
+    "videomae-tiny": (1.9026, -0.2927, 1.0272),
+    "vjepa2-tiny": (0.1147, -1.0062, 1.0061),
+    "dino-tiny": (-1.4157, 0.1981, 1.0048),
+}
+LAYOUT = Layout(frames=4, side=64, patch=4, tubelet=2, visible=0.2, asked=0.25)
+TOY = FitSettings(steps=4, batch=2, learning_rate=1e-3, clip=1.0, save_every=2)
+
+
+@pytest.fixture
+def bare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without any weights of its own."""
+    monkeypatch.setenv(weights_module.FOLDER_VARIABLE, str(tmp_path / "nothing"))
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Little is simulated and watched."""
+    monkeypatch.setattr(run, "TRAJECTORIES", 2)
+    monkeypatch.setattr(run, "WATCHED", 4)
+
+
+def test_the_package_holds_all_that_it_can_make() -> None:
+    assert {name for name, entry in KNOWN.items() if entry.packaged} == set(TINY)
+    assert set(TINY) <= set(GROUNDINGS)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_packaged_weights_are_small_known_and_recorded(name: str, bare: None) -> None:
+    found = find_weights(name)
+    assert found.path == PACKAGED / name
+    assert sum(file.stat().st_size for file in release_files(found.path)) <= MOST_BYTES
+    record = json.loads((found.path / RECORD).read_text())
+    assert record["name"] == name
+    assert record["sha256"] == found.sha256 == KNOWN[name].sha256[0]
+    assert record["after"]["loss"] < record["before"]["loss"]
+    assert fetch(name) == found
+
+
+def test_package_data_names_the_weights() -> None:
+    import tomllib
+
+    text = (Path(__file__).parents[3] / "pyproject.toml").read_text()
+    data = tomllib.loads(text)["tool"]["setuptools"]["package-data"]
+    assert data["encoders"] == ["data/*/*"]
+
+
+def test_a_damaged_package_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(weights_module, "PACKAGED", tmp_path)
+    with pytest.raises(ValueError, match="get it by installing vidphys again"):
+        find_weights("dino-tiny")
+    copy = tmp_path / "dino-tiny"
+    copy.mkdir()
+    for file in release_files(PACKAGED / "dino-tiny"):
+        (copy / file.name).write_bytes(file.read_bytes())
+    find_weights("dino-tiny")
+    (copy / "config.json").write_text((copy / "config.json").read_text() + " ")
+    with pytest.raises(ValueError, match="damaged or another release"):
+        find_weights("dino-tiny")
+
+
+def two_bodies() -> torch.Tensor:
+    """Four frames of two disks that move apart, ``(1, 4, 3, 64, 64)``."""
+    step = torch.arange(4.0)[:, None]
+    one = torch.cat([0.5 + 0.1 * step, -0.3 + 0.0 * step], 1)
+    return RgbWorld()(torch.stack([one, -one], 1))[None]
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_golden_features(name: str, bare: None) -> None:
+    values = load_encoder(name, {})(two_bodies(), torch.arange(4, dtype=torch.float64)).values
+    found = torch.stack([values[0, 1, 0, 8, 9], values[0, 1, 1, 7, 6], values[0, 0].std()])
+    torch.testing.assert_close(found, torch.tensor(GOLDEN[name]), atol=2e-3, rtol=0)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_features_of_a_clip_are_its_own(name: str, bare: None) -> None:
+    encoder = load_encoder(name, {"batch": 2})
+    clips = torch.rand(3, 5, 3, 32, 32)
+    times = torch.arange(5, dtype=torch.float64)
+    together = encoder(clips, times)
+    assert together.values.shape == (3, 5 if name == "dino-tiny" else 3, 96, 16, 16)
+    for clip, values in zip(clips, together.values, strict=True):
+        torch.testing.assert_close(encoder(clip[None], times).values[0], values, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_features_differ_where_bodies_are(name: str, bare: None) -> None:
+    """A collapsed encoder, or one that sees only where a token lies, has no spread here."""
+    module = OBJECTIVES[name]()
+    unseen = RandomClips(4, module.layout, 0)
+    frames = unseen[torch.arange(16)].frames
+    encoder = load_encoder(name, {})
+    values = encoder(frames, torch.arange(frames.shape[1], dtype=torch.float64)).values
+    centred = values.movedim(2, -1) - values.movedim(2, -1).mean(0)
+    spectrum = torch.linalg.svdvals(centred.flatten(0, -2)).square()
+    assert float(values.std(0).mean()) > 0.05
+    # directions that are used; those of the backgrounds' colours are used most
+    assert float(spectrum.sum().square() / spectrum.square().sum()) > 2
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_the_rung_runs_on_a_bare_machine(name: str, bare: None) -> None:
+    sizes = PixelSizes(6, 8, 40, 7, 32, 2, 4, 0, 2)
+    world = RgbWorld(Camera(height=32, width=32))
+    clips = render_clips(gravity(mass=(1.0, 1.0)), world, 6, 8, 40, 0, "train")
+    tracks = GROUNDINGS[name].fit(FitTask(clips, sizes, 0, "factored")).tracks(clips)
+    assert tracks.positions.shape == clips.states.q.shape
+    assert bool(torch.isfinite(tracks.positions).all())
+    assert GROUNDINGS[name].whole_context == (name != "dino-tiny")
+
+
+def test_an_example_is_a_function_of_its_number() -> None:
+    clips, again = RandomClips(2, LAYOUT, 3), RandomClips(2, LAYOUT, 3)
+    batch, other = clips[torch.tensor([5, 1234])], again[torch.tensor([1234])]
+    assert torch.equal(batch.frames[1], other.frames[0])
+    assert torch.equal(batch.visible[1], other.visible[0])
+    assert not torch.equal(batch.frames[0], batch.frames[1])
+    assert batch.frames.shape == (2, 4, 3, 64, 64)
+    assert 0 <= float(batch.frames.min()) < float(batch.frames.max()) <= 1
+    changed = RandomClips(2, LAYOUT, 4)[torch.tensor([1234])]
+    assert not torch.equal(changed.frames, other.frames)
+
+
+def test_what_is_asked_is_not_visible() -> None:
+    batch = RandomClips(2, LAYOUT, 0)[torch.arange(3)]
+    assert batch.visible.shape == (3, 102)
+    assert batch.asked.shape == (3, 128)
+    for seen, asked in zip(batch.visible, batch.asked, strict=True):
+        assert len({*seen.tolist(), *asked.tolist()}) == 230
+        assert seen.tolist() == sorted(seen.tolist())
+
+
+def test_bodies_move_and_stay_mostly_in_sight() -> None:
+    batch = RandomClips(4, LAYOUT, 0)[torch.arange(32)]
+    moved = (batch.frames[:, -1] - batch.frames[:, 0]).abs().amax((1, 2, 3))
+    light = batch.frames.flatten(1).std(1)
+    assert float((moved > 0.1).float().mean()) > 0.8
+    assert float((light > 0.02).float().mean()) > 0.9
+
+
+def test_a_teacher_follows() -> None:
+    teacher, student = torch.nn.Linear(2, 1), torch.nn.Linear(2, 1)
+    wanted = 0.9 * teacher.weight + 0.1 * student.weight
+    follow(teacher, student, 0.9)
+    torch.testing.assert_close(teacher.weight, wanted)
+    assert ema_momentum(0.0, FIRST_MOMENTUM) == pytest.approx(0.99)
+    assert ema_momentum(1.0, FIRST_MOMENTUM) == 1.0
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_an_interrupted_pretraining_ends_with_the_same_release(
+    name: str, tmp_path: Path, few: None
+) -> None:
+    whole = pretrain(name, TOY, tmp_path / "whole", seed=1)
+
+    def stop(step: int, _steps: int, _loss: float) -> None:
+        if step == 3:
+            signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(KeyboardInterrupt):
+        pretrain(name, TOY, tmp_path / "cut", seed=1, progress=stop)
+    assert pretrain(name, TOY, tmp_path / "cut", seed=1) == whole
+    files = {file.name for file in (tmp_path / "cut").iterdir()}
+    assert files == {"config.json", "model.safetensors", RECORD}
+    released = load_encoder(name, {}, _locked(tmp_path / "cut"))
+    assert released.identity.weights_sha256 == whole.sha256
+    assert all(
+        t.dtype == torch.float16 for t in load_file(tmp_path / "cut" / "model.safetensors").values()
+    )
+
+
+def _locked(release: Path) -> Path:
+    weights_module.lock(release, None)
+    return release
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_a_few_steps_lower_the_loss(name: str, few: None) -> None:
+    torch.manual_seed(0)
+    module = OBJECTIVES[name]()
+    clips = RandomClips(2, module.layout, 0)
+    batch = clips[torch.arange(4)]
+    optimiser = torch.optim.Adam([p for p in module.parameters() if p.requires_grad], 1e-3)
+    losses = []
+    for _ in range(8):
+        loss = module(batch)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.97 * losses[0]
+
+
+def test_watching_changes_nothing(few: None) -> None:
+    module = OBJECTIVES["dino-tiny"]()
+    before = {k: v.clone() for k, v in module.state_dict().items()}
+    watch(module, RandomClips(1, module.layout, 0))
+    assert all(torch.equal(v, before[k]) for k, v in module.state_dict().items())
+    assert module.training
+
+
+def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="pretraining dino: unknown; use one of videomae-tiny"):
+        pretrain("dino", TOY, tmp_path, 0)

@@ -1,0 +1,140 @@
+"""The run folder: resumes, extends, refuses, and is never half-written."""
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+import vidphys
+from vidphys.errors import InputError
+from vidphys.metrics import Summary
+from vidphys.runs.atomic import write_with
+from vidphys.runs.folder import FILES, FOLDERS, RunFolder, code_version
+from vidphys.runs.records import Origin, Recorder
+
+SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
+
+
+def recorder(seed: int = 0) -> Recorder:
+    origin = Origin("ladder", "a/b", "s", "a", "none", "none", "none", "b", seed, "cpu", "f32")
+    made = Recorder(origin)
+    made.add("inversion_nmse", Summary(0.5, "ok", 4, 0), -1.0, 150)
+    made.add("inversion_nmse", Summary(None, "failed", 4, 2), -1.5, 150)
+    made.reading("shooting").add_episodes("energy_drift", torch.tensor([1.0, float("nan")]))
+    return made
+
+
+def test_parts_join_and_failures_have_no_number(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    assert not run.is_done("a-b-s0")
+    for seed in (0, 1):
+        run.finish(f"a-b-s{seed}", *recorder(seed).tables())
+    assert run.is_done("a-b-s0")
+    records = run.join().to_pylist()
+    assert sorted(r["seed"] for r in records) == [0, 0, 1, 1]
+    assert {(r["value"], r["status"]) for r in records} == {(0.5, "ok"), (None, "failed")}
+    episodes = pq.read_table(tmp_path / "r" / "episodes.parquet").to_pylist()
+    assert [(e["value"], e["status"]) for e in episodes[:2]] == [(1.0, "ok"), (None, "failed")]
+    assert {e["readout"] for e in episodes} == {"shooting"}
+
+
+def test_the_same_settings_resume_and_more_cells_extend(tmp_path):
+    path = tmp_path / "r"
+    created = RunFolder.open(path, SETTINGS).manifest()["created"]
+    more = {**SETTINGS, "cells": ["c/d"], "seeds": [1]}
+    manifest = RunFolder.open(path, more).manifest()
+    assert manifest["created"] == created
+    assert manifest["settings"]["cells"] == ["a/b", "c/d"]
+    assert manifest["settings"]["seeds"] == [0, 1]
+
+
+def test_another_run_is_not_overwritten_unless_asked(tmp_path):
+    path = tmp_path / "r"
+    run = RunFolder.open(path, SETTINGS)
+    run.finish("a-b-s0", *recorder().tables())
+    other = {**SETTINGS, "preset": "paper"}
+    with pytest.raises(InputError, match="--overwrite"):
+        RunFolder.open(path, other)
+    assert run.is_done("a-b-s0")
+    again = RunFolder.open(path, other, overwrite=True)
+    assert not again.is_done("a-b-s0")
+    assert again.manifest()["settings"]["preset"] == "paper"
+
+
+def test_a_folder_that_is_not_a_run_is_left_alone(tmp_path):
+    (tmp_path / "precious.txt").write_text("x")
+    with pytest.raises(InputError, match="not a run"):
+        RunFolder.open(tmp_path, SETTINGS, overwrite=True)
+    assert (tmp_path / "precious.txt").exists()
+
+
+def test_one_process_at_a_time(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    with (
+        run.locked(),
+        pytest.raises(InputError, match="another process"),
+        RunFolder(run.path).locked(),
+    ):
+        pass
+
+
+def test_an_empty_run_has_nothing_to_report(tmp_path):
+    with pytest.raises(InputError, match="no finished work"):
+        RunFolder.open(tmp_path / "r", SETTINGS).join()
+
+
+def test_skips_are_noted_once(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    run.skip("x/y", "no weights")
+    run.skip("x/y", "no weights")
+    assert run.manifest()["skipped"] == [{"cell": "x/y", "reason": "no weights"}]
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path):
+    path = tmp_path / "f.json"
+    path.write_text(json.dumps({"old": True}))
+
+    def half(partial):
+        partial.write_text("{")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_with(path, half)
+    assert json.loads(path.read_text()) == {"old": True}
+    assert [p.name for p in tmp_path.iterdir()] == ["f.json"]
+
+
+def test_a_run_that_could_not_begin_leaves_nothing_and_finished_work_stays(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    with run.locked():
+        run.abandon()
+    assert not run.path.exists()
+    kept = RunFolder.open(tmp_path / "k", SETTINGS)
+    kept.finish("a-b-s0", *recorder().tables())
+    kept.abandon()
+    assert kept.is_done("a-b-s0")
+    other = RunFolder.open(tmp_path / "o", SETTINGS)
+    (other.path / "notes.md").write_text("mine")
+    other.abandon()
+    assert [p.name for p in other.path.iterdir()] == ["notes.md"]
+
+
+def test_a_run_that_is_given_up_takes_along_whatever_any_verb_writes():
+    written = re.compile(r'run\.path / "([^"]+)"')
+    source = "".join(p.read_text() for p in Path(vidphys.__file__).parent.rglob("*.py"))
+    names = set(written.findall(source))
+    assert {"diagnosis.json", "outcomes", "points.parquet"} <= names
+    assert names <= {*FOLDERS, *FILES}
+
+
+def test_a_checkouts_code_is_known_by_its_commit():
+    home = Path(__file__).resolve().parents[3]
+    if not (home / ".git").exists():
+        pytest.skip("not a source checkout")
+    command = ["git", "-C", str(home), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    assert code_version().removesuffix("+dirty") == commit

@@ -1,0 +1,1 @@
+"""What a scene requires, found from recorded motion."""

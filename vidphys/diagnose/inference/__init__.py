@@ -1,0 +1,1 @@
+"""Which terms: the menu, the search through it, and the numbers of what was found."""

@@ -1,0 +1,82 @@
+"""What was found of a motion: which terms, their numbers, and how sure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vidphys.diagnose.inference.menu import FRICTION, Term
+from vidphys.diagnose.inference.refine import Fitted
+from vidphys.diagnose.inference.structures import Structure, chance
+from vidphys.diagnose.recordings.noise import Noise
+from vidphys.diagnose.weak.residual import Leftover, friction_rate
+from vidphys.diagnose.weak.windows import Windows
+from vidphys.statistics import NORMAL_95
+
+UNSURE = 0.9  # probability of a structure under which the diagnosis says that it is not sure
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Which terms, and how sure.
+
+    Args:
+        fitted: the best structure with its numbers, their errors and the model's paths.
+        windows: the final ones.
+        noise: of the positions.
+        probability: of each set of kinds.
+        kicks: variance of random kicks per second, ``(world units / s)^2 / s``; 0 if there
+            are none.
+        kicks_gain: of log likelihood, by the kicks.
+        leftover: what is not explained.
+        structures: all that were tried, best first.
+    """
+
+    fitted: Fitted
+    windows: Windows
+    noise: Noise
+    probability: dict[frozenset[str], float]
+    kicks: float
+    kicks_gain: float
+    leftover: Leftover
+    structures: tuple[Structure, ...]
+
+    @property
+    def structure(self) -> Structure:
+        """The best structure."""
+        return self.fitted.structure
+
+    @property
+    def idle(self) -> bool:
+        """Whether a friction beside random kicks may be zero.
+
+        Kicks are tried with a friction that balances them: nothing else speaks for it then.
+        """
+        rate, error = friction_rate(self.fitted)
+        return self.kicks > 0 and abs(rate) <= NORMAL_95 * error
+
+    @property
+    def bathed(self) -> bool:
+        """Whether there are random kicks, and a friction that surely takes what they give."""
+        return self.kicks > 0 and not self.idle and friction_rate(self.fitted)[0] > 0
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Those of the best structure, without a friction that may be zero beside kicks."""
+        return tuple(t for t in self.structure.terms if not (self.idle and t.family == FRICTION))
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of the terms, the bath among them."""
+        if self.idle:
+            return frozenset(term.kind for term in self.terms)
+        return self.structure.kinds | ({"bath"} if self.bathed else frozenset())
+
+    @property
+    def sure(self) -> bool:
+        """Whether the alternatives are unlikely and nothing is left unexplained."""
+        likely = self.probability.get(self.structure.kinds, 0.0) >= UNSURE
+        return likely and self.leftover.explained
+
+    def chance(self, kind: str) -> float:
+        """Probability that a kind of term is there."""
+        return chance(self.probability, kind)

@@ -1,0 +1,167 @@
+"""A last look at long recordings: what is too slow to show in one window, above all friction.
+
+The winner's numbers are fitted again in windows that double until they span the recording or the
+model no longer follows it, with every friction of the menu in turn; weak damping changes nothing
+within a period and everything over twenty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, Term, external_terms, of_each_body
+from vidphys.diagnose.inference.refine import Fitted, refine
+from vidphys.diagnose.inference.structures import PRICE, Structure
+from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.weak.paths import splined
+from vidphys.diagnose.weak.windows import FEW, Windows, cut_windows
+
+SMALL = 6  # coordinates of a scene that is fitted in long windows
+FOLLOWS = 9.0  # times the noise's variance up to which a model follows a recording
+TRAP_1D = external_terms(1, angles=False)[1]
+START = 0.02  # per second, of a friction before it is fitted
+
+
+@dataclass(frozen=True)
+class LongFit:
+    """A structure fitted in the longest windows in which it follows the recording.
+
+    Args:
+        fitted: numbers and errors.
+        windows: those.
+        probability: of each friction, by its kind, beside the terms that all have.
+    """
+
+    fitted: Fitted
+    windows: Windows
+    probability: dict[frozenset[str], float] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """Length of a window."""
+        return float(self.windows.length.mean())
+
+    def score(self) -> float:
+        """Log likelihood less the price of the numbers, comparable in equal windows."""
+        rows = self.windows.seen.sum() * self.windows.frames.shape[-1]
+        price = PRICE * 0.5 * np.log(rows) * len(self.fitted.values)
+        return float(-0.5 * self.fitted.freedom * np.log(self.fitted.variance) - price)
+
+
+def last_look(motion: Motion, inference: Inference) -> LongFit | None:
+    """The structure and its numbers by the longest windows that it follows.
+
+    Returns:
+        ``None`` for short recordings, many bodies, random kicks, or a motion that the menu does
+        not explain.
+    """
+    short = motion.positions.shape[1] <= FEW or motion.bodies * motion.space > SMALL
+    if short or inference.kicks > 0 or not inference.leftover.explained:
+        return None
+    speed = float(np.sqrt(np.mean(inference.fitted.paths.v**2)))
+    variants = _variants(inference.structure, speed)
+    fits = [_longest(motion, inference, structure) for structure in variants]
+    found = [fit for fit in fits if fit is not None]
+    if not found:
+        return None
+    size = max(fit.windows.frames.shape[1] for fit in found)
+    longest = [fit for fit in found if fit.windows.frames.shape[1] == size]
+    if motion.bodies > 1:
+        apart = [_each_body(fit, motion.bodies) for fit in longest]
+        longest += [fit for fit in apart if fit is not None]
+    longest.sort(key=lambda fit: -fit.score())
+    return replace(longest[0], probability=_probability(longest, inference.noise.sigma))
+
+
+def _each_body(fit: LongFit, bodies: int) -> LongFit | None:
+    """The same with a rate of friction for each body; none without friction."""
+    structure, shared = fit.fitted.structure, fit.fitted.structure.term(FRICTION)
+    if shared is None:
+        return None
+    terms = tuple(of_each_body(t, bodies) if t is shared else t for t in structure.terms)
+    known = [np.repeat(structure.of(t), bodies if t is shared else 1) for t in structure.terms]
+    apart = replace(structure, terms=terms, coefficients=np.concatenate(known))
+    try:
+        fitted = refine(fit.windows, fit.fitted.paths, apart)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+    friction = fitted.structure.term(FRICTION)
+    assert friction is not None
+    takes = bool((fitted.structure.of(friction) > 0).all())
+    return LongFit(fitted, fit.windows) if takes else None
+
+
+def _probability(fits: Sequence[LongFit], sigma: float) -> dict[frozenset[str], float]:
+    """Of each friction; a residual above the noise is no independent evidence, and counts less."""
+    best = fits[0]
+    tempered = max(best.fitted.variance / max(sigma, np.finfo(float).tiny) ** 2, 1.0)
+    weight: dict[frozenset[str], float] = {}
+    for fit in fits:
+        kinds = fit.fitted.structure.kinds
+        likely = float(np.exp((fit.score() - best.score()) / tempered))
+        weight[kinds] = max(likely, weight.get(kinds, 0.0))
+    total = sum(weight.values())
+    return {kinds: value / total for kinds, value in weight.items()}
+
+
+def _variants(structure: Structure, speed: float) -> Iterator[Structure]:
+    """The structure with each friction in place of its own, and with none.
+
+    Args:
+        structure: what was found in short windows.
+        speed: a usual one, at which frictions that are not there yet begin at one rate.
+    """
+    own = structure.term(FRICTION)
+    for kept in _externals(structure):
+        values = [law for _, law in kept]
+        terms = tuple(term for term, _ in kept)
+        yield replace(structure, terms=terms, coefficients=np.concatenate([*values, []]))
+        for power, friction in zip((1, 2, 0), FRICTIONS.values(), strict=True):
+            same = own is not None and own.kind == friction.kind
+            start = structure.of(own) if own and same else np.array([START * speed ** (1 - power)])
+            coefficients = np.concatenate([*values, start])
+            yield replace(structure, terms=(*terms, friction), coefficients=coefficients)
+
+
+def _externals(structure: Structure) -> list[list[tuple[Term, np.ndarray]]]:
+    """The terms but friction, with their numbers; and again with a plain trap for a bent one."""
+    kept = [(term, structure.of(term)) for term in structure.terms if term.family != FRICTION]
+    plain = [
+        (TRAP_1D, values[:2]) if term.kind == "well" else (term, values) for term, values in kept
+    ]
+    return [kept] if all(term.kind != "well" for term, _ in kept) else [kept, plain]
+
+
+def _longest(motion: Motion, inference: Inference, structure: Structure) -> LongFit | None:
+    """Fits in windows that double, as long as the residual does not grow."""
+    size = inference.windows.frames.shape[1]
+    total = motion.positions.shape[1]
+    allowed = FOLLOWS * inference.noise.sigma**2
+    found = None
+    while True:
+        windows = cut_windows(motion, size)
+        try:
+            fitted = refine(windows, splined(windows, inference.noise.sigma), structure)
+        except (FloatingPointError, np.linalg.LinAlgError):
+            return found
+        if fitted.variance > allowed or not _means_what_it_says(fitted.structure):
+            return found
+        found, structure = LongFit(fitted, windows), fitted.structure
+        if windows.frames.shape[1] >= total:
+            return found
+        size = min(total, 2 * windows.frames.shape[1])
+
+
+def _means_what_it_says(structure: Structure) -> bool:
+    return all(not t.positive or structure.of(t)[0] > 0 for t in structure.terms)
+
+
+def looked_again(inference: Inference, look: LongFit) -> Inference:
+    """The inference with the numbers of the last look, and its friction."""
+    return replace(
+        inference, fitted=look.fitted, windows=look.windows, probability=look.probability
+    )

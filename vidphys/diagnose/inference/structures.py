@@ -1,0 +1,145 @@
+"""Which terms: every combination of the menu is fitted, and the evidence for each is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from vidphys.diagnose.inference.menu import FAMILIES, Field, Term
+from vidphys.diagnose.weak.regression import Normal
+
+PRICE = 1.5  # of each number, over Schwarz's half logarithm of the rows
+
+
+@dataclass(frozen=True)
+class Structure:
+    """One combination of terms with its best coefficients.
+
+    Args:
+        terms: at most one of each family.
+        coefficients: of all columns, in the order of the terms.
+        score: log likelihood less the price of the numbers that were fitted.
+        misfit: weighted mean square residual.
+    """
+
+    terms: tuple[Term, ...]
+    coefficients: np.ndarray
+    score: float
+    misfit: float
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of the terms; a friction that adds energy is a drive."""
+        return frozenset(
+            "drive" if term.kind == "linear" and self.of(term)[0] < 0 else term.kind
+            for term in self.terms
+        )
+
+    def of(self, term: Term) -> np.ndarray:
+        """Coefficients of one of the terms."""
+        at = 0
+        for other in self.terms:
+            if other is term:
+                break
+            at += len(other.coefficients)
+        return self.coefficients[at : at + len(term.coefficients)]
+
+    def term(self, family: str) -> Term | None:
+        """The term of a family, if there is one."""
+        return next((t for t in self.terms if t.family == family), None)
+
+    def accelerations(self, field: Field) -> np.ndarray:
+        """What the terms give together, ``(w, m, n, d)``."""
+        total = np.zeros_like(field.q)
+        for term in self.terms:
+            total = total + term.columns(field) @ self.of(term)
+        return total
+
+
+@dataclass(frozen=True)
+class Menu:
+    """Terms to choose from and the place of each one's columns among all."""
+
+    terms: tuple[Term, ...]
+
+    @property
+    def places(self) -> list[list[int]]:
+        """Numbers of the columns of each term."""
+        ends = np.cumsum([len(term.coefficients) for term in self.terms])
+        return [
+            list(range(end - len(term.coefficients), end))
+            for term, end in zip(self.terms, ends, strict=True)
+        ]
+
+    def columns(self, field: Field) -> np.ndarray:
+        """All columns, ``(w, m, n, d, p)``."""
+        return np.concatenate([term.columns(field) for term in self.terms], -1)
+
+
+def all_structures(menu: Menu, normal: Normal, floor: float, least: float = 0.0) -> list[Structure]:
+    """Every combination, best first.
+
+    Args:
+        menu: the terms.
+        normal: normal equations over their columns.
+        floor: standard deviation below which a residual is numerical, world units.
+        least: root mean square, world units, by which a term must move the rows to be told from
+            what the integrals are wrong by; that error is systematic, and many rows do not
+            average it away.
+    """
+    families: list[list[int | None]] = [
+        [None, *(i for i, term in enumerate(menu.terms) if term.family == family)]
+        for family in FAMILIES
+    ]
+    places = menu.places
+    found = []
+    for combination in product(*families):
+        chosen = [i for i in combination if i is not None]
+        structure = _fit(
+            [menu.terms[i] for i in chosen], [places[i] for i in chosen], normal, floor
+        )
+        if structure is not None and _shows(structure, [places[i] for i in chosen], normal, least):
+            found.append(structure)
+    return sorted(found, key=lambda s: -s.score)
+
+
+def _fit(
+    terms: Sequence[Term], places: Sequence[list[int]], normal: Normal, floor: float
+) -> Structure | None:
+    columns = [i for place in places for i in place]
+    coefficients = normal.solve(columns)
+    misfit = normal.misfit(columns, coefficients)
+    price = PRICE * 0.5 * np.log(normal.count) * sum(term.size for term in terms)
+    score = normal.log_likelihood(misfit, floor) - price
+    structure = Structure(tuple(terms), coefficients, score, misfit / normal.count)
+    wrong = any(term.positive and structure.of(term)[0] <= 0 for term in terms)
+    return None if wrong else structure
+
+
+def _shows(structure: Structure, places: Sequence[list[int]], normal: Normal, least: float) -> bool:
+    """Whether every term moves the rows by at least so much."""
+    for term, place in zip(structure.terms, places, strict=True):
+        own = structure.of(term)
+        moved = own @ normal.gram[np.ix_(place, place)] @ own / normal.count
+        if moved < least**2:
+            return False
+    return True
+
+
+def posterior(structures: Sequence[Structure]) -> dict[frozenset[str], float]:
+    """Probability of each set of kinds: shapes and lengths of one kind are joined by the best."""
+    best: dict[frozenset[str], float] = {}
+    for structure in structures:
+        best[structure.kinds] = max(best.get(structure.kinds, -np.inf), structure.score)
+    top = max(best.values())
+    weight = {kinds: float(np.exp(score - top)) for kinds, score in best.items()}
+    total = sum(weight.values())
+    return {kinds: value / total for kinds, value in weight.items()}
+
+
+def chance(probability: dict[frozenset[str], float], kind: str) -> float:
+    """Probability that a kind is among the terms."""
+    return sum(value for kinds, value in probability.items() if kind in kinds)

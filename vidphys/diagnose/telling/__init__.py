@@ -1,0 +1,1 @@
+"""What is said of a diagnosis: words, data, forecasts, and the specification of a model."""

@@ -1,0 +1,132 @@
+"""Rolling a diagnosed scene on: past the end of the recording, and under a change of its law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from vidphys.diagnose.inference.longer import LongFit
+from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, Field
+from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.recordings.motion import Motion
+
+ACCURACY = 1e-8
+SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class State:
+    """Places and velocities ``(n, d)`` at a time in seconds, and the bodies' masses ``(n,)``."""
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+    mass: np.ndarray
+
+
+def last_state(look: LongFit) -> tuple[State, np.ndarray]:
+    """The state at the end of the last window of the last clip, and its acceleration."""
+    paths, windows = look.fitted.paths, look.windows
+    time = float(windows.begin[-1] + windows.length[-1])
+    state = State(time, paths.q[-1, -1], paths.v[-1, -1], windows.mass[-1])
+    return state, paths.a[-1, -1]
+
+
+def roll(structure: Structure, start: State, times: np.ndarray) -> np.ndarray:
+    """Positions ``(t, n, d)`` at increasing times, from a state at or before the first.
+
+    Raises:
+        FloatingPointError: the integration failed.
+    """
+    shape = start.q.shape
+
+    def slope(t: float, state: np.ndarray) -> np.ndarray:
+        q, v = state.reshape(2, 1, 1, *shape)
+        field = Field(q, v, np.array([[t]]), start.mass[None], np.ones(1))
+        return np.concatenate([v.ravel(), structure.accelerations(field).ravel()])
+
+    first = np.concatenate([start.q.ravel(), start.v.ravel()])
+    span = (start.time, float(times[-1]))
+    size = np.abs(first).max() or 1.0
+    solved = solve_ivp(
+        slope, span, first, t_eval=times, rtol=ACCURACY, atol=ACCURACY * size, method="DOP853"
+    )
+    if not solved.success:
+        raise FloatingPointError(f"roll: {solved.message}")
+    return solved.y.T[:, : start.q.size].reshape(-1, *shape)
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A forecast of the tail that nothing was fitted to, against what needs no model.
+
+    Args:
+        times: of the tail, ``(t,)``.
+        seen: positions there, ``(t, n, d)``; NaN where a body was not seen.
+        forecasts: positions by name, ``model`` first.
+        errors: root mean squared distance of each, in the unit of the positions.
+    """
+
+    times: np.ndarray
+    seen: np.ndarray
+    forecasts: dict[str, np.ndarray]
+    errors: dict[str, float]
+
+    @property
+    def beats_all(self) -> bool:
+        """Whether the model is nearer than every simple forecast."""
+        return all(self.errors["model"] < e for name, e in self.errors.items() if name != "model")
+
+
+def validate(look: LongFit, tail: Motion) -> Validation:
+    """Roll the model through the tail, beside simple forecasts."""
+    start, a = last_state(look)
+    return beside_simple(roll(look.fitted.structure, start, tail.times[-1]), tail, start, a)
+
+
+def beside_simple(model: np.ndarray, tail: Motion, start: State, a: np.ndarray) -> Validation:
+    """A model's forecast beside persistence, constant velocity and constant acceleration.
+
+    Args:
+        model: positions in the tail of the last clip, ``(t, n, d)``.
+        tail: nothing was fitted to it.
+        start: the model's last state before the tail, where the simple ones begin.
+        a: the acceleration there, ``(n, d)``.
+    """
+    times, seen = tail.times[-1], tail.positions[-1]
+    since = (times - start.time)[:, None, None]
+    straight = start.q + start.v * since
+    forecasts = {
+        "model": model,
+        "persistence": np.broadcast_to(start.q, seen.shape),
+        "constant velocity": straight,
+        "constant acceleration": straight + 0.5 * a * since**2,
+    }
+    errors = {
+        name: float(np.sqrt(np.nanmean(((path - seen) ** 2).sum(-1))))
+        for name, path in forecasts.items()
+    }
+    return Validation(times, seen, forecasts, errors)
+
+
+def changed_laws(structure: Structure) -> dict[str, Structure]:
+    """What may be asked of the model that was never recorded: no friction, twice the restoring."""
+    laws = {}
+    friction = structure.term(FRICTION)
+    if friction is not None:
+        laws["no friction"] = _scaled(structure, FRICTION, 0.0)
+    external = structure.term(EXTERNAL)
+    if external is not None and external.kind == "pendulum":
+        laws["half the length"] = _scaled(structure, EXTERNAL, 2.0)
+    elif external is not None and external.kind == "trap":
+        laws["twice the stiffness"] = _scaled(structure, EXTERNAL, 2.0)
+    return laws
+
+
+def _scaled(structure: Structure, family: str, factor: float) -> Structure:
+    parts = [
+        structure.of(term) * (factor if term.family == family else 1.0) for term in structure.terms
+    ]
+    return replace(structure, coefficients=np.concatenate(parts))

@@ -1,0 +1,153 @@
+"""What a diagnosed scene requires, as data from which exactly that model is built, no term more."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from dynamics.terms import HamiltonianTerms, from_config, to_config
+from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
+from vidphys.errors import InputError
+
+SCHEMA_VERSION = 1
+PORTS = {
+    "linear": "linear-drag-positive",
+    "square": "square-drag-positive",
+    "dry": "dry-drag-positive",
+    "drive": "linear-drag-free",
+}
+BATH = "constant-bath"
+
+
+def terms_of(
+    kinds: frozenset[str], trap: float | None = None, reach: float = 1.0
+) -> HamiltonianTerms:
+    """The terms of a model that has these kinds.
+
+    Args:
+        kinds: see :attr:`vidphys.diagnose.inference.inference.Inference.kinds`.
+        trap: stiffness of the trap, where there is one.
+        reach: of a contact, world units.
+    """
+    potential: Literal["radial", "knots", "free", "none"] = "none"
+    if "pair" in kinds:
+        potential = "radial"
+    elif "contact" in kinds:
+        potential = "knots"
+    elif kinds & {"pendulum", "well"}:
+        potential = "free"
+    ports = [PORTS[kind] for kind in sorted(kinds) if kind in PORTS]
+    if "bath" in kinds:
+        # The bath brings its own friction: fluctuation and dissipation are one term.
+        ports = [BATH]
+    return HamiltonianTerms(
+        potential=potential,
+        trap=trap if "trap" in kinds else None,
+        reach=reach,
+        uniform="uniform" in kinds,
+        ports=tuple(ports),
+    )
+
+
+def specification(inference: Inference, interval: float) -> dict[str, Any]:
+    """The scene as JSON: terms, what is known of their numbers, and where the origin lies.
+
+    Args:
+        inference: what was found.
+        interval: seconds between frames.
+    """
+    structure, fitted = inference.structure, inference.fitted
+    numbers: dict[str, tuple[float, float]] = {}
+    origin, trap, reach = [0.0] * inference.windows.frames.shape[-1], None, 1.0
+    for family in (PAIR, EXTERNAL, FRICTION):
+        term = structure.term(family)
+        if term is None or term not in inference.terms:
+            continue
+        at = fitted.place(term)
+        for k, name in enumerate(term.coefficients, at):
+            numbers[f"{term.kind}: {name}"] = float(fitted.values[k]), float(fitted.errors[k])
+        if term.scale is not None:
+            numbers[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
+        if term.kind == "trap":
+            trap, *pulls = (float(x) for x in structure.of(term))
+            origin = [pull / trap for pull in pulls]
+        if term.kind == "contact" and term.scale is not None:
+            reach = float(term.scale)
+    if inference.bathed:
+        numbers["bath: temperature"] = temperature(inference), float("nan")
+    return as_specification(
+        terms_of(inference.kinds, trap, reach),
+        inference.windows.frames.shape[2],
+        origin,
+        numbers,
+        inference.leftover.explained,
+        interval,
+    )
+
+
+def as_specification(
+    terms: HamiltonianTerms,
+    bodies: int,
+    origin: Sequence[float],
+    numbers: Mapping[str, tuple[float, float]],
+    explained: bool,
+    interval: float,
+) -> dict[str, Any]:
+    """A scene as JSON; see :func:`read_specification`.
+
+    Args:
+        terms: that it has.
+        bodies: N.
+        origin: of the model's coordinates in those of the tracks, ``(d,)``.
+        numbers: what is known of the terms, each with its standard error, which may be infinite.
+        explained: whether the terms leave no more than noise.
+        interval: seconds between frames.
+    """
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "bodies": bodies,
+        "space": len(origin),
+        "interval_seconds": interval,
+        "origin": list(origin),
+        "terms": to_config(terms),
+        "numbers": {name: _finite(value) for name, value in numbers.items()},
+        "explained": explained,
+    }
+
+
+def _finite(pair: tuple[float, float]) -> dict[str, float | None]:
+    value, error = pair
+    return {"value": value, "standard_error": error if np.isfinite(error) else None}
+
+
+def temperature(inference: Inference) -> float:
+    """Temperature at which the kicks balance the friction (k_B = 1), of unit masses."""
+    friction = inference.structure.term(FRICTION)
+    rate = 0.0 if friction is None else float(inference.structure.of(friction)[0])
+    return inference.kicks / (2 * rate) if rate > 0 else float("inf")
+
+
+def read_specification(path: Path) -> tuple[HamiltonianTerms, Mapping[str, Any]]:
+    """Terms and the rest of a specification.
+
+    Raises:
+        InputError: not a specification, or of another version.
+    """
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        terms = from_config(held["terms"])
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: not a scene specification ({error}); `vidphys diagnose` writes one"
+        ) from error
+    if held.get("schema_version") != SCHEMA_VERSION or not isinstance(terms, HamiltonianTerms):
+        raise InputError(
+            f"{path}: version {held.get('schema_version')} of a scene specification, this program "
+            f"reads {SCHEMA_VERSION}; run `vidphys diagnose` again"
+        )
+    return terms, held

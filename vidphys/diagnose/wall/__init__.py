@@ -1,0 +1,1 @@
+"""One body beside a wall, fitted over the whole recording."""

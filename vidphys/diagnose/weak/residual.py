@@ -1,0 +1,300 @@
+"""What the chosen terms leave: nothing but noise, random kicks, or a force that the menu lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
+from vidphys.diagnose.inference.refine import Fitted
+from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
+from vidphys.diagnose.weak.windows import Windows
+from vidphys.statistics import NORMAL_95
+
+PRICE = 1.5  # of each number of a probe, over Schwarz's half logarithm of the rows
+EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
+SPREADS = 5.0  # and standard deviations of a mean square
+BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree
+# Frames that a speed must last against friction or a drive to be told; beside random kicks, which
+# the smoothing of paths takes for noise where they fade sooner, so that a temperature is too low.
+LASTING, LASTING_BESIDE_KICKS = 1.0, 4.0
+# Variances that are tried of what kicks do to a row, over that of the noise of a position.
+VARIANCES = np.concatenate([[0.0], np.geomspace(1e-5, 1e8, 40)])
+
+
+@dataclass(frozen=True)
+class Kicks:
+    """Random kicks beside the chosen terms.
+
+    Args:
+        ratio: their variance per second over that of the noise of a position, per second cubed.
+        gain: of log likelihood over no kicks.
+        moved: root mean square of what they do to a row, world units.
+    """
+
+    ratio: float
+    gain: float
+    moved: float
+
+
+def random_kicks(rows: Rows, chosen: list[int], floor: float) -> Kicks:
+    """The most likely strength of white kicks, the coefficients of ``chosen`` columns free.
+
+    Args:
+        rows: of all columns.
+        chosen: columns that stand in the model.
+        floor: see :func:`vidphys.diagnose.inference.structures.all_structures`.
+    """
+    ratio, gain = _likeliest(rows, chosen, floor, rows.kicks)
+    normal = normal_equations(Rows(rows.x[:, chosen], rows.y, rows.kicks, rows.window), ratio)
+    everything = range(len(chosen))
+    variance = normal.misfit(everything, normal.solve(everything)) / normal.count
+    moved = float(np.sqrt(ratio * max(variance, floor**2) * rows.kicks.mean()))
+    return Kicks(ratio, gain, moved)
+
+
+def _likeliest(
+    rows: Rows, chosen: list[int], floor: float, shape: np.ndarray
+) -> tuple[float, float]:
+    few = Rows(rows.x[:, chosen], rows.y, shape, rows.window)
+    everything = list(range(len(chosen)))
+
+    def log_likelihood(ratio: float) -> float:
+        normal = normal_equations(few, ratio)
+        return normal.log_likelihood(normal.misfit(everything, normal.solve(everything)), floor)
+
+    ratios = VARIANCES / shape.mean()
+    found = np.array([log_likelihood(ratio) for ratio in ratios])
+    best = int(found.argmax())
+    if not 1 < best < len(ratios) - 1:
+        return float(ratios[best]), float(found[best] - found[0])
+    ends = np.log(ratios[[best - 1, best + 1]])
+    between = minimize_scalar(
+        lambda x: -log_likelihood(np.exp(x)), bounds=ends, method="bounded", options={"xatol": 0.02}
+    )
+    return float(np.exp(between.x)), float(-between.fun - found[0])
+
+
+def smooth_force_gain(windows: Windows, rows: Rows, chosen: list[int], floor: float) -> float:
+    """Gain of log likelihood by a force that changes smoothly within a window, at its best."""
+    there = windows.informative
+    gains = []
+    for share in (0.5, 1.0, 2.0):
+        since = windows.nodes * windows.length[:, None] / 2
+        reach = share * windows.length[:, None, None]
+        alike = np.exp(-0.5 * ((since[:, :, None] - since[:, None]) / reach) ** 2)
+        spread = np.einsum("wnkm,wml,wnkl->wnk", windows.weak, alike, windows.weak)
+        shape = np.repeat(spread[there], windows.frames.shape[-1])
+        gains.append(_likeliest(rows, chosen, floor, shape)[1])
+    return max(gains)
+
+
+def _across(field: Field, structure: Structure) -> np.ndarray:
+    turned = np.stack([-field.v[..., 1], field.v[..., 0]], -1)
+    return turned[..., None]
+
+
+def _uneven_drag(field: Field, structure: Structure) -> np.ndarray:
+    flipped = field.v * np.array([1.0, -1.0, 0.0][: field.v.shape[-1]])
+    swapped = field.v[..., [1, 0, *range(2, field.v.shape[-1])]]
+    return np.stack([flipped, swapped], -1)
+
+
+def _turned_place(field: Field, structure: Structure) -> np.ndarray:
+    return np.stack([-field.q[..., 1], field.q[..., 0]], -1)[..., None]
+
+
+def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
+    return np.stack([field.q * np.array([1.0, -1.0]), field.q[..., [1, 0]]], -1)
+
+
+def _in_time(field: Field, structure: Structure) -> np.ndarray:
+    t = (field.t - field.t.mean()) / max(field.t.std(), np.finfo(float).tiny)
+    force = structure.accelerations(field)
+    shapes = [force * x[:, :, None, None] for x in (t, t**2, t**3)]
+    return np.stack(shapes, -1)
+
+
+def _bodies_differ(field: Field, structure: Structure) -> np.ndarray:
+    pair = structure.term(PAIR)
+    bodies = field.q.shape[2]
+    if pair is not None:
+        force = pair.columns(field) @ structure.of(pair)
+    else:
+        force = structure.accelerations(field)
+    own = np.eye(bodies)[None, None, :, None, :-1]
+    return force[..., None] * own
+
+
+def _company(field: Field, structure: Structure) -> np.ndarray:
+    pair = structure.term(PAIR)
+    assert pair is not None
+    force = pair.columns(field) @ structure.of(pair)
+    reach = np.median(field.distance[np.isfinite(field.distance)]) / 1.5
+    near = np.exp(-0.5 * (field.distance / reach) ** 2).sum(-1)[..., None]
+    return np.stack([force * near, force * near**2], -1)
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What noise and the chosen terms do not explain.
+
+    Args:
+        excess: mean square residual over the noise's variance as differences give it.
+        allowed: the largest such ratio that noise alone explains.
+        kicks_gain: of log likelihood by random kicks.
+        smooth_gain: of log likelihood by a smoothly changing force.
+        probes: forces that the menu lacks and that the data ask for, with their gain of log
+            likelihood less its price.
+        explained: whether the menu explains the motion.
+        why: one sentence.
+    """
+
+    excess: float
+    allowed: float
+    kicks_gain: float
+    smooth_gain: float
+    probes: dict[str, float]
+    explained: bool
+    why: str
+
+
+def leftover(
+    windows: Windows, fitted: Fitted, ratio: float, sigma: float, floor: float
+) -> Leftover:
+    """Judge the residual of a fitted structure.
+
+    Args:
+        windows: what was recorded.
+        fitted: the structure, its numbers, and paths.
+        ratio: of random kicks in the model, 0 if none.
+        sigma: noise by differences, world units.
+        floor: see :func:`vidphys.diagnose.inference.structures.all_structures`.
+    """
+    structure = fitted.structure
+    field = field_of(windows, fitted.paths)
+    columns = [term.columns(field) for term in structure.terms]
+    if structure.term(FRICTION) is None:
+        columns.append(FRICTIONS["linear"].columns(field))
+    base = sum(c.shape[-1] for c in columns)
+    places, at = {}, base
+    for name, (space, bodies, of_pairs, probe) in PROBES.items():
+        enough = field.q.shape[-1] >= space and field.q.shape[2] >= bodies
+        if enough and structure.terms and (structure.term(PAIR) is not None or not of_pairs):
+            columns.append(probe(field, structure))
+            places[name] = list(range(at, at + columns[-1].shape[-1]))
+            at = places[name][-1] + 1
+    rows = rows_of(windows, np.concatenate(columns, -1))
+    chosen = list(range(base))
+    kicks = random_kicks(rows, chosen, floor)
+    smooth = smooth_force_gain(windows, rows, chosen, floor) if kicks.gain > 0 else 0.0
+    probes = _probe_gains(rows, chosen, places, ratio, floor)
+    allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
+    excess = fitted.variance / sigma**2
+    doubt = ""
+    if ratio and not _one_temperature(fitted, ratio * fitted.variance, field, windows):
+        doubt = "random kicks and friction do not belong to one temperature"
+    elif not _lasts(fitted, LASTING_BESIDE_KICKS if ratio else LASTING, windows):
+        doubt = "speeds change faster than frames show: record more often, or the tracks jump"
+    return _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
+
+
+def _lasts(fitted: Fitted, frames: float, windows: Windows) -> bool:
+    """Whether a speed lasts so many frames against what goes with it."""
+    law = fitted.structure.term(FRICTION)
+    if law is None or law.kind != "linear":
+        return True
+    interval = float(np.diff(windows.times).mean())
+    return abs(friction_rate(fitted)[0]) * interval * frames < 1
+
+
+def _one_temperature(fitted: Fitted, kicks: float, field: Field, windows: Windows) -> bool:
+    """Whether kicks and friction balance at about the temperature at which the bodies move.
+
+    A friction that may be zero balances no kicks at all, and none is known better than the speeds
+    that it makes forget allow: to sqrt(2 rate / time) in each coordinate.
+    """
+    rate, error = friction_rate(fitted)
+    seen = float((windows.length[:, None] * windows.seen.mean(1)).sum()) * field.v.shape[-1]
+    error = max(error, float(np.sqrt(2 * max(rate, 0.0) / seen)))
+    if rate <= NORMAL_95 * error:
+        return False
+    kinetic = float((field.v**2 * field.mass[:, None, :, None]).mean())
+    apart = abs(np.log(kicks / (2 * rate) / kinetic))
+    return bool(apart < np.log(BALANCE) + 2 * error / rate)
+
+
+def friction_rate(fitted: Fitted) -> tuple[float, float]:
+    """The friction's number and its standard error; zeros where there is none."""
+    friction = fitted.structure.term(FRICTION)
+    if friction is None:
+        return 0.0, 0.0
+    return float(fitted.structure.of(friction)[0]), float(fitted.errors[fitted.place(friction)])
+
+
+def _probe_gains(
+    rows: Rows, chosen: list[int], places: dict[str, list[int]], ratio: float, floor: float
+) -> dict[str, float]:
+    normal = normal_equations(rows, ratio)
+
+    def log_likelihood(columns: list[int]) -> float:
+        misfit = normal.misfit(columns, normal.solve(columns))
+        return normal.log_likelihood(misfit, floor)
+
+    without = log_likelihood(chosen)
+    gains = {}
+    for name, extra in places.items():
+        price = PRICE * 0.5 * np.log(normal.count) * len(extra)
+        gain = log_likelihood(chosen + extra) - without - price
+        # Below the floor it is the integrals' own error that has such a shape.
+        if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
+            gains[name] = float(gain)
+    return gains
+
+
+def _moved(normal: Normal, chosen: list[int], extra: list[int]) -> float:
+    """Root mean square of what extra columns add to the rows, world units."""
+    own = normal.solve(chosen + extra)[len(chosen) :]
+    return float(np.sqrt(own @ normal.gram[np.ix_(extra, extra)] @ own / normal.count))
+
+
+def _judged(
+    excess: float,
+    allowed: float,
+    kicks: float,
+    smooth: float,
+    probes: dict[str, float],
+    ratio: float,
+    doubt: str,
+) -> Leftover:
+    if probes:
+        likeliest = max(probes, key=lambda name: probes[name])
+        why = f"what is left over looks like {likeliest}"
+    elif ratio and smooth > kicks:
+        why = "what is left over changes smoothly: a force, not random kicks"
+    elif doubt:
+        why = doubt
+    elif not ratio and excess > allowed:
+        why = f"the residual is {np.sqrt(excess):.2f} times the noise"
+    else:
+        return Leftover(
+            excess, allowed, kicks, smooth, probes, True, "nothing above the noise is left over"
+        )
+    return Leftover(excess, allowed, kicks, smooth, probes, False, why)
+
+
+Probe = Callable[[Field, Structure], np.ndarray]
+PROBES: dict[str, tuple[int, int, bool, Probe]] = {
+    # name: least dimensions, least bodies, needs a pair force, columns
+    "a force across the velocity": (2, 1, False, _across),
+    "friction that differs between directions": (2, 1, False, _uneven_drag),
+    "a force that turns about a point": (2, 1, False, _turned_place),
+    "a trap that differs between directions": (2, 1, False, _uneven_trap),
+    "strengths that change with time": (1, 1, False, _in_time),
+    "bodies that answer differently": (1, 2, False, _bodies_differ),
+    "pair forces that depend on who else is near": (1, 3, True, _company),
+}

@@ -1,0 +1,213 @@
+"""The weak form: what accelerations along a path mean for the positions that were recorded.
+
+A recording is cut into windows. Within one, position = x0 + v0 t + the acceleration integrated
+twice; test functions that are orthogonal to 1 and t leave the last part alone, so that neither a
+speed nor an acceleration is ever read from differences of noisy frames. Noise of the frames stays
+white under orthonormal test functions; they are turned so that random kicks (a bath) come out
+independent too, with the variance ``kicks`` per unit of their strength.
+
+Paths are kept at Chebyshev nodes, where integrals are as exact as the path is smooth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from vidphys.diagnose.recordings.motion import Motion, Unseen
+
+LEAST = 5  # frames of a body in a window, below which it tells nothing of its acceleration
+NODES_PER_FRAME = 1.5
+NODES = (16, 48)
+FEW = 64  # frames of a window above which there is one node for each
+SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
+STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of a recording, all of one number of frames.
+
+    Args:
+        frames: positions ``(w, f, n, d)``, zero where not seen.
+        seen: ``(w, f, n)``.
+        times: seconds since the window's first frame, ``(w, f)``.
+        begin: clip time of the first frame, ``(w,)``.
+        clip: number of the clip, ``(w,)``.
+        first: number of the first frame, ``(w,)``.
+        mass: ``(w, n)``.
+        coupling: ``(w,)``, or ``None``.
+    """
+
+    frames: np.ndarray
+    seen: np.ndarray
+    times: np.ndarray
+    begin: np.ndarray
+    clip: np.ndarray
+    first: np.ndarray
+    mass: np.ndarray
+    coupling: np.ndarray | None
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def length(self) -> np.ndarray:
+        """Seconds, ``(w,)``."""
+        return self.times[:, -1]
+
+    @cached_property
+    def alike(self) -> bool:
+        """Whether all windows have the same times and every body is seen in every frame."""
+        return bool(self.seen.all()) and bool(
+            np.abs(self.times - self.times[:1]).max() < SAME * self.length.max()
+        )
+
+    def inverse(self, design: np.ndarray) -> np.ndarray:
+        """Pseudo-inverse of a design ``(w, n, f, k)`` of the times alone, where seen."""
+        if self.alike:
+            return np.broadcast_to(
+                np.linalg.pinv(design[0, 0]), (*design.shape[:2], *design.shape[:1:-1])
+            )
+        return np.linalg.pinv(design)
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Places of the nodes in [-1, 1]."""
+        frames = self.frames.shape[1]
+        most = NODES[1] if frames <= FEW else frames
+        count = int(np.clip(NODES_PER_FRAME * frames, NODES[0], most))
+        return -np.cos(np.pi * np.arange(count) / (count - 1))
+
+    @cached_property
+    def node_times(self) -> np.ndarray:
+        """Clip times of the nodes, ``(w, m)``."""
+        return self.begin[:, None] + (self.nodes + 1) / 2 * self.length[:, None]
+
+    @cached_property
+    def once(self) -> np.ndarray:
+        """Integral over [-1, x] from values at the nodes, ``(m, m)``."""
+        size = len(self.nodes)
+        to_coefficients = np.linalg.inv(chebyshev.chebvander(self.nodes, size - 1))
+        raised = chebyshev.chebint(to_coefficients, lbnd=-1.0, axis=0)
+        return chebyshev.chebval(self.nodes, raised).T
+
+    @cached_property
+    def to_frames(self) -> np.ndarray:
+        """Values at the frames from values at the nodes, ``(w, f, m)``."""
+        size = len(self.nodes)
+        place = 2 * self.times / self.length[:, None] - 1
+        to_coefficients = np.linalg.inv(chebyshev.chebvander(self.nodes, size - 1))
+        return chebyshev.chebvander(np.clip(place, -1, 1), size - 1) @ to_coefficients
+
+    @cached_property
+    def tests(self) -> tuple[np.ndarray, np.ndarray]:
+        """Test functions ``(w, n, k, f)`` and their ``kicks`` ``(w, n, k)``; zeros are none.
+
+        Worked out once for each pattern of times and seen frames.
+        """
+        count, size, bodies = self.seen.shape
+        rows = np.zeros((count, bodies, size - 2, size))
+        kicks = np.zeros((count, bodies, size - 2))
+        known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        for window in range(count):
+            stamp = np.round(self.times[window], 9).tobytes()
+            for body in range(bodies):
+                seen = self.seen[window, :, body]
+                key = stamp + seen.tobytes()
+                if key not in known:
+                    known[key] = _tests(self.times[window], seen)
+                basis, strength = known[key]
+                rows[window, body, : len(basis)] = basis
+                kicks[window, body, : len(basis)] = strength
+        return rows, kicks
+
+    @cached_property
+    def informative(self) -> np.ndarray:
+        """Which rows of the test functions are there, ``(w, n, k)``."""
+        return np.abs(self.tests[0]).sum(-1) > 0
+
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """What the test functions read from the frames, ``(w, n, k, d)``."""
+        return self.tests[0] @ self.frames.transpose(0, 2, 1, 3)
+
+    @cached_property
+    def weak(self) -> np.ndarray:
+        """What they read from accelerations at the nodes, ``(w, n, k, m)``."""
+        scale = (self.length / 2) ** 2
+        twice = self.to_frames @ (self.once @ self.once) * scale[:, None, None]
+        return self.tests[0] @ twice[:, None]
+
+    def read(self, accelerations: np.ndarray) -> np.ndarray:
+        """Weak form of accelerations ``(w, m, n, ...)`` at the nodes, ``(w, n, k, ...)``."""
+        moved = np.moveaxis(accelerations, 2, 1)
+        flat = moved.reshape(*moved.shape[:3], -1)
+        out = self.weak @ flat
+        return out.reshape(*out.shape[:3], *moved.shape[3:])
+
+
+def _tests(times: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Test functions on the frames that were seen, and the variance that unit kicks give each."""
+    if seen.sum() < LEAST:
+        return np.zeros((0, len(times))), np.zeros(0)
+    t = times[seen]
+    straight = np.stack([np.ones_like(t), t], 1)
+    free = np.linalg.qr(straight, mode="complete")[0][:, 2:].T
+    early, late = np.minimum(t[:, None], t), np.maximum(t[:, None], t)
+    spread = early**2 * (3 * late - early) / 6  # covariance of white noise integrated twice
+    strength, turn = np.linalg.eigh(free @ spread @ free.T)
+    rows = np.zeros((len(free), len(times)))
+    rows[:, seen] = (turn.T @ free)[::-1]
+    return rows, strength[::-1]
+
+
+def cut_windows(motion: Motion, frames: int) -> Windows:
+    """Cut every clip into neighbouring windows of about ``frames`` frames, all of one size.
+
+    Raises:
+        Unseen: in none of them all bodies are seen.
+    """
+    total = motion.positions.shape[1]
+    pieces = max(1, total // frames)
+    if total // pieces > STRETCH * frames:
+        pieces += 1
+    size = total // pieces
+    firsts = np.arange(pieces) * size + (total - pieces * size) // 2
+    clip, first = (x.ravel() for x in np.meshgrid(np.arange(motion.clips), firsts, indexing="ij"))
+    return windows_at(motion, clip, first, size)
+
+
+def windows_at(motion: Motion, clip: np.ndarray, first: np.ndarray, size: int) -> Windows:
+    """Windows of ``size`` frames that begin at given frames of given clips.
+
+    Without those in which a body is hardly seen: nobody knows what it did to the others there.
+
+    Raises:
+        Unseen: there are no others.
+    """
+    reach = np.arange(size)
+    seen = motion.seen[clip[:, None], first[:, None] + reach]
+    told = (seen.sum(1) >= LEAST).all(-1)
+    if not told.any():
+        raise Unseen(
+            f"no stretch of {size} frames shows each body {LEAST} times; follow fewer bodies, or "
+            "use a part of the recording that shows them all"
+        )
+    clip, first, seen = clip[told], first[told], seen[told]
+    at = clip[:, None], first[:, None] + reach
+    positions, times = motion.positions[at], motion.times[at]
+    coupling = None if motion.coupling is None else motion.coupling[clip]
+    return Windows(
+        np.where(seen[..., None], positions, 0.0),
+        seen,
+        times - times[:, :1],
+        times[:, 0],
+        clip,
+        first,
+        motion.mass[clip],
+        coupling,
+    )

@@ -1,0 +1,1 @@
+"""Confusion scenes: motions whose law is known, told apart from noisy positions alone."""

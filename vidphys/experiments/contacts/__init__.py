@@ -1,0 +1,1 @@
+"""Disks that touch: softly, stiffly, or without any give."""

@@ -1,0 +1,172 @@
+"""Disks that touch softly, stiffly or without any give (N37, N38)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Generator
+
+from dynamics import HamiltonianTerms, Head, PhaseState, ResidualTerms, Terms
+from dynamics.events import HardDisks
+from dynamics.terms import HardDiskTerms, to_config
+from vidphys import metrics
+from vidphys.experiments.contacts.training import collision_loss, stretches
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import score_retrace
+from vidphys.experiments.core.figures import DRIFT, INVERTED, Panel, Sweep
+from vidphys.experiments.core.members import train_members
+from vidphys.experiments.core.oracle import AGES, OLDEST
+from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
+from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.truth import score_truth
+from vidphys.presets import OracleSizes
+from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.scenes.torus import BOX, LEVELS, STIFFNESS, disks
+from vidphys.seeding import derive
+
+PAIRS = HamiltonianTerms(potential="knots", sources=("alike",), box=BOX, reach=1.0)
+HEADS: dict[str, Terms] = {
+    "factored": PAIRS,
+    "factored-network": replace(PAIRS, potential="displacement"),
+    "restitution": replace(PAIRS, ports=("restitution",)),
+    "free-impulse": HamiltonianTerms(potential="none", box=BOX, ports=("free-impulse",)),
+    "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
+    "unstructured": ResidualTerms(),
+}
+EVENTS = HardDiskTerms(BOX)
+RETRACE_STEPS = 1000
+STEPS = DRIFT_STEPS[-1]
+SCALARS_FASTER = 10  # a single number is learned at so many times a network's rate
+UNDEFINED = "undefined"
+
+
+def cell(level: str, head: str) -> Cell:
+    """A cell that trains one model on one level of stiffness and asks all questions of it."""
+
+    def run(task: CellTask) -> None:
+        scene = disks(level)
+        for seed, trained, recorder in train_cell(
+            task, head, HEADS[head], scene, _budget(task.sizes)
+        ):
+            _ask(task, level, aged_question(scene, task.sizes.held_out, seed), trained, recorder)
+
+    return run
+
+
+def event_cell(task: CellTask) -> None:
+    """Hard disks by their events: the only learned number is the diameter."""
+    scene = disks("impulsive")
+    recorders = {seed: task.recorder(seed, scene, "events") for seed in task.seeds}
+    sizes = _budget(task.sizes)
+    faster = tuple(SCALARS_FASTER * rate for rate in sizes.learning_rates)
+    heads = train_members(
+        "events",
+        lambda: scene.build(EVENTS),
+        {seed: stretches(scene, sizes.trajectories, seed) for seed in recorders},
+        replace(sizes, learning_rates=faster),
+        recorders,
+        collision_loss,
+        task.device,
+        task.checkpoint("fit"),
+        task.progress,
+    )
+    for seed, head in heads.items():
+        assert isinstance(head, HardDisks)
+        recorders[seed].add_value("diameter", float(head.diameter.detach()))
+        _ask(task, "impulsive", aged_question(scene, sizes.held_out, seed), head, recorders[seed])
+
+
+def truth_cell(level: str) -> Cell:
+    """The reference itself."""
+
+    def run(task: CellTask) -> None:
+        scene = disks(level)
+        for seed in task.seeds:
+            question = aged_question(scene, task.sizes.held_out, seed)
+            score_truth(task.recorder(seed, scene, "truth"), question, STEPS)
+
+    return run
+
+
+def aged_question(scene: Scene, episodes: int, seed: int) -> Question:
+    """Held-out episodes of any age that training has, so that some disks are in touch."""
+    rng = Generator().manual_seed(derive(seed, "test"))
+    start, params = scene.sample(episodes, rng)
+    past = scene.simulate(start, params, OLDEST, OLDEST // AGES).states
+    age = torch.randint(AGES + 1, (episodes,), generator=rng)
+    start = past[torch.arange(episodes), age]
+    return Question(scene, start, start, params)
+
+
+def _ask(task: CellTask, level: str, question: Question, head: Head, recorder: Recorder) -> None:
+    rolled = score_drift(recorder, head, question, DRIFT_STEPS)
+    _score_momentum(recorder, rolled.states)
+    score_retrace(recorder, head, replace(question, steps=RETRACE_STEPS))
+    _score_held_law(recorder, head, question)
+    if level in STIFFNESS:
+        flipped = question.params.with_coupling(-question.params.coupling)
+        score_changed_law(recorder, head, question, flipped, question.params, -1.0)
+    else:
+        # Hard disks have no stiffness whose sign could be changed.
+        none = metrics.Summary(None, UNDEFINED, task.sizes.held_out, 0)
+        recorder.add("inversion_nmse", none, -1.0, question.steps)
+
+
+def _score_held_law(recorder: Recorder, head: Head, question: Question) -> None:
+    """Does the model see the contacts at all? Low drift alone does not say so."""
+    predicted = question.ask(head, question.steps).states
+    reference = question.reference(question.params).states
+    error = metrics.nmse(predicted, reference)
+    floor = metrics.nmse(question.straight_lines().states, reference)
+    recorder.add("in_distribution_nmse", error, None, question.steps)
+    recorder.add("in_distribution_skill", metrics.ratio(error, floor), None, question.steps)
+
+
+def _score_momentum(recorder: Recorder, states: PhaseState) -> None:
+    """Largest change of the total momentum, relative to the sum of the bodies' own at the start."""
+    total = states.p.double().sum(-2)
+    scale = states.p[:, 0].double().norm(dim=-1).sum(-1)
+    change = (total - total[:, :1]).norm(dim=-1).amax(1) / scale
+    recorder.add("momentum_change_worst", metrics.worst(change))
+
+
+def _budget(sizes: OracleSizes) -> OracleSizes:
+    """A quarter of the preset's batch, for every model alike: there are many models."""
+    return smaller_batch(sizes, 4)
+
+
+def _cells() -> dict[str, Cell]:
+    cells: dict[str, Cell] = {}
+    for level in LEVELS:
+        cells[f"{level}/truth"] = truth_cell(level)
+        for head in HEADS:
+            # Without a stiffness there is no inversion that the non-factored twin could be asked.
+            if head != "symplectic" or level in STIFFNESS:
+                cells[f"{level}/{head}"] = cell(level, head)
+    return cells | {"impulsive/events": event_cell}
+
+
+CONTACTS = Table(
+    name="contacts",
+    title="Contacts: soft, stiff and impulsive",
+    about=(
+        "Four disks on a periodic torus. Drift of the true energy, retrace under reversed "
+        "momenta, and the stiffness with its sign changed; a model that sees no contact at all "
+        "drifts little too, so each row stands beside the skill over straight lines. Hard disks "
+        "are moved from collision to collision, with a learned diameter."
+    ),
+    ids="N37, N38",
+    cells=_cells(),
+    settings={
+        "scenes": {level: disks(level).settings for level in LEVELS},
+        "heads": {name: to_config(terms) for name, terms in {**HEADS, "events": EVENTS}.items()},
+    },
+    sweeps=(
+        Sweep(
+            (DRIFT, Panel("retrace_nmse", "error of the way back (nMSE)"), INVERTED),
+            "Hardness from soft to impulsive, by model.",
+        ),
+    ),
+)

@@ -1,0 +1,82 @@
+"""The oracle rung: a head is trained one step ahead on true states and starts from one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Generator
+
+from dynamics import Head, Rollout
+from vidphys.experiments.core.members import Examples
+from vidphys.experiments.core.scoring import (
+    LONG_STEPS,
+    Question,
+    score_drift,
+    score_inversion,
+    score_long_drift,
+)
+from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.seeding import derive
+from vidphys.training.segments import Segments, from_trajectory
+
+HORIZON = 20  # steps of a training trajectory (the study, C4)
+OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, and its grid
+
+
+def true_segments(
+    scene: Scene, trajectories: int, seed: int, k: int = 1, both_signs: bool = False
+) -> tuple[Segments, Segments]:
+    """Examples of ``k`` steps from short reference trajectories: (train, held out)."""
+    trajectory = true_trajectories(scene, trajectories, seed, both_signs)
+    # Whole trajectories are held out, so that no held-out step has a neighbour in training.
+    kept = HORIZON + 1 - k
+    return from_trajectory(trajectory, k).split(kept * max(1, trajectories // 16))
+
+
+def true_trajectories(
+    scene: Scene, trajectories: int, seed: int, both_signs: bool = False
+) -> Rollout:
+    """Reference trajectories of ``HORIZON`` steps for training.
+
+    Only the forward law is sampled, G > 0 (C3), unless both signs are asked for (T11). Each
+    trajectory starts from a state that is up to ``OLDEST`` steps old, so that encounters and
+    bodies that have flown apart are seen as often as rollouts meet them.
+    """
+    rng = Generator().manual_seed(derive(seed, "train"))
+    start, params = scene.sample(trajectories, rng)
+    if not bool((params.coupling > 0).all()):
+        raise ValueError("true_trajectories: training data must have G > 0")
+    if both_signs:
+        sign = 1 - 2 * (torch.arange(trajectories) % 2)
+        params = params.with_coupling(sign * params.coupling)
+    past = scene.simulate(start, params, OLDEST, OLDEST // AGES).states
+    age = torch.randint(AGES + 1, (trajectories,), generator=rng)
+    start = past[torch.arange(trajectories), age]
+    return scene.simulate(start, params, HORIZON)
+
+
+def true_examples(
+    scene: Scene, trajectories: int, seeds: Iterable[int], k: int = 1, both_signs: bool = False
+) -> dict[int, Examples]:
+    """What :func:`true_segments` gives for each seed, for all heads that train on it."""
+    return {
+        seed: Examples(*true_segments(scene, trajectories, seed, k, both_signs)) for seed in seeds
+    }
+
+
+def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:
+    """Fresh episodes that no training saw; the head starts from the truth."""
+    start, params = scene.sample(episodes, Generator().manual_seed(derive(seed, "test")))
+    return Question(scene, start, start, params)
+
+
+def score_oracle(recorder: Recorder, head: Head, question: Question) -> Rollout:
+    """Both questions, the 10,000-step rollout, which is returned, and the Lyapunov time."""
+    rolled = question.ask(head, LONG_STEPS)
+    score_inversion(recorder, head, question, rolled)
+    score_drift(recorder, head, question, rolled=rolled)
+    score_long_drift(recorder, head, question, rolled)
+    recorder.add_value("lyapunov_time", float(question.lyapunov_time.median()))
+    return rolled

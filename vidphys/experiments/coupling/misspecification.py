@@ -1,0 +1,108 @@
+"""Laws that a model is wrong about, and whether it can be told beforehand (N48)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dynamics import HamiltonianTerms, Terms
+from dynamics.terms import to_config
+from vidphys.coupling_power import (
+    CONTRADICTED,
+    SUPPORTED,
+    UNDECIDED,
+    coupling_power,
+    measured_forces,
+)
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.figures import INVERTED, Panel, Sweep
+from vidphys.experiments.core.oracle import held_out_question, true_trajectories
+from vidphys.experiments.core.scoring import score_inversion
+from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.truth import score_truth
+from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.scenes.changed_laws import gravity_of_power, three_body_gravity
+
+RECORDED = 256  # training trajectories that the coupling-power test is given
+WORLDS: dict[str, Callable[[], Scene]] = {
+    "linear": lambda: gravity_of_power("linear"),
+    "even": lambda: gravity_of_power("even"),
+    "quadratic": lambda: gravity_of_power("quadratic"),
+    "three-body": three_body_gravity,
+}
+PRIORS: dict[str, HamiltonianTerms] = {
+    "factored": HamiltonianTerms(),
+    "factored-even": HamiltonianTerms(coupling="even"),
+    "factored-squared": HamiltonianTerms(coupling="quadratic"),
+    "factored-triples": HamiltonianTerms(triples=True),
+}
+SERIES = {
+    "linear": ("factored",),
+    "even": ("factored", "factored-even"),
+    "quadratic": ("factored", "factored-squared"),
+    "three-body": ("factored", "factored-triples"),
+}
+
+
+def series_cell(world: str, prior: str) -> Cell:
+    """A cell that trains one prior in one world, and asks what the training data support."""
+
+    def run(task: CellTask) -> None:
+        scene, terms = WORLDS[world](), PRIORS[prior]
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, recorder in train_cell(task, prior, terms, scene, sizes):
+            ask_power(recorder, scene, terms.coupling, task.sizes.trajectories, seed)
+            question = held_out_question(scene, task.sizes.held_out, seed)
+            score_inversion(recorder, head, question)
+            if prior == "factored":
+                score_truth(recorder, question)
+
+    return run
+
+
+def ask_power(recorder: Recorder, scene: Scene, assumed: str, trajectories: int, seed: int) -> None:
+    """What the training data, all at G > 0, say of the power that a model assumes.
+
+    ``warned`` is 1 where the assumed power is not the only one that the data support.
+    """
+    recorded = true_trajectories(scene, min(trajectories, RECORDED), seed)
+    verdict = coupling_power(measured_forces(recorded))
+    standing = verdict.of(assumed)
+    recorder.add_value("power_warned", float(standing != SUPPORTED))
+    recorder.add_value("power_undecided", float(standing == UNDECIDED))
+    recorder.add_value("power_contradicted", float(standing == CONTRADICTED))
+    recorder.add_value("power_unexplained", min(verdict.unexplained.values()))
+    if verdict.query is not None:
+        recorder.add_value("power_query", verdict.query)
+
+
+def _settings() -> dict[str, object]:
+    priors: dict[str, Terms] = dict(PRIORS)
+    return {
+        "scenes": {name: world().settings for name, world in WORLDS.items()},
+        "heads": {name: to_config(terms) for name, terms in priors.items()},
+    }
+
+
+MISSPECIFICATION = Table(
+    name="misspecification",
+    title="Misspecification: a law that the model's form is wrong about",
+    about=(
+        "Three bodies whose coupling is not linear, or whose force is not one of pairs. A wrong "
+        "power fits what was seen and misleads about what was not; whether the data support the "
+        "power is asked before the counterfactual."
+    ),
+    ids="N48",
+    cells={
+        f"{world}-{prior}": series_cell(world, prior)
+        for world, priors in SERIES.items()
+        for prior in priors
+    },
+    settings=_settings(),
+    sweeps=(
+        Sweep(
+            (Panel("in_distribution_nmse", "error under the trained law (nMSE)"), INVERTED),
+            "A wrong power is silent until the law changes.",
+        ),
+    ),
+)

@@ -1,0 +1,1 @@
+"""Friction: dragged gravity, and the double pendulum of a physics engine."""

@@ -1,0 +1,75 @@
+"""Dragged gravity: what a port takes out, and what a conserving model cannot (N41)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from dynamics import HEADS, HamiltonianTerms, Terms
+from dynamics.terms import to_config
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import opposed, score_shed
+from vidphys.experiments.core.figures import SHED, Sweep
+from vidphys.experiments.core.oracle import held_out_question
+from vidphys.experiments.core.trained import train_cell
+from vidphys.experiments.core.truth import score_truth
+from vidphys.scenes.drag import STRENGTHS, dragged_gravity
+
+PORTS = {
+    "port": "linear-drag-positive",
+    "sign-free": "linear-drag-free",
+    "factored-port": "linear-drag-factored",
+}
+HEADS_ASKED: dict[str, Terms] = {
+    **{name: HamiltonianTerms(ports=(port,)) for name, port in PORTS.items()},
+    "conserving": HEADS["factored"],
+    "unstructured": HEADS["unstructured"],
+}
+CELLS = {
+    "weak": ("port", "conserving"),
+    "strong": tuple(HEADS_ASKED),
+}
+STEPS = 2000
+
+
+def drag_cell(strength: str, head: str) -> Cell:
+    """A cell that trains one head under drag and asks at which rate its energy falls."""
+
+    def run(task: CellTask) -> None:
+        world = dragged_gravity(strength)
+        for seed, trained, recorder in train_cell(task, head, HEADS_ASKED[head], world):
+            question = held_out_question(world, task.sizes.held_out, seed)
+            score_shed(recorder, trained, question, question.params, STEPS, "shed")
+            if head == "factored-port":
+                against = opposed(question.params)
+                score_shed(recorder, trained, question, against, STEPS, "anti_shed")
+            if head == "port":
+                score_truth(recorder, question, STEPS)
+
+    return run
+
+
+def _cells() -> Mapping[str, Cell]:
+    asked = [(strength, head) for strength, heads in CELLS.items() for head in heads]
+    return {f"{strength}/{head}": drag_cell(strength, head) for strength, head in asked}
+
+
+DRAG = Table(
+    name="drag",
+    title="Drag: a conserving model cannot lose energy",
+    about=(
+        "Three bodies under gravity with weak and strong linear drag. The rate at which the true "
+        "energy of a rollout falls over 2,000 steps, for models with and without a port."
+    ),
+    ids="N41",
+    cells=_cells(),
+    settings={
+        "scenes": {name: dragged_gravity(name).settings for name in STRENGTHS},
+        "heads": {name: to_config(terms) for name, terms in HEADS_ASKED.items()},
+    },
+    sweeps=(
+        Sweep(
+            (SHED,),
+            "How far the loss of energy is from the true loss.",
+        ),
+    ),
+)

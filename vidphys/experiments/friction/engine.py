@@ -1,0 +1,242 @@
+"""The engine's double pendulum: formalisms, friction, its sign, and time reversal (N25, N39-N43).
+
+All tables read one set of trained models: seven without friction, and four for each law of
+friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+from torch import Generator
+
+from dynamics import Head, Terms
+from dynamics.terms import GeneralisedTerms, ResidualTerms, to_config
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import (
+    opposed,
+    score_divergence,
+    score_refusal,
+    score_retrace,
+    score_shed,
+)
+from vidphys.experiments.core.figures import COSINE, DRIFT, SHED, Panel, Sweep
+from vidphys.experiments.core.members import Examples, one_step, train_members
+from vidphys.experiments.core.oracle import HORIZON, held_out_question
+from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
+from vidphys.experiments.core.trained import smaller_batch
+from vidphys.experiments.core.truth import score_truth
+from vidphys.experiments.friction.derivatives import derivative_segments, match_slopes
+from vidphys.presets import OracleSizes
+from vidphys.runs.records import Recorder
+from vidphys.scenes.pendulum import pendulum
+from vidphys.scenes.scene import Scene
+from vidphys.seeding import derive
+from vidphys.training.segments import from_trajectory
+
+WIDTH = 64
+HNN = GeneralisedTerms(integrator="tao", width=WIDTH)
+SYMODEN = GeneralisedTerms(metric="inverse", integrator="rk4", width=WIDTH)
+DELAN = GeneralisedTerms(formalism="lagrangian", integrator="rk4", width=WIDTH)
+UNSTRUCTURED = ResidualTerms(angles=True)
+FREE: dict[str, Terms] = {
+    "free/hnn-factored": HNN,
+    "free/hnn": replace(HNN, factored=False),
+    "free/symoden-factored": SYMODEN,
+    "free/symoden": replace(SYMODEN, factored=False),
+    "free/delan-factored": DELAN,
+    "free/delan": replace(DELAN, factored=False),
+    "free/unstructured": UNSTRUCTURED,
+}
+LAWS = ("linear", "square")
+
+
+def _damped(law: str) -> dict[str, Terms]:
+    return {
+        f"{law}/port": replace(HNN, ports=(f"{law}-drag-factored",)),
+        f"{law}/guarantee": replace(HNN, ports=(f"{law}-drag-guaranteed",)),
+        f"{law}/conserving": HNN,
+        f"{law}/unstructured": UNSTRUCTURED,
+    }
+
+
+DAMPED = {name: terms for law in LAWS for name, terms in _damped(law).items()}
+# The cells whose records hold what was checked of the reference, one for each scene.
+CERTIFIED = ("free/hnn-factored", *(f"{law}/port" for law in LAWS))
+SPREAD = 0.5  # of the friction around its usual value, so that a told one can be learned
+SHED_STEPS, ANTI_STEPS, LOST_STEPS = 200, 50, 200
+FINE = 5  # steps of a field in a reference step, where anti-friction makes joints fast
+SMALLER = 4  # a field is matched on small batches, as many examples in all
+
+
+def examples(scene: Scene, terms: Terms, trajectories: int, seed: int) -> Examples:
+    """Short trajectories, the same for every model: derivatives for a field, steps for a map."""
+    start, params = scene.sample(trajectories, Generator().manual_seed(derive(seed, "train")))
+    trajectory = scene.simulate(start, params, HORIZON)
+    is_field = isinstance(terms, GeneralisedTerms)
+    segments = derivative_segments(trajectory) if is_field else from_trajectory(trajectory, k=1)
+    whole = len(segments) // trajectories
+    return Examples(*segments.split(whole * max(1, trajectories // 16)))
+
+
+def sizes_for(terms: Terms, sizes: OracleSizes) -> OracleSizes:
+    """A map's budget, or the same number of examples in small batches for a field.
+
+    Rates shrink with the square root of the batch, as the noise of a gradient grows.
+    """
+    if not isinstance(terms, GeneralisedTerms):
+        return sizes
+    gentler = tuple(rate / SMALLER**0.5 for rate in sizes.learning_rates)
+    steps = SMALLER * sizes.steps
+    return replace(smaller_batch(sizes, SMALLER), steps=steps, learning_rates=gentler)
+
+
+Score = Callable[[Recorder, Head, Question], None]
+
+
+def engine_cell(
+    terms: Terms, scene: Callable[[], Scene], score: Score, certified: bool = False
+) -> Cell:
+    """A cell that trains one model on a scene of the engine and asks its questions.
+
+    Args:
+        terms: of the model.
+        scene: makes the scene.
+        score: asks.
+        certified: whether what was checked of the reference is recorded here, for all the cells
+            of the scene.
+    """
+
+    def run(task: CellTask) -> None:
+        world = scene()
+        recorders = {seed: task.recorder(seed, world, task.cell) for seed in task.seeds}
+        count = task.sizes.trajectories
+        heads = train_members(
+            task.cell,
+            lambda: world.build(terms),
+            {seed: examples(world, terms, count, seed) for seed in task.seeds},
+            sizes_for(terms, task.sizes),
+            recorders,
+            match_slopes if isinstance(terms, GeneralisedTerms) else one_step,
+            task.device,
+            task.checkpoint("fit"),
+            task.progress,
+        )
+        for seed, head in heads.items():
+            question = held_out_question(world, task.sizes.held_out, seed)
+            score(recorders[seed], head, question)
+            if certified:
+                score_truth(recorders[seed], question, DRIFT_STEPS[-1])
+
+    return run
+
+
+def score_free(recorder: Recorder, head: Head, question: Question) -> None:
+    """Another law, a long rollout, and the way back."""
+    score_inversion(recorder, head, question)
+    score_drift(recorder, head, question)
+    score_retrace(recorder, head, question)
+
+
+def score_damped(recorder: Recorder, head: Head, question: Question) -> None:
+    """The rate of loss, the opposite sign of friction, and the way back."""
+    score_shed(recorder, head, question, question.params, SHED_STEPS, "shed")
+    score_retrace(recorder, head, question)
+    against = opposed(question.params)
+    if score_refusal(recorder, head, against):
+        return
+    score_shed(recorder, head, question, against, ANTI_STEPS, "anti_shed", FINE)
+    score_divergence(recorder, head, question, LOST_STEPS, FINE)
+
+
+def _cells() -> Mapping[str, Cell]:
+    free = {
+        name: engine_cell(terms, pendulum, score_free, name in CERTIFIED)
+        for name, terms in FREE.items()
+    }
+    damped = {
+        name: engine_cell(
+            terms, partial(pendulum, name.split("/")[0], SPREAD), score_damped, name in CERTIFIED
+        )
+        for name, terms in DAMPED.items()
+    }
+    return {**free, **damped}
+
+
+ENGINE = Table(
+    name="engine",
+    title="A physics engine's double pendulum: a learned metric",
+    about=(
+        "Joint angles of a double pendulum in MuJoCo, with momenta by the engine's own mass "
+        "matrix. The mass matrix is learned; the drift over 2,000 steps of 0.01 s, and gravity "
+        "turned round."
+    ),
+    ids="N39",
+    cells=_cells(),
+    settings={
+        "scenes": {"free": pendulum().settings}
+        | {law: pendulum(law, SPREAD).settings for law in LAWS},
+        "heads": {name: to_config(terms) for name, terms in (FREE | DAMPED).items()},
+    },
+    sweeps=(
+        Sweep(
+            (DRIFT, Panel("inversion_nmse", "error at -g, 150 steps (nMSE)", -1.0, 150), COSINE),
+            "A learned metric on the engine's double pendulum.",
+        ),
+    ),
+)
+FORMALISMS = Table(
+    name="formalisms",
+    title="DeLaN, SymODEN and HNN: is it the formalism or the factoring?",
+    about=(
+        "Three formalisms on the engine's pendulum, each with a factored potential G U(q) and "
+        "with a free one V(q, G), asked what happens when gravity changes sign."
+    ),
+    ids="N25",
+    source="engine",
+)
+DISSIPATION = Table(
+    name="engine-dissipation",
+    title="Joint friction: does a port take out the energy that it should?",
+    about=(
+        "Linear and squared friction in the engine's joints. The rate at which the energy of a "
+        "rollout falls, for a model with a port of that law and for one that conserves."
+    ),
+    ids="N42",
+    source="engine",
+    sweeps=(
+        Sweep(
+            (SHED,),
+            "How far the loss of energy is from the engine's.",
+        ),
+    ),
+)
+ANTI_FRICTION = Table(
+    name="anti-friction",
+    title="Anti-friction: what a negative coefficient does",
+    about=(
+        "The same models told a friction of the opposite sign. Under squared anti-friction the "
+        "law itself reaches infinite speed in finite time, so the truth's own divergence stands "
+        "beside the model's."
+    ),
+    ids="N43",
+    source="engine",
+)
+REVERSAL = Table(
+    name="reversal",
+    title="Time reversal: does the way back lead back?",
+    about=(
+        "150 steps on, the momenta turned round, 150 steps on. A conserving law returns to its "
+        "start; a dissipating one must not, and a model should miss by as much as the truth."
+    ),
+    ids="N40",
+    source="engine",
+    sweeps=(
+        Sweep(
+            (Panel("retrace_nmse", "error of the way back (nMSE)"),),
+            "Who comes back when momenta are turned round.",
+        ),
+    ),
+)

@@ -1,0 +1,1 @@
+"""Three bodies and more under pair forces: stability, inversion, transport, planning."""

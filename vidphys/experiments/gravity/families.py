@@ -1,0 +1,143 @@
+"""Other families of forces: charges with a held-out sign, and two laws at once (N32, N33)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from dynamics import HamiltonianTerms, Parameters, ResidualTerms, Terms, ballistic
+from dynamics.terms import to_config
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.figures import Panel, Sweep
+from vidphys.experiments.core.losses import floored
+from vidphys.experiments.core.oracle import held_out_question
+from vidphys.experiments.core.scoring import DRIFT_STEPS, score_changed_law, score_drift
+from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.truth import score_truth
+from vidphys.scenes import Scene
+from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb
+
+Change = Callable[[Parameters], Parameters]
+
+TWINS: dict[str, Terms] = {
+    "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
+    "unstructured": ResidualTerms(),
+}
+STEPS = DRIFT_STEPS[-1]
+FLOOR = 0.1  # of the momentum increments' spread: charges' forces often cancel
+
+
+def _heads(*sources: str) -> dict[str, Terms]:
+    return {
+        "factored": HamiltonianTerms(sources=sources),
+        "factored-radial": HamiltonianTerms(potential="radial", sources=sources),
+        **TWINS,
+    }
+
+
+CHARGES, TWO_LAWS = _heads("charge"), _heads("mass", "charge")
+
+
+def flip_gravity(params: Parameters) -> Parameters:
+    """G with its sign changed."""
+    return params.with_coupling(-params.coupling)
+
+
+def flip_electric(params: Parameters) -> Parameters:
+    """The strength of the charges' law with its sign changed."""
+    return params.with_scalar("electric", -params.scalar("electric"))
+
+
+def flip_both(params: Parameters) -> Parameters:
+    """Both strengths with their signs changed."""
+    return flip_gravity(flip_electric(params))
+
+
+HELD_OUT: dict[str, Change] = {"all-repulsive": all_alike, "electric-flipped": flip_electric}
+FLIPS: dict[str, Change] = {
+    "gravity-flipped": flip_gravity,
+    "electric-flipped": flip_electric,
+    "both-flipped": flip_both,
+}
+
+
+def family_cell(
+    scene: Callable[[], Scene], head: str, terms: Terms, changes: Mapping[str, Change]
+) -> Cell:
+    """A cell that trains one model and asks each changed law of it, each as a part."""
+
+    def run(task: CellTask) -> None:
+        world = scene()
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, trained, recorder in train_cell(task, head, terms, world, sizes, floored(FLOOR)):
+            question = held_out_question(world, task.sizes.held_out, seed)
+            score_drift(recorder, trained, question, DRIFT_STEPS)
+            for name, change in changes.items():
+                part = task.recorder(seed, world, head, name)
+                score_changed_law(part, trained, question, change(question.params), question.params)
+
+    return run
+
+
+def truth_cell(scene: Callable[[], Scene], changes: Mapping[str, Change]) -> Cell:
+    """The reference itself, and the predictor with no force under each changed law."""
+
+    def run(task: CellTask) -> None:
+        world = scene()
+        for seed in task.seeds:
+            question = held_out_question(world, task.sizes.held_out, seed)
+            score_truth(task.recorder(seed, world, "truth"), question, STEPS)
+            for name, change in changes.items():
+                part = task.recorder(seed, world, "ballistic", name)
+                score_changed_law(
+                    part, ballistic(), question, change(question.params), question.params
+                )
+
+    return run
+
+
+def _cells(
+    scene: Callable[[], Scene], heads: Mapping[str, Terms], changes: Mapping[str, Change]
+) -> dict[str, Cell]:
+    return {
+        "truth": truth_cell(scene, changes),
+        **{name: family_cell(scene, name, terms, changes) for name, terms in heads.items()},
+    }
+
+
+EACH = Sweep(
+    (
+        Panel("inversion_nmse", "error under the changed law (nMSE)"),
+        Panel("force_cosine", "cosine of the force", logarithmic=False),
+    ),
+    "Each model under each change of the law.",
+)
+COULOMB = Table(
+    name="coulomb",
+    title="Charges: a held-out set of signs",
+    about=(
+        "Three charges of both signs; all charges alike, where every pair repels, is never "
+        "trained on. Both kinds of model read the charges and the strength of the law."
+    ),
+    ids="N32",
+    cells=_cells(coulomb, CHARGES, HELD_OUT),
+    settings={
+        "scene": coulomb().settings,
+        "heads": {name: to_config(terms) for name, terms in CHARGES.items()},
+    },
+    sweeps=(EACH,),
+)
+MIXED = Table(
+    name="mixed",
+    title="Gravity and charges at once",
+    about=(
+        "Each body has a mass and a charge, each law its own strength, both positive in "
+        "training. Either is flipped, then both; one factored model answers for both laws."
+    ),
+    ids="N33",
+    cells=_cells(gravity_and_coulomb, TWO_LAWS, FLIPS),
+    settings={
+        "scene": gravity_and_coulomb().settings,
+        "heads": {name: to_config(terms) for name, terms in TWO_LAWS.items()},
+    },
+    sweeps=(EACH,),
+)

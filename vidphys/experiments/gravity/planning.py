@@ -1,0 +1,165 @@
+"""Planning through a model, and starts that are not known exactly (N34, N35)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Generator, Tensor
+
+from dynamics import HEADS, Head, Parameters, PhaseState, rollout
+from dynamics.terms import to_config
+from vidphys import metrics
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.figures import INVERTED, Panel, Sweep
+from vidphys.experiments.core.oracle import held_out_question
+from vidphys.experiments.core.scoring import Question, score_changed_law
+from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.truth import score_truth
+from vidphys.experiments.gravity.impulse import KICKED, Plan, kicked, plan_impulse
+from vidphys.runs.records import Recorder
+from vidphys.scenes import gravity
+from vidphys.seeding import derive
+from vidphys.statistics import normal_interval, paired_difference
+
+MODELS = ("factored", "symplectic", "unstructured")
+STEPS = 500  # reference steps from the impulse to the target: 1 s
+REACH = 0.3  # world units: standard deviation of the target around where the body would be
+BUDGET = 1.5  # momentum units: largest impulse
+NOISES = (0.1, 0.2, 0.3)  # of the standard deviation of the states
+FLIPPED = -1.0
+
+
+def model_cell(name: str) -> Cell:
+    """A cell that trains one model, plans through it, and starts it from noisy states."""
+
+    def run(task: CellTask) -> None:
+        scene = gravity()
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, recorder in train_cell(task, name, HEADS[name], scene, sizes):
+            question = held_out_question(scene, task.sizes.held_out, seed)
+            score_plans(recorder, head, question, seed)
+            for noise in NOISES:
+                noisy = task.recorder(seed, scene, name, f"noise-{noise:g}")
+                score_noise(noisy, head, question, noise, seed)
+            if name == MODELS[0]:
+                score_truth(recorder, question)
+
+    return run
+
+
+def final_position(head: Head, params: Parameters, dt: float, start: PhaseState) -> Tensor:
+    """Where the kicked body is after the task's time, in float64; parameters repeat as needed."""
+    dtype = next((p.dtype for p in head.parameters()), torch.float64)
+    times = len(start.q) // len(params.coupling)
+    law = params.map(lambda x: x.to(dtype).repeat(times, *[1] * (x.dim() - 1)))
+    states = rollout(head, start.map(lambda x: x.to(dtype)), law, STEPS, dt, STEPS).states
+    return states.q[:, -1, KICKED].double()
+
+
+def score_plans(recorder: Recorder, head: Head, question: Question, seed: int) -> None:
+    """K22: the error that the model predicts for its plan, and the one that the truth makes."""
+    scene, params, start = question.scene, question.params, question.truth
+    rng = Generator().manual_seed(derive(seed, "targets"))
+
+    def executed(state: PhaseState) -> Tensor:
+        return scene.simulate(state, params, STEPS, STEPS).states.q[:, -1, KICKED]
+
+    alone = executed(start)
+    away = REACH * torch.randn(alone.shape, generator=rng, dtype=alone.dtype)
+    target = alone + away
+    plan = plan_impulse(
+        lambda state: final_position(head, params, scene.dt, state), start, target, BUDGET
+    )
+    reached = executed(kicked(start, plan.impulse))
+    _record_plan(recorder, plan, (reached - target).norm(dim=-1), away.norm(dim=-1))
+
+
+def _record_plan(recorder: Recorder, plan: Plan, executed: Tensor, idle: Tensor) -> None:
+    gap = (executed - plan.error).abs()
+    for name, values in {
+        "predicted_error": plan.error,
+        "executed_error": executed,
+        "calibration_gap": gap,
+        "idle_error": idle,
+    }.items():
+        recorder.add(f"{name}_median", metrics.median(values))
+        recorder.add(f"{name}_mean", metrics.mean(values))
+        recorder.add_episodes(name, values)
+    finite = torch.isfinite(executed) & torch.isfinite(plan.error)
+    pairs = executed[finite].tolist(), plan.error[finite].tolist()
+    if not pairs[0]:
+        return
+    for name, interval in {
+        "executed_error": normal_interval(pairs[0]),
+        "executed_minus_predicted": paired_difference(*pairs),
+    }.items():
+        if interval.low is not None and interval.high is not None:
+            recorder.add_value(f"{name}_low", interval.low)
+            recorder.add_value(f"{name}_high", interval.high)
+
+
+def score_noise(
+    recorder: Recorder, head: Head, question: Question, noise: float, seed: int
+) -> None:
+    """The flip from starts with independent errors, and the same of the exact law."""
+    rng = Generator().manual_seed(derive(seed, "noise", f"{noise:g}"))
+
+    def blurred(x: Tensor) -> Tensor:
+        return x + noise * x.std() * torch.randn(x.shape, generator=rng, dtype=x.dtype)
+
+    start = PhaseState(blurred(question.truth.q), blurred(question.truth.p))
+    unsure = Question(question.scene, start, question.truth, question.params)
+    flipped = question.params.with_coupling(FLIPPED)
+    usual = question.params.with_coupling(-FLIPPED)
+    score_changed_law(recorder, head, unsure, flipped, usual, FLIPPED)
+    reference = unsure.reference(flipped).states
+    exact = question.scene.simulate(start, flipped, unsure.steps, unsure.every).states
+    floor = metrics.nmse(exact, reference)
+    error = metrics.nmse(unsure.ask(head, unsure.steps, flipped).states, reference)
+    recorder.add("exact_law_nmse", floor, FLIPPED, unsure.steps)
+    recorder.add("over_exact_law", metrics.ratio(error, floor), FLIPPED, unsure.steps)
+
+
+PLANNING = Table(
+    name="planning",
+    title="Planning: does a plan made in the model hold in the world?",
+    about=(
+        "An impulse for one of three bodies is planned through the model, so that the body is at "
+        "its target a second later, and executed in the truth. Predicted against executed error."
+    ),
+    ids="N35",
+    cells={name: model_cell(name) for name in MODELS},
+    settings={
+        "scene": gravity().settings,
+        "heads": {name: to_config(HEADS[name]) for name in MODELS},
+        "steps": STEPS,
+        "reach": REACH,
+        "budget": BUDGET,
+    },
+    sweeps=(
+        Sweep(
+            (
+                Panel("predicted_error_median", "distance to the target, as planned"),
+                Panel("executed_error_median", "as executed"),
+            ),
+            "A plan is worth what it is in the world.",
+        ),
+    ),
+)
+NOISE = Table(
+    name="noise",
+    title="Noise: a start that is not known exactly",
+    about=(
+        "The same models, asked for the flip at G = -1 from starts with independent errors of up "
+        "to 30 % of the states' standard deviation, next to the exact law from the same starts."
+    ),
+    ids="N34",
+    source="planning",
+    sweeps=(
+        Sweep(
+            (INVERTED, Panel("over_exact_law", "over the exact law's error", -1.0)),
+            "Starts that are not known exactly.",
+            "cell",
+            "error of the start over the spread of the states",
+        ),
+    ),
+)

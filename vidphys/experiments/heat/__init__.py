@@ -1,0 +1,1 @@
+"""Heat baths and drives: temperature, injection, steady states."""

@@ -1,0 +1,1 @@
+"""Linear coupling: the factorial, parameter maps, and whether the factored form is needed."""

@@ -1,0 +1,177 @@
+"""Families of parameter maps: capacity or the prior, what carries to an unseen sign? (N23)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+from torch.utils import _pytree as pytree
+
+from dynamics import HamiltonianTerms, Head, PhaseState, Terms, leapfrog
+from dynamics.build import parameter_count
+from dynamics.terms import to_config
+from vidphys import metrics
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.figures import Panel, Sweep
+from vidphys.experiments.core.oracle import HORIZON, held_out_question
+from vidphys.experiments.core.scoring import Question, score_changed_law
+from vidphys.experiments.linear.candidates import (
+    ForceLabels,
+    candidate,
+    fit_ring,
+    force_labels,
+    response,
+)
+from vidphys.experiments.linear.factorial import CURL, FLIPPED
+from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
+from vidphys.seeding import derive
+from vidphys.training.ensemble import Ensemble, Stacked, stack
+from vidphys.training.loop import FitSettings, choose_learning_rate, fit
+
+NETWORKS: dict[str, Terms] = {
+    "multiplicative": HamiltonianTerms(potential="linear", trap=CONFINEMENT),
+    "gain": HamiltonianTerms(potential="gain", trap=CONFINEMENT),
+    "direct": HamiltonianTerms(potential="free", trap=CONFINEMENT),
+    "localised": HamiltonianTerms(potential="localised", trap=CONFINEMENT),
+}
+SCALARS = "eight-scalars"
+HELD_OUT = 64  # trajectories' worth of labels that are scored
+PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
+
+
+def _labels(scene: Scene, kind: str, count: int, seed: int) -> ForceLabels:
+    """As many labels as ``count`` training trajectories of the other tables have steps."""
+    push = curl_matrix(CURL, kind)
+    return force_labels(scene, count * HORIZON, push, derive(seed, "maps", kind))
+
+
+def fit_networks(
+    task: CellTask, name: str, kind: str, recorders: Mapping[int, Recorder]
+) -> dict[int, Head]:
+    """One network for each seed, side by side, on the labels that the linear candidates see."""
+    scene = oscillators(kind)
+    heads, data = [], []
+    for seed in task.seeds:
+        torch.manual_seed(derive(seed, "init", name))
+        heads.append(scene.build(NETWORKS[name]))
+        labels = _labels(scene, kind, task.sizes.trajectories, seed)
+        data.append(pytree.tree_map(lambda x: x.float().to(task.device), labels))
+    count = HORIZON * max(1, task.sizes.trajectories // 16)
+    train = Stacked([d[slice(count, None)] for d in data])
+    held_out = stack([d[slice(0, count)] for d in data])
+    size = data[0].force.square().mean()
+
+    def loss(head: Head, batch: ForceLabels) -> Tensor:
+        return (response(head, batch.q, batch.params) - _coupled(batch)).square().mean() / size
+
+    ensemble, order = Ensemble(heads).to(task.device), derive(task.seeds[0], "order", name)
+    probe = FitSettings(max(1, int(PROBE * task.sizes.steps)), task.sizes.batch, 0.0)
+    rates = task.sizes.learning_rates
+    choice = choose_learning_rate(
+        ensemble, lambda e: e.loss(loss), train, held_out, rates, probe, order
+    )
+    settings = FitSettings(task.sizes.steps, task.sizes.batch, choice.chosen)
+    save_to, progress = task.checkpoint("fit"), task.progress
+    fit(ensemble, ensemble.loss(loss), train, settings, order, save_to, progress)
+    fitted: dict[int, Head] = {}
+    for seed, head in zip(task.seeds, ensemble.to("cpu").members(), strict=True):
+        lost = not all(bool(torch.isfinite(p).all()) for p in head.parameters())
+        recorders[seed].add_value("learning_rate", choice.chosen)
+        recorders[seed].add_value("training_failed", float(lost))
+        if not lost:
+            fitted[seed] = head
+    return fitted
+
+
+def _coupled(labels: ForceLabels) -> Tensor:
+    return labels.force + CONFINEMENT * labels.q
+
+
+def maps_cell(name: str, kind: str) -> Cell:
+    """A cell that fits one family on one system and asks for the unseen sign."""
+
+    def run(task: CellTask) -> None:
+        scene = oscillators(kind)
+        recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
+        if name in NETWORKS:
+            heads = fit_networks(task, name, kind, recorders)
+            counts = {seed: parameter_count(head) for seed, head in heads.items()}
+        else:
+            fits = {
+                seed: fit_ring(_labels(scene, kind, task.sizes.trajectories, seed))
+                for seed in task.seeds
+            }
+            heads = {s: candidate("hamiltonian", c, "linear", leapfrog) for s, c in fits.items()}
+            counts = dict.fromkeys(heads, 8)
+        for seed, head in heads.items():
+            question = held_out_question(scene, task.sizes.held_out, seed)
+            recorders[seed].add_value("parameters", counts[seed])
+            _score(recorders[seed], head, question, kind, seed)
+
+    return run
+
+
+def _score(recorder: Recorder, head: Head, question: Question, kind: str, seed: int) -> None:
+    """The fit in the observed regime, the response at G = -1, and rollouts there."""
+    held_out = _labels(question.scene, kind, HELD_OUT, derive(seed, "held out"))
+    fitted = _respond(head, held_out)
+    error = (fitted - _coupled(held_out)).square().mean() / _coupled(held_out).square().mean()
+    recorder.add_value("fit_nmse", float(error))
+    truth = ForceLabels(
+        held_out.q,
+        held_out.params.with_coupling(FLIPPED),
+        question.scene.law.force(_still(held_out.q), held_out.params.with_coupling(FLIPPED)),
+    )
+    answered = _respond(head, truth)
+    error = (answered - _coupled(truth)).square().mean() / _coupled(truth).square().mean()
+    recorder.add("response_nmse", metrics.Summary(float(error), metrics.OK, len(truth), 0), FLIPPED)
+    recorder.add("response_cosine", metrics.cosine(answered, _coupled(truth)), FLIPPED)
+    changed = question.params.with_coupling(FLIPPED)
+    usual = question.params.with_coupling(-FLIPPED)
+    score_changed_law(recorder, head, question, changed, usual, FLIPPED)
+
+
+def _respond(head: Head, labels: ForceLabels) -> Tensor:
+    """The response in float64, asked of the head in its own precision."""
+    dtype = next((p.dtype for p in head.parameters()), torch.float64)
+    with torch.no_grad():
+        answer = response(head, labels.q.to(dtype), labels.params.map(lambda x: x.to(dtype)))
+    return answer.double()
+
+
+def _still(q: Tensor) -> PhaseState:
+    return PhaseState(q, torch.zeros_like(q))
+
+
+MAPS = Table(
+    name="maps",
+    title="Parameter maps: what carries to a sign never seen?",
+    about=(
+        "Families fitted to the same forces at G > 0: eight scalars or a network, times G; a "
+        "network times a learned function of G; a network that is given G; and one that is given "
+        "features localised on G > 0."
+    ),
+    ids="N23",
+    cells={
+        f"{kind}-{name}": maps_cell(name, kind)
+        for kind in GROUNDED
+        for name in (SCALARS, *NETWORKS)
+    },
+    settings={
+        "scenes": {kind: oscillators(kind).settings for kind in GROUNDED},
+        "heads": {name: to_config(terms) for name, terms in NETWORKS.items()},
+        "curl": CURL,
+    },
+    sweeps=(
+        Sweep(
+            (
+                Panel("fit_nmse", "error of the fit, G > 0"),
+                Panel("response_nmse", "error of the response at G = -1", -1.0),
+            ),
+            "All fit what was observed; not all carry over.",
+        ),
+    ),
+)

@@ -1,0 +1,184 @@
+"""A free force beside the factored one: is it taken, and does a penalty send it back (N29, N30)?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+
+from dynamics import HamiltonianTerms, Head
+from dynamics.hybrid import shortcut_share
+from dynamics.terms import to_config
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import score_shed
+from vidphys.experiments.core.figures import INVERTED, SHED, Panel, Sweep
+from vidphys.experiments.core.losses import floored, shortcut_penalised
+from vidphys.experiments.core.members import MemberLoss
+from vidphys.experiments.core.oracle import held_out_question
+from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
+from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.truth import score_truth
+from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.scenes.drag import dragged_gravity
+from vidphys.scenes.springs import springs
+
+STEPS = DRIFT_STEPS[-1]
+FLOOR = 0.1  # of the momentum increments' spread: beyond the cutoff there is no force at all
+ONE = 5.0  # the stiffness where there is only one
+WEAK, STRONG = 1.0, 100.0  # weights of the penalty
+STRENGTH = "strong"  # of the drag
+
+SPRINGS = HamiltonianTerms(sources=("alike",))
+GRAVITY = HamiltonianTerms()
+PORT = ("linear-drag-positive",)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One model of these tables.
+
+    Args:
+        scene: where it is trained and asked.
+        terms: of the model.
+        weight: of the penalty on the shortcut; ``None`` for a model that has none.
+        floor: least size that momentum errors are relative to, see
+            :func:`vidphys.experiments.core.losses.floored`; drag is seen in small increments.
+    """
+
+    scene: Callable[[], Scene]
+    terms: HamiltonianTerms
+    weight: float | None = None
+    floor: float = 0.0
+
+    @property
+    def loss(self) -> MemberLoss:
+        """What it is trained by."""
+        if self.weight is None:
+            return floored(self.floor)
+        return shortcut_penalised(self.weight, self.floor)
+
+
+def one_stiffness() -> Scene:
+    """Springs of one stiffness: data in which nothing tells a coupling from a constant."""
+    return springs((ONE, ONE))
+
+
+def strong_drag() -> Scene:
+    """Gravity with drag of one strength."""
+    return dragged_gravity(STRENGTH)
+
+
+def _screen(scene: Callable[[], Scene], weight: float | None) -> Recipe:
+    terms = SPRINGS if weight is None else replace(SPRINGS, shortcut=True)
+    return Recipe(scene, terms, weight, FLOOR)
+
+
+SCREEN = {
+    "one-stiffness/no-shortcut": _screen(one_stiffness, None),
+    "one-stiffness/free": _screen(one_stiffness, 0.0),
+    "one-stiffness/weak-penalty": _screen(one_stiffness, WEAK),
+    "one-stiffness/strong-penalty": _screen(one_stiffness, STRONG),
+    "many-stiffnesses/free": _screen(springs, 0.0),
+}
+DRAGGED = replace(GRAVITY, ports=PORT)
+UNDER_DRAG = {
+    "port": Recipe(strong_drag, DRAGGED),
+    "port-and-shortcut": Recipe(strong_drag, replace(DRAGGED, shortcut=True), 0.0),
+    "port-and-penalty": Recipe(strong_drag, replace(DRAGGED, shortcut=True), STRONG),
+    "penalty-without-port": Recipe(strong_drag, replace(GRAVITY, shortcut=True), STRONG),
+}
+
+
+def hybrid_cell(recipe: Recipe) -> Cell:
+    """A cell that trains one model and asks for its shortcut's share and the flipped coupling."""
+
+    def run(task: CellTask) -> None:
+        scene = recipe.scene()
+        # There are two networks in a model; and the models of a table start alike.
+        sizes = smaller_batch(task.sizes, 2)
+        for seed, head, recorder in train_cell(
+            task, task.cell, recipe.terms, scene, sizes, recipe.loss, start="hybrid"
+        ):
+            question = held_out_question(scene, task.sizes.held_out, seed)
+            _ask(recorder, head, recipe, question)
+
+    return run
+
+
+def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> None:
+    params = question.params
+    flipped = params.with_coupling(-params.coupling)
+    score_changed_law(recorder, head, question, flipped, params, -1.0)
+    if "friction" in params.scalars:
+        score_shed(recorder, head, question, params, STEPS, "shed")
+    else:
+        score_drift(recorder, head, question, DRIFT_STEPS)
+    if recipe.terms.shortcut:
+        state, law = question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
+        with torch.no_grad():
+            recorder.add_value("shortcut_share", float(shortcut_share(head, state, law)))
+
+
+def truth_cell(scene: Callable[[], Scene]) -> Cell:
+    """The reference itself."""
+
+    def run(task: CellTask) -> None:
+        world = scene()
+        for seed in task.seeds:
+            question = held_out_question(world, task.sizes.held_out, seed)
+            score_truth(task.recorder(seed, world, "truth"), question, STEPS)
+
+    return run
+
+
+NECESSITY = Table(
+    name="necessity",
+    title="Necessity: a shortcut beside the factored force",
+    about=(
+        "Springs with a cutoff. A free force between pairs stands beside the factored one. "
+        "Where training shows one stiffness only, either may do the work; a penalty on "
+        "the free one decides."
+    ),
+    ids="N29",
+    cells={
+        "truth": truth_cell(one_stiffness),
+        **{name: hybrid_cell(recipe) for name, recipe in SCREEN.items()},
+    },
+    settings={
+        "scene": one_stiffness().settings,
+        "heads": {name: to_config(recipe.terms) for name, recipe in SCREEN.items()},
+        "weights": {name: recipe.weight for name, recipe in SCREEN.items()},
+    },
+    sweeps=(
+        Sweep(
+            (Panel("shortcut_share", "share of the shortcut"), INVERTED),
+            "What a shortcut beside the law takes from it.",
+        ),
+    ),
+)
+COMPOSITION = Table(
+    name="composition",
+    title="Composition: factored force, port and penalty at once",
+    about=(
+        "Gravity with strong drag. A friction port, a free force and a penalty on it stand in "
+        "one model: is the energy shed at the true rate, and is a flipped coupling answered?"
+    ),
+    ids="N30",
+    cells={
+        "truth": truth_cell(strong_drag),
+        **{name: hybrid_cell(recipe) for name, recipe in UNDER_DRAG.items()},
+    },
+    settings={
+        "scene": strong_drag().settings,
+        "heads": {name: to_config(recipe.terms) for name, recipe in UNDER_DRAG.items()},
+        "weights": {name: recipe.weight for name, recipe in UNDER_DRAG.items()},
+    },
+    sweeps=(
+        Sweep(
+            (SHED, INVERTED),
+            "Terms together: the loss of energy and the flip.",
+        ),
+    ),
+)

@@ -1,0 +1,1 @@
+"""Tables that draw clips and see them."""

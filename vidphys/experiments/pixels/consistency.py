@@ -1,0 +1,99 @@
+"""Symplectic consistency: what a discovered momentum is without it, and with it (N54)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from dynamics import PhaseState
+from vidphys import metrics
+from vidphys.data.clips import Clips
+from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.scoring import Question, score_drift, score_inversion, score_lost
+from vidphys.experiments.ladder import pixel_scene
+from vidphys.experiments.pixels.seen import Seen, draw, score_state
+from vidphys.perception.base import FitTask
+from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.cnn import CHUNK
+from vidphys.perception.discovered import SEEN
+from vidphys.perception.free_momentum import FreeMomentum, fit_free_momentum
+from vidphys.runs.records import Recorder
+from vidphys.seeding import derive
+
+WEIGHTS = {"free": 0.0, "consistent": 1.0}
+HEADS = ("factored", "factored-learned-kinetic")
+DISCOVERED = GROUNDINGS["cnn-discovered"]
+
+
+def latent_cell(weight: float, heads: Sequence[str]) -> Cell:
+    """A cell that trains a latent through each head, which is a part, and asks that head."""
+
+    def run(task: CellTask) -> None:
+        scene = pixel_scene()
+        for seed in task.seeds:
+            seen = draw(scene, DISCOVERED, task.pixel, seed)
+            for head in heads:
+                recorder = task.recorder(seed, scene, head, head, "free-momentum", "cnn")
+                fit_seed = derive(seed, "perception", "free-momentum")
+                folder = None if task.folder is None else task.folder / f"s{seed}-{head}"
+                fit = FitTask(seen.train, task.pixel, fit_seed, head, folder, task.progress)
+                try:
+                    trained = fit_free_momentum(fit, weight)
+                except FloatingPointError:
+                    score_lost(recorder, task.pixel.held_out)
+                else:
+                    score_latent(recorder, trained, seen)
+
+    return run
+
+
+def score_latent(recorder: Recorder, trained: FreeMomentum, seen: Seen) -> None:
+    """Both residuals of the latent, and the study's questions to its own head from there.
+
+    The latent is that of the last frame but one, between its neighbours; the map whose residuals
+    are told is fitted on the training clips.
+    """
+    latent, truth = latent_states(trained, seen.test), middle(seen.test)
+    taught, known = latent_states(trained, seen.train), middle(seen.train)
+    question = Question(pixel_scene(), latent, truth, seen.test.params)
+    score_state(recorder, question)
+    design = torch.cat([taught.flat, latent.flat])
+    for name, true, given in (("q_residual", truth.q, known.q), ("p_residual", truth.p, known.p)):
+        state = torch.cat([given, true]).flatten(1)
+        recorder.add(name, metrics.affine_residual(design, state, len(taught.q)))
+    score_inversion(recorder, trained.head, question)
+    score_drift(recorder, trained.head, question)
+
+
+def middle(clips: Clips) -> PhaseState:
+    """True states in the middle of the last three frames, ``(b, n, 2)``."""
+    return clips.states[:, -1 - SEEN // 2]
+
+
+def latent_states(trained: FreeMomentum, clips: Clips) -> PhaseState:
+    """Latents of the clips' last three frames, ``(b, n, 2)``."""
+    found: list[tuple[Tensor, Tensor]] = []
+    with torch.no_grad():
+        for some in torch.arange(len(clips)).split(CHUNK):
+            positions = trained.perception.locate(clips.images(some)[:, -SEEN:])
+            state = trained.states(positions)
+            found.append((state.q, state.p))
+    q, p = (torch.cat(x) for x in zip(*found, strict=True))
+    return PhaseState(q, p)
+
+
+CONSISTENCY = Table(
+    name="symplectic-consistency",
+    title="Symplectic consistency of a discovered latent",
+    about=(
+        "Both halves of the state are said by the encoder and learned from predicting frames "
+        "alone; then with a term that asks the momentum over the mass to be the velocity that is "
+        "observed. Residuals are what an affine map of the latent leaves of the true state."
+    ),
+    ids="N54",
+    cells={name: latent_cell(weight, HEADS) for name, weight in WEIGHTS.items()},
+    settings={"scene": pixel_scene().settings, "weights": WEIGHTS},
+    pixels=True,
+)

@@ -1,0 +1,34 @@
+"""Whether a larger frozen encoder reads better: the same rung over several sizes (N73)."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from vidphys.experiments.core.cell import Table
+from vidphys.experiments.ladder import TWINS, pixel_scene
+from vidphys.experiments.pixels.seeing import seen_cell
+from vidphys.perception.base import Grounding
+from vidphys.perception.frozen import SHARE, fit_frozen
+
+VIDEO = ("vjepa2-l", "vjepa2-h", "vjepa2-g")  # 300, 600 and 1,000 million parameters
+IMAGE = ("dinov2-small", "dinov2-base", "dinov2-large")  # 22, 86 and 300 million
+
+
+def rung(encoder: str, video: bool) -> Grounding:
+    """A frozen rung of the encoder at its own settings; one of video sees whole clips."""
+    fit = partial(fit_frozen, encoder, {}, together=None if video else 1)
+    return Grounding(encoder, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
+
+
+ENCODER_SCALE = Table(
+    name="encoder-scale",
+    title="The size of a frozen encoder",
+    about=(
+        "One rung, one budget, encoders of one family in three sizes: V-JEPA 2 from ViT-L to "
+        "ViT-g, DINOv2 from small to large. An encoder whose weights are not here is skipped."
+    ),
+    ids="N73",
+    cells={name: seen_cell(rung(name, name in VIDEO), TWINS) for name in (*VIDEO, *IMAGE)},
+    settings={"scene": pixel_scene().settings, "share": SHARE},
+    pixels=True,
+)

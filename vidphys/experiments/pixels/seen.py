@@ -1,0 +1,164 @@
+"""The rungs with pictures: clips are perceived, a head is trained on the tracks, both are scored.
+
+Each rung is scored with both readouts, on the same tracks and with a head trained under each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from binders import Tracks
+from dynamics import HEADS, Head, PhaseState, Rollout, build
+from renderers import WORLDS, Camera
+from vidphys import metrics
+from vidphys.data.clips import Clips, render_clips
+from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
+from vidphys.perception.base import Attentive, FitTask, Foreseeing, Grounding, Perception
+from vidphys.perception.relabel import relabel
+from vidphys.presets import PixelSizes
+from vidphys.progress import Progress
+from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
+from vidphys.seeding import derive
+from vidphys.shooting.initial_state import by_differencing, by_shooting, choose_slack
+from vidphys.shooting.step import HEAD_DT
+from vidphys.training.tracks import (
+    TrackTask,
+    tell_scale,
+    train_by_differencing,
+    train_by_shooting,
+)
+
+TRAINERS = {"differencing": train_by_differencing, "shooting": train_by_shooting}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Training and held-out clips of a rung; the held-out ones end at t0.
+
+    ``asked`` is the question about them, from the true start; all readouts and heads share it.
+    """
+
+    train: Clips
+    test: Clips
+    asked: Question
+
+
+def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Seen:
+    """Render the clips of a rung."""
+    world = WORLDS[grounding.world](camera=Camera(height=sizes.image, width=sizes.image))
+    clips = max(2, sizes.clips // grounding.share)
+    train = render_clips(scene, world, clips, sizes.frames, sizes.stride, seed, "train")
+    context = sizes.frames if grounding.whole_context else sizes.context
+    test = render_clips(scene, world, sizes.held_out, context, sizes.stride, seed, "test")
+    start = test.states[:, -1]
+    return Seen(train, test, Question(scene, start, start, test.params))
+
+
+@dataclass(frozen=True)
+class Perceived:
+    """Tracks of both sets of clips; the held-out ones are relabelled to the true bodies.
+
+    ``under`` follows the held-out clips anew with a trained head, which foresees where bodies
+    that look alike go; a perception that knows who is who has nothing to gain by it.
+    """
+
+    train: Tracks
+    test: Tracks
+    under: Callable[[Head], Tracks]
+
+
+def perceive(perception: Perception, seen: Seen) -> Perceived:
+    """Run a fitted perception over the clips of a rung."""
+    truth = seen.test.states.q
+    look = perception.closely if isinstance(perception, Attentive) else perception.tracks
+    test = relabel(look(seen.test), truth)
+
+    def under(head: Head) -> Tracks:
+        if not isinstance(perception, Foreseeing):
+            return test
+        return relabel(perception.under(head).tracks(seen.test), truth)
+
+    return Perceived(perception.tracks(seen.train), test, under)
+
+
+def fit_perception(
+    grounding: Grounding,
+    seen: Seen,
+    sizes: PixelSizes,
+    seed: int,
+    head: str,
+    folder: Path | None,
+    progress: Progress | None,
+) -> Perception:
+    """Fit a rung's perception; a joint one through a head of the given name."""
+    task_seed = derive(seed, "perception", grounding.name)
+    torch.manual_seed(task_seed)
+    return grounding.fit(FitTask(seen.train, sizes, task_seed, head, folder, progress))
+
+
+def train_and_score(
+    readout: str,
+    head_name: str,
+    scene: Scene,
+    seen: Seen,
+    perceived: Perceived,
+    sizes: PixelSizes,
+    seed: int,
+    recorder: Recorder,
+    folder: Path | None,
+    progress: Progress | None,
+) -> tuple[Head, Question, Rollout]:
+    """One readout of one cell: train the head on the tracks, read the start at t0, score.
+
+    Returns:
+        The head, what it was asked, and its rollout under the law that held.
+    """
+    torch.manual_seed(derive(seed, "init", head_name))
+    head = build(HEADS[head_name], scene.bodies, HEAD_DT)
+    task = TrackTask(
+        perceived.train,
+        seen.train.params,
+        seen.train.interval,
+        sizes.track_steps,
+        derive(seed, "order", head_name, readout),
+        save_to=folder,
+        progress=progress,
+    )
+    tell_scale(head, task)
+    result = TRAINERS[readout](head, task)
+    recorder.add_value("training_loss", result.final_loss)
+    question = seen.asked.starting(read_start(readout, head, seen, perceived))
+    score_state(recorder, question)
+    rolled = question.ask(head, DRIFT_STEPS[-1])
+    score_inversion(recorder, head, question, rolled)
+    score_drift(recorder, head, question, rolled=rolled)
+    return head, question, rolled
+
+
+def read_start(readout: str, head: Head, seen: Seen, perceived: Perceived) -> PhaseState:
+    """The states at t0 of the held-out clips; training clips say how far the head is trusted."""
+    law, interval = seen.test.params, seen.test.interval
+    if readout == "differencing":
+        return by_differencing(head, perceived.test, law, interval)
+    slack = choose_slack(head, perceived.train, seen.train.params, interval)
+    return by_shooting(head, perceived.under(head), law, interval, slack)
+
+
+def score_state(recorder: Recorder, question: Question) -> None:
+    """Errors of the perceived state at t0, position and momentum apart, and K5."""
+    start, truth = question.start, question.truth
+    pairs = {"position_nmse": (start.q, truth.q), "momentum_nmse": (start.p, truth.p)}
+    for name, (seen, true) in pairs.items():
+        error = (seen.double() - true).square().flatten(1).mean(1)
+        relative = error / true.var(correction=0)
+        lost = int((~torch.isfinite(relative)).sum())
+        value = None if lost else float(relative.mean())
+        status = metrics.FAILED if lost else metrics.OK
+        recorder.add(name, metrics.Summary(value, status, len(error), lost))
+        recorder.add_episodes(name, relative)
+    recorder.add("affine_residual", metrics.affine_residual(start.flat, truth.flat))

@@ -1,1 +1,0 @@
-"""The study's tables that need no pixels: a file a family, and their pre-registered bars."""

@@ -1,0 +1,1 @@
+"""Measured points of cost and accuracy, and choosing from them."""

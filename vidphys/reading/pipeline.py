@@ -1,0 +1,213 @@
+"""All that a training made, as one thing: frames in, and tracks, state and rollout out.
+
+It is rebuilt from the run folder alone, but for the weights of the frozen encoder, which are
+looked for where they lie on this machine and refused if they are not the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from binders.tracks import Tracks
+from dynamics import Parameters, PhaseState, build
+from dynamics.terms import from_config, to_config
+from encoders.frozen.catalogue import load_encoder
+from readouts.attention import AttentionReadout
+from vidphys.data.charts import chart_from_config
+from vidphys.errors import InputError
+from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed, without_friction
+from vidphys.reading.forecasts import Forecast, forecast, state_at
+from vidphys.reading.reader import LoadedEncoder, Reader, steady
+from vidphys.runs import checkpoint
+from vidphys.shooting.step import model_step
+
+FILE = "pipeline.json"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a pipeline makes of a clip.
+
+    Args:
+        tracks: positions as they are seen, world units, one episode.
+        camera: displacement of the background in each frame ``(t, 2)``, world units.
+        law: that held, batch of one.
+        state: at the last frame, in coordinates of the chart, batch of one.
+        rollout: from there on, under the same law.
+    """
+
+    tracks: Tracks
+    camera: Tensor
+    law: Parameters
+    state: PhaseState
+    rollout: Forecast
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """What sees, and the dynamics of what it sees."""
+
+    reader: Reader
+    dynamics: Dynamics
+
+    def __call__(
+        self,
+        frames: np.ndarray,
+        times: np.ndarray,
+        law: Parameters | None = None,
+        beyond: float = 3.0,
+        head: str = FACTORED,
+    ) -> Reading:
+        """Read a clip and roll on from its last frame.
+
+        Args:
+            frames: RGB bytes ``(t, H, W, 3)``, row 0 on top.
+            times: seconds of each.
+            law: that held; coupling and masses one where not given.
+            beyond: seconds to roll.
+            head: name of the model that rolls.
+
+        Raises:
+            InputError: an unknown head, or a clip too short to show momentum.
+        """
+        self._check_head(head)
+        law = law or Parameters(torch.ones(1), torch.ones(1, self.reader.bodies))
+        features = self.reader.features(frames, times)
+        tracks = self.reader.tracks(features, torch.from_numpy(times))
+        camera = self.reader.camera(frames)
+        clip = Followed(steady(tracks, camera), law)
+        state = state_at(self.dynamics.heads[head], clip, len(times), self.dynamics)
+        rolled = self.roll(state, float(times[-1]), law, beyond, head)
+        return Reading(tracks, camera, law, state, rolled)
+
+    def roll(
+        self,
+        state: PhaseState,
+        began: float,
+        law: Parameters,
+        beyond: float,
+        head: str = FACTORED,
+        friction: bool = True,
+    ) -> Forecast:
+        """Roll on from a state, also under a law that never held.
+
+        Args:
+            state: of a :class:`Reading`.
+            began: its time, seconds.
+            law: that is to hold from there on.
+            beyond: seconds.
+            head: name of the model.
+            friction: whether its friction holds too.
+
+        Raises:
+            InputError: an unknown head, or one that has no friction to do without.
+        """
+        self._check_head(head)
+        dynamics = self.dynamics
+        model = dynamics.heads[head]
+        if not friction:
+            model = without_friction(dynamics, head, self.reader.bodies)
+        return forecast(model, state, law, dynamics, began, beyond)
+
+    def _check_head(self, head: str) -> None:
+        if head not in self.dynamics.heads:
+            known = ", ".join(self.dynamics.heads)
+            raise InputError(f"--head {head}: this run has {known}")
+
+
+def save_pipeline(folder: Path, pipeline: Pipeline) -> None:
+    """Write a pipeline into a folder of checkpoints, whole or not at all."""
+    reader, dynamics = pipeline.reader, pipeline.dynamics
+    encoder, readout = reader.encoder, reader.readout
+    parts: dict[str, nn.Module] = {"readout": readout}
+    parts |= {f"heads/{name}": head for name, head in dynamics.heads.items()}
+    tensors = {
+        f"{part}/{key}": value
+        for part, module in parts.items()
+        for key, value in module.state_dict().items()
+    }
+    meta = {
+        "step": 0,
+        "encoder": {
+            "name": encoder.name,
+            "options": encoder.options,
+            "identity": asdict(encoder.network.identity),
+        },
+        "readout": {
+            "channels": readout.key.in_features,
+            "bodies": len(readout.query),
+            "width": readout.query.shape[-1],
+        },
+        "bodies": reader.bodies,
+        "half_extent": reader.half_extent,
+        "follows_camera": reader.follows_camera,
+        "stride": reader.stride,
+        "side": reader.side,
+        "chart": dynamics.chart.to_config(),
+        "interval": dynamics.interval,
+        "heads": {name: to_config(terms) for name, terms in dynamics.terms.items()},
+    }
+    checkpoint.save(folder / FILE, tensors, meta)
+
+
+def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -> Pipeline:
+    """Rebuild the pipeline of a finished training.
+
+    Args:
+        run: the run folder.
+        weights: file or folder of the encoder's weights; else VIDPHYS_WEIGHTS, else the user's
+            cache.
+        device: where the encoder runs.
+
+    Raises:
+        InputError: no pipeline in the folder, a damaged one or one of another version, or another
+            encoder than it was trained over.
+        ValueError: the encoder's weights are missing or wrong.
+    """
+    path = run / "checkpoints" / FILE
+    if not path.is_file():
+        raise InputError(f"{run}: no trained pipeline in it; give the folder of `vidphys train`")
+    tensors, meta = checkpoint.load(path)
+    about = meta["encoder"]
+    encoder = load_encoder(about["name"], about["options"], weights, device)
+    for key, value in asdict(encoder.identity).items():
+        if value != about["identity"][key]:
+            raise InputError(
+                f"{run}: trained over {about['name']} with {key} {about['identity'][key]}, but "
+                f"this one has {value}; give the same weights with --weights, or train again"
+            )
+    try:
+        readout = AttentionReadout(**meta["readout"])
+        readout.load_state_dict(checkpoint.under("readout", tensors))
+        dynamics = _dynamics(tensors, meta)
+    except (RuntimeError, TypeError) as error:
+        raise InputError(
+            f"{run}: its models are of another version of vidphys; train again in another --out"
+        ) from error
+    reader = Reader(
+        LoadedEncoder(about["name"], about["options"], encoder),
+        readout.eval(),
+        meta["bodies"],
+        meta["half_extent"],
+        meta["follows_camera"],
+        meta["stride"],
+        meta["side"],
+    )
+    return Pipeline(reader, dynamics)
+
+
+def _dynamics(tensors: dict[str, Tensor], meta: dict[str, Any]) -> Dynamics:
+    chart = chart_from_config(meta["chart"])
+    terms = {name: from_config(config) for name, config in meta["heads"].items()}
+    dt, _ = model_step(meta["interval"])
+    heads = {}
+    for name, each in terms.items():
+        heads[name] = build(each, meta["bodies"], dt, chart.space).eval()
+        heads[name].load_state_dict(checkpoint.under(f"heads/{name}", tensors))
+    return Dynamics(chart, meta["interval"], terms, heads)

@@ -1,0 +1,144 @@
+"""The clips of a data set once their frames are not needed any more: labels and features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from binders.motion import MotionSettings
+from binders.tracks import Tracks
+from dynamics import Parameters
+from encoders.features import FeatureMap
+from encoders.store import FeatureStore
+from vidphys.data.dataset import ClipFile, Dataset
+from vidphys.data.extraction import extract
+from vidphys.data.feature_frames import frame_targets
+from vidphys.data.labelled import LabelledFrames
+from vidphys.data.labelled_clips import LabelledClip, read_clips
+from vidphys.data.splits import Split, split_clips, split_frames
+from vidphys.data.video import ClipSelection
+from vidphys.errors import InputError
+from vidphys.progress import Progress
+from vidphys.reading.reader import Layer, LoadedEncoder
+
+Stage = Callable[[str], Progress]
+
+
+@dataclass(frozen=True)
+class SeenClip:
+    """A clip of which only what is needed later is kept.
+
+    Args:
+        file: on disk.
+        size: of its frames, (height, width).
+        labels: what readouts are taught and all are judged by, normalised image units.
+        camera: displacement of the background ``(t, 2)``, normalised image units.
+        features: by layer, memory-mapped.
+    """
+
+    file: ClipFile
+    size: tuple[int, int]
+    labels: Tracks
+    camera: Tensor
+    features: Mapping[Layer, FeatureMap]
+
+    @property
+    def law(self) -> Parameters:
+        """That held, batch of one."""
+        return self.file.law(self.labels.positions.shape[2])
+
+
+def see(
+    dataset: Dataset,
+    encoders: Mapping[Layer, LoadedEncoder],
+    store: FeatureStore,
+    selection: ClipSelection,
+    motion: MotionSettings,
+    stage: Stage,
+) -> tuple[SeenClip, ...]:
+    """Labels and features of every clip; only one clip's frames are in memory at a time.
+
+    Args:
+        dataset: the clips.
+        encoders: by layer.
+        store: of the features.
+        selection: frames of each clip.
+        motion: of the hand binder, where no table tells the positions.
+        stage: gives a stage's progress its name.
+
+    Raises:
+        InputError: see :func:`vidphys.data.labelled_clips.read_clips`; bodies that no readout of
+            single frames can tell apart; fewer frames than a feature frame of the encoder stands
+            for.
+    """
+    if dataset.identical:
+        raise InputError(
+            "train: the bodies of this data set look alike, and a readout that sees frame by frame "
+            "cannot keep them apart; render another --world, or use the ladder's anonymous rungs"
+        )
+    if len(dataset.files) > 1 and not dataset.labelled and motion.bodies > 1:
+        raise InputError(
+            "train: several clips of several bodies need labels beside them: following what moves "
+            "does not tell which body of one clip is which of another"
+        )
+    seen = []
+    for clip in read_clips(dataset, selection, motion):
+        _check_frames(clip, encoders)
+        progress = stage(f"{clip.file.path.name}: features")
+        features = {
+            layer: extract(clip.video, encoder.network, store, progress=progress).features
+            for layer, encoder in encoders.items()
+        }
+        seen.append(SeenClip(clip.file, clip.video.size, clip.tracks, clip.camera, features))
+    return tuple(seen)
+
+
+def _check_frames(clip: LabelledClip, encoders: Mapping[Layer, LoadedEncoder]) -> None:
+    each = max(encoder.network.frames_per_feature for encoder in encoders.values())
+    if len(clip.video.times) < each:
+        name = next(iter(encoders.values())).name
+        raise InputError(
+            f"{clip.file.path}: {len(clip.video.times)} frames, but a feature frame of {name} "
+            f"stands for {each}; give a longer clip"
+        )
+
+
+def split_of(clips: Sequence[SeenClip], layer: Layer, each: int, share: float) -> Split:
+    """Whole clips where there are several, else parts of the one.
+
+    Args:
+        clips: of the data set.
+        layer: whose feature frames are told apart.
+        each: frames that one of them stands for.
+        share: that is trained on.
+    """
+    frames = [len(clip.labels.times) for clip in clips]
+    features = [clip.features[layer].values.shape[1] for clip in clips]
+    if len(clips) == 1:
+        return split_frames(frames[0], features[0], each, share)
+    return split_clips(frames, features, each, share)
+
+
+def labelled(
+    clips: Sequence[SeenClip], layer: Layer, frames: Sequence[Tensor], each: int
+) -> LabelledFrames:
+    """Feature frames with what a readout should say of them.
+
+    Args:
+        clips: of the data set.
+        layer: of the features.
+        frames: numbers of the wanted feature frames of each clip.
+        each: frames that a feature frame stands for.
+    """
+    parts = []
+    for clip, wanted in zip(clips, frames, strict=True):
+        values = clip.features[layer].values[0]
+        targets, weight = frame_targets(clip.labels, len(values), each)
+        if len(wanted):
+            parts.append((values[wanted], targets[wanted], weight[wanted]))
+    centres = clips[0].features[layer].cell_centres()
+    values, targets, weight = (torch.cat(column) for column in zip(*parts, strict=True))
+    return LabelledFrames(values, centres, targets, weight)

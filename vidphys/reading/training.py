@@ -1,0 +1,164 @@
+"""``vidphys train`` from clips to a pipeline: features, readouts, tracks, dynamics.
+
+Features are cached, readouts and heads leave checkpoints, and what lies between is computed from
+these again: an interrupted training goes on where it was and ends as it would have ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import torch
+
+from binders.tracks import Tracks
+from readouts.attention import AttentionReadout
+from vidphys.data.charts import chart_of
+from vidphys.data.dataset import Dataset
+from vidphys.data.splits import Split
+from vidphys.data.video import ClipSelection
+from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
+from vidphys.reading.pipeline import Pipeline
+from vidphys.reading.reader import Layer, LoadedEncoder, Reader, steady
+from vidphys.reading.seen_clips import SeenClip, Stage, labelled, split_of
+from vidphys.training.candidates import (
+    ATTENTION,
+    Examples,
+    Grid,
+    TrainedReadout,
+    best_of,
+    train_grid,
+)
+from vidphys.training.readouts import ReadoutSettings
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """How a data set is trained on.
+
+    Args:
+        readout: of the readouts' training.
+        grid: the readouts that are tried.
+        selection: frames of each clip.
+        share: of the clips (of a single clip's frames) that is trained on.
+        head_steps: of each head's optimiser.
+        seed: of batch orders and heads.
+    """
+
+    readout: ReadoutSettings
+    grid: Grid
+    selection: ClipSelection = ClipSelection()
+    share: float = 0.6
+    head_steps: int = 400
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Perceived:
+    """The clips of a data set as the best of many readouts sees them.
+
+    Args:
+        clips: of the data set.
+        splits: of each layer's feature frames.
+        readouts: all that were tried.
+        chosen: the one that was best on what was held out.
+        reader: with the chosen one.
+        tracks: of each clip, as it is seen, world units.
+    """
+
+    clips: tuple[SeenClip, ...]
+    splits: Mapping[Layer, Split]
+    readouts: tuple[TrainedReadout, ...]
+    chosen: TrainedReadout
+    reader: Reader
+    tracks: tuple[Tracks, ...]
+
+    @property
+    def split(self) -> Split:
+        """For the chosen readout's layer."""
+        return self.splits[self.chosen.candidate.layer]
+
+    def followed(self, clip: int) -> Followed:
+        """A clip's track without the drift of its camera, and its law."""
+        camera = self.reader.half_extent * self.clips[clip].camera
+        return Followed(steady(self.tracks[clip], camera), self.clips[clip].law)
+
+
+def perceive(
+    clips: tuple[SeenClip, ...],
+    dataset: Dataset,
+    encoders: Mapping[Layer, LoadedEncoder],
+    settings: TrainSettings,
+    folder: Path | None,
+    stage: Stage,
+) -> Perceived:
+    """Train all readouts, each layer's in one pass, and read every clip with the best.
+
+    Args:
+        clips: from :func:`see`.
+        dataset, encoders, settings, stage: see there.
+        folder: for checkpoints.
+
+    Raises:
+        InputError: too few clips or frames.
+    """
+    readouts: list[TrainedReadout] = []
+    splits = {}
+    for layer, encoder in encoders.items():
+        each = encoder.network.frames_per_feature
+        split = splits[layer] = split_of(clips, layer, each, settings.share)
+        examples = Examples(
+            labelled(clips, layer, split.train, each), labelled(clips, layer, split.held_out, each)
+        )
+        name = "readouts" if layer is None else f"readouts, layer {layer}"
+        how = settings.readout, settings.seed, folder, stage(name)
+        readouts += train_grid(settings.grid, layer, examples, *how)
+    chosen = best_of(ATTENTION, readouts)
+    layer = chosen.candidate.layer
+    bodies = clips[0].labels.positions.shape[2]
+    reader = Reader(
+        encoders[layer],
+        cast(AttentionReadout, chosen.module),
+        bodies,
+        dataset.half_extent,
+        not dataset.labelled,
+        settings.selection.stride,
+        settings.selection.side,
+    )
+    tracks = tuple(reader.tracks(clip.features[layer], clip.labels.times) for clip in clips)
+    return Perceived(clips, splits, tuple(readouts), chosen, reader, tracks)
+
+
+def understand(
+    perceived: Perceived,
+    friction: bool,
+    settings: TrainSettings,
+    folder: Path | None,
+    stage: Stage,
+) -> Pipeline:
+    """Fit both heads to the tracks of what may be known.
+
+    Args:
+        perceived: see there.
+        friction: whether the factored head has any.
+        settings: see :class:`TrainSettings`.
+        folder: for checkpoints.
+        stage: gives a stage's progress its name.
+
+    Raises:
+        InputError: clips too short to show momentum, or in which nothing moves.
+    """
+    followed = [perceived.followed(k) for k in range(len(perceived.clips))]
+    known = perceived.split.known
+    places = [c.track.positions[0, :end] for c, end in zip(followed, known, strict=True)]
+    chart = chart_of(torch.cat(places))
+    samples = sample(followed, known, chart)
+    terms = terms_of(chart, perceived.reader.bodies, friction)
+    heads = {}
+    for name, each in terms.items():
+        save_to = None if folder is None else folder / name
+        how = settings.head_steps, settings.seed, save_to, stage(f"{name} head")
+        heads[name] = fit_head(each, samples, chart, *how)
+    return Pipeline(perceived.reader, Dynamics(chart, samples.interval, terms, heads))

@@ -1,0 +1,150 @@
+"""The state at t0 of a clip, read from the frames that lead up to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from binders import Tracks
+from dynamics import Head, Parameters, PhaseState
+from readouts.differencing import backward_difference, central_difference
+from readouts.smoothing import Smoothed, Step, smooth
+from vidphys.shooting.aim import PRECISE
+from vidphys.shooting.step import model_step, roll
+
+WINDOWS = (16, 7, 5, 4, 3)  # frames; a shorter window where the longer one is not explained
+UNUSUAL = 2.0  # times the median cost
+SLACKS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)  # of momenta, relative to their size
+COARSE, SURE = 0.02, 0.01  # world units of a position half sure; part of its odds at full trust
+PRACTICE, AHEAD = 32, 2  # clips and frames that slacks are tried on
+WORSE = 2  # slacks in a row, after which no smaller one is tried
+
+
+def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
+    """The last frame's positions, momentum by a second-order backward difference."""
+    return backward_difference(tracks.positions, params.mass.to(tracks.positions), interval)
+
+
+def choose_slack(head: Head, tracks: Tracks, params: Parameters, interval: float) -> float:
+    """The slack under which a head foretells the last frames of some tracks best.
+
+    Positions err and heads err: the better the head, the more all frames of a window say about
+    its last one. Nothing but tracks is asked.
+
+    Args:
+        head: trained.
+        tracks: that it was trained on; the first ``PRACTICE`` clips are used, and all but the last
+            ``AHEAD`` of their frames to start from.
+        params: of each clip.
+        interval: seconds between frames.
+
+    Returns:
+        One of ``SLACKS``, relative to the size of momenta; or infinity, where the dynamics are not
+        to be believed at all. So it is where the momenta of states that follow them are mostly
+        farther from the differences of frames than none would be: a head without structure may
+        mean something of its own by a momentum.
+    """
+    few = slice(0, PRACTICE)
+    positions, confidence = tracks.positions[few].float(), tracks.confidence[few].float()
+    law = params.map(lambda x: x[few].float())
+    past = Tracks(positions[:, :-AHEAD], confidence[:, :-AHEAD], tracks.times[:-AHEAD])
+    dt, every = model_step(interval)
+    plain = by_differencing(head, past, law, interval)
+
+    def missed(start: PhaseState) -> float:
+        strange = (start.p - plain.p).norm(dim=-1).median()
+        if not bool(strange <= plain.p.norm(dim=-1).median()):
+            return torch.inf
+        with torch.no_grad():
+            ahead = roll(head, start.map(torch.Tensor.float), law, AHEAD, dt, every).q
+        error = (ahead - positions[:, -AHEAD:]).square().sum(-1) / PRECISE**2
+        return float((confidence[:, -AHEAD:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
+
+    found = [missed(plain)]
+    for fit in _smooth(head, past, law, interval, SLACKS):
+        found.append(missed(fit.states[:, -1]))
+        if min(found[1:-WORSE], default=torch.inf) <= min(found[-WORSE:]):
+            break
+    return (torch.inf, *SLACKS)[found.index(min(found))]
+
+
+def by_shooting(
+    head: Head, tracks: Tracks, params: Parameters, interval: float, slack: float = SLACKS[-1]
+) -> PhaseState:
+    """The end of the states that pass through the window's positions, nearly under the head.
+
+    Episodes whose cost is unusual (an encounter in the window that the head or the binder got
+    wrong) are fitted again on shorter windows that end at the same frame; the one of least cost is
+    kept where none is usual.
+
+    Args:
+        head: the law.
+        tracks: perceived positions.
+        params: of each clip.
+        interval: seconds between frames.
+        slack: see :func:`choose_slack`.
+    """
+    if slack == torch.inf:
+        return by_differencing(head, tracks, params, interval)
+    slacks = SLACKS[: SLACKS.index(slack) + 1]
+
+    def fitted(rows: Tensor | slice, window: int) -> Smoothed:
+        part = Tracks(
+            tracks.positions[rows, -window:],
+            tracks.confidence[rows, -window:],
+            tracks.times[-window:],
+        )
+        *_, last = _smooth(head, part, params[rows], interval, slacks)
+        return last
+
+    best = fitted(slice(None), WINDOWS[0])
+    state, cost = best.states[:, -1].map(torch.clone), best.cost.clone()
+    usual = UNUSUAL * float(cost.median())
+    for window in WINDOWS[1:]:
+        bad = torch.nonzero(~(cost <= usual)).squeeze(-1)
+        if not len(bad) or window >= tracks.positions.shape[1]:
+            continue
+        again = fitted(bad, window)
+        better = again.cost < cost[bad]
+        rows = bad[better]
+        state.q[rows], state.p[rows] = again.states.q[better, -1], again.states.p[better, -1]
+        cost[rows] = again.cost[better]
+    return state.map(torch.Tensor.float)
+
+
+def _smooth(
+    head: Head, tracks: Tracks, params: Parameters, interval: float, slacks: Sequence[float]
+) -> Iterator[Smoothed]:
+    """The window under a head; slacks are relative to the size of the momenta in it."""
+    positions, law = tracks.positions.double(), params.map(torch.Tensor.double)
+    ends = -3 * positions[:, 0] + 4 * positions[:, 1] - positions[:, 2]
+    first = law.mass[..., None] * ends / (2 * interval)
+    last = backward_difference(positions, law.mass, interval).p
+    inner = central_difference(positions, law.mass, interval).p
+    momenta = torch.cat([first[:, None], inner, last[:, None]], 1)
+    size = float(momenta.square().mean().sqrt()) or 1.0
+    confidence = tracks.confidence.double().clamp(1e-3, 1)
+    error = COARSE * (1 / confidence - 1 + SURE).sqrt()
+    precision = next((p.dtype for p in head.parameters()), torch.float64)
+    guess = PhaseState(positions, momenta).map(lambda x: x.to(precision))
+    step = frame_step(head, law.map(lambda x: x.to(precision)), interval)
+    with torch.no_grad():
+        yield from smooth(step, positions, error, guess, interval, [size * s for s in slacks])
+
+
+def frame_step(head: Head, params: Parameters, interval: float) -> Step:
+    """The head as a function from starts of some episodes to their states a frame later.
+
+    Further axes of starts may stand before that of the episodes.
+    """
+    dt, every = model_step(interval)
+
+    def later(start: PhaseState, rows: Tensor) -> PhaseState:
+        batch = start.q.shape[:-2]
+        law = params[rows].map(lambda x: x.expand(*batch, *x.shape[1:]))
+        states = head.trajectory(start, law, every, dt, every).states
+        return states.map(lambda x: x[..., 1, :, :])
+
+    return later
