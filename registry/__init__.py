@@ -1,0 +1,5 @@
+"""Parts under names: ours, those of installed packages, and those at an import path."""
+
+from registry.registry import Registry, Source, UnknownName
+
+__all__ = ["Registry", "Source", "UnknownName"]

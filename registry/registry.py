@@ -1,0 +1,179 @@
+"""A table of parts by name, into which a part from outside comes as one of ours.
+
+A name is looked up among the parts that code has registered, then among the entry points of
+installed distributions, and at last, where it has a colon, as an import path.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.metadata
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar, overload
+
+T = TypeVar("T")
+HOME = "vidphys"  # the distribution that the stages themselves belong to
+
+
+class UnknownName(KeyError, ValueError):
+    """There is no part of this name; says which there are, and the nearest spelling."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a part comes from: a distribution and its version, or a module of none."""
+
+    distribution: str
+    version: str
+
+    @property
+    def ours(self) -> bool:
+        return self.distribution == HOME
+
+    def __str__(self) -> str:
+        return f"{self.distribution} {self.version}".strip()
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """Parts of one kind.
+
+    Args:
+        what: the kind, in the singular, for messages.
+        group: of the entry points by which installed packages add parts.
+
+    Example:
+        >>> greetings = Registry("greeting", "example.greetings")
+        >>> @greetings.register("plain")
+        ... def plain():
+        ...     return "good day"
+        >>> greetings["plain"]()
+        'good day'
+        >>> greetings["plane"]
+        Traceback (most recent call last):
+        registry.registry.UnknownName: unknown greeting 'plane'; did you mean 'plain'? Known: plain
+    """
+
+    def __init__(self, what: str, group: str) -> None:
+        self.what, self.group = what, group
+        self._parts: dict[str, T] = {}
+        self._modules: dict[str, str] = {}
+
+    @overload
+    def register(self, name: str) -> Callable[[T], T]: ...
+    @overload
+    def register(self, name: str, part: T) -> T: ...
+
+    def register(self, name: str, part: Any = None) -> Any:
+        """Add a part, or decorate what is to be added.
+
+        Raises:
+            ValueError: another part has this name.
+        """
+        module = sys._getframe(1).f_globals["__name__"]
+
+        def add(part: T) -> T:
+            if self._parts.get(name, part) is not part:
+                raise ValueError(
+                    f"{self.what} '{name}': {module} would replace the one of "
+                    f"{self._modules[name]}; choose another name"
+                )
+            self._parts[name] = part
+            self._modules.setdefault(name, module)
+            return part
+
+        return add if part is None else add(part)
+
+    def __getitem__(self, name: str) -> T:
+        """The part of this name.
+
+        Raises:
+            UnknownName: there is none.
+            ValueError: two distributions have this name, or what it names cannot be imported.
+        """
+        entries = self._entries(name)
+        if name not in self._parts:
+            if entries:
+                self._load(name, entries[0].value)
+            elif ":" in name:
+                self._load(name, name)
+            else:
+                raise self._unknown(name)
+        strange = [entry for entry in entries if _top(entry.module) != _top(self._modules[name])]
+        if strange or len(entries) > 1:
+            givers = {str(_of(entry)) for entry in entries} | {str(_of_module(self._modules[name]))}
+            raise ValueError(
+                f"{self.what} '{name}': given by {' and by '.join(sorted(givers))}; "
+                "uninstall one, or name it as package.module:attribute"
+            )
+        return self._parts[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Names: registered ones in their order, then those of installed packages."""
+        entries = importlib.metadata.entry_points(group=self.group)
+        return iter(dict.fromkeys([*self._parts, *sorted(entry.name for entry in entries)]))
+
+    def __contains__(self, name: object) -> bool:
+        return any(name == known for known in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def source(self, name: str) -> Source:
+        """Where a part comes from.
+
+        Raises:
+            UnknownName: there is none of this name.
+        """
+        entries = self._entries(name)
+        if entries and name not in self._modules:
+            return _of(entries[0])
+        self[name]
+        return _of_module(self._modules[name])
+
+    def foreign(self) -> tuple[str, ...]:
+        """Names of the parts that are not ours."""
+        return tuple(name for name in self if not self.source(name).ours)
+
+    def _entries(self, name: str) -> list[importlib.metadata.EntryPoint]:
+        return list(importlib.metadata.entry_points(group=self.group, name=name))
+
+    def _load(self, name: str, path: str) -> None:
+        module, _, attribute = path.partition(":")
+        try:
+            part: Any = importlib.import_module(module)
+            for step in attribute.split("."):
+                part = getattr(part, step)
+        except (ImportError, AttributeError) as error:
+            raise ValueError(f"{self.what} '{name}': {path} cannot be imported: {error}") from error
+        self._parts.setdefault(name, part)
+        self._modules.setdefault(name, module)
+
+    def _unknown(self, name: str) -> UnknownName:
+        near = difflib.get_close_matches(name, self, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ";"
+        return UnknownName(f"unknown {self.what} '{name}'{hint} Known: {', '.join(self)}")
+
+
+def _of(entry: importlib.metadata.EntryPoint) -> Source:
+    if entry.dist is None:
+        return _of_module(entry.module)
+    return Source(entry.dist.name, entry.dist.version)
+
+
+def _of_module(module: str) -> Source:
+    """The distribution whose top-level package a module lies in; else the module itself."""
+    top = _top(module)
+    names = importlib.metadata.packages_distributions().get(top, ())
+    if not names:
+        return Source(module, "")
+    return Source(names[0], importlib.metadata.version(names[0]))
+
+
+def _top(module: str) -> str:
+    return module.partition(".")[0]
