@@ -19,6 +19,7 @@ VERBS = {
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
     "train": ("TrainConfig", "train readouts and dynamics on clips, over a frozen encoder"),
+    "fit": ("FitConfig", "train exactly the model that a diagnosis asks for, on its tracks"),
     "rollout": ("RolloutConfig", "read a clip with a trained pipeline and roll it on"),
     "trade": ("TradeConfig", "measure speed against accuracy here, and choose from it"),
     "stress": ("StressConfig", "run the extremes: each sound, warned of or refused"),

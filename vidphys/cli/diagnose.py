@@ -39,7 +39,7 @@ class DiagnoseConfig:
 
     Example: vidphys diagnose tracks.csv --out runs/diagnosis
 
-    Writes a summary, diagnosis.json, specification.json (from which `vidphys train` builds exactly
+    Writes a summary, diagnosis.json, specification.json (from which `vidphys fit` trains exactly
     that model), the tracks of a clip, a figure and a recording for `vidphys view`.
 
     Args:

@@ -60,8 +60,6 @@ class TrainConfig(SeeingOptions):
         friction: whether the factored head has friction; auto leaves it out where the data set
             says that it has none.
         beyond: seconds to roll past the end of the recorded clip.
-        specification: of `vidphys diagnose`; data is then a table of tracks, and a model of
-            exactly these terms is trained on it.
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
@@ -85,7 +83,6 @@ class TrainConfig(SeeingOptions):
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
     beyond: float = 3.0
-    specification: Path | None = None
     seed: int = 0
     profile: Path | None = None
     overwrite: bool = False
@@ -111,10 +108,6 @@ def train(config: TrainConfig) -> int:
     _check(config)
     binder = binder_settings(config.bodies, config.shadow)
     check_cuda(config.device)
-    if config.specification is not None:
-        from vidphys.cli.specified import train_on_tracks
-
-        return train_on_tracks(config)
     dataset = find_dataset(config.data)
     layers, options = config.layers or (None,), config.encoder_options
     try:

@@ -138,14 +138,14 @@ def train_specified(
 def _check(terms: HamiltonianTerms, held: Mapping[str, Any], motion: Motion) -> None:
     if (motion.bodies, motion.space) != (held["bodies"], held["space"]):
         raise InputError(
-            f"train: the specification is of {held['bodies']} bodies in {held['space']} "
+            f"fit: the specification is of {held['bodies']} bodies in {held['space']} "
             f"dimensions, the tracks are of {motion.bodies} in {motion.space}"
         )
     gaps = np.diff(motion.times, axis=1)
     if np.abs(gaps - motion.interval).max() > EVEN * motion.interval:
-        raise InputError("train: frames are not evenly spaced; resample the tracks")
+        raise InputError("fit: frames are not evenly spaced; resample the tracks")
     if BATH in terms.ports:
-        raise InputError("train: a heat bath is not learned from tracks, only its rate is known")
+        raise InputError("fit: a heat bath is not learned from tracks, only its rate is known")
 
 
 def _foretold(

@@ -1,0 +1,67 @@
+"""`vidphys fit`: the diagnosed model is trained on its tracks; only what has an effect is asked."""
+
+import json
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.vidphys.diagnose.test_wall import thrown
+from vidphys.cli import main
+from vidphys.diagnose.recordings.tables import write_tracks
+from vidphys.diagnose.telling.answers import answer
+from vidphys.runs import checkpoint
+from vidphys.runs.atomic import write_json
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory):
+    """A table of tracks, and what a diagnosis of it specified."""
+    root, motion = tmp_path_factory.mktemp("diagnosed"), thrown()
+    write_tracks(root / "tracks.csv", motion)
+    write_json(root / "specification.json", answer(motion, False, 0.3).specification)
+    return root / "tracks.csv", root / "specification.json"
+
+
+def fit(diagnosed, out, *more):
+    tracks, specification = diagnosed
+    told = ["--specification", str(specification), "--out", str(out), "--quiet"]
+    return main(["fit", str(tracks), *told, *more])
+
+
+def test_the_specified_terms_are_trained_and_the_rest_foretold(diagnosed, tmp_path):
+    assert fit(diagnosed, tmp_path / "run", "--steps", "3") == 0
+    rows = pq.read_table(tmp_path / "run" / "records.parquet").to_pylist()
+    found = {row["metric"]: row["value"] for row in rows}
+    assert found["forecast_rmse"] < found["forecast_rmse_persistence"]
+    meta = checkpoint.load(tmp_path / "run" / "checkpoints" / "heads" / "specified.json")[1]
+    assert meta["terms"] == json.loads(diagnosed[1].read_text())["terms"]
+    assert meta["step"] == 3 and meta["bodies"] == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--steps", "0"], "--steps 0: must be at least 1"),
+        (["--train-share", "0"], "--train-share 0.0: must be above 0"),
+        (["--stop", "2"], "--start 0 --stop 2"),
+    ],
+)
+def test_options_that_make_no_sense(diagnosed, tmp_path, capsys, more, words):
+    assert fit(diagnosed, tmp_path / "run", *more) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_specification_of_other_bodies_is_refused(diagnosed, tmp_path, capsys):
+    held = json.loads(diagnosed[1].read_text())
+    write_json(tmp_path / "other.json", {**held, "bodies": 2})
+    assert fit((diagnosed[0], tmp_path / "other.json"), tmp_path / "run") == 2
+    assert "fit: the specification is of 2 bodies" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_would_have_no_effect_is_not_taken(diagnosed, tmp_path, capsys):
+    for option in ("--encoder", "--device", "--widths"):
+        with pytest.raises(SystemExit, match="2"):
+            fit(diagnosed, tmp_path / "run", option, "cpu")
+        assert option in capsys.readouterr().err

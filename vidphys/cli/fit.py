@@ -1,0 +1,143 @@
+"""``vidphys fit``: exactly the model that a diagnosis asks for, trained on its tracks."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from vidphys.cli.console import Console
+from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    from vidphys.diagnose.recordings.motion import Motion
+    from vidphys.reading.specified import Trained
+    from vidphys.runs.folder import RunFolder
+    from vidphys.runs.records import Recorder
+
+CELL = "tracks/specified"
+ELSEWHERE = ("tracks", "specification", "out", "overwrite", "quiet")
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """Train exactly the model that a diagnosis asks for, on its tracks.
+
+    Example: vidphys fit tracks.csv --specification runs/diagnosis/specification.json
+
+    What the training has not seen is foretold, and scored beside bodies that stay where they were.
+
+    Args:
+        tracks: a table of times and positions (CSV, Parquet, NPZ, motion-capture text).
+        specification: the file of that name which `vidphys diagnose` wrote of it.
+        out: the run folder.
+        start: first frame that is used.
+        stop: frame to stop before.
+        train_share: of the frames that is trained on, from the first.
+        steps: optimiser steps.
+        seed: of initial weights and batch order.
+        overwrite: give up another run that lies in the folder.
+        quiet: print nothing but the result.
+    """
+
+    tracks: Annotated[Path, tyro.conf.Positional]
+    specification: Path
+    out: Path = Path("runs/fit")
+    start: int = 0
+    stop: int | None = None
+    train_share: float = 0.6
+    steps: int = 400
+    seed: int = 0
+    overwrite: bool = False
+    quiet: bool = False
+
+
+def fit(config: FitConfig) -> None:
+    """See :class:`FitConfig`.
+
+    Raises:
+        InputError: a table or a specification that cannot be read, or that do not belong together;
+            options that make no sense; another run in the folder.
+    """
+    from dynamics.terms import to_config
+    from vidphys.diagnose.recordings.release import free_frames
+    from vidphys.diagnose.recordings.tables import read_motion
+    from vidphys.diagnose.telling.specification import read_specification
+    from vidphys.reading.specified import train_specified
+    from vidphys.runs.atomic import sha256
+    from vidphys.runs.folder import RunFolder
+
+    if config.steps < 1:
+        raise InputError(f"--steps {config.steps}: must be at least 1")
+    if not 0 < config.train_share <= 1:
+        raise InputError(f"--train-share {config.train_share}: must be above 0 and at most 1")
+    terms, held = read_specification(config.specification)
+    motion = read_motion(config.tracks, interval=float(held["interval_seconds"])).motion
+    try:
+        motion = motion.cut(config.start, config.stop)
+    except ValueError as error:
+        raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
+    motion = motion.cut(*free_frames(motion))
+    end = round(config.train_share * motion.positions.shape[1])
+    about = {
+        **{key: value for key, value in asdict(config).items() if key not in ELSEWHERE},
+        "experiment": "fit",
+        "cells": [CELL],
+        "seeds": [config.seed],
+        "sha256": [sha256(config.tracks), sha256(config.specification)],
+        "terms": to_config(terms),
+    }
+    run = RunFolder.open(config.out, about, config.overwrite)
+    with run.locked(), Console(config.quiet, 1, "fit") as console:
+
+        def show(step: int, steps: int, _loss: float) -> None:
+            console.stage(("fit", step, steps))
+
+        try:
+            found = train_specified(terms, held, motion, end, config.steps, config.seed, show)
+        except InputError:
+            run.abandon()
+            raise
+        meta = {"step": config.steps, "terms": to_config(terms), "origin": held["origin"]}
+        _keep(run, motion, found, meta)
+        recorder = _record(config, found)
+        run.finish(f"specified-s{config.seed}", *recorder.tables())
+        run.join()
+        console.done(0)
+        for row in recorder.rows:
+            console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")
+
+
+def _keep(run: RunFolder, motion: Motion, found: Trained, meta: dict[str, Any]) -> None:
+    from vidphys.runs import checkpoint
+
+    meta |= {"bodies": motion.bodies, "space": motion.space, "units": asdict(found.units)}
+    path = run.checkpoints("heads") / "specified.json"
+    checkpoint.save(path, dict(found.head.state_dict()), meta)
+
+
+def _record(config: FitConfig, found: Trained) -> Recorder:
+    from dynamics.build import parameter_count
+    from vidphys.runs.records import Origin, Recorder
+
+    origin = Origin(
+        experiment="fit",
+        cell=CELL,
+        system=config.tracks.name,
+        grounding="tracks",
+        encoder="none",
+        binder="none",
+        readout="none",
+        head="specified",
+        seed=config.seed,
+        device="cpu",
+        dtype="float32",
+    )
+    recorder = Recorder(origin)
+    recorder.add_value("parameters", parameter_count(found.head))
+    if found.error is not None and found.still is not None:
+        recorder.add_value("forecast_rmse", found.error)
+        recorder.add_value("forecast_rmse_persistence", found.still)
+    return recorder
