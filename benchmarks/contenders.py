@@ -1,22 +1,23 @@
-"""Models and episodes that the benchmark's contenders share."""
+"""Models, episodes and training problems that the benchmark's contenders share."""
 
 from __future__ import annotations
 
-import copy
+from dataclasses import dataclass
 
 import torch
 from torch import Generator, Tensor
 
 from dynamics import Hamiltonian, Parameters, PhaseState, build
-from dynamics.compiled import compile_head
 from dynamics.potentials import PairPotential, SoftenedGravity
 from dynamics.terms import HamiltonianTerms
 from vidphys.scenes.gravity import SOFTENING, gravity
 from vidphys.training.loop import FitSettings, fit
+from vidphys.training.segments import Segments
 
-BODIES_DT = 0.002  # seconds
+DT = 0.002  # seconds
 WIDTH = 256  # of the networks in rollouts
-STEPS, BATCH, RATE = 150, 256, 5e-3  # of the fit to the true pair force
+FIT = FitSettings(150, 256, 5e-3)  # to the true pair force
+RATE = 1e-3  # of training steps that are timed
 SLOW = 0.2  # momenta of a plunge, times those of the scene: the bodies fall into each other
 
 
@@ -45,7 +46,7 @@ def fitted(potential: str, width: int, seed: int = 0) -> Hamiltonian:
         seed: of its weights and of the places.
     """
     torch.manual_seed(seed)
-    head = build(HamiltonianTerms(potential=potential, width=width), bodies=3, dt=BODIES_DT)  # type: ignore[arg-type]
+    head = build(HamiltonianTerms(potential=potential, width=width), bodies=3, dt=DT)  # type: ignore[arg-type]
     assert isinstance(head, Hamiltonian) and isinstance(head.potential, PairPotential)
     learned, true = head.potential, SoftenedGravity(SOFTENING)
 
@@ -54,7 +55,7 @@ def fitted(potential: str, width: int, seed: int = 0) -> Hamiltonian:
         wrong = (learned.pair_gradient(places) - force).square().sum(-1)
         return (wrong / force.square().sum(-1)).mean()
 
-    fit(head, loss, _Places(8192, seed), FitSettings(STEPS, BATCH, RATE), seed)
+    fit(head, loss, _Places(8192, seed), FIT, seed)
     return head.requires_grad_(False)
 
 
@@ -67,23 +68,27 @@ def episodes(count: int, plunge: bool = False, seed: int = 0) -> tuple[PhaseStat
     return start.map(Tensor.float), params.map(Tensor.float)
 
 
-def deviations(head: Hamiltonian, plunge: bool, steps: int, dt: float) -> dict[str, Tensor]:
-    """Largest |dq| of each episode from the float64 network, of its float32 forms; and how close.
+@dataclass(frozen=True)
+class Problem:
+    """One-step prediction: a model, where bodies start, and their increments after a step."""
 
-    Returns:
-        ``network`` and ``compiled``, ``(episodes,)`` each, and ``nearest`` distances.
-    """
-    start, params = episodes(64, plunge)
-    exact = compile_head(copy.deepcopy(head).double(), None)
-    wide = start.map(Tensor.double), params.map(Tensor.double)
-    truth = exact.trajectory(*wide, steps, dt).states.q
-    found = {}
-    with torch.no_grad():
-        for name, model in (
-            ("network", compile_head(head, None, backend="torch")),
-            ("compiled", compile_head(head)),
-        ):
-            q = model.trajectory(start, params, steps, dt).states.q
-            found[name] = (q - truth).norm(dim=-1).flatten(1).amax(-1)
-    apart = truth - truth.roll(1, -2)
-    return {**found, "nearest": apart.norm(dim=-1).flatten(1).amin(-1)}
+    head: Hamiltonian
+    start: PhaseState
+    params: Parameters
+    target: PhaseState
+
+    @property
+    def segments(self) -> Segments:
+        """The same examples as training takes them."""
+        q, p = self.target.q.unsqueeze(1), self.target.p.unsqueeze(1)
+        return Segments(self.start, self.params, q, p, DT, 1)
+
+
+def problem(width: int, batch: int, seed: int = 0) -> Problem:
+    """A fresh factored model and ``batch`` examples under gravity."""
+    torch.manual_seed(seed)
+    head = build(HamiltonianTerms(width=width), bodies=3, dt=DT)
+    assert isinstance(head, Hamiltonian)
+    start, params = episodes(batch, seed=seed)
+    target = PhaseState(DT * start.p, DT * torch.randn_like(start.p))
+    return Problem(head, start, params, target)

@@ -18,7 +18,7 @@ import torchdiffeq
 from numpy.typing import NDArray
 from torch import Tensor
 
-from benchmarks.training import DT, RATE, Problem
+from benchmarks.contenders import DT, RATE, Problem
 from dynamics import Hamiltonian, Parameters, PhaseState
 from dynamics.compiled.cpu import states
 from dynamics.compiled.steps import kick, move_all, store

@@ -1,49 +1,42 @@
-"""Training steps that the benchmark times: ours, plain eager torch, and ten seeds at once."""
+"""Benchmark rows of training: one step beside JAX and eager torch, ten seeds at once."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from benchmarks.contenders import episodes
-from dynamics import Hamiltonian, HamiltonianTerms, Head, Parameters, PhaseState, build
+from benchmarks import peers
+from benchmarks.contenders import DT, RATE, WIDTH, Problem, problem
+from benchmarks.match import Contender, Match
+from dynamics import Head
 from vidphys.training.ensemble import Ensemble, stack
 from vidphys.training.learner import FitSettings, Learner, Loss
 from vidphys.training.segments import Segments, scale_of, segment_loss
 
-DT, RATE = 0.002, 1e-3
 MANY = 10**6  # steps of a training that is never ended
 
 
-@dataclass(frozen=True)
-class Problem:
-    """One-step prediction: a model, where bodies start, and their increments after a step."""
-
-    head: Hamiltonian
-    start: PhaseState
-    params: Parameters
-    target: PhaseState
-
-    @property
-    def segments(self) -> Segments:
-        """The same examples as training takes them."""
-        q, p = self.target.q.unsqueeze(1), self.target.p.unsqueeze(1)
-        return Segments(self.start, self.params, q, p, DT, 1)
+def ten_seeds() -> Match:
+    """Training steps of ten seeds side by side against one after another, width 64."""
+    together, apart = together_and_apart(seeds=10, width=64, batch=1024)
+    ours = Contender(together, 10, "torch")
+    peer = {"one after another": (Contender(apart, 10, "torch"), 1.5)}
+    return Match("ten seeds together", "training steps", ours, peer)
 
 
-def problem(width: int, batch: int, seed: int = 0) -> Problem:
-    """A fresh factored model and ``batch`` examples under gravity."""
-    torch.manual_seed(seed)
-    head = build(HamiltonianTerms(width=width), bodies=3, dt=DT)
-    assert isinstance(head, Hamiltonian)
-    start, params = episodes(batch, seed=seed)
-    target = PhaseState(DT * start.p, DT * torch.randn_like(start.p))
-    return Problem(head, start, params, target)
+def training_step() -> Match:
+    """One training step of the factored model against JAX and against eager torch."""
+    made = problem(width=WIDTH, batch=1024)
+    against = {
+        "JAX, gradient by hand": (Contender(peers.jax_training(made), 1, "jax"), 1.8),
+        "eager torch, double backward": (Contender(eager_step(made), 1, "torch"), 1.3),
+    }
+    ours = Contender(our_step(made), 1, "torch")
+    return Match("training step", "training steps", ours, against)
 
 
 def our_step(made: Problem) -> Callable[[], Any]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from vidphys.cli.console import Console
 from vidphys.devices import check_cuda
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
 
     from vidphys.points.point import Point
 
-REPEATS = {"quick": 3, "standard": 7}  # of a benchmark row
-
 
 @dataclass(frozen=True)
 class TradeConfig:
@@ -26,8 +23,8 @@ class TradeConfig:
     Example: vidphys trade --out runs/trade && vidphys trade --pick "inversion_nmse<=0.02"
 
     Args:
-        out: the run folder; with pick, compare or benchmark, where the measured points lie or the
-            rows are written. The same command again goes on where it was.
+        out: the run folder; with pick or compare, where the measured points lie. The same command
+            again goes on where it was.
         fronts: what is measured: rollouts, learned, forces, drawing, encoders, runtimes, readouts,
             training, pipeline; all if none is named.
         preset: how much is measured; quick takes about 90 s of one core, standard ten minutes.
@@ -37,8 +34,6 @@ class TradeConfig:
         save: write what was chosen to this profile file, for a verb's --profile.
         compare: an older run folder or profile; exit 1 if a front has moved back since, by more
             than 5 % in time or 2 % in error.
-        benchmark: time the fast paths against their peers, side by side.
-        rows: of the benchmark; all if none is named.
         threads: of torch; with 1 on a CPU the time of the process counts, else the wall clock.
         weights: folder of encoders' weights; else VIDPHYS_WEIGHTS, else the user's cache.
         seed: of all that is drawn.
@@ -54,8 +49,6 @@ class TradeConfig:
     task: str = ""
     save: Path | None = None
     compare: Path | None = None
-    benchmark: bool = False
-    rows: tuple[str, ...] = ()
     threads: int = 1
     weights: Path | None = None
     seed: int = 0
@@ -65,7 +58,7 @@ class TradeConfig:
 
 
 def trade(config: TradeConfig) -> int:
-    """Measure; or choose from, compare or benchmark what was asked for.
+    """Measure; or choose from what was measured, or compare it.
 
     Returns:
         0; 1 if a front has moved back, or no measured point is within the bound.
@@ -73,34 +66,29 @@ def trade(config: TradeConfig) -> int:
     Raises:
         InputError: options that exclude each other, an unknown front or quantity, or no points.
     """
-    modes = [m for m in ("pick", "compare", "benchmark") if getattr(config, m) not in (None, False)]
-    if len(modes) > 1:
-        raise InputError(f"trade: --{' and --'.join(modes)} exclude each other; give one of them")
+    if config.pick is not None and config.compare is not None:
+        raise InputError("trade: --pick and --compare exclude each other; give one of them")
     if config.save is not None and config.pick is None:
         raise InputError("trade: --save goes with --pick only")
     if config.pick is not None:
         return _pick(config, config.pick)
     if config.compare is not None:
         return _compare(config, config.compare)
-    _set_up(config)
-    return _benchmark(config) if config.benchmark else _measure(config)
-
-
-def _set_up(config: TradeConfig) -> None:
-    import torch
-
-    check_cuda(config.device)
-    if config.threads < 1:
-        raise InputError(f"--threads {config.threads}: at least one is needed")
-    torch.set_num_threads(config.threads)
+    return _measure(config)
 
 
 def _measure(config: TradeConfig) -> int:
+    import torch
+
     from vidphys.runs.folder import RunFolder
     from vidphys.trade.context import SIZES
     from vidphys.trade.session import choose, measure_fronts, surroundings
     from viz.trade import write_trade
 
+    check_cuda(config.device)
+    if config.threads < 1:
+        raise InputError(f"--threads {config.threads}: at least one is needed")
+    torch.set_num_threads(config.threads)
     fronts, sizes = choose(config.fronts), SIZES[config.preset]
     settings = {
         "experiment": "trade",
@@ -167,55 +155,3 @@ def _compare(config: TradeConfig, old: Path) -> int:
         print(f"moved back: {change.sentence}")
     print(f"{len(changes)} points of older fronts, {len(back)} moved back")
     return 1 if back else 0
-
-
-def _benchmark(config: TradeConfig) -> int:
-    """Rows one by one, each printed and kept as it is measured; what is kept is not done again."""
-    from benchmarks.benchmark import ROWS, run_benchmark, table
-    from vidphys.runs.atomic import write_json
-    from vidphys.runs.folder import code_version
-    from vidphys.trade.session import surroundings
-
-    if unknown := [row for row in config.rows if row not in ROWS]:
-        raise InputError(f"--rows {unknown[0]}: no such row; there are {', '.join(ROWS)}")
-    names = config.rows or tuple(ROWS)
-    path = config.out / "benchmark.json"
-    about = {"code_version": code_version(), "repeats": REPEATS[config.preset]}
-    about |= surroundings(config.device)
-    kept = _kept(path, about, config.overwrite)
-    with Console(config.quiet, len(names), "benchmark") as console:
-        for number, name in enumerate(names):
-            if name in kept["rows"]:
-                console.done(number)
-                continue
-            try:
-                rows = run_benchmark([name], REPEATS[config.preset], config.threads)
-            except ImportError as error:
-                kept["skipped"][name] = f"{error}; pip install 'vidphys[bench]'"
-                console.warn(f"{name} skipped: {kept['skipped'][name]}")
-                continue
-            kept["rows"][name] = [asdict(row) for row in rows]
-            kept["skipped"].pop(name, None)
-            write_json(path, kept)
-            console.done(number)
-            console.result(table(rows))
-    found = [row for name in names for row in kept["rows"].get(name, ())]
-    missed = sum(not row["reached"] for row in found)
-    print(f"{len(found)} rows, {missed} below their bar; {path}")
-    return 0
-
-
-def _kept(path: Path, about: dict[str, Any], overwrite: bool) -> dict[str, Any]:
-    """What an interrupted benchmark has measured in the same surroundings; else nothing.
-
-    Raises:
-        InputError: it was measured in others.
-    """
-    if overwrite or not path.is_file():
-        return {"surroundings": about, "rows": {}, "skipped": {}}
-    kept = json.loads(path.read_text(encoding="utf-8"))
-    if kept["surroundings"] != about:
-        raise InputError(
-            f"{path}: measured in other surroundings; use another --out, or --overwrite"
-        )
-    return kept

@@ -1,10 +1,9 @@
-"""Timing of jobs side by side: warm-up apart, repeats interleaved, medians and quartiles."""
+"""Measured points of jobs: warm-up apart, repeats interleaved, medians and quartiles."""
 
 from __future__ import annotations
 
 import gc
 import math
-import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,8 +11,9 @@ from typing import Any
 
 import torch
 
-from vidphys.points.point import CPU_CLOCK, WALL_CLOCK, Point, Setting
+from vidphys.points.point import Point, Setting
 from vidphys.trade.memory import peak_bytes
+from vidphys.trade.timing import Timed, clock_of, in_turn, quartiles
 
 SHORTEST = 2e-3  # seconds: a shorter call is repeated within one timing
 LONG = 0.5  # seconds: a longer first call tells that the others are no shorter than that
@@ -61,15 +61,15 @@ class Scale:
     reference: str
 
 
-@dataclass
-class _Timed:
+@dataclass(frozen=True)
+class _Warm:
+    """A job after its first call: seconds, bytes and errors of that, and the timings to come."""
+
     job: Job
-    warmup: float
-    inner: int
-    errors: dict[str, float]
+    timed: Timed
+    seconds: float
     peak: int | None
-    cpu: list[float] = field(default_factory=list)
-    wall: list[float] = field(default_factory=list)
+    errors: dict[str, float]
 
 
 def measure(
@@ -93,71 +93,42 @@ def measure(
     Raises:
         ValueError: fewer than 3 repeats.
     """
-    if repeats < 3:
-        raise ValueError(f"measure: {repeats} repeats; quartiles need at least 3")
     total, done = len(jobs) * (repeats + 1), 0
-    timed = []
+
+    def told() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, total)
+
+    warm = []
     for job in jobs:
-        timed.append(_first(job, device))
-        done = _tell(progress, done, total)
+        warm.append(_first(job, device))
+        told()
     gc.collect()
-    for _ in range(repeats):
-        for one in timed:
-            wall, cpu = _clocked(one.job.work, one.inner, device)
-            one.wall.append(wall)
-            one.cpu.append(cpu)
-            done = _tell(progress, done, total)
-    return [_point(scale, one, seed, device) for one in timed]
+    in_turn([one.timed for one in warm], repeats, device, told=told)
+    return [_point(scale, one, seed, device) for one in warm]
 
 
-def _tell(progress: Callable[[int, int], None] | None, done: int, total: int) -> int:
-    if progress is not None:
-        progress(done + 1, total)
-    return done + 1
-
-
-def _first(job: Job, device: str) -> _Timed:
+def _first(job: Job, device: str) -> _Warm:
     """The warm-up: its time and memory, and the errors of what it gives."""
     began = time.perf_counter()
     result, peak = peak_bytes(job.work, device)
     warmup = time.perf_counter() - began
     errors = job.errors(result)
     del result
-    if warmup > LONG:
-        return _Timed(job, warmup, 1, errors, peak)
-    took, _ = _clocked(job.work, 1, device)
-    return _Timed(job, warmup, max(1, math.ceil(SHORTEST / max(took, 1e-9))), errors, peak)
+    calls = 1
+    if warmup <= LONG:
+        probe = Timed(job.work)
+        probe.once(device)
+        calls = max(1, math.ceil(SHORTEST / max(probe.wall[0], 1e-9)))
+    return _Warm(job, Timed(job.work, calls), warmup, peak, errors)
 
 
-def _clocked(work: Callable[[], Any], calls: int, device: str) -> tuple[float, float]:
-    """Seconds a call by the wall clock and of the process."""
-    _wait(device)
-    wall, cpu = time.perf_counter(), time.process_time()
-    for _ in range(calls):
-        work()
-    _wait(device)
-    return (time.perf_counter() - wall) / calls, (time.process_time() - cpu) / calls
-
-
-def _wait(device: str) -> None:
-    if device == "cuda":
-        torch.cuda.synchronize()
-
-
-def clock_of(device: str) -> str:
-    """Time of the process where one thread does all the work, else the wall clock.
-
-    On a shared machine the wall clock measures the neighbours as well; with several threads or a
-    second device, the time of the process measures something else.
-    """
-    return CPU_CLOCK if device == "cpu" and torch.get_num_threads() == 1 else WALL_CLOCK
-
-
-def _point(scale: Scale, one: _Timed, seed: int, device: str) -> Point:
+def _point(scale: Scale, one: _Warm, seed: int, device: str) -> Point:
     job, clock = one.job, clock_of(device)
     unit = scale.per_second / job.per_call
-    costs = [unit * x for x in (one.cpu if clock == CPU_CLOCK else one.wall)]
-    low, middle, high = statistics.quantiles(costs, n=4, method="inclusive")
+    low, middle, high = quartiles([unit * x for x in one.timed.seconds(clock)])
     errors = dict(one.errors)
     error = errors.pop(scale.error_name)
     return Point(
@@ -169,9 +140,9 @@ def _point(scale: Scale, one: _Timed, seed: int, device: str) -> Point:
         cost_low=low,
         cost_high=high,
         clock=clock,
-        wall=unit * statistics.median(one.wall),
-        repeats=len(costs),
-        warmup_seconds=one.warmup,
+        wall=unit * quartiles(one.timed.wall)[1],
+        repeats=len(one.timed.wall),
+        warmup_seconds=one.seconds,
         peak_bytes=one.peak,
         error_name=scale.error_name,
         error=error if math.isfinite(error) else None,

@@ -335,7 +335,7 @@ def test_compare_says_what_moved_back(measured, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--pick", "x<=1", "--benchmark"], "exclude each other"),
+        (["--pick", "x<=1", "--compare", "old"], "exclude each other"),
         (["--save", "p.json"], "--save goes with --pick"),
         (["--fronts", "nothing"], "no such front"),
         (["--threads", "0"], "at least one is needed"),
@@ -384,27 +384,3 @@ def test_the_drawing_front_gives_points_that_the_report_shows(tmp_path):
     text = write_trade(tmp_path).read_text()
     for said in ("us_per_frame", "not finite", "its weights are not here", "<svg", "rk4"):
         assert said in text
-
-
-def test_an_interrupted_benchmark_goes_on_where_it_was(tmp_path, monkeypatch):
-    from benchmarks import benchmark
-
-    rows = {"one": [1.0], "two": [2.0]}
-    row = benchmark.BenchmarkRow(
-        "row", "peer", "frames", 2.0, 1.0, 2.0, 1.9, 2.1, 1.0, True, "torch", 1, "cpu", 3
-    )
-    asked = []
-
-    def measured(names, repeats, threads):
-        asked.extend(names)
-        if asked == ["one", "two"]:
-            raise KeyboardInterrupt
-        return [row]
-
-    monkeypatch.setattr(benchmark, "ROWS", rows)
-    monkeypatch.setattr(benchmark, "run_benchmark", measured)
-    command = ["trade", "--benchmark", "--quiet", "--out", str(tmp_path)]
-    assert [main(command), main(command)] == [130, 0]
-    assert asked == ["one", "two", "two"]
-    kept = json.loads((tmp_path / "benchmark.json").read_text())
-    assert list(kept["rows"]) == ["one", "two"]

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from benchmarks.benchmark import Contender, Match
+from benchmarks.match import Contender, Match
 from encoders.features import FeatureMap
 from encoders.frozen import DINOv2Encoder, DINOv2Settings, VideoMAEEncoder, VideoMAESettings
 from encoders.frozen.runtimes import Runtime
@@ -47,12 +47,6 @@ def videomae_cached() -> Match:
     return _from_store("videomae-base", _videomae)
 
 
-ROWS: dict[str, Callable[[], Match]] = {
-    "dinov2": dinov2,
-    "dinov2-cached": dinov2_cached,
-    "videomae": videomae,
-    "videomae-cached": videomae_cached,
-}
 Build = Callable[[str, Runtime], tuple[Any, Callable[[Tensor], Tensor]]]
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from benchmarks.benchmark import Contender, Match
+from benchmarks.match import Contender, Match
 from renderers import Camera, disks, gaussians
 from vidphys.trade.memory import keep_memory
 
@@ -66,24 +66,13 @@ def disks_kept() -> Match:
     return case.match("disks with backward, memory kept", case.disks, peers, 1.0, True)
 
 
-def bandwidth() -> Match:
+def gaussians_bandwidth() -> Match:
     """Bytes of Gaussian splats a second against filling the same memory with one number."""
     case = _Case.drawn()
     size = float(case.memory.numel() * case.memory.element_size())
     fill = Contender(lambda: case.memory.fill_(0.5), size, "torch")
     ours = Contender(case.work(case.gaussians, False), size, OURS)
     return Match("gaussians forward, bytes", "bytes", ours, {"fill_ of the memory": (fill, 0.5)})
-
-
-ROWS: dict[str, Callable[[], Match]] = {
-    "gaussians-forward": gaussians_forward,
-    "gaussians-backward": gaussians_backward,
-    "gaussians-kept": gaussians_kept,
-    "gaussians-bandwidth": bandwidth,
-    "disks-forward": disks_forward,
-    "disks-backward": disks_backward,
-    "disks-kept": disks_kept,
-}
 
 
 @dataclass(frozen=True)

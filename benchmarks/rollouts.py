@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import torch
 
 from benchmarks import peers
-from benchmarks.benchmark import Contender, Match
-from benchmarks.contenders import BODIES_DT, WIDTH, episodes, fitted
+from benchmarks.contenders import DT, WIDTH, episodes, fitted
+from benchmarks.match import Contender, Match
 from dynamics import HEADS, build
 from dynamics.compiled import compile_head
 from vidphys.scenes.gravity import SOFTENING
@@ -24,7 +23,7 @@ def _rolled(head: Any, steps: int, count: int = EPISODES) -> Contender:
 
     def work() -> Any:
         with torch.no_grad():
-            return head.trajectory(start, params, steps, BODIES_DT)
+            return head.trajectory(start, params, steps, DT)
 
     return Contender(work, count * steps, work().backend)
 
@@ -32,7 +31,7 @@ def _rolled(head: Any, steps: int, count: int = EPISODES) -> Contender:
 def _jax(gradient: str, head: Any, count: int = EPISODES, steps: int = SHORT) -> Contender:
     pair = {"displacement": peers.plane_gradient, "radial": peers.radial_gradient}[gradient]
     start, params = episodes(count)
-    work = peers.jax_leapfrog(pair, head.potential.phi, start, params, steps, BODIES_DT)
+    work = peers.jax_leapfrog(pair, head.potential.phi, start, params, steps, DT)
     return Contender(work, count * steps, "jax")
 
 
@@ -48,7 +47,7 @@ def compiled_radial() -> Match:
     """A compiled radial law against the networks in JAX, and against the true law in numba."""
     head = fitted("radial", WIDTH)
     start, params = episodes(EPISODES)
-    truth = peers.numba_truth(start, params, LONG, BODIES_DT, SOFTENING)
+    truth = peers.numba_truth(start, params, LONG, DT, SOFTENING)
     factored = _jax("displacement", fitted("displacement", WIDTH))
     against = {
         "JAX scan, factored, gradient by hand": (factored, 200.0),
@@ -73,9 +72,9 @@ def network_factored_many() -> Match:
 def _network_factored(row: str, count: int, steps: int) -> Match:
     head = fitted("displacement", WIDTH)
     start, params = episodes(count)
-    user = peers.diffrax_rollout(head.potential.phi, start, params, steps, BODIES_DT)  # type: ignore[attr-defined]
+    user = peers.diffrax_rollout(head.potential.phi, start, params, steps, DT)  # type: ignore[attr-defined]
     least = max(1, steps // 8)
-    torch_user = peers.torchdiffeq_rollout(head, start, params, least, BODIES_DT)
+    torch_user = peers.torchdiffeq_rollout(head, start, params, least, DT)
     against = {
         "JAX scan, gradient by hand": (_jax("displacement", head, count, steps), 1.0),
         "diffrax, jax.grad": (Contender(user, count * steps, "jax"), 1.3),
@@ -87,17 +86,8 @@ def _network_factored(row: str, count: int, steps: int) -> Match:
 def network_unstructured() -> Match:
     """A transition map, which has no gradient, against the same products in JAX."""
     torch.manual_seed(0)
-    head: Any = build(HEADS["unstructured"], bodies=3, dt=BODIES_DT)
+    head: Any = build(HEADS["unstructured"], bodies=3, dt=DT)
     start, params = episodes(EPISODES)
     theirs = Contender(peers.jax_map(head, start, params, USUAL), EPISODES * USUAL, "jax")
     ours = _rolled(head, USUAL)
     return Match("network unstructured", "episode-steps", ours, {"JAX scan": (theirs, 1.0)})
-
-
-ROWS: dict[str, Callable[[], Match]] = {
-    "compiled-factored": compiled_factored,
-    "compiled-radial": compiled_radial,
-    "network-factored": network_factored,
-    "network-factored-many": network_factored_many,
-    "network-unstructured": network_unstructured,
-}

@@ -1,0 +1,97 @@
+"""Fast paths beside their peers: how they are timed, judged, kept and gone on with."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import benchmarks.__main__ as command
+from benchmarks.benchmark import ROWS
+from benchmarks.match import BenchmarkRow, Contender, Match, play
+from vidphys.trade import timing
+
+
+class Clock:
+    """Time that passes where it is told to, in place of the module ``time``."""
+
+    def __init__(self) -> None:
+        self.wall = self.cpu = 0.0
+
+    def passes(self, wall: float, cpu: float) -> None:
+        self.wall, self.cpu = self.wall + wall, self.cpu + cpu
+
+    def perf_counter(self) -> float:
+        return self.wall
+
+    def process_time(self) -> float:
+        return self.cpu
+
+    def sleep(self, seconds: float) -> None:
+        self.passes(seconds, 0.25)  # what a library winds up in the pause
+
+
+@pytest.mark.parametrize(
+    ("threads", "ours", "ratios"), [(2, 5.0, [4.0, 1.0]), (1, 8.0, [1.0, 1.0])]
+)
+def test_contenders_are_timed_in_turn_by_one_clock_and_held_to_their_bars(
+    threads, ours, ratios, monkeypatch
+):
+    clock, calls = Clock(), []
+    monkeypatch.setattr(timing, "time", clock)
+
+    def waits(name: str, wall: float) -> Contender:
+        def work() -> None:
+            calls.append(name)
+            clock.passes(wall, 1.0)
+
+        return Contender(work, 10.0, "torch")
+
+    peers = {"slow": (waits("slow", 8.0), 1.5), "like": (waits("like", 2.0), 0.5)}
+    rows = play(Match("row", "naps", waits("ours", 2.0), peers), 3, threads)
+    assert calls == 4 * ["ours", "slow", "like"]  # the first of each is not counted
+    assert [row.ours for row in rows] == [ours, ours]  # the pause counts for the process alone
+    assert [row.ratio for row in rows] == [row.low for row in rows] == ratios
+    assert [row.reached for row in rows] == [
+        ratio >= bar for ratio, bar in zip(ratios, (1.5, 0.5), strict=True)
+    ]
+
+
+def test_every_row_is_a_function_of_its_file():
+    for path in ROWS.values():
+        module, _, name = path.partition(":")
+        text = Path(*module.split(".")).with_suffix(".py").read_text()
+        assert f"\ndef {name}() -> " in text or f"\n{name} = partial(" in text, path
+
+
+def test_an_interrupted_benchmark_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
+    row = BenchmarkRow(
+        "row", "peer", "frames", 2.0, 1.0, 2.0, 1.9, 2.1, 1.0, True, "torch", 1, "cpu", 3
+    )
+    asked = []
+
+    def measured(name, repeats, threads):
+        asked.append(name)
+        if asked == ["one", "two"]:
+            raise KeyboardInterrupt
+        return [row]
+
+    monkeypatch.setattr(command, "ROWS", {"one": "", "two": ""})
+    monkeypatch.setattr(command, "run_benchmark", measured)
+    arguments = ["--quiet", "--out", str(tmp_path)]
+    assert [command.main(arguments), command.main(arguments)] == [130, 0]
+    assert asked == ["one", "two", "two"]
+    kept = json.loads((tmp_path / "benchmark.json").read_text())
+    assert list(kept["rows"]) == ["one", "two"]
+    capsys.readouterr()
+    assert command.main([*arguments, "--threads", "2"]) == 2
+    assert "other surroundings" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["--rows", "one-more"], "no such row; there are"), (["--threads", "0"], "at least one")],
+)
+def test_wrong_input_is_one_line(arguments, message, capsys):
+    assert command.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
