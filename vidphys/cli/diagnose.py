@@ -139,7 +139,7 @@ def _given(columns: tuple[str, ...]) -> dict[str, str]:
 
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
     """The tracks, and the pictures where there are any."""
-    from vidphys.diagnose.recordings.tables import SUFFIXES, Loaded, read_motion
+    from vidphys.diagnose.recordings.tables import SUFFIXES, Loaded, read_tracks
 
     if config.input.suffix.lower() in VIDEOS:
         from vidphys.cli.binder import binder_settings
@@ -153,7 +153,7 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
     if config.input.suffix not in SUFFIXES and config.input.is_file():
         known = ", ".join((*SUFFIXES, *VIDEOS))
         raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
-    loaded = read_motion(config.input, given, config.interval)
+    loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)
     except ValueError as error:

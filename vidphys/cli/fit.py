@@ -63,7 +63,7 @@ def fit(config: FitConfig) -> None:
     """
     from dynamics.terms import to_config
     from vidphys.diagnose.recordings.release import free_frames
-    from vidphys.diagnose.recordings.tables import read_motion
+    from vidphys.diagnose.recordings.tables import read_tracks
     from vidphys.diagnose.telling.specification import read_specification
     from vidphys.reading.specified import train_specified
     from vidphys.runs.atomic import sha256
@@ -74,7 +74,7 @@ def fit(config: FitConfig) -> None:
     if not 0 < config.train_share <= 1:
         raise InputError(f"--train-share {config.train_share}: must be above 0 and at most 1")
     terms, held = read_specification(config.specification)
-    motion = read_motion(config.tracks, interval=float(held["interval_seconds"])).motion
+    motion = read_tracks(config.tracks, interval=float(held["interval_seconds"])).motion
     try:
         motion = motion.cut(config.start, config.stop)
     except ValueError as error:

@@ -56,7 +56,7 @@ def view(config: ViewConfig) -> None:
         )
     if config.save is not None and config.save.suffix and config.save.exists():
         raise InputError(f"view: --save {config.save} exists; remove it or choose another path")
-    recordings = [_recording(config.run, stem) for stem in chosen.values()]
+    recordings = [_recording(config.run, file) for file in chosen.values()]
     if config.save is not None:
         _save(recordings, config.save)
     elif config.web:
@@ -65,11 +65,13 @@ def view(config: ViewConfig) -> None:
         viewer.open_window(recordings)
 
 
-def _choose(config: ViewConfig) -> dict[str, str]:
-    """The cells to show, each with the file name that its recording has."""
+def _choose(config: ViewConfig) -> dict[str, Path]:
+    """The cells to show, each with its file."""
+    from vidphys.runs.recordings import recordings_of
+
     if not config.run.is_dir():
         raise InputError(f"view: {config.run} is not a folder; give the folder of a run")
-    cells = _cells(config.run)
+    cells = recordings_of(config.run)
     if not cells:
         raise InputError(
             f"view: {config.run} has no recordings; give the folder of a finished run "
@@ -87,45 +89,19 @@ def _choose(config: ViewConfig) -> dict[str, str]:
     return chosen
 
 
-def _cells(run: Path) -> dict[str, str]:
-    """Every cell that can be shown, by name, with the stem of its files."""
-    found = sorted({p.stem for p in (*_files(run, "recordings", "rrd"), *_showcases(run))})
-    names = {name.replace("/", "-"): name for name in _recorded_cells(run)}
-    return {names.get(stem, stem): stem for stem in found}
+def _recording(run: Path, file: Path) -> Path:
+    """A recording's file, written if there is only its showcase."""
+    if file.suffix == ".rrd":
+        return file
+    from viz.recording import write_recording
+    from viz.showcase import read_showcase
 
-
-def _recorded_cells(run: Path) -> list[str]:
-    """The names in the records: file names alone do not tell where the grounding ends."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    path = run / "recordings" / f"{file.stem}.rrd"
     try:
-        column = pq.read_table(run / "records.parquet", columns=["cell"])["cell"]
-    except (OSError, pa.ArrowInvalid):
-        return []
-    return sorted(set(column.to_pylist()))
-
-
-def _files(run: Path, folder: str, suffix: str) -> list[Path]:
-    return sorted((run / folder).glob(f"*.{suffix}"))
-
-
-def _showcases(run: Path) -> list[Path]:
-    return _files(run, "showcase", "safetensors")
-
-
-def _recording(run: Path, stem: str) -> Path:
-    """The recording's file, written from its showcase if it is not there."""
-    path = run / "recordings" / f"{stem}.rrd"
-    if not path.is_file():
-        from viz.recording import write_recording
-        from viz.showcase import read_showcase
-
-        try:
-            showcase, about = read_showcase(run / "showcase" / f"{stem}.safetensors")
-        except ValueError as error:
-            raise InputError(f"view: {error}") from error
-        write_recording(showcase, about, path)
+        showcase, about = read_showcase(file)
+    except ValueError as error:
+        raise InputError(f"view: {error}") from error
+    write_recording(showcase, about, path)
     return path
 
 

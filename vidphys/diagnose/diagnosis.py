@@ -68,7 +68,7 @@ class Diagnosis:
         return bool(found) and all(part.sure for part in found)
 
 
-def diagnose(motion: Motion, angles: bool = False) -> Diagnosis:
+def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     """Find what a scene requires.
 
     Args:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vidphys.diagnose.diagnosis import diagnose, nothing_to_see
+from vidphys.diagnose.diagnosis import diagnose_motion, nothing_to_see
 from vidphys.diagnose.inference.changes import find_switch
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, field_of
 from vidphys.diagnose.inference.refine import refine
@@ -196,7 +196,7 @@ def test_nothing_is_said_of_noise_rest_or_frames_out_of_order():
         rng.standard_normal(moving.shape),
         moving[:, rng.permutation(moving.shape[1])],
     ):
-        assert diagnose(motion_of(positions, STEP)).refused
+        assert diagnose_motion(motion_of(positions, STEP)).refused
     assert not nothing_to_see(seen("trap"))
 
 
@@ -219,11 +219,11 @@ def test_the_sign_of_the_coupling_is_not_guessed_from_positive_ones(power):
         motion = record(law, Setting(0.003, STEP, 2, 3), 6, 48)
         return Motion(motion.positions, motion.times, motion.mass, values)
 
-    open_question = diagnose(recorded(coupling)).power
+    open_question = diagnose_motion(recorded(coupling)).power
     assert {"linear", "even"} <= set(open_question.supported)
     assert open_question.query == pytest.approx(-1.0)
     both = coupling * np.array([1, -1, 1, -1, 1, -1])
-    assert diagnose(recorded(both)).power.supported == (power,)
+    assert diagnose_motion(recorded(both)).power.supported == (power,)
 
 
 # changes, masses, identity
@@ -247,7 +247,7 @@ def test_a_switch_is_found_near_its_frame_and_none_where_nothing_changes():
 def test_a_ratio_of_masses_shows_where_bodies_answer_differently():
     mass = np.array([0.5, 2.0])[:, None]
     law = Kind("springs", lambda q, v, t: (4 * (q[:, ::-1] - q) - q) / mass, None)
-    found = diagnose(record(law, Setting(0.002, STEP, 2, 2), 6, 48))
+    found = diagnose_motion(record(law, Setting(0.002, STEP, 2, 2), 6, 48))
     assert found.explained
     assert found.motion.mass[0, 1] / found.motion.mass[0, 0] == pytest.approx(4.0, rel=0.03)
 

@@ -16,7 +16,7 @@ from vidphys.cli import main
 from vidphys.data.rendered import write_video
 from vidphys.diagnose.recordings.columns import detect_columns
 from vidphys.diagnose.recordings.motion import motion_of
-from vidphys.diagnose.recordings.tables import read_motion, write_tracks
+from vidphys.diagnose.recordings.tables import read_tracks, write_tracks
 from vidphys.diagnose.weak.energy_balance import (
     corrected_rate,
     envelope_rate,
@@ -120,7 +120,7 @@ def test_every_kind_of_table_gives_the_same_motion(tmp_path):
     )
     (tmp_path / "text.txt").write_text("% " + " ".join(columns) + "\n" + text)
     for name in ("wide.csv", "wide.parquet", "long.csv", "arrays.npz", "text.txt"):
-        found = read_motion(tmp_path / name).motion
+        found = read_tracks(tmp_path / name).motion
         np.testing.assert_allclose(found.positions, motion.positions, atol=1e-7, err_msg=name)
         assert found.interval == pytest.approx(STEP)
 
@@ -129,7 +129,7 @@ def test_a_body_that_is_missing_from_a_frame_is_a_gap(tmp_path):
     t = np.repeat(np.arange(10) * STEP, 2)
     columns = {"t": t, "body": np.tile([1.0, 2.0], 10), "x": np.arange(20.0), "y": np.zeros(20)}
     write_csv(tmp_path / "t.csv", {k: np.delete(v, 7) for k, v in columns.items()})
-    seen = read_motion(tmp_path / "t.csv").motion.seen
+    seen = read_tracks(tmp_path / "t.csv").motion.seen
     assert not seen[0, 3, 1] and seen.sum() == 19
 
 
@@ -196,7 +196,7 @@ def test_a_grey_clip_is_followed_when_told_that_brightness_is_no_shadow(tmp_path
     assert "shadow 1" in capsys.readouterr().err
     assert not out.exists()
     assert main(["diagnose", str(clip), "--shadow", "1", "--out", str(out)]) == 0
-    followed = read_motion(out / "tracks.csv").motion.positions[0]
+    followed = read_tracks(out / "tracks.csv").motion.positions[0]
     half = (small_clips.SIDE - 1) / 2
     seen = followed * [1, -1] * small_clips.SIDE / 2 + half
     assert np.abs(seen - places).max() < 0.7
@@ -310,6 +310,6 @@ def test_written_tracks_are_read_as_they_were(tmp_path):
     q = np.random.default_rng(0).normal(size=(1, 9, 2, 2))
     q[0, 3, 1] = np.nan
     write_tracks(tmp_path / "tracks.csv", motion_of(q, 0.04))
-    read = read_motion(tmp_path / "tracks.csv").motion
+    read = read_tracks(tmp_path / "tracks.csv").motion
     np.testing.assert_array_equal(read.positions, q)
     np.testing.assert_allclose(read.times[0], 0.04 * np.arange(9), rtol=1e-12)

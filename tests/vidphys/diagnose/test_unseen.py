@@ -65,7 +65,7 @@ def test_a_switch_one_side_of_which_shows_too_little_is_none(monkeypatch):
     late = hidden(motion, slice(None), 0, 24)
     switch = Switch(20, 20 * STEP, 9.0, {}, {})
     monkeypatch.setattr(diagnosis, "find_switch", lambda motion, inference: switch)
-    found = diagnosis.diagnose(late)
+    found = diagnosis.diagnose_motion(late)
     assert found.switch is None and found.kinds == {"trap"}
 
 

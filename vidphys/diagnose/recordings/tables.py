@@ -31,7 +31,7 @@ class Loaded:
     notes: tuple[str, ...]
 
 
-def read_motion(
+def read_tracks(
     path: Path, columns: Mapping[str, str] | None = None, interval: float | None = None
 ) -> Loaded:
     """Read tracks.
@@ -218,7 +218,7 @@ def _of_clips(
 
 
 def write_tracks(path: Path, motion: Motion) -> None:
-    """Write the tracks of one clip as a table that :func:`read_motion` reads."""
+    """Write the tracks of one clip as a table that :func:`read_tracks` reads."""
     import pyarrow as pa
     import pyarrow.csv as pc
 

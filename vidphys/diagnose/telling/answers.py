@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vidphys.diagnose.diagnosis import Diagnosis, diagnose
+from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion
 from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -111,7 +111,7 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
     end = total
     if motion.clips == 1 and total - int(hold_out * total) > FEW:
         end = total - int(hold_out * total)
-    found = _later(diagnose(motion.cut(0, end), angles), begin)
+    found = _later(diagnose_motion(motion.cut(0, end), angles), begin)
     identity = check_identity(motion)
     inference, wall = found.inference, _wall(found, motion, end)
     advice = _advice(found, wall, motion, points)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from dynamics import HamiltonianTerms, Parameters, PhaseState, Terms, build, rollout
-from vidphys.diagnose.diagnosis import diagnose
+from vidphys.diagnose.diagnosis import diagnose_motion
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import FRICTIONS, PAIR, external_terms, field_of
 from vidphys.diagnose.inference.structures import Menu
@@ -36,7 +36,7 @@ def run_cost(task: CellTask) -> None:
             if kind.truth is None:
                 continue
             bodies = kind.bodies[min(1, len(kind.bodies) - 1)]
-            found = diagnose(record(kind, Setting(0.005, 0.04, bodies, seed)))
+            found = diagnose_motion(record(kind, Setting(0.005, 0.04, bodies, seed)))
             if found.inference is None:
                 continue
             ratio = _compute_ratio(terms_of(found.kinds, trap=1.0), bodies)

@@ -9,7 +9,7 @@ import torch
 
 from vidphys import metrics
 from vidphys.coupling_power import PowerVerdict
-from vidphys.diagnose.diagnosis import diagnose
+from vidphys.diagnose.diagnosis import diagnose_motion
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.experiments.confusion.scenes import (
     KINDS,
@@ -79,7 +79,7 @@ def run_nulls(task: CellTask) -> None:
                 "noise": rng.standard_normal(q.shape),
                 "shuffled": q[:, rng.permutation(q.shape[1])],
             }
-            found = [diagnose(motion_of(x, 0.04)) for x in cases.values()]
+            found = [diagnose_motion(motion_of(x, 0.04)) for x in cases.values()]
             refused += [bool(f.refused) for f in found]
         add_share(recorder(task, seed), "refused", refused)
 
@@ -115,7 +115,7 @@ def _power_of(
 
     kind = Kind(f"power-{repeat}", law, None)
     seen = record(kind, Setting(0.005, 0.04, 3, seed))
-    return diagnose(Motion(seen.positions, seen.times, seen.mass, coupling)).power
+    return diagnose_motion(Motion(seen.positions, seen.times, seen.mass, coupling)).power
 
 
 def run_switch(task: CellTask) -> None:
@@ -129,11 +129,11 @@ def run_switch(task: CellTask) -> None:
                 frame = int(rng.integers(20, 44))
                 setting = Setting(0.005, 0.04, 3, 100 * seed + repeat)
                 kind = Kind(f"switch-{repeat}", switched(base, frame * 0.04), None)
-                switch = diagnose(record(kind, setting)).switch
+                switch = diagnose_motion(record(kind, setting)).switch
                 found.append(switch is not None)
                 if switch is not None:
                     off.append(abs(switch.frame - frame))
-                unchanged = diagnose(record(Kind(f"switch-{repeat}", base, None), setting))
+                unchanged = diagnose_motion(record(Kind(f"switch-{repeat}", base, None), setting))
                 false.append(unchanged.switch is not None)
         rows = recorder(task, seed)
         add_share(rows, "found", found)

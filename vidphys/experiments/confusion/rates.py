@@ -6,7 +6,7 @@ from itertools import count
 
 import numpy as np
 
-from vidphys.diagnose.diagnosis import Diagnosis, diagnose
+from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion
 from vidphys.diagnose.inference.menu import FRICTION
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.energy_balance import (
@@ -53,7 +53,7 @@ def run_damping(task: CellTask) -> None:
                 for repeat in range(repeats):
                     bodies = (2, 3)[repeat % 2]
                     setting = Setting(sigma, interval, bodies, next(scene))
-                    rate = _rate(diagnose(record(KINDS[name], setting)))
+                    rate = _rate(diagnose_motion(record(KINDS[name], setting)))
                     found.append(rate is not None)
                     if rate is not None:
                         rates.append(rate[0])

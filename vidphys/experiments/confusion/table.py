@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from vidphys.diagnose.diagnosis import diagnose
+from vidphys.diagnose.diagnosis import diagnose_motion
 from vidphys.experiments.confusion.cost import run_cost
 from vidphys.experiments.confusion.questions import (
     add_share,
@@ -90,7 +90,7 @@ def run_scenes(task: CellTask) -> None:
 
 def _answers(kind: Kind, setting: Setting, methods: Sequence[str]) -> dict[str, Marked]:
     motion = record(kind, setting)
-    found = diagnose(motion)
+    found = diagnose_motion(motion)
     answers = {OURS: ours(found), "full-menu": full_menu(motion)}
     if found.inference is not None:
         answers["hamiltonian"] = hamiltonian(found.inference)

@@ -1,0 +1,100 @@
+"""A run folder as an object: everything that was kept, and one line where something was not."""
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from dynamics import HEADS, build
+from dynamics.terms import to_config
+from vidphys.errors import InputError
+from vidphys.opened import open_run
+from vidphys.runs import checkpoint
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder
+
+STEPS = {"oracle/unstructured": 0.002, "renderer/unstructured": 0.01}  # seconds
+
+
+def keep_head(folder, where, name="unstructured"):
+    torch.manual_seed(len(where))
+    head = build(HEADS[name], 3, 1.0)
+    meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": 3}
+    checkpoint.save(folder.path / "checkpoints" / where / "head.json", head.state_dict(), meta)
+    return head
+
+
+@pytest.fixture
+def folder(tmp_path):
+    cells = [*STEPS, "hiera/factored"]
+    settings = {"cells": cells, "seeds": [0], "scene": {"dt_seconds": 0.002}}
+    found = RunFolder.open(tmp_path / "run", settings)
+    found.skip("hiera/factored", "no weights")
+    return found
+
+
+def test_tables_are_those_of_the_records(folder):
+    run = open_run(str(folder.path))
+    with pytest.raises(InputError, match="nothing is finished"):
+        _ = run.records
+    origin = Origin("ladder", "oracle/unstructured", *("none",) * 5, "unstructured", 0, "cpu", "f")
+    recorder = Recorder(origin)
+    recorder.add_value("drift", 0.5)
+    recorder.add_episodes("drift", torch.tensor([0.25, 0.75]))
+    folder.finish("oracle", *recorder.tables())
+    folder.join()
+    assert run.records["value"].to_pylist() == [0.5]
+    assert run.episodes["value"].to_pylist() == [0.25, 0.75]
+    assert run.settings["cells"] == [*STEPS, "hiera/factored"]
+    assert run.skipped == {"hiera/factored": "no weights"}
+    assert run.manifest["versions"]["torch"]
+
+
+@pytest.mark.parametrize(
+    "cell, where, readout",
+    [
+        ("oracle/unstructured", "oracle-unstructured-s0", None),
+        ("renderer/unstructured", "renderer-unstructured-s0/shooting", None),
+        ("renderer/unstructured", "renderer-unstructured-s0/differencing", "differencing"),
+    ],
+)
+def test_a_head_is_rebuilt_with_its_step(folder, cell, where, readout):
+    kept = keep_head(folder, where)
+    head = open_run(folder.path).head(cell, readout=readout)
+    assert head.dt == STEPS[cell]
+    assert not head.training
+    assert all(torch.equal(a, b) for a, b in zip(kept.parameters(), head.parameters(), strict=True))
+    tensors = open_run(folder.path).tensors(f"{where}/head")
+    assert tensors.keys() == kept.state_dict().keys()
+
+
+def test_what_is_not_there_is_said_with_what_is(folder):
+    keep_head(folder, "oracle-unstructured-s0")
+    run = open_run(folder.path)
+    with pytest.raises(InputError, match="there are: oracle-unstructured-s0/head"):
+        run.head("oracle/factored")
+    with pytest.raises(InputError, match="no head of oracle/unstructured 'shooting/head'"):
+        run.head("oracle/unstructured", readout="shooting")
+    with pytest.raises(InputError, match="no part 'oracle'"):
+        run.tensors("oracle")
+    with pytest.raises(InputError, match="no trained pipeline"):
+        run.pipeline()
+    with pytest.raises(InputError, match="not the folder of a run"):
+        open_run(folder.path / "checkpoints")
+
+
+def test_showcases_and_recordings_by_cell(folder):
+    shown = folder.showcase("oracle/unstructured")
+    shown.parent.mkdir()
+    save_file({"times": torch.arange(3.0)}, shown)
+    run = open_run(folder.path)
+    assert run.recordings == {"oracle-unstructured": shown}
+    assert run.tensors("showcase/oracle-unstructured")["times"].tolist() == [0, 1, 2]
+
+
+def test_nothing_is_written(folder):
+    keep_head(folder, "oracle-unstructured-s0")
+    before = sorted((p, p.stat().st_mtime_ns) for p in folder.path.rglob("*"))
+    run = open_run(folder.path)
+    run.head("oracle/unstructured")
+    _ = run.parts, run.recordings, run.skipped
+    assert before == sorted((p, p.stat().st_mtime_ns) for p in folder.path.rglob("*"))
