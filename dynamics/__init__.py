@@ -1,5 +1,6 @@
 """Phase-space dynamics: states, integrators, energies, heads and rollouts. Knows no pixels."""
 
+from dynamics import engines
 from dynamics.build import build
 from dynamics.couplings import PairLaw
 from dynamics.findings import (
@@ -57,6 +58,7 @@ __all__ = [
     "VectorField",
     "ballistic",
     "build",
+    "engines",
     "implicit_midpoint",
     "kahan_li8",
     "leapfrog",

@@ -9,15 +9,12 @@ from torch import Tensor, nn
 
 from dynamics.domain import FARTHEST, MOMENTUM, NEAREST, ORIGIN
 from dynamics.findings import Finding
-from dynamics.fused import differentiable_loops, fused_loops
-from dynamics.head import Head, Trajectory
+from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, leapfrog
 from dynamics.kinetic import FixedKinetic, Kinetic
 from dynamics.ports import Port
 from dynamics.potentials import NoPotential, PairPotential, Potential
 from dynamics.state import Parameters, PhaseState
-
-FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
 
 
 class Hamiltonian(Head):
@@ -51,14 +48,15 @@ class Hamiltonian(Head):
 
     @property
     def box(self) -> float | None:
-        return next((part.law.box for part in self._pair_laws()), None)
+        return next((part.law.box for part in self.pair_laws()), None)
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        where = (FARTHEST, NEAREST) if self._pair_laws() else (ORIGIN,)
+        where = (FARTHEST, NEAREST) if self.pair_laws() else (ORIGIN,)
         return (*_if_learned(self.potential, where), *_if_learned(self.kinetic, (MOMENTUM,)))
 
-    def _pair_laws(self) -> list[PairPotential]:
+    def pair_laws(self) -> list[PairPotential]:
+        """The potential's parts that are functions of one displacement."""
         parts = cast(nn.Module, self.potential).modules()
         return [part for part in parts if isinstance(part, PairPotential)]
 
@@ -83,23 +81,6 @@ class Hamiltonian(Head):
         kept = memory if self.integrator.needs_separable else None
         state, memory = self.integrator.advance(self.field(params), state, dt, kept)
         return self._kicked(reversed(self.ports), state, params, dt / 2), memory
-
-    def trajectory(
-        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
-    ) -> Trajectory:
-        """All steps: of a learned pair law in fused loops, where they can run."""
-        learned = next(cast(nn.Module, self.potential).parameters(), start.q)
-        if len(self._pair_laws()) == 1 and fused_loops(start.q, learned, FEWEST_EPISODES):
-            from dynamics.compiled.head import fused, refusal
-
-            if refusal(self, "numba", start.q) is None:
-                return fused(self, start, params, steps, dt, every)
-        elif differentiable_loops(start.q, learned, FEWEST_EPISODES):
-            from dynamics.compiled.head import trainable, unrolled
-
-            if trainable(self, start.q):
-                return unrolled(self, start, params, steps, dt, every)
-        return super().trajectory(start, params, steps, dt, every)
 
     @staticmethod
     def _kicked(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -49,15 +49,22 @@ def stepped(
     return PhaseState.stack(stored, -3)
 
 
+# (head, start, params, steps, dt, every) -> what stepping one by one gives, or None where it
+# knows no such states or device; of the heads, it is given those of its class alone.
+Engine = Callable[[Any, PhaseState, Parameters, int, float, int], Trajectory | None]
+
+
 class Head(nn.Module, ABC):
     """A law that can be stepped.
 
     Attributes:
+        engine: of the class: a faster way to a trajectory, see :mod:`dynamics.engines`.
         dt: seconds of one application of a transition map, which has no other step; ``None``
             for a vector field, which may be stepped by any.
         domain: the largest :func:`dynamics.domain.extents` of the states it was trained on.
     """
 
+    engine: ClassVar[Engine | None] = None
     dt: float | None = None
     domain: Tensor
 
@@ -74,7 +81,26 @@ class Head(nn.Module, ABC):
     def trajectory(
         self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
     ) -> Trajectory:
-        """All steps of a rollout at once: a compiled model has a faster way than one by one."""
+        """All steps of a rollout: by the engine where it can, else one by one.
+
+        Args:
+            start: ``(..., n, d)``.
+            params: of its episodes.
+            steps: a multiple of ``every``.
+            dt: seconds of a step.
+            every: steps between stored states.
+
+        Raises:
+            ValueError: a transition map or a compiled model cannot run so; why is said.
+        """
+        engine = type(self).engine
+        found = engine(self, start, params, steps, dt, every) if engine else None
+        return self.plain_trajectory(start, params, steps, dt, every) if found is None else found
+
+    def plain_trajectory(
+        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
+    ) -> Trajectory:
+        """:meth:`trajectory` by torch's own operations, step by step."""
         return Trajectory(stepped(self.advance, start, params, steps, dt, every))
 
     @abstractmethod

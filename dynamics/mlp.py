@@ -7,15 +7,16 @@ gives the force without an autograd graph in rollouts, and one single backward i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import ClassVar, cast
 
 import torch
 from torch import Tensor, nn
 
-from loops import has_numba
-
-FEWEST_ROWS = 64  # fewer are left to torch
 TANH, SOFTPLUS, SILU = "tanh", "softplus", "silu"
+
+# (network, rows) -> the same numbers as torch's operations give, or None where it does not know
+# such a network or such rows.
+Engine = Callable[["MLP", Tensor], Tensor | None]
 
 
 class MLP(nn.Module):
@@ -25,7 +26,14 @@ class MLP(nn.Module):
         sizes: widths from input to output, e.g. ``(2, 64, 64, 1)``.
         activation: ``tanh`` (default for potentials: twice differentiable, and the most accurate
             force in our pilots), ``softplus`` or ``silu``.
+
+    Attributes:
+        output_engine, gradient_engine: of the class: faster ways to the output and to the gradient
+            of many rows, see :mod:`dynamics.engines`.
     """
+
+    output_engine: ClassVar[Engine | None] = None
+    gradient_engine: ClassVar[Engine | None] = None
 
     def __init__(self, sizes: tuple[int, ...], activation: str = TANH) -> None:
         super().__init__()
@@ -38,7 +46,7 @@ class MLP(nn.Module):
             nn.Linear(a, b) for a, b in zip(sizes[:-1], sizes[1:], strict=True)
         )
 
-    def _split(self) -> tuple[Sequence[nn.Linear], nn.Linear]:
+    def split(self) -> tuple[Sequence[nn.Linear], nn.Linear]:
         """The hidden layers and the last one."""
         *hidden, last = cast(Sequence[nn.Linear], self.layers)
         return hidden, last
@@ -46,25 +54,18 @@ class MLP(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """``(..., sizes[0]) -> (..., sizes[-1])``."""
         batch, x = x.shape[:-1], _rows(x)
-        out = self.plain_forward(x) if torch.is_grad_enabled() else self._fused_forward(x)
+        engine = type(self).output_engine
+        found = engine(self, x) if engine else None
+        out = self.plain_forward(x) if found is None else found
         return out.reshape(*batch, out.shape[-1])
 
     def plain_forward(self, x: Tensor) -> Tensor:
         """:meth:`forward` of rows by torch's own operations."""
         value, _ = _ACTIVATIONS[self.activation]
-        hidden, last = self._split()
+        hidden, last = self.split()
         for layer in hidden:
             x = value(layer(x))
         return last(x)
-
-    def _fused_forward(self, x: Tensor) -> Tensor:
-        """The same of many rows by fused loops, which have no way back, where there are any."""
-        weights = self._weights(x)
-        if weights is None or torch._C._functorch.peek_interpreter_stack() is not None:
-            return self.plain_forward(x)
-        from dynamics.compiled.gradient import output
-
-        return output(x, *weights) + self._split()[1].bias
 
     def gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
         """Gradient with respect to the input, shape of ``x``.
@@ -72,36 +73,14 @@ class MLP(nn.Module):
         Of the single output, or of the sum of several with ``weights``, ``(..., sizes[-1])``.
         """
         shape, x = x.shape, _rows(x)
-        if weights is None and (fused := self._fused(x)) is not None:
-            return fused.reshape(shape)
-        return self.plain_gradient(x, weights).reshape(shape)
-
-    def _fused(self, x: Tensor) -> Tensor | None:
-        """The gradient of many rows by fused loops; ``None`` where there are none for it."""
-        weights = self._weights(x)
-        if weights is None:
-            return None
-        from dynamics.compiled.gradient import input_gradient
-
-        return input_gradient(x, *weights)
-
-    def _weights(self, x: Tensor) -> tuple[Tensor, ...] | None:
-        """What fused loops are given of this network; ``None`` where they know no such rows."""
-        hidden, last = self._split()
-        sizes = [layer.out_features for layer in hidden]
-        known = self.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
-        if not known or last.out_features != 1 or len(x) < FEWEST_ROWS or not has_numba():
-            return None
-        from dynamics.compiled.gradient import can_run
-
-        low, top = hidden
-        given = low.weight, low.bias, top.weight, top.bias, last.weight
-        return given if can_run(x) else None
+        engine = type(self).gradient_engine if weights is None else None
+        found = engine(self, x) if engine else None
+        return (self.plain_gradient(x, weights) if found is None else found).reshape(shape)
 
     def plain_gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
         """:meth:`gradient` of rows ``(rows, sizes[0])`` by torch's own operations."""
         value, slope = _ACTIVATIONS[self.activation]
-        hidden, last = self._split()
+        hidden, last = self.split()
         slopes = []
         for layer in hidden:
             pre = layer(x)
@@ -115,7 +94,7 @@ class MLP(nn.Module):
     def pushforward(self, x: Tensor, direction: Tensor) -> Tensor:
         """Rate of the outputs while the input moves along ``direction``, ``(..., sizes[-1])``."""
         value, slope = _ACTIVATIONS[self.activation]
-        hidden, last = self._split()
+        hidden, last = self.split()
         batch, x, rate = x.shape[:-1], _rows(x), _rows(direction)
         for layer in hidden:
             pre = layer(x)

@@ -7,14 +7,11 @@ from torch import Tensor
 
 from dynamics.angles import Harmonics
 from dynamics.domain import MOMENTUM, ORIGIN
-from dynamics.fused import differentiable_loops, fused_loops
-from dynamics.head import Head, Trajectory
+from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, rk4
 from dynamics.maps import TransitionMap
-from dynamics.mlp import FEWEST_ROWS, MLP, SILU
+from dynamics.mlp import MLP, SILU
 from dynamics.state import Parameters, PhaseState
-
-FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
 
 
 class ResidualMap(TransitionMap):
@@ -45,38 +42,6 @@ class ResidualMap(TransitionMap):
     @property
     def depends_on(self) -> tuple[str, ...]:
         return (ORIGIN, MOMENTUM) if self.harmonics is None else (MOMENTUM,)
-
-    def trajectory(
-        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
-    ) -> Trajectory:
-        """All steps: in fused loops where they can be, see :mod:`dynamics.compiled.maps`."""
-        if self.harmonics is not None:
-            return super().trajectory(start, params, steps, dt, every)
-        batch, (bodies, space) = start.q.shape[:-2], start.q.shape[-2:]
-        told = start.flat.reshape(batch.numel(), -1), params.flat.expand(*batch, -1)
-        given = (
-            self.network,
-            self.scale.repeat_interleave(bodies * space),
-            told[0],
-            told[1].reshape(batch.numel(), -1),
-            steps // every,
-            every,
-        )
-        # What is handed out is a view: of episodes that lie innermost in memory, or next to it.
-        if fused_loops(start.q, self.scale, FEWEST_EPISODES):
-            from dynamics.compiled.maps import roll
-
-            self.check_step(dt)
-            states = roll(*given).permute(2, 0, 1)
-        elif differentiable_loops(start.q, self.scale, FEWEST_ROWS):
-            from dynamics.compiled.unrolled import unrolled
-
-            self.check_step(dt)
-            states = unrolled(*given).transpose(0, 1)
-        else:
-            return super().trajectory(start, params, steps, dt, every)
-        flat = states.reshape(*batch, steps // every + 1, 2 * bodies * space)
-        return Trajectory(PhaseState.from_flat(flat, bodies, space), "numba")
 
     def increment(self, state: PhaseState, params: Parameters) -> PhaseState:
         if self.harmonics is None:

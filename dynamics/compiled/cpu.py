@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dynamics.compiled.head import Episodes
+from dynamics.compiled.episodes import Episodes
 from dynamics.compiled.lanes import (
     BLOCK,
     PART,
@@ -56,7 +56,7 @@ def _roll(
     Args:
         kind, resolution, reach, table, weights, back, dts, box, every, out: see :func:`steps`.
         start: q and p, ``(episodes, bodies, 2)`` each.
-        mass, strength, amount: see :class:`dynamics.compiled.head.Episodes`.
+        mass, strength, amount: see :class:`dynamics.compiled.episodes.Episodes`.
         which: the first episode, and the one after the last.
 
     Returns:

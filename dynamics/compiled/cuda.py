@@ -18,7 +18,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from dynamics.compiled.head import Episodes
+from dynamics.compiled.episodes import Episodes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
 from dynamics.potentials import CORE, REACH

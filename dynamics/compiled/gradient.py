@@ -59,14 +59,6 @@ def plain_gradient(
     return ((last * (1 - top.square())) @ square * (1 - low.square())) @ first
 
 
-def can_run(x: Tensor) -> bool:
-    """Whether rows are in single precision on the CPU, and are mapped over at most once."""
-    if x.device.type != "cpu" or x.dtype != torch.float32 or torch.compiler.is_compiling():
-        return False
-    stack = torch._C._functorch.get_interpreter_stack()
-    return stack is None or [each.key().name for each in stack] == ["Vmap"]
-
-
 class _Mapped(Function):
     """The same for several models side by side, each with its own weights."""
 

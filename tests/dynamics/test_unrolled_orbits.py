@@ -9,7 +9,6 @@ from dynamics import HEADS, Parameters, PhaseState, build
 from dynamics.compiled import unrolled_orbits
 from dynamics.compiled.orbits import LANES
 from dynamics.compiled.unrolled_orbits import plainly, unrolled
-from dynamics.head import Head
 from dynamics.potentials import DisplacementPotential
 from loops.threads import held_to
 from tests.dynamics.test_unrolled import close, fused
@@ -106,7 +105,7 @@ def test_a_pair_law_trains_through_it_whatever_the_batch():
     split = start.map(lambda x: x.unflatten(0, (3, 4)))
     law = params.map(lambda x: x.unflatten(0, (3, 4)))
     found = head.trajectory(split, law, 6, 0.01, 3).states
-    wanted = Head.trajectory(head, start, params, 6, 0.01, 3).states
+    wanted = head.plain_trajectory(start, params, 6, 0.01, 3).states
     close(found.flat.flatten(0, 1), wanted.flat, 1e-6)
     assert fused(found, node)
     assert not fused(wanted, node)

@@ -142,7 +142,7 @@ def test_compiled_laws_are_their_networks_or_say_so(monkeypatch: pytest.MonkeyPa
     fast = compiled.Fast("factored-radial", "numba", "float64")
     with torch.no_grad():
         fast.head().potential.table.mul_(1 + 1e-4)  # a spline that is off
-    fast.head()._packed.clear()
+    fast.head().packed.clear()
     assert judge(next(c for c in radial if c.extreme == "from rest")).verdict == SILENT
     compiled.network_of.cache_clear()
     compiled.Fast.head.cache_clear()

@@ -1,0 +1,237 @@
+"""What computes: torch's operations one by one, or a faster way to the same numbers.
+
+Physics is written in torch's operations and knows no other way: a class asks its engine, and the
+engines are what stands here, above the physics and the loops.
+
+| what | no gradient is asked | a gradient is, or models are mapped over |
+|---|---|---|
+| one learned pair law | :mod:`dynamics.compiled.cpu` | :mod:`dynamics.compiled.unrolled_orbits` |
+| a residual map | :mod:`dynamics.compiled.maps` | :mod:`dynamics.compiled.unrolled` |
+| rows of a tanh network | :mod:`dynamics.compiled.gradient` | the same, with a way back |
+| a compiled model | by its backend: torch, ``cpu`` or ``cuda`` | the same, with no way back |
+
+The loops need numba, or Triton: they are imported here alone, when they are first run.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, cast
+
+import torch
+from torch import Tensor
+
+from dynamics.compiled.episodes import Episodes, told
+from dynamics.compiled.head import PARTS, Backend, CompiledHead, refusal
+from dynamics.hamiltonian import Hamiltonian
+from dynamics.head import Trajectory
+from dynamics.integrators import leapfrog
+from dynamics.mlp import MLP, TANH
+from dynamics.potentials import DisplacementPotential, PairPotential
+from dynamics.state import Parameters, PhaseState
+from dynamics.unstructured import ResidualMap
+from loops import has_numba
+
+FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
+FEWEST_ROWS = 64  # fewer are left to torch
+MOST_BODIES = 8  # with a way back, for which the network's values of every pair and step are kept
+
+
+def pair_law(
+    head: Hamiltonian, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+) -> Trajectory | None:
+    """A Hamiltonian whose potential is one learned pair law; see :data:`dynamics.head.Engine`."""
+    learned = next(cast(torch.nn.Module, head.potential).parameters(), start.q)
+    if len(head.pair_laws()) == 1 and _ways_forward(start.q, learned):
+        if refusal(head, "numba", start.q) is None:
+            return _fused(head, start, params, steps, dt, every, "numba")
+    elif _ways_back(start.q, learned, FEWEST_EPISODES) and _unrolls(head, start.q):
+        return _unrolled(head, start, params, steps, dt, every)
+    return None
+
+
+def compiled_model(
+    head: CompiledHead, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+) -> Trajectory | None:
+    """A compiled model, by its backend or the best at hand; see :data:`dynamics.head.Engine`.
+
+    Raises:
+        ValueError: the backend cannot run this model here; why is said.
+    """
+    name, packed = _ready(head, start.q)
+    if name == "torch" or not start.q.numel() or start.q.shape[-2] < 2:
+        return None
+    found = _fused(head, start, params, steps, dt, every, name, packed)
+    return None if found.fallbacks and name == "triton" else found  # its kernel has no network
+
+
+def residual_map(
+    head: ResidualMap, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+) -> Trajectory | None:
+    """An unstructured map of positions in open space; see :data:`dynamics.head.Engine`."""
+    if head.harmonics is not None:
+        return None
+    forward = _ways_forward(start.q, head.scale)
+    if not forward and not _ways_back(start.q, head.scale, FEWEST_ROWS):
+        return None
+    head.check_step(dt)
+    batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
+    rows, known = start.flat.reshape(batch.numel(), -1), params.flat.expand(*batch, -1)
+    given = (
+        head.network,
+        head.scale.repeat_interleave(sizes.numel()),
+        rows,
+        known.reshape(batch.numel(), -1),
+        steps // every,
+        every,
+    )
+    # What is handed out is a view: of episodes that lie innermost in memory, or next to it.
+    if forward:
+        from dynamics.compiled.maps import roll
+
+        states = roll(*given).permute(2, 0, 1)
+    else:
+        from dynamics.compiled.unrolled import unrolled
+
+        states = unrolled(*given).transpose(0, 1)
+    flat = states.reshape(*batch, steps // every + 1, 2 * sizes.numel())
+    return Trajectory(PhaseState.from_flat(flat, *sizes), "numba")
+
+
+def network_output(network: MLP, rows: Tensor) -> Tensor | None:
+    """Many rows of a network, where no way back is needed; see :data:`dynamics.mlp.Engine`."""
+    if torch.is_grad_enabled() or (weights := _weights(network, rows)) is None:
+        return None
+    if torch._C._functorch.peek_interpreter_stack() is not None:
+        return None
+    from dynamics.compiled.gradient import output
+
+    return output(rows, *weights) + network.split()[1].bias
+
+
+def network_gradient(network: MLP, rows: Tensor) -> Tensor | None:
+    """The input gradient of many rows, with a way back; see :data:`dynamics.mlp.Engine`."""
+    if (weights := _weights(network, rows)) is None:
+        return None
+    from dynamics.compiled.gradient import input_gradient
+
+    return input_gradient(rows, *weights)
+
+
+def _ways_forward(states: Tensor, like: Tensor) -> bool:
+    """Whether a rollout can run in loops that have no way back: no gradient is asked.
+
+    Args:
+        states: q of the start, ``(..., n, d)``.
+        like: a number of the model's, whose precision the states must have.
+    """
+    mapped = torch._C._functorch.peek_interpreter_stack() is not None
+    plain = not (mapped or torch.is_grad_enabled() or torch.compiler.is_compiling())
+    known = states.dtype in (torch.float32, torch.float64) and states.dtype == like.dtype
+    enough = states.shape[:-2].numel() >= FEWEST_EPISODES and states.numel() > 0
+    return plain and known and enough and states.device.type == "cpu" and has_numba()
+
+
+def _ways_back(states: Tensor, like: Tensor, fewest: int) -> bool:
+    """Whether a rollout of so many episodes can run in loops that have a way back."""
+    alike = states.dtype == like.dtype and states.shape[:-2].numel() >= fewest
+    return alike and _differentiable(states)
+
+
+def _differentiable(x: Tensor) -> bool:
+    """Whether loops with a way back know it: single, on the CPU, mapped over at most once."""
+    if x.device.type != "cpu" or x.dtype != torch.float32 or torch.compiler.is_compiling():
+        return False
+    stack = torch._C._functorch.get_interpreter_stack()
+    plain = stack is None or [each.key().name for each in stack] == ["Vmap"]
+    return plain and has_numba()
+
+
+def _weights(network: MLP, rows: Tensor) -> tuple[Tensor, ...] | None:
+    """What loops are given of a network; ``None`` where they know no such network or rows."""
+    if not _two_tanh_layers(network) or len(rows) < FEWEST_ROWS or not _differentiable(rows):
+        return None
+    (low, top), last = network.split()
+    known = low.weight, low.bias, top.weight, top.bias, last.weight
+    return known if last.out_features == 1 else None
+
+
+def _two_tanh_layers(network: MLP) -> bool:
+    """Whether the hidden layers are two, of one width, and tanh."""
+    sizes = [layer.out_features for layer in network.split()[0]]
+    return network.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
+
+
+def _unrolls(head: Hamiltonian, states: Tensor) -> bool:
+    """Whether loops with a way back know a model: leapfrog and one law of displacements."""
+    law = head.potential
+    if not isinstance(law, DisplacementPotential) or law.law.box is not None:
+        return False
+    bodies = 2 <= states.shape[-2] <= MOST_BODIES
+    plain = head.integrator == leapfrog and refusal(head, "numba", states) is None
+    return _two_tanh_layers(law.phi) and bodies and plain
+
+
+def _unrolled(
+    head: Hamiltonian, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+) -> Trajectory:
+    from dynamics.compiled.unrolled_orbits import unrolled
+
+    law = cast(DisplacementPotential, head.potential)
+    batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
+    rows, known = start.flat.reshape(batch.numel(), -1), told(law.law, params, batch)
+    states = unrolled(law, rows, known, steps // every, every, dt)
+    return Trajectory(
+        PhaseState.from_flat(states.reshape(*batch, *states.shape[1:]), *sizes), "numba"
+    )
+
+
+def _fused(
+    head: Hamiltonian,
+    start: PhaseState,
+    params: Parameters,
+    steps: int,
+    dt: float,
+    every: int,
+    backend: str,
+    packed: Any = None,
+) -> Trajectory:
+    """All steps of a model that the backend can roll; ``packed``: its pair function, if at hand."""
+    kernels, potential = kernels_of(backend), cast(PairPotential, head.potential)
+    batch, stored = start.q.shape[:-2], steps // every
+    law = kernels.packed(potential, start.q) if packed is None else packed
+    episodes = Episodes.of(potential.law, start, params)
+    parts = [part * dt for part in PARTS[head.integrator.name]]
+    q, p, asked, reached = kernels.roll(law, potential.law.box, episodes, parts, stored, every)
+    if len(batch) != 1:
+        q, p = (x.reshape(*batch, *x.shape[1:]) for x in (q, p))
+    return Trajectory(PhaseState(q, p), backend, asked, reached)
+
+
+def _ready(head: CompiledHead, states: Tensor) -> tuple[Backend, Any]:
+    """The backend for such states and the pair function as it takes it, found once."""
+    key = head.backend, states.dtype, states.device, states.shape[-2:]
+    if key not in head.packed:
+        fastest: Backend = "triton" if states.device.type == "cuda" else "numba"
+        name = head.backend or ("torch" if refusal(head, fastest, states) else fastest)
+        if trouble := refusal(head, name, states):
+            raise ValueError(f"compiled model: backend '{name}' {trouble}")
+        packed = None if name == "torch" else kernels_of(name).packed(head.potential, states)
+        head.packed[key] = name, packed
+    return head.packed[key]
+
+
+@lru_cache
+def kernels_of(backend: str) -> Any:
+    """The loops of a backend, ``numba`` or ``triton``."""
+    if backend == "numba":
+        from dynamics.compiled import cpu
+
+        return cpu
+    from dynamics.compiled import cuda
+
+    return cuda
+
+
+Hamiltonian.engine, ResidualMap.engine, CompiledHead.engine = pair_law, residual_map, compiled_model
+MLP.output_engine, MLP.gradient_engine = network_output, network_gradient
