@@ -56,6 +56,14 @@ def detect(
     Raises:
         ValueError: a shape does not fit, a pixel is not finite, or ``bodies`` or ``noise`` is
             out of range.
+
+    Example:
+        >>> light = lambda squared: torch.sigmoid((0.16 - squared) / 0.04)
+        >>> ys = torch.linspace(2, -2, 33)
+        >>> frames = light((-ys - 0.5) ** 2 + ys[:, None] ** 2).expand(1, 1, 1, 33, 33)
+        >>> seen = detect(frames, torch.zeros(1), 1, light, -ys, ys)
+        >>> [round(x, 3) for x in seen.positions[0, 0, 0].tolist()], float(seen.confidence) > 0.9
+        ([0.5, 0.0], True)
     """
     _check(frames, times, bodies, xs, ys, noise)
     search = _Search.on_grid(coverage, xs.to(frames), ys.to(frames), noise)

@@ -35,6 +35,15 @@ def bind_by_acceleration(detections: Detections) -> Tracks:
 
     Raises:
         ValueError: there is no frame, a detection is not finite, or the times do not rise.
+
+    Example:
+        >>> times = torch.arange(4.0)
+        >>> left, right = torch.stack([times, times], -1), torch.stack([3 - times, times], -1)
+        >>> slots = torch.stack([left, right], 1)
+        >>> slots[2] = slots[2].flip(0)  # the detector knows no order
+        >>> tracks = bind_by_acceleration(Detections(slots[None], torch.ones(1, 4, 2), times))
+        >>> tracks.positions[0, :, 0].tolist()
+        [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]
     """
     _check(detections)
     place, seen = detections.positions[:, 0], detections.confidence[:, 0] > 0
@@ -71,6 +80,13 @@ def assign(
         seen: whether a body has a guess at all.
         slots: positions of the detections, world units.
         found: whether a slot holds a detection.
+
+    Example:
+        >>> guess = torch.tensor([[[0.0, 0.0], [1.0, 0.0]]])
+        >>> slots = torch.tensor([[[0.9, 0.0], [0.1, 0.0]]])
+        >>> every = torch.ones(1, 2, dtype=torch.bool)
+        >>> assign(guess, every, slots, every).tolist()
+        [[1, 0]]
     """
     cost = torch.cdist(guess.detach().double(), slots.detach().double()).square()
     cost = torch.where(seen.unsqueeze(-1) & found.unsqueeze(-2), cost, 0)

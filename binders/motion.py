@@ -86,6 +86,15 @@ def bind_motion(
 
     Raises:
         ValueError: fewer than three frames, or no frame in which all bodies are seen.
+
+    Example:
+        >>> frames = np.zeros((12, 48, 64, 3), np.uint8)
+        >>> for t in range(12):
+        ...     frames[t, 20:28, 4 + 4 * t : 12 + 4 * t] = 255
+        ...
+        >>> found = bind_motion(frames, np.arange(12) / 30, MotionSettings(bodies=1, shadow=1.0))
+        >>> [round(x, 2) for x in found.tracks.positions[0, [0, 11], 0, 0].tolist()]  # half sides
+        [-0.75, 0.62]
     """
     if len(frames) < 3:
         raise ValueError(f"bind_motion: motion needs at least 3 frames, got {len(frames)}")

@@ -53,6 +53,16 @@ def track_by_palette(
 
     Raises:
         ValueError: colours that cannot be told apart, or a pixel that is not finite.
+
+    Example:
+        >>> light = lambda squared: torch.sigmoid((0.16 - squared) / 0.04)
+        >>> ys = torch.linspace(2, -2, 33)
+        >>> frames = light((-ys - 0.5) ** 2 + ys[:, None] ** 2).expand(1, 3, 1, 33, 33)
+        >>> red = torch.tensor([1.0, 0.0, 0.0])[:, None, None]
+        >>> times, colours = torch.arange(3.0), [(1.0, 0.0, 0.0)]
+        >>> tracks = track_by_palette(frames * red, times, colours, light, -ys, ys)
+        >>> [round(x, 3) for x in tracks.positions[0, 0, 0].tolist()]
+        [0.5, 0.0]
     """
     if not bool(torch.isfinite(frames).all()):
         clip, frame = torch.nonzero(~torch.isfinite(frames))[0, :2].tolist()

@@ -178,6 +178,14 @@ def follow(
     Raises:
         ValueError: there is no frame, a detection is not finite, the frames are not evenly
             spaced, or ``hypotheses`` is not positive.
+
+    Example:
+        >>> times = torch.arange(4.0)
+        >>> slots = torch.stack([times, -times], -1)[None, :, :, None].expand(1, 4, 2, 2).clone()
+        >>> slots[:, 3] = slots[:, 3].flip(1)
+        >>> found, score = follow(Tracker(), Detections(slots, torch.ones(1, 4, 2), times))
+        >>> found.positions[0, :, 0, 0].tolist()
+        [0.0, -1.0, -2.0, -3.0]
     """
     _check(detections, hypotheses)
     histories = _Histories.begin(detections)

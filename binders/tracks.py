@@ -31,6 +31,13 @@ class Tracks:
         positions: ``(b, t, n, d)``; in a plane (x, y) in world units, y upwards.
         confidence: ``(b, t, n)`` in [0, 1].
         times: seconds of each frame, ``(t,)``.
+
+    Example:
+        >>> import torch
+        >>> times = torch.arange(4) * 0.1
+        >>> tracks = Tracks(torch.zeros(1, 4, 2, 2), torch.ones(1, 4, 2), times)
+        >>> tuple(tracks.positions.shape)  # clips, frames, bodies, space
+        (1, 4, 2, 2)
     """
 
     positions: Float[Tensor, "b t n d"]

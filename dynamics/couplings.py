@@ -54,6 +54,13 @@ class PairLaw:
 
     Raises:
         ValueError: an unknown source or coupling, or a box without size.
+
+    Example:
+        >>> PairLaw(box=4.0).nearest(torch.tensor([3.0, -3.0, 1.0])).tolist()  # world units
+        [-1.0, 1.0, 1.0]
+        >>> law = Parameters(torch.tensor([-2.0]), torch.ones(1, 3))
+        >>> PairLaw(coupling="quadratic").strength(law)[0]
+        tensor([4.])
     """
 
     source: str = "mass"

@@ -33,6 +33,15 @@ class HardDisks(Head):
 
     Raises:
         ValueError: a diameter outside (0, box / 2).
+
+    Example:
+        >>> from dynamics.rollout import rollout
+        >>> q = torch.tensor([[[-0.5, 0.0], [0.5, 0.0]]], dtype=torch.float64)
+        >>> p = torch.tensor([[[1.0, 0.0], [0.0, 0.0]]], dtype=torch.float64)
+        >>> law = Parameters(torch.ones(1).double(), torch.ones(1, 2).double())
+        >>> found = rollout(HardDisks(box=4.0, diameter=0.5), PhaseState(q, p), law, 10, 0.1)
+        >>> found.at(-1).p.flatten().round(decimals=6).tolist()  # the momentum is handed over
+        [0.0, 0.0, 1.0, 0.0]
     """
 
     def __init__(self, box: float, diameter: float, learned: bool = False) -> None:

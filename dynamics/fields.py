@@ -13,6 +13,13 @@ class UniformField(nn.Module):
 
     Args:
         space: dimensions of space; ``acceleration`` starts at zero.
+
+    Example:
+        >>> field = UniformField(space=2)
+        >>> field.start_at([0.0, -9.81])
+        >>> law = Parameters(torch.ones(()), torch.tensor([2.0]))
+        >>> [[round(x, 2) for x in f] for f in field.force(torch.zeros(1, 2), law).tolist()]
+        [[0.0, -19.62]]
     """
 
     def __init__(self, space: int) -> None:

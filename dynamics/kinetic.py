@@ -23,7 +23,14 @@ class Kinetic(Protocol):
 
 
 class FixedKinetic(nn.Module):
-    """T = sum |p|^2 / 2m, the canonical kinetic energy; nothing is learned."""
+    """T = sum |p|^2 / 2m, the canonical kinetic energy; nothing is learned.
+
+    Example:
+        >>> law = Parameters(torch.ones(()), torch.tensor([2.0]))
+        >>> p = torch.tensor([[2.0, 0.0]])
+        >>> float(FixedKinetic().energy(p, law)), FixedKinetic().velocity(p, law).tolist()
+        (1.0, [[1.0, 0.0]])
+    """
 
     def energy(self, p: Tensor, params: Parameters) -> Tensor:
         return kinetic_energy(p, params.mass)

@@ -101,6 +101,15 @@ class SoftenedGravity(PairPotential):
     Args:
         softening: the length epsilon in world units, > 0.
         law: see :class:`PairPotential`.
+
+    Example:
+        >>> law = Parameters(torch.ones(()), torch.ones(2))
+        >>> q = torch.tensor([[0.0, 0.0], [1.0, 0.0]])
+        >>> pull = SoftenedGravity(softening=0.1)
+        >>> round(float(pull.energy(q, law)), 3)
+        -0.995
+        >>> [round(x, 3) for x in pull.force(q, law)[0].tolist()]  # on body 0
+        [0.985, 0.0]
     """
 
     def __init__(self, softening: float = 0.1, law: PairLaw | None = None) -> None:

@@ -97,6 +97,16 @@ def rollout(
 
     Warns:
         DynamicsWarning: one of its kinds for each finding, before the result is returned.
+
+    Example:
+        >>> from dynamics import ballistic
+        >>> start = PhaseState(torch.zeros(1, 1, 2), torch.ones(1, 1, 2))
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1))
+        >>> found = rollout(ballistic(), start, law, steps=100, dt=0.01, every=50)
+        >>> found.times.tolist(), found.status
+        ([0.0, 0.5, 1.0], 'ok')
+        >>> [round(x, 3) for x in found.at(-1).q.flatten().tolist()]
+        [1.0, 1.0]
     """
     if steps < 0 or every < 1:
         raise ValueError(f"rollout: needs steps >= 0 and every >= 1, got {steps} and {every}")

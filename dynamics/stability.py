@@ -228,7 +228,16 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
 
 
 def stiffest(rates: Sequence[Rates], q: Tensor) -> Stiffest:
-    """The fastest of some terms at positions ``(..., n, d)``."""
+    """The fastest of some terms at positions ``(..., n, d)``.
+
+    Example:
+        >>> head = Hamiltonian(FixedKinetic(), HarmonicTrap(4.0))
+        >>> start = PhaseState(torch.ones(1, 2, 2), torch.zeros(1, 2, 2))
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 2))
+        >>> found = stiffest(rates_of(head, start, law), start.q)
+        >>> found.term, found.rate.tolist()  # radians per second
+        ('HarmonicTrap', [2.0])
+    """
     squared, pairs = (torch.stack(x) for x in zip(*[rate.at(q) for rate in rates], strict=True))
     largest, which = squared.max(0)
     pair = pairs.gather(0, which[None, ..., None].expand(1, *pairs.shape[1:])).squeeze(0)

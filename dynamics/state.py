@@ -21,6 +21,11 @@ class PhaseState:
     Args:
         q: positions, ``(..., n, d)``, in world units.
         p: conjugate momenta, ``(..., n, d)``, in mass units times world units per second.
+
+    Example:
+        >>> state = PhaseState(torch.zeros(8, 3, 2), torch.ones(8, 3, 2))  # 8 episodes of 3 bodies
+        >>> tuple(state.flat.shape), tuple(state[0].q.shape), float(state.reversed.p.sum())
+        ((8, 12), (3, 2), -48.0)
     """
 
     q: Float[Tensor, "*batch n d"]
@@ -75,6 +80,12 @@ class Parameters:
         scalars: further strengths by name, ``(...)`` each: ``electric`` (the coupling of the
             charges), ``friction`` (per second), ``drive`` (per second), ``temperature`` (k_B = 1).
             A scene has those that its law needs and no others.
+
+    Example:
+        >>> law = Parameters(coupling=torch.ones(8), mass=torch.ones(8, 3))
+        >>> flipped = law.with_coupling(-1.0)
+        >>> float(law.coupling[0]), float(flipped.coupling[0]), tuple(law.flat.shape)
+        (1.0, -1.0, (8, 4))
     """
 
     coupling: Float[Tensor, "*batch"]

@@ -24,6 +24,11 @@ class Stiffness(nn.Module):
 
     Raises:
         ValueError: not as many matrices as the map has features.
+
+    Example:
+        >>> content = torch.tensor([[[0.0, 1.0], [1.0, 0.0]]])
+        >>> Stiffness(content, confinement=2.0)(torch.tensor(0.5)).tolist()
+        [[2.0, 0.5], [0.5, 2.0]]
     """
 
     content: Tensor

@@ -30,6 +30,13 @@ class Wall(nn.Module):
 
     Raises:
         ValueError: a restitution outside [0, 1], or a normal without a direction.
+
+    Example:
+        >>> floor = Wall(place=1.0, restitution=0.5, normal=[0.0, -1.0])  # at y = -1
+        >>> fell = PhaseState(torch.tensor([[0.0, -1.25]]), torch.tensor([[0.0, -2.0]]))
+        >>> up = floor.bounced(fell, torch.zeros(1, 2), torch.ones(1))
+        >>> up.q.tolist(), up.p.tolist()
+        ([[0.0, -0.875]], [[0.0, 1.0]])
     """
 
     normal: Tensor

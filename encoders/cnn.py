@@ -26,6 +26,12 @@ class ConvEncoder(nn.Module):
         channels: of the frames.
         features: channels of the feature map.
         widths: channels of the trunk at strides 2, 4, 8, 16 and, once more, 16.
+
+    Example:
+        >>> frames, times = torch.zeros(1, 2, 3, 32, 32), torch.tensor([0.0, 0.1])
+        >>> features = ConvEncoder(channels=3)(frames, times)
+        >>> tuple(features.values.shape), features.stride
+        ((1, 2, 16, 16, 16), (2.0, 2.0))
     """
 
     def __init__(

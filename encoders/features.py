@@ -19,6 +19,11 @@ class FeatureMap:
             fewer of than the clip has frames.
         stride: pixels of the encoder's input image between neighbouring cells, (height, width).
         times: seconds, the centre of what each feature frame saw, ``(t,)``.
+
+    Example:
+        >>> features = FeatureMap(torch.zeros(1, 4, 8, 2, 2), (16.0, 16.0), torch.arange(4.0))
+        >>> features.grid, features.cell_centres()[0, 0].tolist()  # top left cell: x left, y up
+        ((2, 2), [-0.5, 0.5])
     """
 
     values: Float[Tensor, "b t c h w"]

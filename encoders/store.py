@@ -65,6 +65,18 @@ class FeatureStore:
 
     Args:
         folder: made at the first write.
+
+    Example:
+        >>> import tempfile
+        >>> who = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
+        >>> request = FeatureRequest(who, "1" * 64, (0, 1), (0.0, 0.1), (32, 32))
+        >>> made = FeatureMap(torch.ones(1, 2, 8, 2, 2), (16.0, 16.0), torch.tensor([0.0, 0.1]))
+        >>> store = FeatureStore(Path(tempfile.mkdtemp()))
+        >>> for _ in range(2):
+        ...     features = store.get(request, "clip.mp4", lambda: made)
+        ...
+        >>> tuple(features.values.shape), store.hit_rate
+        ((1, 2, 8, 2, 2), 0.5)
     """
 
     def __init__(self, folder: Path) -> None:

@@ -37,6 +37,13 @@ class AttentionReadout(FrameReadout):
 
     Raises:
         ValueError: counts that do not divide.
+
+    Example:
+        >>> from encoders.features import FeatureMap
+        >>> features = FeatureMap(torch.randn(2, 5, 16, 4, 4), (8.0, 8.0), torch.arange(5) / 30)
+        >>> positions, sure = AttentionReadout(channels=16, bodies=3, width=32)(features)
+        >>> tuple(positions.shape), tuple(sure.shape)  # clips, frames, bodies
+        ((2, 5, 3, 2), (2, 5, 3))
     """
 
     def __init__(

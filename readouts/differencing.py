@@ -23,6 +23,14 @@ def central_difference(
 
     Raises:
         ValueError: fewer than three frames.
+
+    Example:
+        >>> import torch
+        >>> times = 0.1 * torch.arange(5.0)
+        >>> fall = (-0.5 * times**2).reshape(1, 5, 1, 1)  # metres, under 1 m/s^2
+        >>> state = central_difference(fall, torch.ones(1, 1), interval=0.1)
+        >>> [round(x, 3) for x in state.p.flatten().tolist()]  # at 0.1, 0.2, 0.3 s
+        [-0.1, -0.2, -0.3]
     """
     _need(positions, 3, "central_difference")
     velocity = (positions[:, 2:] - positions[:, :-2]) / (2 * interval)
@@ -41,6 +49,14 @@ def backward_difference(
 
     Raises:
         ValueError: fewer than three frames.
+
+    Example:
+        >>> import torch
+        >>> times = 0.1 * torch.arange(5.0)
+        >>> fall = (-0.5 * times**2).reshape(1, 5, 1, 1)
+        >>> state = backward_difference(fall, torch.ones(1, 1), interval=0.1)
+        >>> round(float(state.p), 3)  # at 0.4 s
+        -0.4
     """
     _need(positions, 3, "backward_difference")
     a, b, c = positions[:, -1], positions[:, -2], positions[:, -3]

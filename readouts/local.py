@@ -133,6 +133,13 @@ class RefinedReadout(FrameReadout):
             :data:`COARSE` a side.
         frames: of the clip that a feature frame stands for; see :class:`AttentionReadout`.
         readers: see :class:`LocalReadout`.
+
+    Example:
+        >>> readout = RefinedReadout(channels=16, bodies=3, grid=(8, 8))
+        >>> centres = torch.rand(8, 8, 2)
+        >>> positions, sure = readout.read(torch.randn(5, 16, 8, 8), centres)
+        >>> tuple(positions.shape), tuple(sure.shape)
+        ((5, 3, 2), (5, 3))
     """
 
     def __init__(

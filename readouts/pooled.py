@@ -47,7 +47,16 @@ class PooledReadout(FrameReadout):
 
 
 def pooled_twin(readout: nn.Module, channels: int, bodies: int) -> PooledReadout:
-    """The pooled readout that has as nearly as possible as many parameters as ``readout``."""
+    """The pooled readout that has as nearly as possible as many parameters as ``readout``.
+
+    Example:
+        >>> from readouts.attention import AttentionReadout
+        >>> readout = AttentionReadout(channels=16, bodies=3, width=32)
+        >>> twin = pooled_twin(readout, channels=16, bodies=3)
+        >>> sizes = [sum(p.numel() for p in m.parameters()) for m in (readout, twin)]
+        >>> abs(sizes[0] / sizes[1] - 1) < 0.02
+        True
+    """
     budget = sum(p.numel() for p in readout.parameters())
     # width^2 + (channels + 2 + 2 bodies) width + 2 bodies = budget
     linear = channels + 2 + 2 * bodies

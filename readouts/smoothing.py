@@ -65,6 +65,17 @@ def smooth(
 
     Raises:
         ValueError: fewer than three frames, or a position that is not finite.
+
+    Example:
+        >>> coast = lambda start, rows: PhaseState(start.q + 0.1 * start.p, start.p)
+        >>> times = 0.1 * torch.arange(6, dtype=torch.float64)
+        >>> noise = 0.01 * torch.tensor([1, -1, 0, 0, -1, 1.0])
+        >>> seen = (2 * times + noise).reshape(1, 6, 1, 1)
+        >>> guess = PhaseState(seen, torch.ones_like(seen))
+        >>> error = torch.full((1, 6, 1), 0.01)
+        >>> *_, last = smooth(coast, seen, error, guess, 0.1, slacks=[1.0, 0.1, 0.01])
+        >>> [round(x, 1) for x in last.states.p.flatten().tolist()]
+        [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
     """
     if positions.shape[1] < 3:
         raise ValueError(

@@ -55,6 +55,12 @@ def soft_argmax(
 
     Raises:
         ValueError: a logit is not finite.
+
+    Example:
+        >>> centres = torch.tensor([[[-0.5, 0.0], [0.5, 0.0]]])
+        >>> position, sure = soft_argmax(torch.tensor([[0.0, 20.0]]), centres)
+        >>> [round(x, 3) for x in position.tolist()], round(float(sure), 3)
+        ([0.5, 0.0], 1.0)
     """
     if not bool(torch.isfinite(logits).all()):
         where = tuple(torch.nonzero(~torch.isfinite(logits))[0].tolist())

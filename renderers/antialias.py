@@ -23,6 +23,13 @@ def supersampled(
 
     Raises:
         ValueError: ``factor`` is less than 1.
+
+    Example:
+        >>> import torch
+        >>> from renderers.worlds import AnonymousWorld
+        >>> fine = supersampled(AnonymousWorld(), factor=3)
+        >>> tuple(fine(torch.zeros(1, 2)).shape)
+        (1, 64, 64)
     """
     if factor < 1:
         raise ValueError(f"supersampled: factor must be at least 1, got {factor}")

@@ -24,6 +24,13 @@ class Camera:
 
     Raises:
         ValueError: ``half_extent`` is not positive and finite, or a side has no pixel.
+
+    Example:
+        >>> camera = Camera(half_extent=2.0, height=4, width=4)
+        >>> camera.units_per_pixel
+        1.0
+        >>> camera.to_pixel(torch.tensor([0.5, 1.5])).tolist()  # column, row
+        [2.0, 0.0]
     """
 
     half_extent: float = 4.0

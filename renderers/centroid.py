@@ -27,6 +27,14 @@ def centroids(
 
     Raises:
         ValueError: the frames' size is not the camera's, or a pixel is not finite.
+
+    Example:
+        >>> from renderers.worlds import ChannelWorld
+        >>> camera = Camera()
+        >>> q = torch.tensor([[1.0, -0.5]], dtype=torch.float64)
+        >>> found, light = centroids(ChannelWorld(camera)(q), camera)
+        >>> [round(x, 6) for x in found[0].tolist()]
+        [1.0, -0.5]
     """
     if frames.shape[-2:] != (camera.height, camera.width):
         raise ValueError(

@@ -33,6 +33,11 @@ def gaussians(
 
     Raises:
         ValueError: a centre is not finite, ``sigma`` is not positive, or ``out`` does not fit.
+
+    Example:
+        >>> frames = gaussians(torch.zeros(1, 2), Camera(height=33, width=33), sigma=0.5)
+        >>> tuple(frames.shape), float(frames[0, 16, 16])
+        ((1, 33, 33), 1.0)
     """
     if out is not None:
         _check_positive("gaussians", "sigma", sigma)
@@ -80,6 +85,12 @@ def disks(
     Raises:
         ValueError: a centre is not finite, ``radius`` or ``softness`` is not positive, or ``out``
             does not fit.
+
+    Example:
+        >>> camera = Camera()
+        >>> light = disks(torch.zeros(1, 2), camera, radius=1.0, softness=0.05)
+        >>> round(float(light.sum()) * camera.units_per_pixel**2, 2)  # world units squared, near pi
+        3.14
     """
     _check_finite("disks", centres)
     if out is not None:
@@ -108,6 +119,11 @@ def disk_coverage(
 
     Raises:
         ValueError: ``radius`` or ``softness`` is not positive.
+
+    Example:
+        >>> squared = torch.tensor([0.0, 1.0, 4.0])
+        >>> [round(x, 3) for x in disk_coverage(squared, radius=1.0, softness=0.1).tolist()]
+        [0.993, 0.5, 0.0]
     """
     _check_positive("disks", "radius", radius)
     _check_positive("disks", "softness", softness)

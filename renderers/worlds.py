@@ -36,6 +36,10 @@ class ChannelWorld:
     Args:
         camera: the pixel grid.
         sigma: standard deviation of a body, world units.
+
+    Example:
+        >>> tuple(ChannelWorld()(torch.zeros(5, 3, 2)).shape)  # frames, bodies, height, width
+        (5, 3, 64, 64)
     """
 
     camera: Camera = Camera()
@@ -57,6 +61,11 @@ class RgbWorld:
         radius: of a disk, world units.
         softness: of its edge, world units.
         palette: (r, g, b) in [0, 1] of each body; more colours than bodies is fine.
+
+    Example:
+        >>> frame = RgbWorld(Camera(height=9, width=9))(torch.zeros(2, 2))  # red before green
+        >>> [round(x, 2) for x in frame[:, 4, 4].tolist()]
+        [0.97, 0.03, 0.0]
     """
 
     camera: Camera = Camera()
@@ -91,6 +100,11 @@ class AnonymousWorld:
         camera: the pixel grid.
         radius: of a disk, world units.
         softness: of its edge, world units.
+
+    Example:
+        >>> frames = AnonymousWorld()(torch.tensor([[-1.0, 0.0], [1.0, 0.0]]))
+        >>> tuple(frames.shape), torch.allclose(frames, frames.flip(-1))
+        ((1, 64, 64), True)
     """
 
     camera: Camera = Camera()

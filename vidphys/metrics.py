@@ -34,6 +34,11 @@ def energy_drift(energy: Tensor, scale: Tensor) -> Tensor:
         energy: true energy of the predicted states, ``(b, t)``.
         scale: K + |V| of the start, ``(b,)``. Where |E(0)| < 1e-3 of it, the drift is taken
             relative to it instead, so that an energy near zero gives no infinity.
+
+    Example:
+        >>> energy = torch.tensor([[-2.0, -2.1, -1.9]])
+        >>> [round(x, 3) for x in energy_drift(energy, scale=torch.tensor([4.0]))[0].tolist()]
+        [0.0, 0.05, 0.05]
     """
     start = energy[:, :1].abs()
     scale = scale.unsqueeze(-1)
@@ -43,7 +48,12 @@ def energy_drift(energy: Tensor, scale: Tensor) -> Tensor:
 
 
 def median(values: Tensor) -> Summary:
-    """Median over the finite episodes of ``(b,)``."""
+    """Median over the finite episodes of ``(b,)``.
+
+    Example:
+        >>> median(torch.tensor([1.0, 2.0, 3.0, torch.nan]))
+        Summary(value=2.0, status='ok', episodes=4, nonfinite=1)
+    """
     return _over_finite(values, lambda x: x.median())
 
 
@@ -96,6 +106,12 @@ def nmse(prediction: PhaseState, reference: PhaseState) -> Summary:
 
     States are ``(b, t, n, d)``. The variance is of all channels of (q, p) pooled, with one
     scalar mean removed. One non-finite episode makes the pooled number a failure.
+
+    Example:
+        >>> q = torch.tensor([0.0, 1.0, 2.0]).reshape(1, 3, 1, 1)
+        >>> truth = PhaseState(q, q)
+        >>> round(nmse(PhaseState(q + 0.1, q), truth).value, 4)
+        0.0075
     """
     x, y = prediction.flat.double(), reference.flat.double()
     lost = int((~torch.isfinite(x).flatten(1).all(1)).sum())
@@ -120,6 +136,12 @@ def _variance(y: Tensor) -> Tensor:
 def regime_match(prediction: PhaseState, flipped: PhaseState, trained: PhaseState) -> Summary:
     """K3: 1 if the rollout is strictly nearer to the flipped law's truth than to the trained
     law's, 0 otherwise; ties do not match; a non-finite rollout is a failure.
+
+    Example:
+        >>> q = torch.tensor([0.0, 1.0, 2.0]).reshape(1, 3, 1, 1)
+        >>> attracted, repelled = PhaseState(-q, q), PhaseState(q, q)
+        >>> regime_match(PhaseState(0.9 * q, q), repelled, attracted).value
+        1.0
     """
     near, far = nmse(prediction, flipped), nmse(prediction, trained)
     if near.value is None or far.value is None:
@@ -147,7 +169,13 @@ def ratio(error: Summary, ballistic: Summary) -> Summary:
 
 
 def cosine(model: Tensor, truth: Tensor) -> Summary:
-    """K26: cosine between two force batches ``(b, n, d)``, each taken as one long vector."""
+    """K26: cosine between two force batches ``(b, n, d)``, each taken as one long vector.
+
+    Example:
+        >>> force = torch.tensor([[[1.0, 0.0], [-1.0, 0.0]]])
+        >>> round(cosine(-3 * force, force).value, 6)
+        -1.0
+    """
     x, y = model.double().flatten(1), truth.double().flatten(1)
     lost = int((~torch.isfinite(x).all(1)).sum())
     if lost:

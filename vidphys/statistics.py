@@ -18,6 +18,10 @@ def binomial_p(successes: int, seeds: int) -> float:
 
     Raises:
         ValueError: successes outside 0..seeds, or no seed at all.
+
+    Example:
+        >>> binomial_p(10, seeds=10) == 2**-10
+        True
     """
     if seeds < 1 or not 0 <= successes <= seeds:
         raise ValueError(f"binomial_p: need 0 <= successes <= seeds, got {successes} of {seeds}")
@@ -31,6 +35,10 @@ def sign_flip_p(first: Sequence[float], second: Sequence[float]) -> float:
 
     Raises:
         ValueError: unequal or empty samples, or more than 20 pairs.
+
+    Example:
+        >>> sign_flip_p([0.1, 0.2, 0.3], [1.0, 1.1, 1.3])  # 2 of 2^3 patterns
+        0.25
     """
     if len(first) != len(second) or not 0 < len(first) <= MAX_EXACT_PAIRS:
         raise ValueError(
@@ -44,7 +52,12 @@ def sign_flip_p(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down adjustment over a declared family, in the order given."""
+    """Holm's step-down adjustment over a declared family, in the order given.
+
+    Example:
+        >>> [round(p, 3) for p in holm([0.01, 0.04, 0.03])]
+        [0.03, 0.06, 0.06]
+    """
     order = np.argsort(p_values)
     adjusted, running = [0.0] * len(p_values), 0.0
     for rank, index in enumerate(order):
@@ -68,7 +81,13 @@ MIN_FOR_INTERVAL = 5
 
 
 def normal_interval(values: Sequence[float]) -> Interval:
-    """H3: mean +- 1.96 standard errors (C18), for at least five values."""
+    """H3: mean +- 1.96 standard errors (C18), for at least five values.
+
+    Example:
+        >>> found = normal_interval([1.0, 2.0, 3.0, 4.0, 5.0])
+        >>> round(found.mean, 2), round(found.low, 2), round(found.high, 2)
+        (3.0, 1.61, 4.39)
+    """
     if not values:
         raise ValueError("normal_interval: no values")
     mean = float(np.mean(values))
@@ -95,6 +114,10 @@ def spearman(first: Sequence[float], second: Sequence[float]) -> float:
     Raises:
         ValueError: fewer than three pairs, a value that is not finite, or a sample that is
             constant, which has no ranks.
+
+    Example:
+        >>> round(spearman([1, 2, 3, 4], [10, 100, 50, 1000]), 3)
+        0.8
     """
     x, y = np.asarray(first, float), np.asarray(second, float)
     if len(x) != len(y) or len(x) < MIN_FOR_RANKS:

@@ -74,6 +74,15 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     Args:
         motion: tracks of its bodies.
         angles: whether the coordinates are joint angles in radians.
+
+    Example:
+        >>> from vidphys.diagnose.recordings.motion import motion_of
+        >>> t = np.arange(60) * 0.05
+        >>> fall = np.stack([t, 2 * t - 0.5 * 9.81 * t**2], -1)[None, :, None]
+        >>> noise = 1e-3 * np.random.default_rng(0).standard_normal(fall.shape)
+        >>> found = diagnose_motion(motion_of(fall + noise, 0.05))
+        >>> sorted(found.kinds), found.explained
+        (['uniform'], True)
     """
     noise = measure_noise(motion)
     refused = nothing_to_see(motion)

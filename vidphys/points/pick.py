@@ -90,6 +90,15 @@ def pick(points: Sequence[Point], bound: Bound) -> list[Choice]:
 
     Raises:
         InputError: no point has the quantity, or none has a finite result.
+
+    Example:
+        >>> rest = dict(cost_low=1.0, cost_high=1.0, clock='cpu', wall=1.0, repeats=3,
+        ...             warmup_seconds=0.0, peak_bytes=None, error_name='error', seed=0,
+        ...             reference='float64', device='cpu', dtype='float32', threads=1)
+        >>> fine = Point('rollouts', 'gravity', {'dt': 0.002}, 'ms', 8.0, error=1e-4, **rest)
+        >>> coarse = Point('rollouts', 'gravity', {'dt': 0.01}, 'ms', 2.0, error=1e-2, **rest)
+        >>> [choice.point.label for choice in pick([fine, coarse], Bound.parse('error<=0.02'))]
+        ['dt 0.01']
     """
     names = sorted({name for p in points for name in (p.cost_name, p.error_name)})
     if bound.quantity not in names:

@@ -27,6 +27,14 @@ def save(path: Path, tensors: dict[str, Tensor], meta: dict[str, Any]) -> None:
         path: the JSON file; the tensors lie beside it.
         tensors: any names; made contiguous.
         meta: plain data, with at least ``step``.
+
+    Example:
+        >>> import tempfile, torch
+        >>> path = Path(tempfile.mkdtemp()) / 'head.json'
+        >>> save(path, {'weight': torch.ones(2)}, {'step': 10})
+        >>> tensors, meta = load(path)
+        >>> tensors['weight'].tolist(), meta
+        ([1.0, 1.0], {'step': 10})
     """
     old = _tensor_file(path) if path.exists() else None
     name = f"{path.stem}-{meta['step']:08d}.safetensors"

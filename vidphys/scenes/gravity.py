@@ -42,6 +42,13 @@ def gravity(
 
     Raises:
         InputError: unknown generator.
+
+    Example:
+        >>> scene = gravity(bodies=3)
+        >>> start, law = scene.sample(4, Generator().manual_seed(0))
+        >>> truth = scene.simulate(start, law, steps=20)
+        >>> tuple(truth.states.q.shape), scene.dt  # episodes, states, bodies, space; seconds
+        ((4, 21, 3, 2), 0.002)
     """
     samplers = {"gaussian": _gaussian, "ring": _ring}
     if generator not in samplers:

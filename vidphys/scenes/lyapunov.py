@@ -23,6 +23,14 @@ def lyapunov_time(
 
     Returns:
         ``(b,)``; infinity where the error did not grow.
+
+    Example:
+        >>> from vidphys.scenes.gravity import gravity
+        >>> scene = gravity()
+        >>> start, law = scene.sample(2, Generator().manual_seed(0))
+        >>> seconds = lyapunov_time(scene, start, law, rounds=8, steps=20)
+        >>> tuple(seconds.shape), bool((seconds > 0).all())
+        ((2,), True)
     """
     x, size = start.flat.double(), SEPARATION
     # In no symmetric direction: a shift of all bodies alike is a motion of the centre, which never

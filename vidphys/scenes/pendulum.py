@@ -76,6 +76,14 @@ def pendulum(friction: str | None = None, spread: float = 0.0) -> Scene:
 
     Raises:
         InputError: unknown friction.
+
+    Example:
+        >>> from vidphys.scenes import certify
+        >>> scene = pendulum()
+        >>> start, law = scene.sample(2, Generator().manual_seed(0))
+        >>> truth = scene.simulate(start, law, steps=5)  # by the engine
+        >>> bool(certify(scene, truth).passed.all())
+        True
     """
     if friction is not None and friction not in FRICTION:
         raise InputError(f"pendulum: unknown friction '{friction}'; use linear or square")

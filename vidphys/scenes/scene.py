@@ -148,6 +148,14 @@ def certify(
         trajectory: states ``(b, t, n, d)``.
         half_extent: world units; ``None`` asks nothing of the viewport.
         conserving: whether energy is meant to be conserved.
+
+    Example:
+        >>> from vidphys.scenes.springs import springs
+        >>> scene = springs()
+        >>> start, law = scene.sample(4, Generator().manual_seed(0))
+        >>> found = certify(scene, scene.simulate(start, law, steps=50))
+        >>> found.finite.tolist(), float(found.drift.max()) < 0.1
+        ([True, True, True, True], True)
     """
     energy = scene.energy(trajectory.states, trajectory.params)
     scale = scene.energy_scale(trajectory.at(0), trajectory.params)

@@ -28,6 +28,13 @@ def aim(
         params: the law's parameters, ``(...)`` and ``(..., n)``.
         dt: seconds of a model step.
         every: model steps between frames.
+
+    Example:
+        >>> from dynamics import ballistic
+        >>> here, there = torch.zeros(1, 1, 2), torch.ones(1, 1, 2)
+        >>> law = Parameters(torch.ones(1), torch.full((1, 1), 2.0))
+        >>> aim(ballistic(), here, there, law, dt=0.01, every=10).p.round(decimals=3).tolist()
+        [[[20.0, 20.0]]]
     """
     per_velocity = params.mass.unsqueeze(-1) / (every * dt)
     start = PhaseState(here, per_velocity * (there - here))

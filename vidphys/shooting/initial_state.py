@@ -85,6 +85,15 @@ def by_shooting(
         params: of each clip.
         interval: seconds between frames.
         slack: see :func:`choose_slack`.
+
+    Example:
+        >>> from dynamics import ballistic
+        >>> times = 0.1 * torch.arange(8.0)
+        >>> path = torch.stack([times, -times], -1)[None, :, None]  # one clip of one body
+        >>> tracks = Tracks(path, torch.ones(1, 8, 1), times)
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1))
+        >>> by_shooting(ballistic(), tracks, law, interval=0.1).p.round(decimals=2).tolist()
+        [[[1.0, -1.0]]]
     """
     if slack == torch.inf:
         return by_differencing(head, tracks, params, interval)

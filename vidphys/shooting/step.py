@@ -12,6 +12,10 @@ def model_step(interval: float) -> tuple[float, int]:
 
     Returns:
         The step in seconds and the number of steps a frame.
+
+    Example:
+        >>> model_step(0.04)  # frames at 25 per second: four steps of 0.01 s
+        (0.01, 4)
     """
     every = max(1, round(interval / HEAD_DT))
     return interval / every, every

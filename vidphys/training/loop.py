@@ -75,6 +75,16 @@ def fit(
 
     Raises:
         FloatingPointError: the loss is not finite; nothing is updated by it.
+
+    Example:
+        >>> line = nn.Linear(1, 1)
+        >>> x = torch.linspace(-1, 1, 64)[:, None]
+        >>> def loss(batch):
+        ...     return (line(batch) - 2 * batch - 1).square().mean()
+        ...
+        >>> result = fit(line, loss, x, FitSettings(steps=200, batch=64, learning_rate=0.1), seed=0)
+        >>> round(line.weight.item(), 2), round(line.bias.item(), 2)
+        (2.0, 1.0)
     """
     learner = Learner(modules, loss, settings)
     fit_together([learner], data, seed, save_to, progress)

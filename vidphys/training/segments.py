@@ -70,6 +70,15 @@ def from_trajectory(trajectory: Rollout, k: int, every: int = 1, step: int = 1) 
         k: later states a segment holds.
         every: model steps between stored states.
         step: stored states between segment starts.
+
+    Example:
+        >>> from torch import Generator
+        >>> from vidphys.scenes import gravity
+        >>> scene = gravity()
+        >>> truth = scene.simulate(*scene.sample(4, Generator().manual_seed(0)), steps=20)
+        >>> data = from_trajectory(truth, k=1)
+        >>> len(data), tuple(data.q.shape)  # of 4 episodes, 20 starts each
+        (80, (80, 1, 3, 2))
     """
     states = trajectory.states.map(torch.Tensor.double)
     starts = range(0, states.q.shape[1] - k, step)

@@ -107,6 +107,12 @@ def motion_of(
         interval: seconds between frames.
         mass: ``(e, n)``.
         coupling: ``(e,)``.
+
+    Example:
+        >>> seconds = np.arange(20) * 0.1
+        >>> motion = motion_of(np.sin(seconds).reshape(1, 20, 1, 1), interval=0.1)
+        >>> motion.clips, motion.bodies, motion.space, round(motion.interval, 3)
+        (1, 1, 1, 0.1)
     """
     clips, frames, bodies, _ = positions.shape
     times = np.tile(np.arange(frames) * interval, (clips, 1))

@@ -44,6 +44,14 @@ def read_tracks(
 
     Raises:
         InputError: a file that cannot be read, or that does not hold tracks.
+
+    Example:
+        >>> import tempfile
+        >>> table = Path(tempfile.mkdtemp()) / 'tracks.csv'
+        >>> seconds = np.arange(10)[None] / 30
+        >>> write_tracks(table, Motion(np.zeros((1, 10, 1, 2)), seconds, np.ones((1, 1))))
+        >>> read_tracks(table).motion.positions.shape  # clips, frames, bodies, space
+        (1, 10, 1, 2)
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a table of tracks or a clip")
