@@ -1,4 +1,4 @@
-"""The hand-made binder of the study (B1): hard minimum-acceleration matching."""
+"""The hand-made binder of the study: hard minimum-acceleration matching."""
 
 from __future__ import annotations
 

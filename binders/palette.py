@@ -1,4 +1,4 @@
-"""The palette tracker: bodies of known colours, followed through occlusion (inventory E6).
+"""The palette tracker: bodies of known colours, followed through occlusion.
 
 Colours say who is who, so there is nothing to match. Each frame is unmixed into what is visible
 of each body; a disk is fitted to that, hidden parts left out; and where little of a body can be

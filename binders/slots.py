@@ -1,4 +1,4 @@
-"""The slot-attention binder (inventory B4): slots compete for cells, and go on to the next frame.
+"""The slot-attention binder: slots compete for cells, and go on to the next frame.
 
 Slot attention (Locatello et al., arXiv:2006.15055) with positions: each slot sees cells from where
 it stands (Biza et al., arXiv:2302.04973), and the slots of a frame start the next one's (Kipf et

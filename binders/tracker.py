@@ -1,4 +1,4 @@
-"""The learned tracker of the study (B2): a small network says which detection continues a track.
+"""The learned tracker of the study: a small network says which detection continues a track.
 
 Frame by frame each track's next position is predicted, every pair of a prediction and a detection
 is scored by the network, and the scores decide who goes where. The decision is soft in training
@@ -42,7 +42,7 @@ def extrapolate(past: Float[Tensor, "*b t n 2"]) -> Float[Tensor, "*b n 2"]:
 
 
 class Tracker(nn.Module):
-    """Scores pairs (track, detection) from five features: 4,609 parameters (inventory 12.24).
+    """Scores pairs (track, detection) from five features: 4,609 parameters.
 
     It starts as a sensible matcher: at first the score is exactly -log(1 + d^2 / NEAR^2), where d
     is the distance from the track's predicted position to the detection.

@@ -1,4 +1,7 @@
-"""A set transformer: bodies as tokens, self-attention between them (inventory M15)."""
+"""A set transformer: bodies as tokens, self-attention between them.
+
+Lee et al., ICML 2019.
+"""
 
 from __future__ import annotations
 

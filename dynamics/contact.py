@@ -21,7 +21,7 @@ def _distance(displacement: Tensor) -> Tensor:
 
 
 class SoftContact(PairPotential):
-    """phi = (diameter - r)^2 / 2 where two disks overlap, 0 elsewhere (inventory S5).
+    """phi = (diameter - r)^2 / 2 where two disks overlap, 0 elsewhere.
 
     Args:
         diameter: distance at which two disks touch, world units, > 0.
@@ -44,7 +44,7 @@ class SoftContact(PairPotential):
 
 
 class CutSpring(PairPotential):
-    """phi = (min(r, cutoff)^2 - cutoff^2) / 2: a spring that breaks at the cutoff (inventory S4).
+    """phi = (min(r, cutoff)^2 - cutoff^2) / 2: a spring that breaks at the cutoff.
 
     Args:
         cutoff: distance from which on there is no force, world units, > 0.
@@ -132,7 +132,7 @@ class ImpulsePort(Port):
 
 
 class Restitution(ImpulsePort):
-    """Overlapping bodies that approach bounce with a learned restitution e (inventory M26).
+    """Overlapping bodies that approach bounce with a learned restitution e.
 
     The impulse is (1 + e) times the reduced mass times the approach speed, faded in over the
     width ``EDGE`` so that the contact distance has a gradient.
@@ -157,7 +157,7 @@ class Restitution(ImpulsePort):
 
 
 class FreeImpulse(ImpulsePort):
-    """An impulse that is any function of distance and speeds (inventory M27)."""
+    """An impulse that is any function of distance and speeds."""
 
     def __init__(self, box: float | None, width: int = 64) -> None:
         super().__init__(box)

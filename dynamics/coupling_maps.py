@@ -1,7 +1,7 @@
 """How a law's strength enters a potential of all coordinates: by rule, or by learned features.
 
 A linear map says what happens at a strength of a sign never seen. Features that are localised on
-positive strengths fit the same data and say nothing there (the study's factorial, inventory M30).
+positive strengths fit the same data and say nothing there (the study's factorial).
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class PairLaw:
         return COUPLINGS[self.coupling](strength), amount
 
     def nearest(self, displacement: Tensor) -> Tensor:
-        """The displacement to the nearest image (inventory I7); itself in open space."""
+        """The displacement to the nearest image; itself in open space."""
         if self.box is None:
             return displacement
         return displacement - self.box * torch.round(displacement / self.box)

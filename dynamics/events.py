@@ -1,4 +1,7 @@
-"""Hard disks on a torus, moved from collision to collision (inventory I8)."""
+"""Hard disks on a torus, moved from collision to collision.
+
+Alder and Wainwright, J. Chem. Phys. 31, 459 (1959).
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Models in generalised coordinates: a learned metric M(q) and a potential, in two formalisms.
 
-The state is (q, p) with p = M(q) dq/dt in both. Sources: the study's appendix B (generalised
-HNN with Tao's integrator, M9/M10; SymODEN, M8; DeLaN, M7).
+The state is (q, p) with p = M(q) dq/dt in both. Sources: the study's appendix B; SymODEN
+(Zhong, Dey and Chakraborty, ICLR 2020); DeLaN (Lutter, Ritter and Peters, ICLR 2019); the
+integrator of Tao, Phys. Rev. E 94, 043303 (2016).
 """
 
 from __future__ import annotations

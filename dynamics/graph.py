@@ -1,4 +1,7 @@
-"""A graph-network simulator: messages between pairs of bodies, summed at each (M12, M13)."""
+"""A graph-network simulator: messages between pairs of bodies, summed at each.
+
+Battaglia et al., NeurIPS 2016; Sanchez-Gonzalez et al., ICML 2020.
+"""
 
 from __future__ import annotations
 

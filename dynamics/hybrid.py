@@ -1,4 +1,4 @@
-"""A free force beside the factored one, and how much of the work it does (inventory M14, K10)."""
+"""A free force beside the factored one, and its share of the work (the study, appendix E)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def shortcut_of(head: nn.Module) -> Shortcut:
 
 
 def shortcut_share(head: nn.Module, state: PhaseState, params: Parameters) -> Tensor:
-    """|F_s| / (|F_s| + |F_f|) over a whole batch (inventory K10, 12.34), a scalar.
+    """|F_s| / (|F_s| + |F_f|) over a whole batch, a scalar.
 
     Raises:
         ValueError: the model has no shortcut.

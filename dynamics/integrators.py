@@ -278,7 +278,7 @@ TAO_GATE_STEPS = 2000
 def tao_gate(dt: float) -> float:
     """Relative energy drift of :data:`tao` on a known non-separable Hamiltonian.
 
-    The calibration gate of the study (inventory I4): H = (q^2 + 1)(p^2 + 1) / 2, whose energy
+    The calibration gate of the study: H = (q^2 + 1)(p^2 + 1) / 2, whose energy
     must stay within ``TAO_GATE`` over ``TAO_GATE_STEPS`` steps of ``dt`` seconds.
 
     Returns:

@@ -40,7 +40,7 @@ class FixedKinetic(nn.Module):
 
 
 class BodyKinetic(nn.Module):
-    """T = sum_i tau(p_i, m_i): one learned function shared by the bodies (inventory M5)."""
+    """T = sum_i tau(p_i, m_i): one learned function shared by the bodies."""
 
     def __init__(self, space: int, width: int, activation: str) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class BodyKinetic(nn.Module):
 
 
 class FreeKinetic(nn.Module):
-    """T(p, c): one network of all momenta and parameters (inventory M4)."""
+    """T(p, c): one network of all momenta and parameters (HNN, as :class:`FreePotential`)."""
 
     def __init__(self, coordinates: int, conditions: int, width: int, activation: str) -> None:
         super().__init__()

@@ -30,7 +30,7 @@ class Port(nn.Module):
 
 
 class LinearFriction(Port):
-    """dp/dt = -gamma p, stepped exactly: p <- p exp(-gamma dt) (inventory I6, M28).
+    """dp/dt = -gamma p, stepped exactly: p <- p exp(-gamma dt).
 
     gamma = softplus(raw) is positive by construction, so the port can only take energy.
     """

@@ -96,7 +96,7 @@ class PairPotential(nn.Module):
 
 
 class SoftenedGravity(PairPotential):
-    """phi = -1 / sqrt(r^2 + softening^2): the reference law of the study (inventory S1).
+    """phi = -1 / sqrt(r^2 + softening^2): the reference law of the study (its appendix A).
 
     Args:
         softening: the length epsilon in world units, > 0.
@@ -127,7 +127,7 @@ class SoftenedGravity(PairPotential):
 
 
 class DisplacementPotential(PairPotential):
-    """phi(dq) learned from the displacement vector (inventory M6; 4,417 parameters at width 64).
+    """phi(dq) learned from the displacement vector (4,417 parameters at width 64).
 
     The network sees the displacement squashed into a disk, u = dq / (REACH + r): the
     short distances, where a force varies most, get most of the disk, and the force vanishes at
@@ -213,7 +213,9 @@ def unsquashed(slope: Tensor, displacement: Tensor, r: Tensor) -> Tensor:
 
 
 class FreePotential(nn.Module):
-    """V(q, c): one network of all positions and parameters, nothing imposed (inventory M4)."""
+    """V(q, c): one network of all positions and parameters, nothing imposed (HNN,
+    Greydanus, Dzamba and Yosinski, NeurIPS 2019).
+    """
 
     def __init__(self, coordinates: int, conditions: int, width: int, activation: str) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
 """Linear forces F = -K(G) q: symmetric stiffness is a potential, any other is only a field.
 
-States are ``(..., n, 1)``: n coordinates of one dimension each (inventory S12, M30).
+States are ``(..., n, 1)``: n coordinates of one dimension each (the study's factorial).
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ from dynamics.state import Parameters, PhaseState
 
 
 class NeuralSDE(Head):
-    """dx = f(x, c) dt + g(x, c) dW, drift and diffusion learned, in Ito's sense (inventory M23).
+    """dx = f(x, c) dt + g(x, c) dW, drift and diffusion learned, in Ito's sense
+    (neural SDE, Li et al., AISTATS 2020).
 
     Nothing ties the two. Stepped by Euler and Maruyama.
 

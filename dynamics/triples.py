@@ -1,4 +1,4 @@
-"""Interactions of three bodies that no sum over pairs is (inventory S16)."""
+"""Interactions of three bodies that no sum over pairs is (the study's appendix G)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The unstructured twins: one network of the whole state, as a map (M1) or as a flow (M3)."""
+"""The unstructured twins: one network of the whole state, as a map or as a flow."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ class ResidualMap(TransitionMap):
 
 
 class NeuralODE(Head):
-    """dx/dt = rate * g(x, c), the same network as a vector field (inventory M3).
+    """dx/dt = rate * g(x, c), the same network as a vector field
+    (neural ODE, Chen et al., NeurIPS 2018).
 
     Args:
         bodies, space: sizes of the state.

@@ -1,4 +1,4 @@
-"""The trained convolutional encoder of the pixel and JEPA rungs (inventory E1, E2)."""
+"""The trained convolutional encoder, of the pixel and JEPA rungs."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ MOMENTUM = 0.996
 
 
 class EmaTarget(nn.Module):
-    """A copy of a module that follows it slowly and is never trained itself (inventory E3).
+    """A copy of a module that follows it slowly and is never trained itself
+    (Grill et al., NeurIPS 2020).
 
     The momentum rises from 0.996 to 1 along a half cosine, so that the target comes to rest. In
     the first updates it is (1 + k) / (10 + k) where that is lower: the random start is forgotten.

@@ -1,4 +1,4 @@
-"""Positions from a feature map: object queries that attend over its cells (inventory Q1)."""
+"""Positions from a feature map: object queries that attend over its cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Momentum from frame differences: the study's plain readout (inventory E10)."""
+"""Momentum from frame differences: the study's plain readout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pooled control (inventory Q2): the same budget, without looking anywhere in particular."""
+"""The pooled control: the same budget, without looking anywhere in particular."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a feature map says of positions and momenta, by one readout for all encoders (Q3, Q4).
+"""What a feature map says of positions and momenta, by one readout for all encoders.
 
 The probe is the position readout with a second output. It sees one feature frame; whether that
 frame says anything of motion is the question. Where an encoder sees each frame alone, the frames of

@@ -1,7 +1,7 @@
 """Which power of the coupling do recorded trajectories support, before a counterfactual is asked?
 
 A law that is linear in G and one that is linear in |G| cannot be told apart where G > 0: the test
-then abstains, and names the coupling at which one more measurement decides (the study's N48, N49).
+then abstains, and names the coupling at which one more measurement decides (appendix G).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""K1-K7 of the study, and the two columns that a model with no force cannot pass.
+"""The study's metrics, and the two columns that a model with no force cannot pass.
 
 Every summary carries how many episodes it is over and how many were not finite: a non-finite
 episode is counted and never given a number.
@@ -28,7 +28,7 @@ class Summary:
 
 
 def energy_drift(energy: Tensor, scale: Tensor) -> Tensor:
-    """K1: |E(t) - E(0)| / |E(0)|, ``(b, t)``.
+    """Relative drift of the true energy, |E(t) - E(0)| / |E(0)|, ``(b, t)``.
 
     Args:
         energy: true energy of the predicted states, ``(b, t)``.
@@ -102,7 +102,7 @@ def median_slope_interval(curves: Tensor, duration: float) -> tuple[float, float
 
 
 def nmse(prediction: PhaseState, reference: PhaseState) -> Summary:
-    """K4: batch-pooled squared error over the reference's variance (C15, C16).
+    """Batch-pooled squared error over the reference's variance.
 
     States are ``(b, t, n, d)``. The variance is of all channels of (q, p) pooled, with one
     scalar mean removed. One non-finite episode makes the pooled number a failure.
@@ -134,7 +134,7 @@ def _variance(y: Tensor) -> Tensor:
 
 
 def regime_match(prediction: PhaseState, flipped: PhaseState, trained: PhaseState) -> Summary:
-    """K3: 1 if the rollout is strictly nearer to the flipped law's truth than to the trained
+    """1 if the rollout is strictly nearer to the flipped law's truth than to the trained
     law's, 0 otherwise; ties do not match; a non-finite rollout is a failure.
 
     Example:
@@ -153,7 +153,7 @@ def regime_match(prediction: PhaseState, flipped: PhaseState, trained: PhaseStat
 
 
 def gated_regime_match(match: Summary, error: Summary, ballistic: Summary) -> Summary:
-    """K3 counted only for a rollout that beats the zero-force predictor; else ``invalid``."""
+    """The match of a rollout that beats the zero-force predictor; of any other, ``invalid``."""
     if match.value is None or error.value is None or ballistic.value is None:
         return match
     if error.value >= ballistic.value:
@@ -162,14 +162,14 @@ def gated_regime_match(match: Summary, error: Summary, ballistic: Summary) -> Su
 
 
 def ratio(error: Summary, ballistic: Summary) -> Summary:
-    """K25, ballistic skill: the error over the zero-force predictor's; < 0.5 to count."""
+    """Ballistic skill: the error over the zero-force predictor's; < 0.5 to count."""
     if error.value is None or ballistic.value is None:
         return error
     return Summary(error.value / ballistic.value, OK, error.episodes, 0)
 
 
 def cosine(model: Tensor, truth: Tensor) -> Summary:
-    """K26: cosine between two force batches ``(b, n, d)``, each taken as one long vector.
+    """Cosine between two force batches ``(b, n, d)``, each taken as one long vector.
 
     Example:
         >>> force = torch.tensor([[[1.0, 0.0], [-1.0, 0.0]]])
@@ -185,7 +185,7 @@ def cosine(model: Tensor, truth: Tensor) -> Summary:
 
 
 def affine_residual(latent: Tensor, state: Tensor, fitted: int | None = None) -> Summary:
-    """K5: what an affine map of the latent leaves unexplained, over the state's variance.
+    """What an affine map of the latent leaves unexplained, over the state's variance.
 
     Args:
         latent, state: ``(b, features)``.
@@ -204,6 +204,6 @@ def affine_residual(latent: Tensor, state: Tensor, fitted: int | None = None) ->
 
 
 def latent_growth(states: PhaseState, steps: int) -> Summary:
-    """K7: median over episodes of |z_T| / |z_0| after ``steps`` stored steps."""
+    """Median over episodes of |z_T| / |z_0| after ``steps`` stored steps."""
     norm = states.flat.double().norm(dim=-1)
     return median(norm[:, steps] / norm[:, 0])

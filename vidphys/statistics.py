@@ -1,4 +1,4 @@
-"""H1-H7: the statistics that the study's claims rest on."""
+"""The statistics that the study's claims rest on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_EXACT_PAIRS = 20
 
 
 def binomial_p(successes: int, seeds: int) -> float:
-    """H1: exact one-sided Pr(X >= successes) under a fair coin per seed.
+    """Exact one-sided Pr(X >= successes) under a fair coin per seed.
 
     Raises:
         ValueError: successes outside 0..seeds, or no seed at all.
@@ -29,7 +29,7 @@ def binomial_p(successes: int, seeds: int) -> float:
 
 
 def sign_flip_p(first: Sequence[float], second: Sequence[float]) -> float:
-    """H2: exact two-sided paired sign-flip test of mean(first - second) = 0.
+    """Exact two-sided paired sign-flip test of mean(first - second) = 0.
 
     All 2^n sign patterns are enumerated; the smallest possible p is 2^(1-n).
 
@@ -52,7 +52,9 @@ def sign_flip_p(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down adjustment over a declared family, in the order given.
+    """Step-down adjustment over a declared family, in the order given.
+
+    Holm, Scand. J. Statist. 6, 65 (1979).
 
     Example:
         >>> [round(p, 3) for p in holm([0.01, 0.04, 0.03])]
@@ -81,7 +83,7 @@ MIN_FOR_INTERVAL = 5
 
 
 def normal_interval(values: Sequence[float]) -> Interval:
-    """H3: mean +- 1.96 standard errors (C18), for at least five values.
+    """Mean +- 1.96 standard errors, for at least five values.
 
     Example:
         >>> found = normal_interval([1.0, 2.0, 3.0, 4.0, 5.0])
@@ -98,7 +100,7 @@ def normal_interval(values: Sequence[float]) -> Interval:
 
 
 def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
-    """H7: mean of first - second over pairs, with its interval.
+    """Mean of first - second over pairs, with its interval.
 
     Raises:
         ValueError: unequal or empty samples.
@@ -109,7 +111,7 @@ def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interv
 
 
 def spearman(first: Sequence[float], second: Sequence[float]) -> float:
-    """H4: rank correlation of two samples, pooled over everything that was evaluated.
+    """Rank correlation of two samples, pooled over everything that was evaluated.
 
     Raises:
         ValueError: fewer than three pairs, a value that is not finite, or a sample that is
@@ -142,7 +144,7 @@ class Ordering:
 
 
 def ordering(lower: Sequence[float], higher: Sequence[float]) -> Ordering:
-    """H5: seeds in which ``lower < higher``, with the exact binomial p; a tie does not count.
+    """Seeds in which ``lower < higher``, with the exact binomial p; a tie does not count.
 
     Raises:
         ValueError: unequal or empty samples.
@@ -155,7 +157,7 @@ def ordering(lower: Sequence[float], higher: Sequence[float]) -> Ordering:
 
 @dataclass(frozen=True)
 class RatioBar:
-    """H6: a ratio fixed before a run, which every seed has to reach.
+    """A ratio fixed before a run, which every seed has to reach.
 
     Args:
         at_least: the ratio, > 0.

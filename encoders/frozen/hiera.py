@@ -36,8 +36,7 @@ class HieraSettings:
 
     Args:
         layer: the stage, named by its stride in network pixels: 4, 8, 16 or 32 (96, 192, 384,
-            768 channels). Later stages are not computed. Stride 8 localises best for its price
-            (inventory 14.5).
+            768 channels). Later stages are not computed. Stride 8 localises best for its price.
         resolution: network pixels of the longer image side, a multiple of 32.
         dtype: of the computation.
         batch: frames per forward pass. The last pass is filled up, so that a frame has the same

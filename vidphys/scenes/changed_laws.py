@@ -1,4 +1,4 @@
-"""S16: gravity's bodies under laws that a linear pair law is wrong about."""
+"""Gravity's bodies under laws that a linear pair law is wrong about."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TRIPLE_STRENGTH = 6.0  # the flip then changes a 150-step rollout as much as in 
 
 
 def gravity_of_power(coupling: str) -> Scene:
-    """S1 with V = c(G) sum m m phi.
+    """Softened gravity with V = c(G) sum m m phi.
 
     Args:
         coupling: of :data:`dynamics.couplings.COUPLINGS`: ``linear`` is gravity itself; under
@@ -32,7 +32,7 @@ def gravity_of_power(coupling: str) -> Scene:
 
 
 def three_body_gravity() -> Scene:
-    """S1 with a further force of each three bodies, which no sum over pairs is."""
+    """Softened gravity with a further force of each three bodies, which no sum over pairs is."""
     scene = gravity()
     parts: list[Potential] = [
         SoftenedGravity(SOFTENING),

@@ -1,4 +1,4 @@
-"""S2 and S3: charges under softened Coulomb forces, and under gravity at the same time."""
+"""Charges under softened Coulomb forces, and under gravity at the same time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ POSITION_STD, SPEED_STD = 1.0, 0.5
 
 
 def coulomb(bodies: int = 3) -> Scene:
-    """Unit masses with charges of +1 and -1, never all of one sign (S2).
+    """Unit masses with charges of +1 and -1, never all of one sign.
 
     H = K + electric sum_{i<j} z_i z_j / sqrt(r^2 + softening^2). What is held out is the
     all-repulsive set of charges, see :func:`all_alike`. There is no other force: G is 1 in every
@@ -41,7 +41,7 @@ def coulomb(bodies: int = 3) -> Scene:
 
 
 def gravity_and_coulomb(bodies: int = 3) -> Scene:
-    """Masses and charges at once, each law with its own strength (S3).
+    """Masses and charges at once, each law with its own strength.
 
     Charges are +1 or -1 in any combination; G and the electric strength are both positive in
     training, and either may be flipped.

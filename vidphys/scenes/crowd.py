@@ -1,4 +1,4 @@
-"""S15: softened gravity of many bodies, as dense as three are."""
+"""Softened gravity of many bodies, as dense as three are."""
 
 from __future__ import annotations
 

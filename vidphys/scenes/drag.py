@@ -1,4 +1,4 @@
-"""S6: softened gravity with linear drag, dp/dt -= gamma p / m (inventory S6, 12.14)."""
+"""Softened gravity with linear drag, dp/dt -= gamma p / m."""
 
 from __future__ import annotations
 

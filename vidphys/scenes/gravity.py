@@ -1,4 +1,4 @@
-"""S1: softened gravity of N bodies in a plane, with two generators.
+"""Softened gravity of N bodies in a plane, with two generators.
 
 The study does not give its initial conditions. ``gaussian`` is our headline (it shows the
 dissociation); ``ring`` is near-circular motion as in the HNN literature (it does not).

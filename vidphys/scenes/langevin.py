@@ -1,6 +1,6 @@
-"""S8, S10: bodies that attract each other in a trap, in a heat bath, with or without a drive.
+"""Bodies that attract each other in a trap, in a heat bath, with or without a drive.
 
-The softening is 0.5, not the 0.1 of S1: at temperature 0.5 a pair would be bound twenty times
+The softening is 0.5, not gravity's 0.1: at temperature 0.5 a pair would be bound twenty times
 deeper than the bath can lift, and the bath would hold one frozen cluster. k_B = 1 throughout.
 """
 
@@ -20,7 +20,7 @@ from vidphys.errors import InputError
 from vidphys.scenes.scene import Scene
 
 BATHS = ((0.5, 0.5), (0.5, 1.0), (2.0, 0.5), (2.0, 1.0))  # (friction per second, temperature)
-DRIVES = (0.0, 0.5, 1.0)  # per second, the trained ones of S10
+DRIVES = (0.0, 0.5, 1.0)  # per second, those that are trained on
 DRIVEN_BATH = (2.0, 1.0)
 SOFTENING, TRAP = 0.5, 1.0
 DT = 0.05  # seconds

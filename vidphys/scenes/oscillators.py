@@ -1,4 +1,4 @@
-"""S12: two systems of four coupled oscillators, coercive at every coupling asked about.
+"""Two systems of four coupled oscillators, coercive at every coupling asked about.
 
 Linear, so that the truth is a sum of cosines and nothing in a comparison is an integrator's doing.
 Both rings keep a degenerate pair of modes: there a force with curl pumps energy from first order.

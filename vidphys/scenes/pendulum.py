@@ -1,4 +1,4 @@
-"""S7, S9, S11: the engine's double pendulum, free or with friction in its joints.
+"""The engine's double pendulum, free or with friction in its joints.
 
 The study gives no geometry, range or step: two 1 m links of 1 kg, step 0.01 s. The coupling is
 gravity in units of 9.81 m/s^2; a negative one lets the pendulum fall upwards. Angles start
@@ -23,9 +23,9 @@ from vidphys.scenes.scene import Sampler, Scene
 
 DT = 0.01  # seconds
 SUBSTEPS = round(DT / engine.ENGINE_STEP)
-GRAVITY: Range = (0.5, 1.5)  # of 9.81 m/s^2 (inventory 12.15: 5 to 15 m/s^2)
+GRAVITY: Range = (0.5, 1.5)  # of 9.81 m/s^2 (5 to 15 m/s^2)
 WARMTH = 4.0  # joules: momenta start as in a gas of this temperature, p ~ N(0, WARMTH M(q))
-FRICTION = {"linear": 0.5, "square": 0.2}  # N m s and N m s^2 (inventory 12.15)
+FRICTION = {"linear": 0.5, "square": 0.2}  # N m s and N m s^2
 DRIFT = 1e-5  # of a certified reference without friction
 
 

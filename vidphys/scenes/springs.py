@@ -1,4 +1,4 @@
-"""S4: bodies joined by springs that break beyond a cutoff, and mend within it."""
+"""Bodies joined by springs that break beyond a cutoff, and mend within it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vidphys.scenes.draws import Range, at_rest, normal, uniform
 from vidphys.scenes.scene import Scene
 
 CUTOFF = 1.0  # world units
-STIFFNESS: Range = (2.5, 7.5)  # about 5 (inventory 12.12)
+STIFFNESS: Range = (2.5, 7.5)  # about 5
 MASS: Range = (0.5, 1.5)
 DT = 0.002  # seconds
 POSITION_STD, SPEED_STD = 0.7, 0.5

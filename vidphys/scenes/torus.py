@@ -1,4 +1,4 @@
-"""S5: disks on a periodic torus that touch softly, stiffly or without any give."""
+"""Disks on a periodic torus that touch softly, stiffly or without any give."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def from_trajectory(trajectory: Rollout, k: int, every: int = 1, step: int = 1) 
 
 @dataclass(frozen=True)
 class Scale:
-    """Sizes of the first stored increments (inventory 12.4).
+    """Sizes of the first stored increments.
 
     Args:
         q, p: standard deviations.

@@ -1,4 +1,4 @@
-"""X1-X5: the friction rate from the balance of energy, when the law of the forces is known.
+"""The friction rate from the balance of energy, when the law of the forces is known.
 
 The study regresses the change of E = K + V over a window on the energy that friction would take.
 Both sides are read from central differences of noisy positions, which adds the variance of the
@@ -19,7 +19,7 @@ from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import measure_noise
 
 Potential = Callable[[np.ndarray], np.ndarray]
-WINDOW = 6  # intervals (inventory 12.36)
+WINDOW = 6  # intervals
 RESAMPLES = 400
 
 
@@ -93,7 +93,7 @@ def balance(
 
 
 def plain_rate(motion: Motion, potential: Potential, window: int = WINDOW) -> Rate:
-    """The study's estimator (X1): least squares through the origin of each clip, their median."""
+    """The study's estimator: least squares through the origin of each clip, their median."""
     found = balance(motion, potential, window)
     clips = (found.lost * found.spent).sum(1) / (found.spent**2).sum(1)
     return _with_interval(lambda chosen: float(np.median(clips[chosen])), clips)
@@ -160,13 +160,13 @@ def _with_interval(value: Callable[[np.ndarray], float], clips: np.ndarray) -> R
 def sliding_rates(
     motion: Motion, potential: Potential, window: int = WINDOW, sigma: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """X3: times and rates ``(windows,)`` of windows that slide along, joined over clips."""
+    """Times and rates ``(windows,)`` of windows that slide along, joined over clips."""
     found = balance(motion, potential, window, sigma)
     return found.begin, found.lost.sum(0) / found.spent.sum(0)
 
 
 def envelope_rate(motion: Motion) -> float:
-    """X5, the form that fails: the decay of the kinetic energy alone, which infall reverses."""
+    """The form that fails: the decay of the kinetic energy alone, which infall reverses."""
     h = motion.interval
     v = (motion.positions[:, 2:] - motion.positions[:, :-2]) / (2 * h)
     kinetic = 0.5 * (motion.mass[:, None] * (v**2).sum(-1)).sum(-1).mean(0)
