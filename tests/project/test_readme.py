@@ -1,4 +1,4 @@
-"""The README is run: its Python blocks as they stand, its commands through their own parsers."""
+"""README and docs are run: Python blocks as they stand, commands through their own parsers."""
 
 import importlib
 import re
@@ -11,8 +11,11 @@ import tyro
 from vidphys.cli import VERBS, main
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, flags=re.S)
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = {page: page.read_text(encoding="utf-8") for page in PAGES}
+BLOCKS = [
+    block for text in TEXTS.values() for block in re.findall(r"```(\w+)\n(.*?)```", text, re.S)
+]
 PYTHON = [body for language, body in BLOCKS if language == "python"]
 COMMANDS = [
     shlex.split(line, comments=True)
@@ -51,11 +54,13 @@ def test_the_weights_are_listed(capsys):
     assert "hiera" in capsys.readouterr().out.lower()
 
 
-@pytest.mark.parametrize("path", re.findall(r"\]\(([^)#:]+)\)", TEXT))
-def test_linked_files_exist(path):
-    assert (ROOT / path).exists()
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_what_a_page_names_is_there(page):
+    for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", TEXTS[page]):
+        assert (page.parent / link).exists(), link
+    for path in re.findall(r"`([\w/]+\.py)`", TEXTS[page]):
+        assert (ROOT / path).exists() or (ROOT / "vidphys" / path).exists(), path
 
 
-@pytest.mark.parametrize("path", re.findall(r"`([\w/]+\.py)`", TEXT))
-def test_named_files_exist(path):
-    assert (ROOT / path).exists()
+def test_the_front_door_is_short():
+    assert len(TEXTS[ROOT / "README.md"].splitlines()) <= 130

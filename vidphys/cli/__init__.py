@@ -30,7 +30,7 @@ VERBS = {
 # runs on the machine a diagnosis takes twenty times as long. Torch's are its own.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops")
+STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops", "registry")
 
 
 def main(arguments: list[str] | None = None) -> int:
