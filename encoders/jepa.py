@@ -16,19 +16,20 @@ class EmaTarget(nn.Module):
     """A copy of a module that follows it slowly and is never trained itself
     (Grill et al., NeurIPS 2020).
 
-    The momentum rises from 0.996 to 1 along a half cosine, so that the target comes to rest. In
+    The momentum rises from ``first`` to 1 along a half cosine, so that the target comes to rest. In
     the first updates it is (1 + k) / (10 + k) where that is lower: the random start is forgotten.
 
     Args:
         online: the module that is followed; its current weights are copied.
         updates: of the whole training, for the schedule.
+        first: momentum at its start.
     """
 
     updated: Tensor
 
-    def __init__(self, online: nn.Module, updates: int) -> None:
+    def __init__(self, online: nn.Module, updates: int, first: float = MOMENTUM) -> None:
         super().__init__()
-        self.updates = updates
+        self.updates, self.first = updates, first
         self.module = copy.deepcopy(online).requires_grad_(False)
         self.register_buffer("updated", torch.zeros((), dtype=torch.long))
 
@@ -36,7 +37,7 @@ class EmaTarget(nn.Module):
     def momentum(self) -> float:
         """Share of the target that the next update leaves."""
         done = int(self.updated)
-        scheduled = ema_momentum(done / max(1, self.updates))
+        scheduled = ema_momentum(done / max(1, self.updates), self.first)
         return min(scheduled, (1 + done) / (10 + done))
 
     @torch.no_grad()

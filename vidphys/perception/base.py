@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, is_dataclass
+from functools import partial
+from inspect import signature
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from binders import Tracks
 from dynamics import Head
@@ -70,7 +72,7 @@ class Grounding:
         world: key of ``renderers.WORLDS``.
         encoder, binder: names for the record, ``none`` where there is none.
         joint: whether fitting involves the head, so that each head needs its own.
-        fit: does it.
+        fit: does it, given the task; what else it is given are the rung's settings.
         share: the rung is given the preset's training clips over this.
         whole_context: the clips that end at t0 are as long as the training clips, for encoders
             that see a whole clip at once.
@@ -84,3 +86,11 @@ class Grounding:
     fit: Callable[[FitTask], Perception]
     share: int = 1
     whole_context: bool = False
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that ``fit`` is given beside the task, bound or by default, as plain data."""
+        fit = self.fit if isinstance(self.fit, partial) else partial(self.fit)
+        given = signature(fit.func).bind_partial(*fit.args, **fit.keywords)
+        given.apply_defaults()
+        return {k: asdict(v) if is_dataclass(v) else v for k, v in given.arguments.items()}  # type: ignore[arg-type]

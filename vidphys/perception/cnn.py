@@ -1,8 +1,9 @@
-"""The trained CNN with soft-argmax, and its supervised rung (inventory E1, T9)."""
+"""The trained CNN with soft-argmax, and its supervised rung."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 import torch
@@ -19,11 +20,24 @@ from vidphys.perception.windows import FrameBatches
 from vidphys.seeding import derive
 from vidphys.training.loop import Batches, FitSettings, fit
 
-FEATURES = 16
 CHUNK = 16  # clips encoded at once
-LEARNING_RATE = 6e-3  # 1e-2 is now and then too fast: the heat ends in one cell and stays
-LARGEST_GRADIENT = 0.3
-FINE = 0.1  # pixels: errors below it count as squares, errors above it as their logarithm
+
+
+@dataclass(frozen=True)
+class CnnSettings:
+    """Of the encoder and its supervised training.
+
+    Args:
+        features: channels of the feature map.
+        learning_rate: 1e-2 is now and then too fast: the heat ends in one cell and stays.
+        clip: largest gradient norm.
+        fine: pixels; errors below it count as squares, errors above it as their logarithm.
+    """
+
+    features: int = 16
+    learning_rate: float = 6e-3
+    clip: float = 0.3
+    fine: float = 0.1
 
 
 class CnnPerception(nn.Module):
@@ -33,13 +47,16 @@ class CnnPerception(nn.Module):
         channels: of the frames.
         bodies: to be found.
         camera: of the frames.
+        features: channels of the feature map.
     """
 
-    def __init__(self, channels: int, bodies: int, camera: Camera) -> None:
+    def __init__(
+        self, channels: int, bodies: int, camera: Camera, features: int = CnnSettings.features
+    ) -> None:
         super().__init__()
         self.camera = camera
-        self.encoder = ConvEncoder(channels, FEATURES)
-        self.readout = SoftArgmax(FEATURES, bodies)
+        self.encoder = ConvEncoder(channels, features)
+        self.readout = SoftArgmax(features, bodies)
 
     def forward(self, frames: Tensor, times: Tensor) -> tuple[Tensor, Tensor]:
         """World positions ``(b, t, n, 2)`` and confidence ``(b, t, n)`` of frames in [0, 1]."""
@@ -75,40 +92,37 @@ class CnnPerception(nn.Module):
 P = TypeVar("P", bound=CnnPerception)
 
 
-def fit_supervised(task: FitTask) -> Perception:
+def fit_supervised(task: FitTask, settings: CnnSettings = CnnSettings()) -> Perception:
     """Train on true positions: the rung that asks nothing of perception but capacity."""
-    perception = new_perception(task, "cnn-supervised", CnnPerception)
+    perception = new_perception(task, "cnn-supervised", CnnPerception, settings.features)
     frames = task.clips.frames.flatten(0, 1)
     data = FrameBatches(frames, task.clips.states.q.flatten(0, 1).float())
-    pixel = perception.camera.units_per_pixel
+    fine = settings.fine * perception.camera.units_per_pixel
 
     def loss(batch: tuple[Tensor, Tensor]) -> Tensor:
         images, targets = batch
-        return position_loss(perception.locate(images).squeeze(1) - targets, pixel)
+        return position_loss(perception.locate(images).squeeze(1) - targets, fine)
 
-    sizes = task.sizes
-    settings = FitSettings(
-        sizes.perception_steps, sizes.perception_batch, LEARNING_RATE, LARGEST_GRADIENT
-    )
-    train(task, "cnn-supervised", perception, loss, data, settings)
+    steps, batch = task.sizes.perception_steps, task.sizes.perception_batch
+    how = FitSettings(steps, batch, settings.learning_rate, settings.clip)
+    train(task, "cnn-supervised", perception, loss, data, how)
     return perception.eval()
 
 
-def position_loss(error: Tensor, pixel: float) -> Tensor:
-    """log(1 + (e / 0.1 px)^2), averaged: coarse errors first, and no end to the fine ones.
+def position_loss(error: Tensor, fine: float) -> Tensor:
+    """log(1 + (e / fine)^2), averaged: coarse errors first, and no end to the fine ones.
 
     Args:
-        error: world units.
-        pixel: world units.
+        error, fine: world units.
     """
-    return (error / (FINE * pixel)).square().log1p().mean()
+    return (error / fine).square().log1p().mean()
 
 
-def new_perception(task: FitTask, name: str, kind: type[P]) -> P:
+def new_perception(task: FitTask, name: str, kind: type[P], features: int) -> P:
     """An untrained perception of the task's frames; ``name`` separates the random streams."""
     torch.manual_seed(derive(task.seed, "init", name))
     channels, bodies = task.clips.frames.shape[2], task.clips.params.mass.shape[-1]
-    return kind(channels, bodies, task.clips.world.camera)
+    return kind(channels, bodies, task.clips.world.camera, features)
 
 
 def train(

@@ -1,13 +1,14 @@
 """The discovered rung: positions and law together, from nothing but predicting the next frames.
 
 A window's first frames are encoded, their momentum differenced, the state rolled by the head and
-drawn by the fixed renderer; the error is that of the drawing against the frames that came
-(inventory T8, N53). No position is ever told.
+drawn by the fixed renderer; the error is that of the drawing against the frames that came (the
+study's Appendix D). No position is ever told.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 import torch
@@ -18,7 +19,7 @@ from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Perception
-from vidphys.perception.cnn import CnnPerception, new_perception, train
+from vidphys.perception.cnn import CnnPerception, CnnSettings, new_perception, train
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
 from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
@@ -26,12 +27,48 @@ from vidphys.shooting.step import HEAD_DT, roll
 from vidphys.training.loop import FitSettings
 
 SEEN = 3  # frames that are encoded; the start state is at the middle one
-FUTURE = 2  # frames that are predicted
-FIRST_BLUR = 1.5  # world units, standard deviation
-SHARP_FROM = 0.4  # share of the training after which nothing is blurred
-LEARNING_RATE = 5e-3
-LARGEST_GRADIENT = 0.03
 TYPICAL = 1.0  # world units per second, and momentum units per second
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """Of an encoder and a head that are trained together.
+
+    Args:
+        features: channels of the encoder's map.
+        future: frames that are predicted.
+        learning_rate: peak.
+        clip: largest gradient norm.
+    """
+
+    features: int = CnnSettings.features
+    future: int = 2
+    learning_rate: float = 5e-3
+    clip: float = 0.03
+
+    def fit(self, sizes: PixelSizes) -> FitSettings:
+        """As many windows a step as make the preset's frames."""
+        windows = max(1, sizes.perception_batch // SEEN)
+        return FitSettings(sizes.perception_steps, windows, self.learning_rate, self.clip)
+
+
+@dataclass(frozen=True)
+class DiscoverySettings:
+    """Of the discovered rung.
+
+    Args:
+        joint: see :class:`JointSettings`.
+        first_blur: world units, standard deviation.
+        sharp_from: share of the training after which nothing is blurred.
+    """
+
+    joint: JointSettings = JointSettings()
+    first_blur: float = 1.5
+    sharp_from: float = 0.4
+
+    def blur(self, progress: float) -> float:
+        """Standard deviation in world units after a share ``progress`` of the training."""
+        return self.first_blur * max(0.0, 1 - progress / self.sharp_from)
 
 
 class Discovery(nn.Module):
@@ -43,16 +80,23 @@ class Discovery(nn.Module):
         world: draws them.
         every: model steps between frames.
         steps: of the training, for the blur's schedule.
+        settings: see :class:`DiscoverySettings`.
     """
 
     step: Tensor
 
     def __init__(
-        self, perception: CnnPerception, head: Head, world: ChannelWorld, every: int, steps: int
+        self,
+        perception: CnnPerception,
+        head: Head,
+        world: ChannelWorld,
+        every: int,
+        steps: int,
+        settings: DiscoverySettings = DiscoverySettings(),
     ) -> None:
         super().__init__()
         self.perception, self.head = perception, head
-        self.world, self.every, self.steps = world, every, steps
+        self.world, self.every, self.steps, self.settings = world, every, steps, settings
         self.register_buffer("step", torch.zeros((), dtype=torch.long))
 
     def loss(self, window: Window) -> Tensor:
@@ -65,9 +109,10 @@ class Discovery(nn.Module):
         Both are blurred alike, ever less as training goes on: a body is drawn towards its place
         only by light that overlaps with it.
         """
-        future = roll(self.head, start, window.params, 1 + FUTURE, HEAD_DT, self.every)[:, 1:]
         truth = window.frames[:, SEEN:]
-        blur = blur_matrices(self.world.camera, blur_width(int(self.step) / self.steps))
+        frames = 1 + truth.shape[1]
+        future = roll(self.head, start, window.params, frames, HEAD_DT, self.every)[:, 1:]
+        blur = blur_matrices(self.world.camera, self.settings.blur(int(self.step) / self.steps))
         self.step += 1
         error = blurred(self.world(future.q) - truth, *blur)
         return error.square().mean() / blurred(truth, *blur).square().mean()
@@ -76,20 +121,19 @@ class Discovery(nn.Module):
 D = TypeVar("D", bound=Discovery)
 
 
-def fit_discovered(task: FitTask) -> Perception:
+def fit_discovered(task: FitTask, settings: DiscoverySettings = DiscoverySettings()) -> Perception:
     """Train encoder and head by predicting future frames; see :func:`discover`."""
-    return discover(task, f"cnn-discovered-{task.head}", Discovery).perception.eval()
+    return discover(task, f"cnn-discovered-{task.head}", Discovery, settings).perception.eval()
 
 
-def discover(
-    task: FitTask, name: str, make: Callable[[CnnPerception, Head, ChannelWorld, int, int], D]
-) -> D:
+def discover(task: FitTask, name: str, make: Callable[..., D], settings: DiscoverySettings) -> D:
     """A trained :class:`Discovery` or another of its kind.
 
     Args:
         task: what is trained on.
         name: of the random streams and the checkpoint.
         make: the untrained one, from the arguments of :class:`Discovery`.
+        settings: see :class:`DiscoverySettings`.
 
     Raises:
         InputError: the clips are not of the channel world, are too short, or their frame interval
@@ -101,19 +145,14 @@ def discover(
             f"cnn-discovered: draws its predictions one channel per body, got clips of "
             f"{type(world).__name__}; render them in the channel world"
         )
-    perception = new_perception(task, name, CnnPerception)
+    joint = settings.joint
+    perception = new_perception(task, name, CnnPerception, joint.features)
     head = new_head(task, name)
     every, steps = steps_per_frame(task.clips), task.sizes.perception_steps
-    discovery = make(perception, head, world, every, steps)
-    data = WindowBatches(task.clips, SEEN + FUTURE)
-    train(task, name, discovery, discovery.loss, data, joint_settings(task.sizes))
+    discovery = make(perception, head, world, every, steps, settings=settings)
+    data = WindowBatches(task.clips, SEEN + joint.future)
+    train(task, name, discovery, discovery.loss, data, joint.fit(task.sizes))
     return discovery
-
-
-def joint_settings(sizes: PixelSizes) -> FitSettings:
-    """Of encoder and head together: as many windows a step as make the preset's frames."""
-    windows = max(1, sizes.perception_batch // SEEN)
-    return FitSettings(sizes.perception_steps, windows, LEARNING_RATE, LARGEST_GRADIENT)
 
 
 def new_head(task: FitTask, name: str) -> Head:
@@ -128,11 +167,6 @@ def start_state(perception: CnnPerception, window: Window, every: int) -> PhaseS
     """The state at the middle of the window's first three frames, ``(m, n, 2)``."""
     positions = perception.locate(window.frames[:, :SEEN])
     return central_difference(positions, window.params.mass, every * HEAD_DT)[:, 0]
-
-
-def blur_width(progress: float) -> float:
-    """Standard deviation of the blur in world units after a share ``progress`` of the training."""
-    return FIRST_BLUR * max(0.0, 1 - progress / SHARP_FROM)
 
 
 def blur_matrices(camera: Camera, width: float) -> tuple[Tensor, Tensor]:

@@ -2,30 +2,44 @@
 
 The latent is a state, z = (q, p): positions from the encoder, momenta from central differences.
 The head rolls the online encoder's latent to later frames, and the error is its distance from an
-EMA encoder's latent of those frames (inventory E2 to E5). Nothing in that says where a body is:
-what does, if anything, is the anchor.
+EMA encoder's latent of those frames. Nothing in that says where a body is: what does, if anything,
+is the anchor (the study's Table grounding).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
 from dynamics import Head, PhaseState
-from encoders.jepa import EmaTarget, variance_floor
+from encoders.jepa import MOMENTUM, EmaTarget, variance_floor
 from readouts.differencing import central_difference
 from renderers import centroids
 from vidphys.data.clips import Clips
 from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.cnn import CHUNK, CnnPerception, new_perception, train
-from vidphys.perception.discovered import FUTURE, SEEN, joint_settings, new_head
+from vidphys.perception.discovered import SEEN, JointSettings, new_head
 from vidphys.perception.windows import Window, WindowBatches, steps_per_frame
 from vidphys.shooting.step import HEAD_DT, roll
 
-ANCHOR_WEIGHT = 100.0
+
+@dataclass(frozen=True)
+class JepaSettings:
+    """Of the JEPA rungs.
+
+    Args:
+        joint: see :class:`JointSettings`.
+        anchor_weight: of the anchor's error, world units squared, against the prediction's.
+        first_momentum: of the EMA encoder, a step, at the start of the training.
+    """
+
+    joint: JointSettings = JointSettings()
+    anchor_weight: float = 100.0
+    first_momentum: float = MOMENTUM
 
 
 class JepaPerception(CnnPerception):
@@ -46,12 +60,21 @@ class Jepa(nn.Module):
         head: predicts latents.
         every: model steps between frames.
         steps: of the training, for the EMA's schedule.
+        settings: see :class:`JepaSettings`.
     """
 
-    def __init__(self, perception: JepaPerception, head: Head, every: int, steps: int) -> None:
+    def __init__(
+        self,
+        perception: JepaPerception,
+        head: Head,
+        every: int,
+        steps: int,
+        settings: JepaSettings = JepaSettings(),
+    ) -> None:
         super().__init__()
         self.perception, self.head, self.every = perception, head, every
-        self.target = EmaTarget(perception, steps)
+        self.target = EmaTarget(perception, steps, settings.first_momentum)
+        self.settings = settings
 
     def loss(self, window: Window) -> Tensor:
         """Latent prediction error, and the anchor's where the window has targets (world units)."""
@@ -59,16 +82,17 @@ class Jepa(nn.Module):
         seen = self.perception.locate(window.frames[:, :SEEN])
         interval = self.every * HEAD_DT
         start = central_difference(seen, window.params.mass, interval)[:, 0]
-        future = roll(self.head, start, window.params, 1 + FUTURE, HEAD_DT, self.every)[:, 1:]
+        frames = 1 + self.settings.joint.future
+        future = roll(self.head, start, window.params, frames, HEAD_DT, self.every)[:, 1:]
         total = distance(future, self.future_latents(window), interval)
         if window.targets is not None:
             anchor = (seen - window.targets[:, :SEEN]).square().mean()
-            total = total + ANCHOR_WEIGHT * anchor
+            total = total + self.settings.anchor_weight * anchor
         return total
 
     @torch.no_grad()
     def future_latents(self, window: Window) -> PhaseState:
-        """What the EMA encoder says of the frames to be predicted, ``(m, FUTURE, n, 2)``."""
+        """What the EMA encoder says of the frames to be predicted, ``(m, future, n, 2)``."""
         # One frame on either side, for the momentum of the first and the last.
         target = cast(JepaPerception, self.target.module)
         positions = target.locate(window.frames[:, SEEN - 1 :])
@@ -84,19 +108,19 @@ def distance(predicted: PhaseState, target: PhaseState, interval: float) -> Tens
     return q + interval**2 * (predicted.p - target.p).square().mean()
 
 
-def fit_jepa(task: FitTask) -> Perception:
-    """No anchor: the objective alone (the study's negative result, N64)."""
-    return _fit(task, "jepa", None)
+def fit_jepa(task: FitTask, settings: JepaSettings = JepaSettings()) -> Perception:
+    """No anchor: the objective alone (the study's negative result)."""
+    return _fit(task, "jepa", None, settings)
 
 
-def fit_jepa_centroid(task: FitTask) -> Perception:
-    """Label-free anchor: the centre of each channel's light (E4, N61)."""
-    return _fit(task, "jepa-centroid", light_centres(task.clips))
+def fit_jepa_centroid(task: FitTask, settings: JepaSettings = JepaSettings()) -> Perception:
+    """Label-free anchor: the centre of each channel's light."""
+    return _fit(task, "jepa-centroid", light_centres(task.clips), settings)
 
 
-def fit_jepa_exact(task: FitTask) -> Perception:
-    """Control: the true positions as anchor (E5, N62)."""
-    return _fit(task, "jepa-exact", task.clips.states.q.float())
+def fit_jepa_exact(task: FitTask, settings: JepaSettings = JepaSettings()) -> Perception:
+    """Control: the true positions as anchor."""
+    return _fit(task, "jepa-exact", task.clips.states.q.float(), settings)
 
 
 def light_centres(clips: Clips) -> Tensor:
@@ -105,13 +129,16 @@ def light_centres(clips: Clips) -> Tensor:
     return torch.cat([centroids(clips.images(i), clips.world.camera)[0] for i in chunks])
 
 
-def _fit(task: FitTask, grounding: str, targets: Tensor | None) -> Perception:
-    name = f"{grounding}-{task.head}"
-    perception = new_perception(task, name, JepaPerception)
+def _fit(
+    task: FitTask, grounding: str, targets: Tensor | None, settings: JepaSettings
+) -> Perception:
+    name, joint = f"{grounding}-{task.head}", settings.joint
+    perception = new_perception(task, name, JepaPerception, joint.features)
     head = new_head(task, name)
-    jepa = Jepa(perception, head, steps_per_frame(task.clips), task.sizes.perception_steps)
-    data = WindowBatches(task.clips, SEEN + FUTURE + 1, targets)
-    train(task, name, jepa, jepa.loss, data, joint_settings(task.sizes))
+    every, steps = steps_per_frame(task.clips), task.sizes.perception_steps
+    jepa = Jepa(perception, head, every, steps, settings)
+    data = WindowBatches(task.clips, SEEN + joint.future + 1, targets)
+    train(task, name, jepa, jepa.loss, data, joint.fit(task.sizes))
     perception.eval()
     perception.variance_floor = variance_floor(perception.tracks(task.clips).positions)
     return perception

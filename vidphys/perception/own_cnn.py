@@ -1,4 +1,4 @@
-"""Our own trained CNN in the place of a frozen encoder, for the same readouts over it (N74)."""
+"""Our own trained CNN in the place of a frozen encoder, for the same readouts over it."""
 
 from __future__ import annotations
 

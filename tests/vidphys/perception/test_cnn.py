@@ -16,7 +16,12 @@ from vidphys.perception import discovered, jepa, synthesis
 from vidphys.perception.base import FitTask
 from vidphys.perception.channel_groundings import CHANNEL_GROUNDINGS
 from vidphys.perception.cnn import CnnPerception, fit_supervised
-from vidphys.perception.discovered import Discovery, blur_matrices, blur_width, fit_discovered
+from vidphys.perception.discovered import (
+    Discovery,
+    DiscoverySettings,
+    blur_matrices,
+    fit_discovered,
+)
 from vidphys.perception.jepa import Jepa, JepaPerception, fit_jepa, fit_jepa_centroid
 from vidphys.perception.windows import FrameBatches, WindowBatches, steps_per_frame
 from vidphys.presets import PixelSizes
@@ -173,8 +178,9 @@ def discovery(head: str = "factored", steps: int = 10) -> Discovery:
 
 
 def test_the_blur_ends_sharp_and_keeps_light_inside(clips):
-    assert blur_width(0.0) == discovered.FIRST_BLUR
-    assert blur_width(discovered.SHARP_FROM) == blur_width(1.0) == 0
+    settings = DiscoverySettings()
+    assert settings.blur(0.0) == settings.first_blur
+    assert settings.blur(settings.sharp_from) == settings.blur(1.0) == 0
     rows, columns = blur_matrices(Camera(4.0, 32, 48), 0.0)
     assert torch.equal(rows, torch.eye(32)) and torch.equal(columns, torch.eye(48))
     rows, _ = blur_matrices(Camera(2.0, 32, 32), 0.3)
