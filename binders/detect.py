@@ -16,14 +16,28 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from binders.fit import LIT, Coverage, Light, Normal, fit, spacing
+from binders.fit import Coverage, Light, LightSettings, Normal, fit, spacing
 from binders.tracks import Detections
 
 WORK = 2**20  # pixels times bodies that are fitted together: their working set stays in cache
-EVIDENCE = 25  # a body must lower the squared error by this many noise variances (5 sigma)
 AFAR = 1e3  # reaches from the origin: where a body that was not found waits, out of every frame
 
 Proposal = Callable[[Tensor, Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Of the search for bodies.
+
+    Args:
+        noise: rms pixel error below which a frame counts as explained; one grey level by default.
+        evidence: noise variances by which a body must lower the squared error (5 sigma).
+        light: see :class:`LightSettings`.
+    """
+
+    noise: float = 1 / 255
+    evidence: float = 25
+    light: LightSettings = LightSettings()
 
 
 def detect(
@@ -33,7 +47,7 @@ def detect(
     coverage: Coverage,
     xs: Float[Tensor, " W"],
     ys: Float[Tensor, " H"],
-    noise: float = 1 / 255,
+    settings: DetectorSettings = DetectorSettings(),
 ) -> Detections:
     """Find the centres of ``bodies`` equal, isotropic bodies in each frame.
 
@@ -45,7 +59,7 @@ def detect(
             element by element and differentiable.
         xs: world x of each column's centre, evenly spaced.
         ys: world y of each row's centre, spaced as ``xs``.
-        noise: rms pixel error below which a frame counts as explained; one grey level by default.
+        settings: see :class:`DetectorSettings`.
 
     Returns:
         Positions in world units, and confidences: the part of the rms error that noise explains,
@@ -65,8 +79,8 @@ def detect(
         >>> [round(x, 3) for x in seen.positions[0, 0, 0].tolist()], float(seen.confidence) > 0.9
         ([0.5, 0.0], True)
     """
-    _check(frames, times, bodies, xs, ys, noise)
-    search = _Search.on_grid(coverage, xs.to(frames), ys.to(frames), noise)
+    _check(frames, times, bodies, xs, ys, settings.noise)
+    search = _Search.on_grid(coverage, xs.to(frames), ys.to(frames), settings)
     samples = search.light.sampled(frames[:, :, 0]).flatten(0, 1)
     chunk = max(1, WORK // max(1, bodies * samples.shape[1:].numel()))
     with torch.no_grad():
@@ -85,24 +99,26 @@ class _Search:
         light: the model of a frame, on every ``stride``-th pixel.
         template: one body on that grid, odd sides, ``(m, m)``.
         places: the samples, where bodies are proposed; a fit can move them beyond the edge.
-        noise: rms pixel error that counts as explained.
+        settings: see :class:`DetectorSettings`.
     """
 
     light: Light
     template: Float[Tensor, "m m"]
     places: Float[Tensor, "samples 2"]
-    noise: float
+    settings: DetectorSettings
 
     @classmethod
-    def on_grid(cls, coverage: Coverage, xs: Tensor, ys: Tensor, noise: float) -> _Search:
+    def on_grid(
+        cls, coverage: Coverage, xs: Tensor, ys: Tensor, settings: DetectorSettings
+    ) -> _Search:
         """Sample as sparsely as the size of a body allows."""
-        light = Light.on_grid(coverage, xs, ys)
+        light = Light.on_grid(coverage, xs, ys, settings.light)
         step = spacing(xs, ys) * light.stride
         half = math.ceil(light.reach / step)
         offset = step * torch.arange(-half, half + 1).to(xs)
         template = coverage(offset.square() + offset.square().unsqueeze(-1))
         places = torch.cartesian_prod(light.ys, light.xs).flip(-1)
-        return cls(light, template, places, noise)
+        return cls(light, template, places, settings)
 
     def explain(
         self, target: Float[Tensor, "k h w"], bodies: int
@@ -116,7 +132,8 @@ class _Search:
         for body in range(bodies):
             self.place(target, q, at, body, everywhere, self.best_place)
         for body in range(bodies):
-            unexplained = torch.nonzero(self.misfit(target, at) > self.noise).squeeze(-1)
+            unlike = self.misfit(target, at) > self.settings.noise
+            unexplained = torch.nonzero(unlike).squeeze(-1)
             self.place(target, q, at, body, unexplained, self.brightest_place)
         return self.verdict(target, q, at)
 
@@ -125,13 +142,13 @@ class _Search:
     ) -> None:
         """Lift ``body`` from the frames ``rows``, put it elsewhere and fit all anew, in place.
 
-        A frame is left as it was unless that earns ``EVIDENCE``.
+        A frame is left as it was unless there is evidence for it.
         """
         trial = q[rows]
         others = torch.cat([trial[:, :body], trial[:, body + 1 :]], dim=1)
         trial[:, body] = propose(target[rows], others)
         trial, there = fit(self.light, target[rows], trial)
-        better = there.error < at.error[rows] - EVIDENCE * self.noise**2
+        better = there.error < at.error[rows] - self.settings.evidence * self.settings.noise**2
         q[rows[better]] = trial[better]
         at.take(rows[better], there, better)
 
@@ -169,14 +186,16 @@ class _Search:
         self, target: Tensor, q: Tensor, at: Normal
     ) -> tuple[Float[Tensor, "k n 2"], Float[Tensor, "k n"]]:
         """Confidences, with what was not found at position 0 and confidence 0."""
-        rms = self.misfit(target, at).clamp_min(self.noise).unsqueeze(-1)
+        noise = self.settings.noise
+        rms = self.misfit(target, at).clamp_min(noise).unsqueeze(-1)
         # as if each centre were known to within a reach: the inverse exists without any light
-        ridge = (self.noise / self.light.reach) ** 2
+        ridge = (noise / self.light.reach) ** 2
         eye = torch.eye(at.matrix.shape[-1]).to(at.matrix)
         variance = torch.linalg.inv(at.matrix + ridge * eye).diagonal(dim1=1, dim2=2)
         error = rms * variance.unflatten(-1, (-1, 2)).sum(-1).sqrt()
-        confidence = self.noise / rms / (1 + (10 * error / self.light.reach).square())
-        found = self.light.each(q).flatten(2).amax(-1) > LIT * self.template.max()
+        confidence = noise / rms / (1 + (10 * error / self.light.reach).square())
+        lit = self.settings.light.lit * self.template.max()
+        found = self.light.each(q).flatten(2).amax(-1) > lit
         return torch.where(found.unsqueeze(-1), q, 0), torch.where(found, confidence, 0)
 
 

@@ -12,12 +12,26 @@ from torch import Tensor
 
 Coverage = Callable[[Tensor], Tensor]
 
-LIT = 0.01  # part of a body's peak light below which it counts as dark
-PER_REACH = 3  # samples within a body's reach: with two, one frame in a thousand goes wrong
-STEPS = 30  # of Levenberg-Marquardt; most frames need five
-SETTLED = 1e-4  # a step below this part of a body's reach ends the fit
-STUCK = 1e3  # so does damping above this
-RIDGE = 1e-3  # added to the normal matrix: bodies that leave no light do not move
+
+@dataclass(frozen=True)
+class LightSettings:
+    """Of the grid that light is compared on, and of the fit.
+
+    Args:
+        lit: part of a body's peak light below which it counts as dark.
+        per_reach: samples within a body's reach; with two, one frame in a thousand goes wrong.
+        steps: of Levenberg-Marquardt; most frames need five.
+        settled: a step below this part of a body's reach ends the fit.
+        stuck: so does damping above this.
+        ridge: added to the normal matrix: bodies that leave no light do not move.
+    """
+
+    lit: float = 0.01
+    per_reach: int = 3
+    steps: int = 30
+    settled: float = 1e-4
+    stuck: float = 1e3
+    ridge: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -30,6 +44,7 @@ class Light:
         ys: world y of each row, ``(h,)``.
         reach: world units from a body's centre beyond which its light is lost in the noise.
         stride: pixels of the frame between samples of the grid.
+        settings: see :class:`LightSettings`.
     """
 
     coverage: Coverage
@@ -37,13 +52,20 @@ class Light:
     ys: Float[Tensor, " h"]
     reach: float
     stride: int = 1
+    settings: LightSettings = LightSettings()
 
     @classmethod
-    def on_grid(cls, coverage: Coverage, xs: Float[Tensor, " W"], ys: Float[Tensor, " H"]) -> Light:
+    def on_grid(
+        cls,
+        coverage: Coverage,
+        xs: Float[Tensor, " W"],
+        ys: Float[Tensor, " H"],
+        settings: LightSettings = LightSettings(),
+    ) -> Light:
         """On every ``stride``-th pixel of a frame, as sparsely as the size of a body allows."""
-        reach = _reach(coverage, xs, ys)
-        stride = max(1, int(reach / PER_REACH / spacing(xs, ys)))
-        return cls(coverage, xs[::stride], ys[::stride], reach, stride)
+        reach = _reach(coverage, xs, ys, settings.lit)
+        stride = max(1, int(reach / settings.per_reach / spacing(xs, ys)))
+        return cls(coverage, xs[::stride], ys[::stride], reach, stride, settings)
 
     def sampled(self, frames: Float[Tensor, "*b H W"]) -> Float[Tensor, "*b h w"]:
         """The frames on this grid."""
@@ -109,13 +131,13 @@ def fit(
 
     No body moves farther than half its reach in a step: beyond that its light says nothing.
     """
-    q, at = q.clone(), light.normal(q, target)
+    how, q, at = light.settings, q.clone(), light.normal(q, target)
     damping = torch.full_like(at.error, 1e-2)
     rows = torch.arange(len(q), device=q.device)
-    for _ in range(STEPS if q.shape[1] else 0):
+    for _ in range(how.steps if q.shape[1] else 0):
         if not len(rows):
             break
-        scale = damping[rows, None] * at.matrix[rows].diagonal(dim1=1, dim2=2) + RIDGE
+        scale = damping[rows, None] * at.matrix[rows].diagonal(dim1=1, dim2=2) + how.ridge
         step = torch.linalg.solve(at.matrix[rows] + torch.diag_embed(scale), at.gradient[rows])
         step = step.unflatten(-1, (-1, 2))
         longest = step.norm(dim=-1, keepdim=True)
@@ -125,8 +147,8 @@ def fit(
         q[rows[better]] += step[better]
         at.take(rows[better], trial, better)
         damping[rows] *= torch.where(better, 0.2, 5.0)
-        settled = step.norm(dim=-1).amax(-1) < SETTLED * light.reach
-        rows = rows[~settled & (damping[rows] < STUCK)]
+        settled = step.norm(dim=-1).amax(-1) < how.settled * light.reach
+        rows = rows[~settled & (damping[rows] < how.stuck)]
     return q, at
 
 
@@ -136,13 +158,13 @@ def spacing(xs: Tensor, ys: Tensor) -> float:
     return float((longer[-1] - longer[0]).abs()) / (len(longer) - 1) if len(longer) > 1 else 1.0
 
 
-def _reach(coverage: Coverage, xs: Tensor, ys: Tensor) -> float:
+def _reach(coverage: Coverage, xs: Tensor, ys: Tensor, lit: float) -> float:
     """The distance, at most the frame's diagonal, beyond which a body counts as dark."""
     pixel = spacing(xs, ys)
     diagonal = pixel * math.hypot(len(xs), len(ys))
     distance = torch.linspace(0, diagonal, 1 + 8 * math.ceil(diagonal / pixel)).to(xs)
     light = coverage(distance.square())
-    return max(float(distance[light > LIT * light.max()].max()), pixel)
+    return max(float(distance[light > lit * light.max()].max()), pixel)
 
 
 def _products(dark: Float[Tensor, "k n h w"]) -> tuple[Tensor, Tensor]:

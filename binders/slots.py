@@ -18,15 +18,34 @@ from torch import Tensor, nn
 
 from encoders.features import FeatureMap
 
-CHANNELS = 32  # of the feature map
-WIDTH = 72
-HEADS = 6
-HIDDEN = 408
-WAVELENGTHS = 6  # from 4 normalised image units down by halves
-FIRST_ROUNDS, LATER_ROUNDS = 4, 2  # of attention, in the first frame of a clip and in the others
-CORRECTION = 0.15  # normalised image units a round, of a correction read as 1
-NEAREST, FARTHEST = 0.1, 0.6  # normalised image units that heads look around at first
 EMPTY = 1e-6  # attention below it is no attention
+
+
+@dataclass(frozen=True)
+class SlotSettings:
+    """Of slot attention.
+
+    Args:
+        channels: of the feature map.
+        width: of a slot, of keys and values.
+        heads: of attention; they divide the width.
+        hidden: width within the MLP.
+        wavelengths: of places, from 4 normalised image units down by halves.
+        first_rounds, later_rounds: of attention, in the first frame of a clip and in the others.
+        correction: normalised image units a round, of a correction read as 1.
+        nearest, farthest: normalised image units that heads look around at first.
+    """
+
+    channels: int = 32
+    width: int = 72
+    heads: int = 6
+    hidden: int = 408
+    wavelengths: int = 6
+    first_rounds: int = 4
+    later_rounds: int = 2
+    correction: float = 0.15
+    nearest: float = 0.1
+    farthest: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -58,32 +77,38 @@ class Found:
 
 
 class SlotAttention(nn.Module):
-    """Finds and follows any number of bodies in a feature map of 32 channels; 105,728 parameters.
+    """Finds and follows any number of bodies in a feature map; 105,728 parameters by default.
 
     That is the study's number, which it does not break down. Here: standardising a cell 64, keys
     and values 4,608, places 1,728, background 198, standardising a slot 144, queries 5,184, reaches
     6, gated update 34,128, standardising for the MLP 144, MLP 59,232, correction 146, doubt 73,
     first state 72 and ring 1.
+
+    Args:
+        settings: see :class:`SlotSettings`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: SlotSettings = SlotSettings()) -> None:
         super().__init__()
-        self.norm_cell = nn.LayerNorm(CHANNELS)
-        self.key = nn.Linear(CHANNELS, WIDTH, bias=False)
-        self.value = nn.Linear(CHANNELS, WIDTH, bias=False)
-        self.place = nn.Linear(4 * WAVELENGTHS, WIDTH, bias=False)
-        self.background = nn.Linear(CHANNELS, HEADS)
-        self.norm_slot = nn.LayerNorm(WIDTH)
-        self.query = nn.Linear(WIDTH, WIDTH, bias=False)
-        self.update = nn.GRUCell(WIDTH + 2 * HEADS, WIDTH)
-        self.norm_mlp = nn.LayerNorm(WIDTH)
-        self.mlp = nn.Sequential(nn.Linear(WIDTH, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, WIDTH))
-        self.correct = nn.Linear(WIDTH, 2)
+        self.settings = settings
+        channels, width, heads = settings.channels, settings.width, settings.heads
+        hidden, around = settings.hidden, (math.log(settings.nearest), math.log(settings.farthest))
+        self.norm_cell = nn.LayerNorm(channels)
+        self.key = nn.Linear(channels, width, bias=False)
+        self.value = nn.Linear(channels, width, bias=False)
+        self.place = nn.Linear(4 * settings.wavelengths, width, bias=False)
+        self.background = nn.Linear(channels, heads)
+        self.norm_slot = nn.LayerNorm(width)
+        self.query = nn.Linear(width, width, bias=False)
+        self.update = nn.GRUCell(width + 2 * heads, width)
+        self.norm_mlp = nn.LayerNorm(width)
+        self.mlp = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, width))
+        self.correct = nn.Linear(width, 2)
         nn.init.zeros_(self.correct.weight)
         nn.init.zeros_(self.correct.bias)
-        self.log_reach = nn.Parameter(torch.linspace(math.log(NEAREST), math.log(FARTHEST), HEADS))
-        self.doubt = nn.Linear(WIDTH, 1)
-        self.first = nn.Parameter(0.5 * torch.randn(WIDTH))
+        self.log_reach = nn.Parameter(torch.linspace(*around, heads))
+        self.doubt = nn.Linear(width, 1)
+        self.first = nn.Parameter(0.5 * torch.randn(width))
         self.ring = nn.Parameter(torch.tensor(0.2))
 
     def start(self, clips: int, bodies: int, turn: float = 0.0) -> Slots:
@@ -104,22 +129,24 @@ class SlotAttention(nn.Module):
         Between frames a slot goes on as it went between the last two.
 
         Args:
-            features: ``CHANNELS`` channels.
+            features: as many channels as the settings say.
             slots: at the first frame, from :meth:`start`; in any order.
 
         Raises:
             ValueError: another number of channels.
         """
-        if features.values.shape[2] != CHANNELS:
+        channels, how = self.settings.channels, self.settings
+        if features.values.shape[2] != channels:
             raise ValueError(
-                f"SlotAttention: reads {CHANNELS} channels, got {features.values.shape[2]}; "
+                f"SlotAttention: reads {channels} channels, got {features.values.shape[2]}; "
                 "project the features first"
             )
         cells = self.norm_cell(rearrange(features.values, "b t c h w -> t b (h w) c"))
         centres = features.cell_centres().flatten(0, 1).to(cells)
         found: list[Found] = []
         for frame in cells:
-            found.append(self.look(frame, centres, slots, LATER_ROUNDS if found else FIRST_ROUNDS))
+            rounds = how.later_rounds if found else how.first_rounds
+            found.append(self.look(frame, centres, slots, rounds))
             slots = found[-1].slots
             if len(found) > 1:
                 here, before = (f.slots.position for f in (found[-1], found[-2]))
@@ -141,9 +168,9 @@ class SlotAttention(nn.Module):
             slots: where the search starts.
             rounds: how many.
         """
-        split = "b m (g e) -> b g e m"
-        keys = rearrange(self.key(cells), split, g=HEADS)
-        values = rearrange(self.value(cells), split, g=HEADS)
+        split, heads = "b m (g e) -> b g e m", self.settings.heads
+        keys = rearrange(self.key(cells), split, g=heads)
+        values = rearrange(self.value(cells), split, g=heads)
         background = rearrange(self.background(cells), "b m g -> b g 1 m")
         positions = []
         for _ in range(rounds):
@@ -168,13 +195,15 @@ class SlotAttention(nn.Module):
         First each cell is shared out among the slots and the background, so that what one slot
         explains is lost to the others.
         """
-        query = rearrange(self.query(self.norm_slot(slots.state)), "b n (g e) -> b g n e", g=HEADS)
+        heads, waves = self.settings.heads, self.settings.wavelengths
+        query = rearrange(self.query(self.norm_slot(slots.state)), "b n (g e) -> b g n e", g=heads)
         query = query / math.sqrt(query.shape[-1])
-        place = rearrange(self.place.weight, "(g e) w -> g e w", g=HEADS)
+        place = rearrange(self.place.weight, "(g e) w -> g e w", g=heads)
         wanted = torch.einsum("bgne,gew->bgnw", query, place)
         far = torch.cdist(slots.position, centres.expand(len(keys), -1, -1)).square().unsqueeze(1)
         near = 0.5 * (-2 * self.log_reach).exp()[:, None, None] * far
-        score = query @ keys + _seen_from(slots.position, wanted) @ _waves(centres).mT - near
+        seen = _seen_from(_waves(slots.position, waves), wanted)
+        score = query @ keys + seen @ _waves(centres, waves).mT - near
         share = torch.cat([score, background], 2).softmax(2)[:, :, :-1]
         return share / (share.sum(-1, keepdim=True) + EMPTY)
 
@@ -185,21 +214,26 @@ class SlotAttention(nn.Module):
         state = self.update(seen.flatten(0, 1), slots.state.flatten(0, 1))
         state = state.unflatten(0, slots.state.shape[:2])
         state = state + self.mlp(self.norm_mlp(state))
-        there = slots.position + away.mean(-2) + CORRECTION * self.correct(state)
+        there = slots.position + away.mean(-2) + self.settings.correction * self.correct(state)
         return Slots(state, there)
 
 
-def _waves(at: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b w"]:
+def _waves(at: Float[Tensor, "*b 2"], wavelengths: int) -> Float[Tensor, "*b w"]:
     """Sines, then cosines, of both coordinates at all wavelengths."""
-    rate = math.pi / 2 * 2 ** torch.arange(WAVELENGTHS, device=at.device, dtype=at.dtype)
+    rate = math.pi / 2 * 2 ** torch.arange(wavelengths, device=at.device, dtype=at.dtype)
     phase = (at[..., None] * rate).flatten(-2)
     return torch.cat([phase.sin(), phase.cos()], -1)
 
 
 def _seen_from(
-    position: Float[Tensor, "b n 2"], wanted: Float[Tensor, "b g n w"]
+    waves: Float[Tensor, "b n w"], wanted: Float[Tensor, "b g n w"]
 ) -> Float[Tensor, "b g n w"]:
-    """Weights of waves of (cell - position) as weights of waves of the cell, by angle addition."""
-    sin, cos = _waves(position).unsqueeze(1).chunk(2, -1)
+    """Weights of waves of (cell - position) as weights of waves of the cell, by angle addition.
+
+    Args:
+        waves: of the positions.
+        wanted: weights.
+    """
+    sin, cos = waves.unsqueeze(1).chunk(2, -1)
     of_sin, of_cos = wanted.chunk(2, -1)
     return torch.cat([of_sin * cos + of_cos * sin, of_cos * cos - of_sin * sin], -1)

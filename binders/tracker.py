@@ -20,12 +20,25 @@ from torch import Tensor, nn
 
 from binders.tracks import Detections, Tracks
 
-NEAR = 0.01  # world units: features are linear below, logarithmic above
-WIDTH = 64
 ENUMERATED = 4  # up to 4! = 24 assignments are compared at once; beyond, only the best is found
 DEAR = 100.0  # more than any score differs: paid where an unseen body takes a detection
-ROUNDS = 30  # of Sinkhorn
 HYPOTHESES = 6  # more change nothing at three bodies
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """Of the network that scores, and of the soft assignment.
+
+    Args:
+        near: world units; features are linear below, logarithmic above.
+        width: of the two hidden layers.
+        rounds: of Sinkhorn.
+    """
+
+    near: float = 0.01
+    width: int = 64
+    rounds: int = 30
+
 
 Motion = Callable[[Tensor], Tensor]
 """Where bodies go next: from positions in t even frames, ``(..., t, n, 2)``, to ``(..., n, 2)``."""
@@ -42,22 +55,26 @@ def extrapolate(past: Float[Tensor, "*b t n 2"]) -> Float[Tensor, "*b n 2"]:
 
 
 class Tracker(nn.Module):
-    """Scores pairs (track, detection) from five features: 4,609 parameters.
+    """Scores pairs (track, detection) from five features; 4,609 parameters at a width of 64.
 
-    It starts as a sensible matcher: at first the score is exactly -log(1 + d^2 / NEAR^2), where d
+    It starts as a sensible matcher: at first the score is exactly -log(1 + d^2 / near^2), where d
     is the distance from the track's predicted position to the detection.
+
+    Args:
+        settings: see :class:`TrackerSettings`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: TrackerSettings = TrackerSettings()) -> None:
         super().__init__()
+        self.settings, width = settings, settings.width
         self.network = nn.Sequential(
-            nn.Linear(5, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, 1)
+            nn.Linear(5, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1)
         )
         first, second, last = (m for m in self.network if isinstance(m, nn.Linear))
         with torch.no_grad():
-            for layer, row in ((first, torch.eye(5)[2]), (second, torch.eye(WIDTH)[0])):
+            for layer, row in ((first, torch.eye(5)[2]), (second, torch.eye(width)[0])):
                 layer.weight[0], layer.bias[0] = row, 0.0
-            last.weight[0], last.bias[0] = -torch.eye(WIDTH)[0], 0.0
+            last.weight[0], last.bias[0] = -torch.eye(width)[0], 0.0
 
     def forward(
         self,
@@ -67,7 +84,8 @@ class Tracker(nn.Module):
         confidence: Float[Tensor, "*b n"],
     ) -> Float[Tensor, "*b n n"]:
         """Scores of each track (rows) and detection (columns); higher is likelier."""
-        return self.network(pair_features(past, guess, slots, confidence)).squeeze(-1)
+        features = pair_features(past, guess, slots, confidence, self.settings.near)
+        return self.network(features).squeeze(-1)
 
 
 def pair_features(
@@ -75,6 +93,7 @@ def pair_features(
     guess: Float[Tensor, "*b n 2"],
     slots: Float[Tensor, "*b n 2"],
     confidence: Float[Tensor, "*b n"],
+    near: float = TrackerSettings.near,
 ) -> Float[Tensor, "*b n n 5"]:
     """What the tracker sees of each track i (rows) and detection j (columns).
 
@@ -83,24 +102,27 @@ def pair_features(
         guess: predicted positions of the tracks, world units.
         slots: detections, world units.
         confidence: of the detections, in [0, 1].
+        near: world units.
 
     Returns:
-        With e = (guess_i - slot_j) / NEAR, the features asinh(e_x), asinh(e_y), log(1 + |e|^2),
-        log(1 + |a|^2) and the confidence; a = (d - 2 x_t + x_t-1) / NEAR is the acceleration
-        that taking the detection would mean (world units a frame squared, over NEAR). The
+        With e = (guess_i - slot_j) / near, the features asinh(e_x), asinh(e_y), log(1 + |e|^2),
+        log(1 + |a|^2) and the confidence; a = (d - 2 x_t + x_t-1) / near is the acceleration
+        that taking the detection would mean (world units a frame squared, over near). The
         logarithms keep both a tenth of a pixel and the width of the frame in range.
     """
-    error = (guess.unsqueeze(-2) - slots.unsqueeze(-3)) / NEAR
+    error = (guess.unsqueeze(-2) - slots.unsqueeze(-3)) / near
     coasting = extrapolate(past[..., -2:, :, :])
-    acceleration = (slots.unsqueeze(-3) - coasting.unsqueeze(-2)) / NEAR
+    acceleration = (slots.unsqueeze(-3) - coasting.unsqueeze(-2)) / near
     sizes = torch.stack([error.square().sum(-1), acceleration.square().sum(-1)], -1)
     sure = confidence.unsqueeze(-2).expand(error.shape[:-1]).unsqueeze(-1)
     return torch.cat([error.asinh(), sizes.log1p(), sure], -1)
 
 
-def sinkhorn(logits: Float[Tensor, "*b n n"]) -> Float[Tensor, "*b n n"]:
+def sinkhorn(
+    logits: Float[Tensor, "*b n n"], rounds: int = TrackerSettings.rounds
+) -> Float[Tensor, "*b n n"]:
     """The doubly stochastic matrix nearest to exp(logits), by scaling rows and columns in turn."""
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         logits = logits - logits.logsumexp(-1, keepdim=True)
         logits = logits - logits.logsumexp(-2, keepdim=True)
     return logits.exp()
@@ -143,7 +165,7 @@ def follow_softly(
         past = torch.stack(positions[-3:], 1).detach()
         guess, found = motion(past), confidence > 0
         score = torch.where(found.unsqueeze(-2), tracker(past, guess, slots, confidence), 0)
-        part = sinkhorn(score / temperature).unsqueeze(-1)
+        part = sinkhorn(score / temperature, tracker.settings.rounds).unsqueeze(-1)
         # whoever is given a slot without a detection goes on as predicted
         taken = torch.where(found[:, None, :, None], slots.unsqueeze(-3), guess.unsqueeze(-2))
         here = (part * taken).sum(-2)

@@ -20,12 +20,26 @@ from dynamics.state import PhaseState
 
 Step = Callable[[PhaseState, Tensor], PhaseState]
 
-ROUNDS = 25  # of Levenberg-Marquardt for each slack, at most; most windows need four
-SETTLED = 1e-3  # a relative gain below it ends them
-STUCK = 1e4  # so does damping above this
-OUTLYING = 2.0  # expected errors: beyond, a position counts less and less
 FREE = 2  # frames that some state passes through, whatever they show
-FORETOLD = 0.1  # deviations: a slope that foretells a frame worse than that is found again
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """Of the fit under one slack.
+
+    Args:
+        rounds: of Levenberg-Marquardt, at most; most windows need four.
+        settled: a relative gain below it ends them.
+        stuck: so does damping above this.
+        outlying: expected errors; beyond, a position counts less and less.
+        foretold: deviations; a slope that foretells a frame worse than that is found again.
+    """
+
+    rounds: int = 25
+    settled: float = 1e-3
+    stuck: float = 1e4
+    outlying: float = 2.0
+    foretold: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,7 @@ def smooth(
     guess: PhaseState,
     interval: float,
     slacks: Sequence[float],
+    settings: SmoothingSettings = SmoothingSettings(),
 ) -> Iterator[Smoothed]:
     """Fit the states of all frames, under each slack from the fit under the one before.
 
@@ -62,6 +77,7 @@ def smooth(
         interval: seconds between frames.
         slacks: standard deviations of momentum, falling; positions may miss by the slack times the
             interval (bodies of about unit mass).
+        settings: see :class:`SmoothingSettings`.
 
     Raises:
         ValueError: fewer than three frames, or a position that is not finite.
@@ -83,7 +99,7 @@ def smooth(
         )
     if not bool(torch.isfinite(positions).all()):
         raise ValueError("smooth: positions must be finite; drop or fill the frames that are not")
-    problem = _Problem(step, positions, error, interval, guess.q.dtype)
+    problem = _Problem(step, positions, error, interval, guess.q.dtype, settings)
     path = problem.path(torch.cat([guess.q.flatten(2), guess.p.flatten(2)], -1).to(positions))
     for slack in slacks:
         cost = _minimise(problem, path, slack)
@@ -139,6 +155,7 @@ class _Problem:
     error: Tensor
     interval: float
     precision: torch.dtype
+    settings: SmoothingSettings
 
     def path(self, x: Tensor) -> _Path:
         rows = torch.arange(len(x), device=x.device)
@@ -177,7 +194,8 @@ class _Problem:
     def misses(self, x: Tensor, carried: Tensor, rows: Int[Tensor, " m"], slack: float) -> _Misses:
         defect = (x[:, 1:] - carried) / self.deviation(slack)
         residual = (self.states(x).q - self.positions[rows]) / self.error[rows, ..., None]
-        unlikely = OUTLYING**2 * (residual.square().sum(-1) / OUTLYING**2).log1p()
+        square = self.settings.outlying**2
+        unlikely = square * (residual.square().sum(-1) / square).log1p()
         cost = defect.square().flatten(1).sum(1) + unlikely.flatten(1).sum(1)
         cost = torch.where(torch.isfinite(cost), cost, torch.inf)
         return _Misses(defect, residual, cost)
@@ -189,7 +207,8 @@ class _Problem:
         m, before_last, k = missed.defect.shape
         t, deviation = before_last + 1, self.deviation(slack)
         slope = slope / deviation[:, None]
-        trust = 1 / (1 + missed.residual.square().sum(-1, keepdim=True) / OUTLYING**2)
+        far = missed.residual.square().sum(-1, keepdim=True) / self.settings.outlying**2
+        trust = 1 / (1 + far)
         pull = trust / self.error[rows, ..., None]
         weight = (pull / self.error[rows, ..., None]).expand_as(missed.residual).flatten(2)
         nothing = torch.zeros_like(weight)
@@ -212,12 +231,13 @@ def _minimise(problem: _Problem, path: _Path, slack: float) -> Tensor:
     Returns:
         The cost of each episode.
     """
+    settled = problem.settings.settled
     rows, deviation = torch.arange(len(path.x), device=path.x.device), problem.deviation(slack)
     damping = torch.full_like(path.x[:, 0, 0], 1e-3)
     missed = problem.misses(path.x, path.carried, rows, slack)
     cost = missed.cost.clone()
     matrix, gradient = problem.normal(path.slope, rows, slack, missed)
-    for _ in range(ROUNDS):
+    for _ in range(problem.settings.rounds):
         usable = torch.isfinite(matrix).flatten(1).all(1) & torch.isfinite(gradient).all(1)
         usable &= torch.isfinite(cost[rows])
         rows, matrix, gradient = rows[usable], matrix[usable], gradient[usable]
@@ -230,8 +250,9 @@ def _minimise(problem: _Problem, path: _Path, slack: float) -> Tensor:
         carried = problem.carried(trial, rows)
         missed = problem.misses(trial, carried, rows, slack)
         gained = missed.cost < cost[rows]
-        slight = gained & (cost[rows] - missed.cost < SETTLED * missed.cost)
-        off = ((carried - path[rows].foretold(move)).abs() > FORETOLD * deviation).any(-1)
+        slight = gained & (cost[rows] - missed.cost < settled * missed.cost)
+        apart = (carried - path[rows].foretold(move)).abs()
+        off = (apart > problem.settings.foretold * deviation).any(-1)
         some, frame = torch.nonzero(off & gained[:, None], as_tuple=True)
         path.x[rows[gained]], path.carried[rows[gained]] = trial[gained], carried[gained]
         cost[rows[gained]] = missed.cost[gained]
@@ -239,7 +260,7 @@ def _minimise(problem: _Problem, path: _Path, slack: float) -> Tensor:
             here = trial[some, frame], carried[some, frame], rows[some]
             path.slope[rows[some], frame] = problem.slopes(*here)
         damping[rows] *= torch.where(gained, 0.1, 10.0).to(damping)
-        left = ~slight & (damping[rows] < STUCK)
+        left = ~slight & (damping[rows] < problem.settings.stuck)
         # Where nothing was gained, the states are those that were looked at before.
         moved, again = gained[left], gained & left
         rows, matrix, gradient = rows[left], matrix[left], gradient[left]

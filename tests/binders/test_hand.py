@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from binders import Detections, bind_by_acceleration, detect, hand
+from binders.detect import DetectorSettings
 from binders.fit import Light
 from renderers import AnonymousWorld, Camera
 
@@ -151,12 +152,13 @@ def test_a_frame_is_read_on_its_own():
 
 
 def test_noise_that_is_told_does_not_make_bodies():
+    told = DetectorSettings(noise=0.06)
     frames = WORLD(scattered(40, 2)).unsqueeze(0)
     noise = 0.05 * torch.randn(frames.shape, generator=torch.Generator().manual_seed(0))
-    confidence = look(frames + noise, 3, noise=0.06).confidence.sort(-1).values
+    confidence = look(frames + noise, 3, settings=told).confidence.sort(-1).values
     assert (confidence[..., 0] == 0).all()
     assert float(confidence[..., 1:].min()) > 0.5
-    assert (look(noise, 3, noise=0.06).confidence == 0).all()
+    assert (look(noise, 3, settings=told).confidence == 0).all()
 
 
 @settings(max_examples=10, deadline=None)
@@ -192,7 +194,7 @@ def frames_with(value):
         ({"frames": torch.zeros(1, 0, 1, 64, 64), "times": torch.zeros(0)}, "at least one of each"),
         ({"xs": torch.arange(64.0)}, "evenly spaced by one distance, got gaps from 0.125"),
         ({"bodies": -1}, "bodies must be at least 0"),
-        ({"noise": 0.0}, "noise positive, got 3 and 0.0"),
+        ({"settings": DetectorSettings(noise=0.0)}, "noise positive, got 3 and 0.0"),
     ],
 )
 def test_detector_refuses(change, message, monkeypatch):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from binders.slots import CHANNELS, SlotAttention, Slots
+from binders.slots import SlotAttention, Slots, SlotSettings
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from renderers import AnonymousWorld, Camera, ChannelWorld
@@ -21,6 +21,7 @@ from vidphys.presets import PixelSizes
 from vidphys.scenes import gravity
 from vidphys.training.loop import FitSettings, fit
 
+CHANNELS = SlotSettings().channels
 WORLD = AnonymousWorld(Camera(4.0, 16, 16), radius=1.0, softness=0.2)
 SIZES = PixelSizes(8, 8, 40, 7, 16, 2, 6, 0, 4)
 

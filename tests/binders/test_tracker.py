@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from binders import Detections, Tracks, bind_by_acceleration, tracker
 from binders.tracker import (
-    NEAR,
     Tracker,
+    TrackerSettings,
     extrapolate,
     follow,
     follow_softly,
@@ -29,8 +29,8 @@ from vidphys.experiments.pixels.seen import Seen, perceive, read_start
 from vidphys.perception import detections
 from vidphys.perception.anonymous import (
     ANONYMOUS_GROUNDINGS,
-    MANY,
     LearnedBinding,
+    TrackingSettings,
     hindsight_loss,
     prediction_loss,
 )
@@ -92,9 +92,10 @@ def test_features_are_what_they_are_said_to_be():
     past = torch.tensor([[[0.0, 0.0]], [[0.1, 0.0]]])
     guess = torch.tensor([[0.22, 0.01]])
     slots, confidence = torch.tensor([[0.19, 0.05]]), torch.tensor([0.7])
+    near = TrackerSettings().near
     features = pair_features(past, guess, slots, confidence)[0, 0]
-    error = torch.tensor([0.03, -0.04]) / NEAR
-    acceleration = torch.tensor([0.19 - 0.2, 0.05]) / NEAR
+    error = torch.tensor([0.03, -0.04]) / near
+    acceleration = torch.tensor([0.19 - 0.2, 0.05]) / near
     expected = [
         math.asinh(error[0]),
         math.asinh(error[1]),
@@ -110,7 +111,8 @@ def test_rows_are_tracks_and_columns_are_detections(plain):
     slots = past[0] + torch.tensor([[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]])
     score = plain(past, past[0], slots, torch.ones(3))
     distance = torch.cdist(past[0], slots)
-    torch.testing.assert_close(score, -(distance / NEAR).square().log1p(), atol=1e-4, rtol=1e-4)
+    expected = -(distance / plain.settings.near).square().log1p()
+    torch.testing.assert_close(score, expected, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 5])
@@ -328,9 +330,9 @@ def switched(network: Tracker, truth: torch.Tensor) -> float:
 
 def test_hindsight_teaches_the_tracker_to_switch_less(plain):
     seen = found(noisy_lines(100, 0))
-    smooth, _ = follow(plain, seen, hypotheses=MANY)
+    smooth, _ = follow(plain, seen, hypotheses=TrackingSettings().teacher)
     teacher = Detections(smooth.positions, smooth.confidence, smooth.times)
-    data = windows_of(teacher, Parameters(torch.ones(100), torch.ones(100, 3)))
+    data = windows_of(teacher, Parameters(torch.ones(100), torch.ones(100, 3)), 7)
     test = noisy_lines(200, 1)
     before = switched(plain, test)
     fit(
@@ -396,7 +398,7 @@ def test_end_to_end_loss_falls_and_reaches_tracker_and_head(name):
     if name == "unstructured":
         head.set_scale(0.01, 0.01)
     q, params = falling(24, 7)
-    data = windows_of(shuffled(found(q.float()), 0), params)
+    data = windows_of(shuffled(found(q.float()), 0), params, 7)
     both = torch.nn.ModuleList([network, head])
 
     def loss(batch):
@@ -539,7 +541,7 @@ def test_windows_without_a_body_are_not_learned_from():
     confidence = torch.ones(2, 9, 3)
     confidence[0, 7, 1] = 0.0
     seen = found(torch.randn(2, 9, 3, 2, generator=rng(0)), confidence)
-    data = windows_of(seen, Parameters(torch.tensor([1.0, 2.0]), torch.ones(2, 3)))
+    data = windows_of(seen, Parameters(torch.tensor([1.0, 2.0]), torch.ones(2, 3)), 7)
     assert data.params.coupling.tolist() == [1, 2, 2, 2]
     torch.testing.assert_close(data.detections.positions[0], seen.positions[0, :7])
     torch.testing.assert_close(data.detections.positions[3], seen.positions[1, 2:])
@@ -552,7 +554,7 @@ def test_the_rungs_refuse_what_they_cannot_see(clips):
     with pytest.raises(InputError, match="clips of 6 frames"):
         GROUNDINGS["anonymous-tracker"].fit(FitTask(clips.until(6), SIZES, 0, "factored"))
     with pytest.raises(InputError, match="no window of 7 frames"):
-        windows_of(found(torch.zeros(1, 7, 2, 2), torch.zeros(1, 7, 2)), clips.params[:1])
+        windows_of(found(torch.zeros(1, 7, 2, 2), torch.zeros(1, 7, 2)), clips.params[:1], 7)
 
 
 # evaluation

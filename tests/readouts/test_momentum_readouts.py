@@ -10,12 +10,11 @@ from binders import Tracks
 from dynamics import Hamiltonian, PhaseState
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import NoPotential
-from readouts import smoothing
 from readouts.differencing import backward_difference, central_difference
-from readouts.smoothing import smooth
+from readouts.smoothing import SmoothingSettings, smooth
 from vidphys.scenes import gravity
 from vidphys.shooting.initial_state import (
-    SLACKS,
+    ShootingSettings,
     by_differencing,
     by_shooting,
     choose_slack,
@@ -77,10 +76,11 @@ def test_shooting_beats_differencing_on_noise_and_on_truncation():
         assert fitted < 0.35 * plain
 
 
-def smoothed(q, guess: PhaseState, params, slacks=(0.1, 0.01, 0.001), expected=0.002):
+def smoothed(q, guess: PhaseState, params, slacks=(0.1, 0.01, 0.001), expected=0.002, **more):
     step = frame_step(SCENE.law, params, INTERVAL)
     error = torch.full(q.shape[:-1], expected, dtype=torch.float64)
-    return list(smooth(step, q, error, guess, INTERVAL, slacks))
+    settings = SmoothingSettings(**more)
+    return list(smooth(step, q, error, guess, INTERVAL, slacks, settings))
 
 
 def defect(states: PhaseState, params) -> torch.Tensor:
@@ -154,7 +154,7 @@ def test_a_law_is_trusted_where_positions_err_and_not_where_it_does():
     _, exact, params = window(episodes=24)
     wrong = replace(params, coupling=0.5 * params.coupling)
     assert choose_slack(SCENE.law, exact, wrong, INTERVAL) > trusted
-    assert trusted <= SLACKS[2]
+    assert trusted <= ShootingSettings().slacks[2]
 
 
 class Heavier(FixedKinetic):
@@ -173,14 +173,12 @@ def test_a_head_that_means_something_else_by_momentum_is_not_asked_for_the_start
     assert torch.equal(start.p, by_differencing(head, tracks, params, INTERVAL).p)
 
 
-def test_a_slope_that_foretells_badly_is_found_again(monkeypatch):
+def test_a_slope_that_foretells_badly_is_found_again():
     """The fit is as good as with slopes that are found again at every move."""
     truth, tracks, params = window(episodes=24, noise=0.002)
     guess = PhaseState(tracks.positions, torch.zeros_like(tracks.positions))
     seldom = smoothed(tracks.positions, guess, params)[-1]
-    monkeypatch.setattr(smoothing, "FORETOLD", 0.0)
-    always = smoothed(tracks.positions, guess, params)[-1]
-    monkeypatch.setattr(smoothing, "FORETOLD", torch.inf)
-    never = smoothed(tracks.positions, guess, params)[-1]
+    always = smoothed(tracks.positions, guess, params, foretold=0.0)[-1]
+    never = smoothed(tracks.positions, guess, params, foretold=torch.inf)[-1]
     torch.testing.assert_close(seldom.cost, always.cost, rtol=0.02, atol=0)
     assert never.cost.mean() > 1.2 * always.cost.mean()

@@ -1,23 +1,25 @@
 """The anonymous rungs: bodies that all look alike, one fixed detector, three ways to bind.
 
 The detector finds the bodies of each frame, in no order; a binder decides who is who over time.
-By hand (B1); by a tracker that learned from what is smoothest in hindsight (B3); and by a tracker
-trained together with the dynamics head, which then foresees each next frame for it (B2).
+By hand; by a tracker that learned from what is smoothest in hindsight; and by a tracker trained
+together with the dynamics head, which then foresees each next frame for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor, nn
 
 from binders import Detections, Tracks, bind_by_acceleration
+from binders.detect import DetectorSettings
 from binders.tracker import (
     HYPOTHESES,
     SoftTracks,
     Tracker,
+    TrackerSettings,
     extrapolate,
     follow,
     follow_softly,
@@ -27,7 +29,9 @@ from dynamics import Head, Parameters
 from vidphys.data.clips import Clips
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.detections import (
-    WINDOW,
+    Detector,
+    FixedDetector,
+    Remembering,
     Windows,
     anonymous_world,
     detections_of,
@@ -40,18 +44,49 @@ from vidphys.shooting.aim import PRECISE, motion_under, surprise
 from vidphys.shooting.step import HEAD_DT
 from vidphys.training.loop import FitSettings, fit
 
-AHEAD = 2  # frames that the head predicts after the two that it starts from
-LEARNING_RATE = 1e-2
-MANY = 36  # hypotheses of the teacher
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Of a tracker that is trained on detections.
+
+    Args:
+        network: see :class:`TrackerSettings`.
+        window: frames that it is trained on at once.
+        learning_rate: peak.
+        clip: largest gradient norm.
+        hypotheses: followed side by side when clips are read.
+        teacher: hypotheses of the tracks that are taken for the smoothest.
+        ahead: frames that a head predicts after the two that it starts from.
+        precise: world units; errors below it count by their square, above by their logarithm.
+    """
+
+    network: TrackerSettings = TrackerSettings()
+    window: int = 7
+    learning_rate: float = 1e-2
+    clip: float = 1.0
+    hypotheses: int = HYPOTHESES
+    teacher: int = 36
+    ahead: int = 2
+    precise: float = PRECISE
+
+
+@dataclass(frozen=True)
+class AnonymousSettings:
+    """Of a fixed detector and a learned tracker; see there."""
+
+    detector: DetectorSettings = DetectorSettings()
+    tracking: TrackingSettings = TrackingSettings()
 
 
 @dataclass(frozen=True)
 class HandBinding:
-    """The detector and the hand-made binder; nothing is learned."""
+    """A detector and the hand-made binder; nothing is learned."""
+
+    detect: Detector
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame, numbered as found in the first."""
-        return bind_by_acceleration(detections_of(clips))
+        return bind_by_acceleration(self.detect(clips))
 
 
 @dataclass(frozen=True)
@@ -69,7 +104,7 @@ class LearnedBinding:
     tracker: Tracker
     head: Head | None = None
     hypotheses: int = HYPOTHESES
-    detect: Callable[[Clips], Detections] = detections_of
+    detect: Detector = field(default_factory=lambda: Remembering(FixedDetector()))
 
     def under(self, head: Head) -> LearnedBinding:
         """The same with another head: one that was trained on the tracks, say."""
@@ -92,59 +127,69 @@ class LearnedBinding:
         )
 
 
-def fit_hand(task: FitTask) -> Perception:
+def fit_hand(task: FitTask, settings: DetectorSettings = AnonymousSettings.detector) -> Perception:
     """Nothing to fit."""
     anonymous_world(task.clips)
-    return HandBinding()
+    return HandBinding(Remembering(FixedDetector(settings)))
 
 
-def fit_twostage(task: FitTask) -> Perception:
+DECIDING = AnonymousSettings(tracking=TrackingSettings(hypotheses=1))  # each frame at once
+
+
+def fit_twostage(task: FitTask, settings: AnonymousSettings = DECIDING) -> Perception:
     """Train the tracker to decide at once as the smoothest tracks do in hindsight, then freeze it.
 
     The untrained tracker follows many histories of each clip to its end, and the smoothest is
     the teacher. No label and no head is involved.
     """
-    found = detections_of(task.clips, task.folder)
-    return LearnedBinding(learn_hindsight(task, "anonymous-tracker-twostage", found), hypotheses=1)
+    detect, tracking = Remembering(FixedDetector(settings.detector)), settings.tracking
+    found = detections_of(task.clips, task.folder, detect)
+    tracker = learn_hindsight(task, "anonymous-tracker-twostage", found, tracking)
+    return LearnedBinding(tracker, None, tracking.hypotheses, detect)
 
 
-def learn_hindsight(task: FitTask, name: str, found: Detections) -> Tracker:
+def learn_hindsight(
+    task: FitTask, name: str, found: Detections, settings: TrackingSettings
+) -> Tracker:
     """A tracker that learned from the smoothest tracks through some detections.
 
     Args:
         task: see :class:`FitTask`.
         name: of its random streams and checkpoint.
         found: detections in the task's clips.
+        settings: see :class:`TrackingSettings`.
     """
-    tracker = _new_tracker(task, name)
-    smooth, _ = follow(tracker, found, hypotheses=MANY)
+    tracker = _new_tracker(task, name, settings)
+    smooth, _ = follow(tracker, found, hypotheses=settings.teacher)
     teacher = Detections(smooth.positions, smooth.confidence, smooth.times)
-    data = windows_of(teacher, task.clips.params)
+    data = windows_of(teacher, task.clips.params, settings.window)
 
     def loss(batch: Windows) -> Tensor:
         return hindsight_loss(tracker, batch.detections)
 
-    _train(task, name, tracker, loss, data)
+    _train(task, name, tracker, loss, data, settings)
     return tracker.eval()
 
 
-def fit_end_to_end(task: FitTask) -> Perception:
+def fit_end_to_end(task: FitTask, settings: AnonymousSettings = AnonymousSettings()) -> Perception:
     """Train tracker and head by one decode-free loss: tracks that the head predicts.
 
     Raises:
         InputError: as for the others, or the frame interval is not a multiple of ``HEAD_DT``.
     """
-    name = f"anonymous-tracker-{task.head}"
-    tracker, head = _new_tracker(task, name), new_head(task, name)
+    name, tracking = f"anonymous-tracker-{task.head}", settings.tracking
+    tracker, head = _new_tracker(task, name, tracking), new_head(task, name)
     every = steps_per_frame(task.clips)
 
     def loss(batch: Windows) -> Tensor:
         tracks = follow_softly(tracker, batch.detections)
-        return prediction_loss(head, tracks, batch.params, every)
+        return prediction_loss(head, tracks, batch.params, every, tracking)
 
-    data = windows_of(detections_of(task.clips, task.folder), task.clips.params)
-    _train(task, name, nn.ModuleList([tracker, head]), loss, data)
-    return LearnedBinding(tracker.eval(), head.eval())
+    detect = Remembering(FixedDetector(settings.detector))
+    found = detections_of(task.clips, task.folder, detect)
+    data = windows_of(found, task.clips.params, tracking.window)
+    _train(task, name, nn.ModuleList([tracker, head]), loss, data, tracking)
+    return LearnedBinding(tracker.eval(), head.eval(), tracking.hypotheses, detect)
 
 
 def hindsight_loss(tracker: Tracker, teacher: Detections) -> Tensor:
@@ -159,29 +204,36 @@ def hindsight_loss(tracker: Tracker, teacher: Detections) -> Tensor:
         past = teacher.positions[:, max(0, frame - 3) : frame]
         slots, confidence = teacher.positions[:, frame], teacher.confidence[:, frame]
         scores.append(tracker(past, extrapolate(past), slots, confidence))
-    part = sinkhorn(torch.stack(scores, 1))
+    part = sinkhorn(torch.stack(scores, 1), tracker.settings.rounds)
     return -part.diagonal(dim1=-2, dim2=-1).clamp_min(1e-6).log().mean()
 
 
-def prediction_loss(head: Head, tracks: SoftTracks, params: Parameters, every: int) -> Tensor:
+def prediction_loss(
+    head: Head,
+    tracks: SoftTracks,
+    params: Parameters,
+    every: int,
+    settings: TrackingSettings = TrackingSettings(),
+) -> Tensor:
     """Distance of the head's predictions from the tracks' own future, and the doubt in them.
 
     Args:
         head: predicts.
-        tracks: at least ``AHEAD + 2`` frames.
+        tracks: at least ``ahead + 2`` frames.
         params: of each window, ``(m,)`` and ``(m, n)``.
         every: model steps between frames.
+        settings: see :class:`TrackingSettings`.
     """
-    windows = tracks.positions.unfold(1, AHEAD + 2, 1).movedim(-1, 2)
+    windows = tracks.positions.unfold(1, settings.ahead + 2, 1).movedim(-1, 2)
     starts = windows.shape[1]
     law = params.map(lambda x: x.unsqueeze(1).expand(-1, starts, *x.shape[1:]))
-    missed = surprise(head, windows, law, HEAD_DT, every)
-    return missed.mean() + (tracks.variance / PRECISE**2).log1p().mean()
+    missed = surprise(head, windows, law, HEAD_DT, every, settings.precise)
+    return missed.mean() + (tracks.variance / settings.precise**2).log1p().mean()
 
 
-def _new_tracker(task: FitTask, name: str) -> Tracker:
+def _new_tracker(task: FitTask, name: str, settings: TrackingSettings) -> Tracker:
     torch.manual_seed(derive(task.seed, "init", name))
-    return Tracker()
+    return Tracker(settings.network)
 
 
 def _train(
@@ -190,11 +242,13 @@ def _train(
     modules: nn.Module,
     loss: Callable[[Windows], Tensor],
     data: Windows,
+    settings: TrackingSettings,
 ) -> None:
-    batch = max(1, task.sizes.perception_batch // WINDOW)
-    settings = FitSettings(task.sizes.perception_steps, batch, LEARNING_RATE, clip=1.0)
+    batch = max(1, task.sizes.perception_batch // settings.window)
+    steps = task.sizes.perception_steps
+    how = FitSettings(steps, batch, settings.learning_rate, settings.clip)
     save_to = None if task.folder is None else task.folder / f"{name}.json"
-    fit(modules, loss, data, settings, derive(task.seed, "order", name), save_to, task.progress)
+    fit(modules, loss, data, how, derive(task.seed, "order", name), save_to, task.progress)
 
 
 ANONYMOUS_GROUNDINGS = [

@@ -1,6 +1,6 @@
-"""The composed rung: frozen encoder, learned detector, learned binder (inventory N78, N79, B5).
+"""The composed rung: frozen encoder, learned detector, learned binder.
 
-Slots over frozen tokens are the detector, a learned tracker (B3) binds. The detector starts by
+Slots over frozen tokens are the detector, a learned tracker binds. The detector starts by
 distillation from the fixed one and is then released: it goes on by reconstruction alone, a tenth
 as fast, and the running mean of its weights is what is kept. No true position is read, and when
 clips are read there is no fixed detector: slots propose, the frame's reconstruction decides.
@@ -16,24 +16,47 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from binders.slots import CHANNELS
+from binders.detect import DetectorSettings
+from binders.slots import SlotSettings
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from encoders.jepa import follow
 from readouts.scale import FeatureScale
-from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
+from vidphys.perception.anonymous import LearnedBinding, TrackingSettings, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
-from vidphys.perception.detections import Remembering, anonymous_world, detections_of
+from vidphys.perception.detections import (
+    FixedDetector,
+    Remembering,
+    anonymous_world,
+    detections_of,
+)
 from vidphys.perception.frozen import encode_clips
 from vidphys.perception.reconstruction import Reconstruction
-from vidphys.perception.slots import LENGTH, SlotDetector, SlotSight, slot_settings
+from vidphys.perception.slots import DetectionSettings, SlotDetector, SlotSight
 from vidphys.perception.windows import Window, WindowBatches
 from vidphys.seeding import derive
 
-RELEASED = 0.5  # steps of the release over those of the distillation
-SLOWER = 0.1  # learning rate of the release over that of the distillation
-KEEP = 0.98  # of the running mean, a step
+
+@dataclass(frozen=True)
+class ComposedSettings:
+    """Of the composed rung.
+
+    Args:
+        detector: the fixed one that teaches; see :class:`DetectorSettings`.
+        detection: see :class:`DetectionSettings`.
+        tracking: see :class:`TrackingSettings`.
+        released: steps of the release over those of the distillation.
+        slower: learning rate of the release over that of the distillation.
+        keep: of the running mean, a step.
+    """
+
+    detector: DetectorSettings = DetectorSettings()
+    detection: DetectionSettings = DetectionSettings()
+    tracking: TrackingSettings = TrackingSettings()
+    released: float = 0.5
+    slower: float = 0.1
+    keep: float = 0.98
 
 
 class FrozenTokens(nn.Module):
@@ -42,17 +65,20 @@ class FrozenTokens(nn.Module):
     Args:
         values: of the training clips, ``(b, t, c, h, w)``; they set the scale.
         stride: of the feature map, pixels.
+        channels: of the tokens.
     """
 
-    def __init__(self, values: Tensor, stride: tuple[float, float]) -> None:
+    def __init__(
+        self, values: Tensor, stride: tuple[float, float], channels: int = SlotSettings.channels
+    ) -> None:
         super().__init__()
         self.stride = stride
         self.scale = FeatureScale(values.shape[2])
         self.scale.fit(values.flatten(0, 1))
-        self.project = nn.Linear(values.shape[2], CHANNELS)
+        self.project = nn.Linear(values.shape[2], channels)
 
     def forward(self, values: Tensor) -> FeatureMap:
-        """Features of ``CHANNELS`` channels; the time stamps say nothing."""
+        """The tokens; their time stamps say nothing."""
         tokens = self.project(self.scale(values.movedim(2, -1)))
         return FeatureMap(tokens.movedim(-1, 2), self.stride, torch.zeros(values.shape[1]))
 
@@ -62,16 +88,17 @@ class Released(nn.Module):
 
     Args:
         detector: is trained.
+        keep: of the running mean, a step.
     """
 
-    def __init__(self, detector: SlotDetector) -> None:
+    def __init__(self, detector: SlotDetector, keep: float = ComposedSettings.keep) -> None:
         super().__init__()
-        self.detector = detector
+        self.detector, self.keep = detector, keep
         self.mean = copy.deepcopy(detector).requires_grad_(False)
 
     def loss(self, view: View, teacher: Reconstruction) -> Tensor:
         """Error of reconstruction; the mean takes the weights that the last step led to."""
-        follow(self.mean, self.detector, KEEP)
+        follow(self.mean, self.detector, self.keep)
         return self.detector.loss(view.values, view.window.frames, teacher)
 
 
@@ -104,46 +131,50 @@ class Views:
         return View(self.windows[index], self.values[clip[:, None], frame])
 
 
-def fit_composed(encoder_name: str, options: dict[str, Any], task: FitTask) -> Perception:
+def fit_composed(
+    encoder_name: str,
+    options: dict[str, Any],
+    task: FitTask,
+    settings: ComposedSettings = ComposedSettings(),
+) -> Perception:
     """Encode the clips, train the detector on their tokens, then a tracker on what it finds.
 
     Args:
         encoder_name: of ``encoders.frozen.catalogue``; one that has a feature frame for each frame.
         options: of its settings.
         task: see :class:`FitTask`.
+        settings: see :class:`ComposedSettings`.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
         InputError: the clips are not of the anonymous world, or too short.
     """
     world, bodies = anonymous_world(task.clips), task.clips.params.mass.shape[-1]
-    name, teacher = f"composed-{encoder_name}", Reconstruction.through(world)
+    detection, tracking = settings.detection, settings.tracking
+    name, teacher = f"composed-{encoder_name}", Reconstruction.through(world, detection.teacher)
     encoder = load_encoder(encoder_name, options)
     features = encode_clips(encoder, task.clips, task.folder)
     torch.manual_seed(derive(task.seed, "init", name))
-    tokens = FrozenTokens(features.values, features.stride)
-    detector = SlotDetector(tokens, bodies, world.camera.half_extent, teacher.fine)
-    taught = detections_of(task.clips, task.folder).positions
-    views = Views(WindowBatches(task.clips, LENGTH, taught), features.values)
+    tokens = FrozenTokens(features.values, features.stride, detection.attention.channels)
+    detector = SlotDetector(tokens, bodies, world.camera.half_extent, teacher.fine, detection)
+    taught = detections_of(task.clips, task.folder, FixedDetector(settings.detector)).positions
+    views = Views(WindowBatches(task.clips, detection.length, taught), features.values)
 
     def distil(view: View) -> Tensor:
         return detector.loss(view.values, view.window.frames, teacher, view.window.targets)
 
-    settings = slot_settings(task)
-    train(task, f"{name}-distilled", detector, distil, views, settings)
-    slower = replace(
-        settings,
-        steps=int(RELEASED * settings.steps),
-        learning_rate=SLOWER * settings.learning_rate,
-    )
-    released = Released(detector)
+    how = detection.fit(task.sizes)
+    train(task, f"{name}-distilled", detector, distil, views, how)
+    steps, rate = int(settings.released * how.steps), settings.slower * how.learning_rate
+    slower = replace(how, steps=steps, learning_rate=rate)
+    released = Released(detector, settings.keep)
     train(task, f"{name}-released", released, lambda v: released.loss(v, teacher), views, slower)
     mean = released.mean.eval()
     sight = Remembering(
         SlotSight(mean, teacher, lambda seen: encode_clips(encoder, seen, task.folder).values)
     )
-    tracker = learn_hindsight(task, f"{name}-tracker", sight(task.clips))
-    return LearnedBinding(tracker, detect=sight)
+    tracker = learn_hindsight(task, f"{name}-tracker", sight(task.clips), tracking)
+    return LearnedBinding(tracker, None, tracking.hypotheses, sight)
 
 
 COMPOSED_GROUNDINGS = [

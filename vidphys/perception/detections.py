@@ -12,13 +12,13 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from binders import Detections, detect
+from binders.detect import DetectorSettings
 from dynamics import Parameters
 from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_with
 
-WINDOW = 7  # frames that a tracker is trained on at once
 CHUNK = 64  # clips detected at once
 REMEMBERED = 4  # sets of clips that a detector knows again
 
@@ -28,7 +28,7 @@ class Windows:
     """Detections in short windows of the training clips.
 
     Args:
-        detections: ``(m, WINDOW, n, 2)``.
+        detections: ``(m, window, n, 2)``.
         params: ``(m,)`` and ``(m, n)``, float32.
     """
 
@@ -44,41 +44,83 @@ class Windows:
         return Windows(part, self.params[index])
 
 
-def windows_of(detections: Detections, params: Parameters) -> Windows:
+def windows_of(detections: Detections, params: Parameters, window: int) -> Windows:
     """Every window in which all bodies were found in every frame.
 
     Args:
         detections: of whole clips.
         params: the law of each clip.
+        window: frames of each.
 
     Raises:
         InputError: there is none, because clips are too short or too much is hidden.
     """
     frames = len(detections.times)
-    if frames < WINDOW:
+    if frames < window:
         raise InputError(
-            f"anonymous: clips of {frames} frames; a tracker learns from windows of {WINDOW}; "
+            f"anonymous: clips of {frames} frames; a tracker learns from windows of {window}; "
             "use longer clips"
         )
-    positions = detections.positions.unfold(1, WINDOW, 1).movedim(-1, 2)
-    confidence = detections.confidence.unfold(1, WINDOW, 1).movedim(-1, 2)
+    positions = detections.positions.unfold(1, window, 1).movedim(-1, 2)
+    confidence = detections.confidence.unfold(1, window, 1).movedim(-1, 2)
     whole = (confidence > 0).all((-2, -1))
     if not bool(whole.any()):
         raise InputError(
-            f"anonymous: no window of {WINDOW} frames shows all bodies in every frame; "
+            f"anonymous: no window of {window} frames shows all bodies in every frame; "
             "render more or longer clips"
         )
     clip = torch.nonzero(whole)[:, 0]
-    found = Detections(positions[whole], confidence[whole], detections.times[:WINDOW])
+    found = Detections(positions[whole], confidence[whole], detections.times[:window])
     return Windows(found, params[clip].map(lambda x: x.float()))
 
 
-def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
-    """The fixed detector's answer, by which all anonymous rungs see.
+@dataclass(frozen=True)
+class FixedDetector:
+    """The detector by which all anonymous rungs see.
+
+    Args:
+        settings: see :class:`DetectorSettings`.
+    """
+
+    settings: DetectorSettings = DetectorSettings()
+
+    def __call__(self, clips: Clips) -> Detections:
+        """What is found in clips.
+
+        Raises:
+            InputError: the clips are of another world, or their bodies differ in mass.
+        """
+        world = anonymous_world(clips)
+        bodies, camera = clips.states.q.shape[2], world.camera
+        parts = [
+            detect(
+                clips.images(slice(at, at + CHUNK)),
+                clips.times.float(),
+                bodies,
+                world.coverage,
+                camera.xs(),
+                camera.ys(),
+                self.settings,
+            )
+            for at in range(0, len(clips), CHUNK)
+        ]
+        positions = torch.cat([part.positions for part in parts])
+        confidence = torch.cat([part.confidence for part in parts])
+        return Detections(positions, confidence, clips.times.float())
+
+
+Detector = Callable[[Clips], Detections]
+
+
+def detections_of(
+    clips: Clips, folder: Path | None = None, detector: Detector = FixedDetector()
+) -> Detections:
+    """A detector's answer, which is kept.
 
     Args:
         clips: of the anonymous world.
-        folder: where it is kept, under a hash of what it depends on; ``None`` keeps nothing.
+        folder: where it is kept, under a hash of the clips; ``None`` keeps nothing.
+        detector: asked where nothing is kept.
 
     Raises:
         InputError: the clips are of another world, or their bodies differ in mass.
@@ -88,7 +130,7 @@ def detections_of(clips: Clips, folder: Path | None = None) -> Detections:
     if kept is not None and kept.exists():
         stored = load_file(kept)
         return Detections(stored["positions"], stored["confidence"], clips.times.float())
-    found = _looked(clips)
+    found = detector(clips)
     if kept is not None:
         both = {"positions": found.positions, "confidence": found.confidence}
         write_with(kept, lambda partial: save_file(both, partial))
@@ -111,7 +153,7 @@ class Remembering:
         detect: finds the bodies of each frame, the same ones each time.
     """
 
-    detect: Callable[[Clips], Detections]
+    detect: Detector
     answers: dict[str, Detections] = field(default_factory=dict)
 
     def __call__(self, clips: Clips) -> Detections:
@@ -122,28 +164,6 @@ class Remembering:
             self.answers[name] = self.detect(clips)
         found = self.answers[name]
         return Detections(found.positions, found.confidence, clips.times.float())
-
-
-def _look(clips: Clips) -> Detections:
-    world = anonymous_world(clips)
-    bodies, camera = clips.states.q.shape[2], world.camera
-    parts = [
-        detect(
-            clips.images(slice(at, at + CHUNK)),
-            clips.times.float(),
-            bodies,
-            world.coverage,
-            camera.xs(),
-            camera.ys(),
-        )
-        for at in range(0, len(clips), CHUNK)
-    ]
-    positions = torch.cat([part.positions for part in parts])
-    confidence = torch.cat([part.confidence for part in parts])
-    return Detections(positions, confidence, clips.times.float())
-
-
-_looked = Remembering(_look)
 
 
 def anonymous_world(clips: Clips) -> AnonymousWorld:

@@ -17,7 +17,6 @@ from vidphys.data.clips import Clips
 from vidphys.seeding import derive
 
 MANY = 2**30  # dreams to choose from
-STRIDES = 0.1  # world units a frame along each axis, standard deviation
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,7 @@ class Dreams:
         spread: of the places along each axis, world units.
         length: frames of a dream.
         seed: of all of them.
+        strides: world units a frame along each axis, standard deviation.
     """
 
     world: AnonymousWorld
@@ -45,6 +45,7 @@ class Dreams:
     spread: float
     length: int
     seed: int
+    strides: float = 0.1
 
     def __len__(self) -> int:
         return MANY
@@ -53,7 +54,7 @@ class Dreams:
         rng = Generator().manual_seed(derive(self.seed, "dream", str(int(index[0]))))
         place, stride = torch.randn(2, len(index), 1, self.bodies, 2, generator=rng)
         frame = torch.arange(self.length)[:, None, None] - (self.length - 1) / 2
-        positions = self.spread * place + STRIDES * stride * frame
+        positions = self.spread * place + self.strides * stride * frame
         # rounded to bytes, as clips are
         return Dream((self.world(positions) * 255).round() / 255, positions)
 

@@ -14,17 +14,33 @@ import torch
 from torch import Tensor
 
 from binders import Tracks
-from binders.fit import Light, fit
+from binders.fit import Light, LightSettings, fit
 from renderers import AnonymousWorld
 from vidphys.perception.discovered import blur_matrices, blurred
 from vidphys.perception.relabel import relabel
 
-EXPLAINED = 6 / 255  # rms pixel error below which a frame counts as explained
-BLUR = 0.75  # world units, standard deviation: light is felt from half a body away
-FINE = 0.1  # pixels: position errors below it count as squares, above it as their logarithm
-FAINT = 1e-3  # squared light: pixel errors likewise
-BESIDE = 0.25  # of a body's reach: where a body that stood wrong is set down by another
-LOST = 1.0  # world units: the error that an unexplained frame counts as
+
+@dataclass(frozen=True)
+class TeacherSettings:
+    """Of the renderer as a teacher.
+
+    Args:
+        explained: rms pixel error below which a frame counts as explained.
+        blur: world units, standard deviation: light is felt from half a body away.
+        fine: pixels; position errors below it count as squares, above it as their logarithm.
+        faint: squared light; pixel errors likewise.
+        beside: of a body's reach: where a body that stood wrong is set down by another.
+        lost: world units; the error that an unexplained frame counts as.
+        light: see :class:`LightSettings`.
+    """
+
+    explained: float = 6 / 255
+    blur: float = 0.75
+    fine: float = 0.1
+    faint: float = 1e-3
+    beside: float = 0.25
+    lost: float = 1.0
+    light: LightSettings = LightSettings()
 
 
 @dataclass(frozen=True)
@@ -62,21 +78,25 @@ class Reconstruction:
     Args:
         world: draws positions.
         light: the same, on the grid of the fit.
+        settings: see :class:`TeacherSettings`.
     """
 
     world: AnonymousWorld
     light: Light
+    settings: TeacherSettings
 
     @classmethod
-    def through(cls, world: AnonymousWorld) -> Reconstruction:
+    def through(
+        cls, world: AnonymousWorld, settings: TeacherSettings = TeacherSettings()
+    ) -> Reconstruction:
         """Of a world's own frames."""
-        camera = world.camera
-        return cls(world, Light.on_grid(world.coverage, camera.xs(), camera.ys()))
+        xs, ys = world.camera.xs(), world.camera.ys()
+        return cls(world, Light.on_grid(world.coverage, xs, ys, settings.light), settings)
 
     @property
     def fine(self) -> float:
         """World units: errors below it hardly count."""
-        return FINE * self.world.camera.units_per_pixel
+        return self.settings.fine * self.world.camera.units_per_pixel
 
     def explain(self, frames: Tensor, positions: Tensor) -> Explained:
         """Fit positions to the frames, each from where it is.
@@ -88,18 +108,18 @@ class Reconstruction:
             frames: in [0, 1], ``(m, t, 1, H, W)``.
             positions: world units, ``(m, t, n, 2)``.
         """
-        seen = self.light.sampled(frames[:, :, 0])
+        explained, seen = self.settings.explained, self.light.sampled(frames[:, :, 0])
         shape = seen.shape[:2]
         with torch.no_grad():
             q, error = self._fit(seen.flatten(0, 1), positions.flatten(0, 1))
             q, error = q.unflatten(0, shape), error.unflatten(0, shape)
             for here, there in _neighbours(shape[1]):
-                rows = torch.nonzero((error[:, here] > EXPLAINED) & (error[:, there] < EXPLAINED))
+                rows = torch.nonzero((error[:, here] > explained) & (error[:, there] < explained))
                 rows = rows.squeeze(-1)
                 again, better = self._fit(seen[rows, here], q[rows, there])
                 kept = better < error[rows, here]
                 q[rows[kept], here], error[rows[kept], here] = again[kept], better[kept]
-        return Explained(q, error < EXPLAINED)
+        return Explained(q, error < explained)
 
     def regrouped(self, frames: Tensor, found: Explained) -> Explained:
         """Explain frames that are not yet by moving one body beside another.
@@ -113,9 +133,9 @@ class Reconstruction:
         """
         clip, frame = torch.nonzero(~found.believed, as_tuple=True)
         seen = self.light.sampled(frames[clip, frame, 0])
-        start = found.positions[clip, frame]
-        q, least = start.clone(), torch.full_like(start[:, 0, 0], EXPLAINED)
-        beside = self.light.reach * BESIDE * torch.eye(2).to(start)
+        start, explained = found.positions[clip, frame], self.settings.explained
+        q, least = start.clone(), torch.full_like(start[:, 0, 0], explained)
+        beside = self.light.reach * self.settings.beside * torch.eye(2).to(start)
         for body, other in permutations(range(start.shape[1]), 2):
             for apart in beside:
                 moved = start.clone()
@@ -124,7 +144,7 @@ class Reconstruction:
                 better = error < least
                 q[better], least[better] = again[better], error[better]
         positions, believed = found.positions.clone(), found.believed.clone()
-        positions[clip, frame], believed[clip, frame] = q, least < EXPLAINED
+        positions[clip, frame], believed[clip, frame] = q, least < explained
         return Explained(positions, believed)
 
     def _fit(self, seen: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
@@ -147,12 +167,13 @@ class Reconstruction:
         """
         far = (positions - truth.positions.unsqueeze(1)).square().sum(-1)
         believed = truth.believed[:, None, :, None]
-        apart = (torch.where(believed, far, LOST**2) / self.fine**2).log1p()
+        apart = (torch.where(believed, far, self.settings.lost**2) / self.fine**2).log1p()
         clip, frame = torch.nonzero(~truth.believed, as_tuple=True)
-        rows, columns = blur_matrices(self.world.camera, BLUR)
+        rows, columns = blur_matrices(self.world.camera, self.settings.blur)
         drawn = self.world(positions[clip, :, frame])
         light = blurred(drawn - frames[clip, frame].unsqueeze(1), rows, columns)
-        dim = (light.square().mean((-3, -2, -1)) / FAINT).log1p().unsqueeze(-1)
+        faint = self.settings.faint
+        dim = (light.square().mean((-3, -2, -1)) / faint).log1p().unsqueeze(-1)
         error = apart.transpose(1, 2).index_put((clip, frame), dim.expand(-1, -1, far.shape[-1]))
         return error.transpose(1, 2), apart.detach()
 

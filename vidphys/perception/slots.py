@@ -2,8 +2,8 @@
 
 Slots find the bodies of a frame and are carried to the next. They learn by reconstruction through
 the fixed renderer, and are read the same way: slots propose, the frame's reconstruction decides. A
-learned tracker (B3) then says who is who where bodies that look alike met. The study's own slot
-attention fails here (N68).
+learned tracker then says who is who where bodies that look alike met. The study's own slot
+attention fails here (its Table grounding).
 """
 
 from __future__ import annotations
@@ -17,35 +17,80 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from binders import Detections
-from binders.slots import CHANNELS, Found, SlotAttention
+from binders.slots import Found, SlotAttention, SlotSettings
 from encoders.cnn import ConvEncoder
 from encoders.features import FeatureMap
 from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
-from vidphys.perception.anonymous import LearnedBinding, learn_hindsight
+from vidphys.perception.anonymous import LearnedBinding, TrackingSettings, learn_hindsight
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
 from vidphys.perception.detections import Remembering, anonymous_world
 from vidphys.perception.dreams import Dream, Dreams, light_spread
-from vidphys.perception.reconstruction import FAINT, Reconstruction, told
+from vidphys.perception.reconstruction import Reconstruction, TeacherSettings, told
 from vidphys.perception.windows import Window, WindowBatches
+from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
 from vidphys.training.loop import FitSettings
 
 NAME = "anonymous-slots"
-AWAKE = 0.25  # steps on the clips themselves over those in dreams
-AWAKE_RATE = 1e-3  # learning rate of those
-TRACKER_CLIPS = 128  # at most, that the tracker learns from
-LENGTH = 3  # frames of a training window
-PIXELS = 32  # a side at least that frames are averaged down to: for the same time, more training
-LEARNING_RATE = 3e-3
-LARGEST_GRADIENT = 1.0
-EARLIER = 0.5  # weight of a round against the next
-DOUBT = 0.05  # weight of the doubt's error
 TURN = math.pi * (3 - math.sqrt(5))  # golden angle, by which each step's ring of slots is turned
-STARTS = 4  # rings that slots start from when clips are read
-SURE = 0.06  # world units: an expected error of this size halves the confidence
 CHUNK = 16  # clips read at once
+
+
+@dataclass(frozen=True)
+class DetectionSettings:
+    """Of slots that learn to detect, and are read.
+
+    Args:
+        attention: see :class:`SlotSettings`.
+        teacher: see :class:`TeacherSettings`.
+        length: frames of a training window.
+        learning_rate: peak.
+        clip: largest gradient norm.
+        earlier: weight of a round against the next.
+        doubt: weight of the doubt's error.
+        starts: rings that slots start from when clips are read.
+        sure: world units; an expected error of this size halves the confidence.
+    """
+
+    attention: SlotSettings = SlotSettings()
+    teacher: TeacherSettings = TeacherSettings()
+    length: int = 3
+    learning_rate: float = 3e-3
+    clip: float = 1.0
+    earlier: float = 0.5
+    doubt: float = 0.05
+    starts: int = 4
+    sure: float = 0.06
+
+    def fit(self, sizes: PixelSizes) -> FitSettings:
+        """As many windows a step as make the preset's frames."""
+        windows = max(1, sizes.perception_batch // self.length)
+        return FitSettings(sizes.perception_steps, windows, self.learning_rate, self.clip)
+
+
+@dataclass(frozen=True)
+class SlotRungSettings:
+    """Of the rung of slot attention.
+
+    Args:
+        detection: see :class:`DetectionSettings`.
+        tracking: see :class:`TrackingSettings`.
+        pixels: a side at least that frames are averaged down to: for the same time, more training.
+        strides: of dreamt bodies, world units a frame along each axis, standard deviation.
+        awake: steps on the clips themselves over those in dreams.
+        awake_rate: learning rate of those.
+        tracker_clips: at most, that the tracker learns from.
+    """
+
+    detection: DetectionSettings = DetectionSettings()
+    tracking: TrackingSettings = TrackingSettings()
+    pixels: int = 32
+    strides: float = 0.1
+    awake: float = 0.25
+    awake_rate: float = 1e-3
+    tracker_clips: int = 128
 
 
 class FrameTokens(nn.Module):
@@ -53,15 +98,21 @@ class FrameTokens(nn.Module):
 
     It sees both flanks of an edge on a logarithmic scale: a soft edge is a smooth slope then, from
     which its place can be read to a small fraction of a pixel.
+
+    Args:
+        channels: of the features.
+        pixels: a side at least that frames are averaged down to.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, channels: int = SlotSettings.channels, pixels: int = SlotRungSettings.pixels
+    ) -> None:
         super().__init__()
-        self.encoder = ConvEncoder(2, CHANNELS)
+        self.encoder, self.pixels = ConvEncoder(2, channels), pixels
 
     def forward(self, frames: Tensor) -> FeatureMap:
-        """Features of frames in [0, 1], ``(b, t, 1, H, W)``, averaged down to ``PIXELS`` a side."""
-        pool = max(1, min(frames.shape[-2:]) // PIXELS)
+        """Features of frames in [0, 1], ``(b, t, 1, H, W)``."""
+        pool = max(1, min(frames.shape[-2:]) // self.pixels)
         seen = functional.avg_pool2d(frames.flatten(0, 1), pool).unflatten(0, frames.shape[:2])
         found = self.encoder(torch.cat([seen, 1 - seen], 2), torch.zeros(frames.shape[1]))
         stride = (pool * found.stride[0], pool * found.stride[1])
@@ -72,17 +123,25 @@ class SlotDetector(nn.Module):
     """Tokens of clips, and slots that look for bodies in them.
 
     Args:
-        tokens: gives a feature map of ``CHANNELS`` channels of what a clip is shown as.
+        tokens: gives a feature map of what a clip is shown as.
         bodies: number of slots.
         half_extent: world units of a normalised image unit.
         fine: world units of position error that hardly count.
+        settings: see :class:`DetectionSettings`.
     """
 
     step: Tensor
 
-    def __init__(self, tokens: nn.Module, bodies: int, half_extent: float, fine: float) -> None:
+    def __init__(
+        self,
+        tokens: nn.Module,
+        bodies: int,
+        half_extent: float,
+        fine: float,
+        settings: DetectionSettings = DetectionSettings(),
+    ) -> None:
         super().__init__()
-        self.tokens, self.slots = tokens, SlotAttention()
+        self.tokens, self.slots, self.settings = tokens, SlotAttention(settings.attention), settings
         self.bodies, self.half_extent, self.fine = bodies, half_extent, fine
         self.register_buffer("step", torch.zeros((), dtype=torch.long))
 
@@ -110,14 +169,14 @@ class SlotDetector(nn.Module):
         self.step += 1
         last = torch.stack([f.slots.position for f in found], 1).detach() * self.half_extent
         truth = teacher.explain(frames, last) if known is None else told(known, last)
-        total = frames.new_zeros(())
+        total, how = frames.new_zeros(()), self.settings
         for at, one in enumerate(found):
             here = slice(at, at + 1)
             rounds = one.rounds.unsqueeze(2) * self.half_extent
             error, apart = teacher.error(rounds, truth[:, here], frames[:, here])
-            weight = EARLIER ** torch.arange(error.shape[1] - 1, -1, -1.0)
+            weight = how.earlier ** torch.arange(error.shape[1] - 1, -1, -1.0)
             doubt = (one.doubt - apart[:, -1, 0]).square().mean()
-            total = total + (weight * error.mean((0, 2, 3))).sum() + DOUBT * doubt
+            total = total + (weight * error.mean((0, 2, 3))).sum() + how.doubt * doubt
         return total / len(found)
 
     def detect(self, seen: Tensor, frames: Tensor, world: AnonymousWorld) -> tuple[Tensor, Tensor]:
@@ -132,11 +191,13 @@ class SlotDetector(nn.Module):
         """
         tokens = self.tokens(seen)
         best = self._answer(tokens, frames, world, 0.0)
-        for ring in range(1, STARTS):
-            turn = 2 * math.pi / max(1, self.bodies) * ring / STARTS
+        starts, half = self.settings.starts, self.settings.sure
+        for ring in range(1, starts):
+            turn = 2 * math.pi / max(1, self.bodies) * ring / starts
             best = best.or_else(self._answer(tokens, frames, world, turn))
         squared = self.fine**2 * best.doubt.clamp_min(0).expm1()
-        sure = 1 / (1 + squared / SURE**2) / (1 + best.unlike / FAINT).unsqueeze(-1)
+        faint = self.settings.teacher.faint
+        sure = 1 / (1 + squared / half**2) / (1 + best.unlike / faint).unsqueeze(-1)
         return best.positions, sure
 
     def _answer(
@@ -211,16 +272,18 @@ def decided(
     return moved, torch.where(believed, torch.ones_like(confidence), confidence)
 
 
-def fit_slots(task: FitTask) -> Perception:
+def fit_slots(task: FitTask, settings: SlotRungSettings = SlotRungSettings()) -> Perception:
     """Train slots on the frames of the clips, then a tracker on what they find.
 
     Raises:
         InputError: the clips are not of the anonymous world, or too short.
     """
     world, bodies = anonymous_world(task.clips), task.clips.params.mass.shape[-1]
-    teacher = Reconstruction.through(world)
+    detection, length = settings.detection, settings.detection.length
+    teacher = Reconstruction.through(world, detection.teacher)
     torch.manual_seed(derive(task.seed, "init", NAME))
-    detector = SlotDetector(FrameTokens(), bodies, world.camera.half_extent, teacher.fine)
+    tokens = FrameTokens(detection.attention.channels, settings.pixels)
+    detector = SlotDetector(tokens, bodies, world.camera.half_extent, teacher.fine, detection)
 
     def asleep(dream: Dream) -> Tensor:
         return detector.loss(dream.frames, dream.frames, teacher, dream.positions)
@@ -229,21 +292,16 @@ def fit_slots(task: FitTask) -> Perception:
         frames = mirrored(window.frames, int(detector.step))
         return detector.loss(frames, frames, teacher)
 
-    settings = slot_settings(task)
-    dreams = Dreams(world, bodies, light_spread(task.clips), LENGTH, task.seed)
-    train(task, NAME + "-asleep", detector, asleep, dreams, settings)
-    later = replace(settings, steps=int(AWAKE * settings.steps), learning_rate=AWAKE_RATE)
-    train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, LENGTH), later)
+    how, light = detection.fit(task.sizes), light_spread(task.clips)
+    dreams = Dreams(world, bodies, light, length, task.seed, settings.strides)
+    train(task, NAME + "-asleep", detector, asleep, dreams, how)
+    steps = int(settings.awake * how.steps)
+    later = replace(how, steps=steps, learning_rate=settings.awake_rate)
+    train(task, NAME + "-awake", detector, awake, WindowBatches(task.clips, length), later)
     sight = Remembering(SlotSight(detector.eval(), teacher))
-    fewer = replace(task, clips=task.clips.first(TRACKER_CLIPS))
-    tracker = learn_hindsight(fewer, NAME + "-tracker", sight(fewer.clips))
-    return LearnedBinding(tracker, detect=sight)
-
-
-def slot_settings(task: FitTask) -> FitSettings:
-    """As many windows a step as make the preset's frames."""
-    windows = max(1, task.sizes.perception_batch // LENGTH)
-    return FitSettings(task.sizes.perception_steps, windows, LEARNING_RATE, LARGEST_GRADIENT)
+    fewer = replace(task, clips=task.clips.first(settings.tracker_clips))
+    tracker = learn_hindsight(fewer, NAME + "-tracker", sight(fewer.clips), settings.tracking)
+    return LearnedBinding(tracker, None, settings.tracking.hypotheses, sight)
 
 
 def mirrored(frames: Tensor, step: int) -> Tensor:

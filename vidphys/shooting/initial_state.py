@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -10,16 +11,37 @@ from torch import Tensor
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
 from readouts.differencing import backward_difference, central_difference
-from readouts.smoothing import Smoothed, Step, smooth
+from readouts.smoothing import Smoothed, SmoothingSettings, Step, smooth
 from vidphys.shooting.aim import PRECISE
 from vidphys.shooting.step import model_step, roll
 
-WINDOWS = (16, 7, 5, 4, 3)  # frames; a shorter window where the longer one is not explained
-UNUSUAL = 2.0  # times the median cost
-SLACKS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)  # of momenta, relative to their size
-COARSE, SURE = 0.02, 0.01  # world units of a position half sure; part of its odds at full trust
-PRACTICE, AHEAD = 32, 2  # clips and frames that slacks are tried on
-WORSE = 2  # slacks in a row, after which no smaller one is tried
+
+@dataclass(frozen=True)
+class ShootingSettings:
+    """Of the state at t0 that is read by shooting.
+
+    Args:
+        windows: frames; a shorter window where the longer one is not explained.
+        unusual: times the median cost.
+        slacks: of momenta, relative to their size, falling.
+        coarse: world units of a position half sure.
+        sure: part of its odds at full trust.
+        practice, ahead: clips and frames that slacks are tried on.
+        worse: slacks in a row, after which no smaller one is tried.
+        precise: world units; errors below it count by their square, above by their logarithm.
+        smoothing: see :class:`SmoothingSettings`.
+    """
+
+    windows: tuple[int, ...] = (16, 7, 5, 4, 3)
+    unusual: float = 2.0
+    slacks: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+    coarse: float = 0.02
+    sure: float = 0.01
+    practice: int = 32
+    ahead: int = 2
+    worse: int = 2
+    precise: float = PRECISE
+    smoothing: SmoothingSettings = SmoothingSettings()
 
 
 def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: float) -> PhaseState:
@@ -27,7 +49,13 @@ def by_differencing(head: Head, tracks: Tracks, params: Parameters, interval: fl
     return backward_difference(tracks.positions, params.mass.to(tracks.positions), interval)
 
 
-def choose_slack(head: Head, tracks: Tracks, params: Parameters, interval: float) -> float:
+def choose_slack(
+    head: Head,
+    tracks: Tracks,
+    params: Parameters,
+    interval: float,
+    settings: ShootingSettings = ShootingSettings(),
+) -> float:
     """The slack under which a head foretells the last frames of some tracks best.
 
     Positions err and heads err: the better the head, the more all frames of a window say about
@@ -35,21 +63,22 @@ def choose_slack(head: Head, tracks: Tracks, params: Parameters, interval: float
 
     Args:
         head: trained.
-        tracks: that it was trained on; the first ``PRACTICE`` clips are used, and all but the last
-            ``AHEAD`` of their frames to start from.
+        tracks: that it was trained on; the first ``practice`` clips are used, and all but the last
+            ``ahead`` of their frames to start from.
         params: of each clip.
         interval: seconds between frames.
+        settings: see :class:`ShootingSettings`.
 
     Returns:
-        One of ``SLACKS``, relative to the size of momenta; or infinity, where the dynamics are not
+        One of ``slacks``, relative to the size of momenta; or infinity, where the dynamics are not
         to be believed at all. So it is where the momenta of states that follow them are mostly
         farther from the differences of frames than none would be: a head without structure may
         mean something of its own by a momentum.
     """
-    few = slice(0, PRACTICE)
+    few, ahead, slacks = slice(0, settings.practice), settings.ahead, settings.slacks
     positions, confidence = tracks.positions[few].float(), tracks.confidence[few].float()
     law = params.map(lambda x: x[few].float())
-    past = Tracks(positions[:, :-AHEAD], confidence[:, :-AHEAD], tracks.times[:-AHEAD])
+    past = Tracks(positions[:, :-ahead], confidence[:, :-ahead], tracks.times[:-ahead])
     dt, every = model_step(interval)
     plain = by_differencing(head, past, law, interval)
 
@@ -58,20 +87,25 @@ def choose_slack(head: Head, tracks: Tracks, params: Parameters, interval: float
         if not bool(strange <= plain.p.norm(dim=-1).median()):
             return torch.inf
         with torch.no_grad():
-            ahead = roll(head, start.map(torch.Tensor.float), law, AHEAD, dt, every).q
-        error = (ahead - positions[:, -AHEAD:]).square().sum(-1) / PRECISE**2
-        return float((confidence[:, -AHEAD:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
+            rolled = roll(head, start.map(torch.Tensor.float), law, ahead, dt, every).q
+        error = (rolled - positions[:, -ahead:]).square().sum(-1) / settings.precise**2
+        return float((confidence[:, -ahead:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
 
     found = [missed(plain)]
-    for fit in _smooth(head, past, law, interval, SLACKS):
+    for fit in _smooth(head, past, law, interval, slacks, settings):
         found.append(missed(fit.states[:, -1]))
-        if min(found[1:-WORSE], default=torch.inf) <= min(found[-WORSE:]):
+        if min(found[1 : -settings.worse], default=torch.inf) <= min(found[-settings.worse :]):
             break
-    return (torch.inf, *SLACKS)[found.index(min(found))]
+    return (torch.inf, *slacks)[found.index(min(found))]
 
 
 def by_shooting(
-    head: Head, tracks: Tracks, params: Parameters, interval: float, slack: float = SLACKS[-1]
+    head: Head,
+    tracks: Tracks,
+    params: Parameters,
+    interval: float,
+    slack: float = ShootingSettings.slacks[-1],
+    settings: ShootingSettings = ShootingSettings(),
 ) -> PhaseState:
     """The end of the states that pass through the window's positions, nearly under the head.
 
@@ -85,6 +119,7 @@ def by_shooting(
         params: of each clip.
         interval: seconds between frames.
         slack: see :func:`choose_slack`.
+        settings: see :class:`ShootingSettings`.
 
     Example:
         >>> from dynamics import ballistic
@@ -97,7 +132,7 @@ def by_shooting(
     """
     if slack == torch.inf:
         return by_differencing(head, tracks, params, interval)
-    slacks = SLACKS[: SLACKS.index(slack) + 1]
+    slacks = settings.slacks[: settings.slacks.index(slack) + 1]
 
     def fitted(rows: Tensor | slice, window: int) -> Smoothed:
         part = Tracks(
@@ -105,13 +140,13 @@ def by_shooting(
             tracks.confidence[rows, -window:],
             tracks.times[-window:],
         )
-        *_, last = _smooth(head, part, params[rows], interval, slacks)
+        *_, last = _smooth(head, part, params[rows], interval, slacks, settings)
         return last
 
-    best = fitted(slice(None), WINDOWS[0])
+    best = fitted(slice(None), settings.windows[0])
     state, cost = best.states[:, -1].map(torch.clone), best.cost.clone()
-    usual = UNUSUAL * float(cost.median())
-    for window in WINDOWS[1:]:
+    usual = settings.unusual * float(cost.median())
+    for window in settings.windows[1:]:
         bad = torch.nonzero(~(cost <= usual)).squeeze(-1)
         if not len(bad) or window >= tracks.positions.shape[1]:
             continue
@@ -124,7 +159,12 @@ def by_shooting(
 
 
 def _smooth(
-    head: Head, tracks: Tracks, params: Parameters, interval: float, slacks: Sequence[float]
+    head: Head,
+    tracks: Tracks,
+    params: Parameters,
+    interval: float,
+    slacks: Sequence[float],
+    settings: ShootingSettings,
 ) -> Iterator[Smoothed]:
     """The window under a head; slacks are relative to the size of the momenta in it."""
     positions, law = tracks.positions.double(), params.map(torch.Tensor.double)
@@ -135,12 +175,13 @@ def _smooth(
     momenta = torch.cat([first[:, None], inner, last[:, None]], 1)
     size = float(momenta.square().mean().sqrt()) or 1.0
     confidence = tracks.confidence.double().clamp(1e-3, 1)
-    error = COARSE * (1 / confidence - 1 + SURE).sqrt()
+    error = settings.coarse * (1 / confidence - 1 + settings.sure).sqrt()
     precision = next((p.dtype for p in head.parameters()), torch.float64)
     guess = PhaseState(positions, momenta).map(lambda x: x.to(precision))
     step = frame_step(head, law.map(lambda x: x.to(precision)), interval)
     with torch.no_grad():
-        yield from smooth(step, positions, error, guess, interval, [size * s for s in slacks])
+        scaled = [size * s for s in slacks]
+        yield from smooth(step, positions, error, guess, interval, scaled, settings.smoothing)
 
 
 def frame_step(head: Head, params: Parameters, interval: float) -> Step:

@@ -31,6 +31,32 @@ from vidphys.training.segments import Segments, from_trajectory, scale_of, segme
 
 
 @dataclass(frozen=True)
+class Stage:
+    """How one kind of examples is trained on: its checkpoint's name, batch, rates and clipping."""
+
+    name: str
+    batch: int
+    rates: tuple[float, ...]
+    clip: float
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """Of a head's training on tracks.
+
+    Args:
+        frames, windows: the stages by differences of frames, and by windows.
+        probe: share of the steps that each learning rate is tried for.
+        held_out: examples at most that a learning rate is chosen on.
+    """
+
+    frames: Stage = Stage("differencing", 256, (3e-3, 1e-3), 10.0)
+    windows: Stage = Stage("shooting", 256, (1e-2, 1e-3), 1.0)
+    probe: float = 0.1
+    held_out: int = 4096
+
+
+@dataclass(frozen=True)
 class TrackTask:
     """What a head is trained on.
 
@@ -44,6 +70,7 @@ class TrackTask:
         precise: position errors below it count by their square, above by their logarithm.
         save_to: folder of checkpoints, or ``None``.
         progress: called as ``(step, steps, loss)``.
+        settings: see :class:`TrackSettings`.
     """
 
     tracks: Tracks
@@ -55,6 +82,7 @@ class TrackTask:
     precise: float = PRECISE
     save_to: Path | None = None
     progress: Progress | None = None
+    settings: TrackSettings = TrackSettings()
 
     def checkpoint(self, stage: str) -> Path | None:
         return None if self.save_to is None else self.save_to / f"{stage}.json"
@@ -75,7 +103,8 @@ def train_by_differencing(head: Head, task: TrackTask) -> FitResult:
     """One frame ahead from central-difference states, in (q, p)."""
     data = task.differences()
     scale = scale_of(data)
-    return _fit(head, lambda candidate: segment_loss(candidate, scale), data, FRAMES, task)
+    stage = task.settings.frames
+    return _fit(head, lambda candidate: segment_loss(candidate, scale), data, stage, task)
 
 
 def train_by_shooting(head: Head, task: TrackTask) -> FitResult:
@@ -84,34 +113,19 @@ def train_by_shooting(head: Head, task: TrackTask) -> FitResult:
     The differences tell a head without structure what a momentum is; the windows then let go of
     their truncation error.
     """
-    half = replace(task, steps=task.steps // 2)
+    half, stage = replace(task, steps=task.steps // 2), task.settings.windows
     train_by_differencing(head, half)
-    return _fit(head, lambda candidate: window_loss(candidate, task), Windows(half), WINDOWS, half)
-
-
-@dataclass(frozen=True)
-class Stage:
-    """How one kind of examples is trained on: its checkpoint's name, batch, rates and clipping."""
-
-    name: str
-    batch: int
-    rates: tuple[float, ...]
-    clip: float
-
-
-FRAMES = Stage("differencing", 256, (3e-3, 1e-3), 10.0)
-WINDOWS = Stage("shooting", 256, (1e-2, 1e-3), 1.0)
-PROBE = 0.1  # share of the steps that each learning rate is tried for
-HELD_OUT = 4096  # examples at most that a learning rate is chosen on
+    return _fit(head, lambda candidate: window_loss(candidate, task), Windows(half), stage, half)
 
 
 def _fit(
     head: Head, loss: Callable[[Head], Loss], data: Batches, stage: Stage, task: TrackTask
 ) -> FitResult:
     """Choose the learning rate on held-out examples, then train."""
-    held_out = max(1, min(HELD_OUT, len(data) // 16))
+    held_out = max(1, min(task.settings.held_out, len(data) // 16))
     train = First(data, len(data) - held_out)
-    probe = FitSettings(max(1, int(PROBE * task.steps)), stage.batch, 0.0, stage.clip)
+    tried = max(1, int(task.settings.probe * task.steps))
+    probe = FitSettings(tried, stage.batch, 0.0, stage.clip)
     last = data[torch.arange(len(train), len(data))]
     choice = choose_learning_rate(head, loss, train, last, stage.rates, probe, task.seed)
     settings = FitSettings(task.steps, stage.batch, choice.chosen, stage.clip)
