@@ -2,12 +2,13 @@
 
 Colours say who is who, so there is nothing to match. Each frame is unmixed into what is visible
 of each body; a disk is fitted to that, hidden parts left out; and where little of a body can be
-seen, a smooth path through the seven frames around it says where it is.
+seen, a smooth path through the frames around it says where it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -15,19 +16,38 @@ from torch import Tensor
 
 from binders.tracks import Tracks
 
-FRAMES = 7  # of a local path
-DEGREE = 3
-ROUNDS = 15
-FIRST_DAMPING = 1e-3
-PASSES = 4  # of re-weighting a local path
-OUTLIER = 0.05  # world units from the path at which a frame's say is halved
-HALF = 0.05  # visible share at which a frame's own fit and the path count alike
-EXPLAINED = 0.5  # of a colour's light that a disk must explain for it to be one
-LEAST_PIXELS = 2.0  # of light: a disk of less has no place within its pixel
-FAINT = 0.02  # visible share below which a frame says nothing about a body
 TINY = 1e-9
 
 Coverage = Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class PaletteSettings:
+    """Of the fits of disks, and of the paths through them.
+
+    Args:
+        frames: of a local path, an odd number.
+        degree: of its polynomial.
+        passes: of re-weighting it.
+        outlier: world units from the path at which a frame's say is halved.
+        half: visible share at which a frame's own fit and the path count alike.
+        rounds: of Levenberg-Marquardt.
+        first_damping: of that.
+        explained: part of a colour's light that a disk must explain for it to be one.
+        least_pixels: of light; a disk of less has no place within its pixel.
+        faint: visible share below which a frame says nothing about a body.
+    """
+
+    frames: int = 7
+    degree: int = 3
+    passes: int = 4
+    outlier: float = 0.05
+    half: float = 0.05
+    rounds: int = 15
+    first_damping: float = 1e-3
+    explained: float = 0.5
+    least_pixels: float = 2.0
+    faint: float = 0.02
 
 
 def track_by_palette(
@@ -37,6 +57,7 @@ def track_by_palette(
     coverage: Coverage,
     xs: Float[Tensor, " W"],
     ys: Float[Tensor, " H"],
+    settings: PaletteSettings = PaletteSettings(),
 ) -> Tracks:
     """Follow one disk of each colour, nearer bodies first in the palette.
 
@@ -47,6 +68,7 @@ def track_by_palette(
         coverage: light of one body at a squared distance (world units squared) from its centre,
             differentiable.
         xs, ys: world coordinates of the pixels' columns and rows.
+        settings: see :class:`PaletteSettings`.
 
     Returns:
         Positions in world units. A frame's confidence in a body is the visible share of its light.
@@ -70,9 +92,9 @@ def track_by_palette(
     visible = unmix(frames, palette)
     clear = 1 - (visible.cumsum(-3) - visible)  # what the nearer bodies leave of each pixel
     seen = _Seen(visible, clear.clamp(0, 1), coverage, xs.to(frames), ys.to(frames))
-    positions, share = seen.locate()
-    paths = local_paths(positions.double(), share.double(), times.double())
-    sure = (share.square() / (share.square() + HALF**2)).unsqueeze(-1)
+    positions, share = seen.locate(settings)
+    paths = local_paths(positions.double(), share.double(), times.double(), settings)
+    sure = (share.square() / (share.square() + settings.half**2)).unsqueeze(-1)
     return Tracks(sure * positions + (1 - sure) * paths.to(positions), share, times)
 
 
@@ -104,17 +126,17 @@ class _Seen:
         self.visible, self.clear, self.coverage = visible, clear, coverage
         self.xs, self.ys = xs, ys
 
-    def locate(self) -> tuple[Tensor, Tensor]:
+    def locate(self, how: PaletteSettings) -> tuple[Tensor, Tensor]:
         """Positions ``(..., n, 2)`` by Levenberg-Marquardt from the centroids, and visible shares.
 
         The share is 0 for a body of which no light is left, and where the light is not a disk's;
         its position is then 0.
         """
         q, light = self._centroids()
-        damping = torch.full_like(light, FIRST_DAMPING)
+        damping = torch.full_like(light, how.first_damping)
         residual, dx, dy = self._linear(q)
         cost = residual.square().sum((-2, -1))
-        for _ in range(ROUNDS):
+        for _ in range(how.rounds):
             trial = q + _step(residual, dx, dy, damping)
             found = self._linear(trial)
             new = found[0].square().sum((-2, -1))
@@ -129,7 +151,7 @@ class _Seen:
         whole = self.coverage(self._squared(q)).sum((-2, -1)).clamp_min(TINY)
         share = (light / whole).clamp(0, 1)
         explained = 1 - cost / self.visible.square().sum((-2, -1)).clamp_min(TINY)
-        seen = (share > FAINT) & (explained > EXPLAINED) & (whole > LEAST_PIXELS)
+        seen = (share > how.faint) & (explained > how.explained) & (whole > how.least_pixels)
         share = torch.where(seen, share, 0)
         return torch.where(share.unsqueeze(-1) > 0, q, 0), share
 
@@ -170,9 +192,12 @@ def _step(residual: Tensor, dx: Tensor, dy: Tensor, damping: Tensor) -> Tensor:
 
 
 def local_paths(
-    positions: Float[Tensor, "b t n 2"], weight: Float[Tensor, "b t n"], times: Float[Tensor, " t"]
+    positions: Float[Tensor, "b t n 2"],
+    weight: Float[Tensor, "b t n"],
+    times: Float[Tensor, " t"],
+    settings: PaletteSettings = PaletteSettings(),
 ) -> Float[Tensor, "b t n 2"]:
-    """At each frame, the value of a cubic fitted to the ``FRAMES`` frames around it.
+    """At each frame, the value of a polynomial fitted to the frames around it.
 
     Frames count by their weight, and less the farther they lie from the path (Cauchy), so that
     one wrong frame does not bend it. Near the ends of a clip the window is cut short.
@@ -181,25 +206,26 @@ def local_paths(
         positions: world units; a frame of weight 0 is not looked at.
         weight: in [0, 1].
         times: seconds.
+        settings: see :class:`PaletteSettings`.
     """
-    half = FRAMES // 2
+    half, orders = settings.frames // 2, torch.arange(settings.degree + 1)
     paths = []
     for frame in range(len(times)):
         window = slice(max(0, frame - half), frame + half + 1)
         scale = (times[window] - times[frame]).abs().max().clamp_min(TINY)
-        powers = ((times[window] - times[frame]) / scale).unsqueeze(-1) ** torch.arange(DEGREE + 1)
-        paths.append(_path(powers, positions[:, window], weight[:, window]))
+        powers = ((times[window] - times[frame]) / scale).unsqueeze(-1) ** orders
+        paths.append(_path(powers, positions[:, window], weight[:, window], settings))
     return torch.stack(paths, 1)
 
 
-def _path(powers: Tensor, q: Tensor, weight: Tensor) -> Tensor:
+def _path(powers: Tensor, q: Tensor, weight: Tensor, how: PaletteSettings) -> Tensor:
     """The constant term of the robust polynomial through ``(b, w, n, 2)``, ``(b, n, 2)``."""
-    ridge = 1e-6 * torch.eye(DEGREE + 1, dtype=q.dtype)
+    ridge = 1e-6 * torch.eye(how.degree + 1, dtype=q.dtype)
     trust = weight
-    for _ in range(PASSES):
+    for _ in range(how.passes):
         weighted = trust.movedim(1, -1).unsqueeze(-1) * powers  # (b, n, w, degree + 1)
         normal = weighted.mT @ powers + ridge
         terms = torch.linalg.solve(normal, weighted.mT @ q.movedim(1, 2))
         miss = (q - (powers @ terms).movedim(2, 1)).square().sum(-1)
-        trust = weight / (1 + miss / OUTLIER**2)
+        trust = weight / (1 + miss / how.outlier**2)
     return terms[..., 0, :]

@@ -1,11 +1,13 @@
-"""The tracked RGB rung: known colours, occlusion, and nothing learned (inventory E6, N63)."""
+"""The tracked RGB rung: known colours, occlusion, and nothing learned."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import torch
 
 from binders import Tracks
-from binders.palette import track_by_palette
+from binders.palette import PaletteSettings, track_by_palette
 from renderers import RgbWorld
 from renderers.splats import disk_coverage
 from vidphys.data.clips import Clips
@@ -15,8 +17,11 @@ from vidphys.perception.base import FitTask, Grounding, Perception
 CHUNK = 32  # clips at once
 
 
+@dataclass(frozen=True)
 class PaletteTracking:
     """Follows each body by its colour."""
+
+    settings: PaletteSettings = PaletteSettings()
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame.
@@ -39,6 +44,7 @@ class PaletteTracking:
                 lambda squared: disk_coverage(squared, world.radius, world.softness),
                 camera.xs(),
                 camera.ys(),
+                self.settings,
             )
             for at in range(0, len(clips), CHUNK)
         ]
@@ -47,9 +53,9 @@ class PaletteTracking:
         return Tracks(positions, confidence, clips.times.float())
 
 
-def fit_palette(task: FitTask) -> Perception:
+def fit_palette(task: FitTask, settings: PaletteSettings = PaletteTracking.settings) -> Perception:
     """Nothing to fit: the palette is known."""
-    return PaletteTracking()
+    return PaletteTracking(settings)
 
 
 PALETTE_GROUNDING = Grounding("rgb-tracked", "rgb", "none", "palette", False, fit_palette)

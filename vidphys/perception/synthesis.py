@@ -1,11 +1,12 @@
 """The renderer rung: which positions, drawn, give this frame? Nothing is learned.
 
-Analysis through synthesis with the fixed differentiable renderer (inventory R1, R3).
+Analysis through synthesis with the fixed differentiable renderer.
 """
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -17,15 +18,30 @@ from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Perception
 
-ROUNDS = 12
-SETTLED = 1e-3  # pixels: a smaller step ends the fit of a body
 CHUNK = 16  # clips at once
-FIRST_DAMPING = 1e-3
 NARROW = 1e-12
 
 
+@dataclass(frozen=True)
+class SynthesisSettings:
+    """Of the fit of positions.
+
+    Args:
+        rounds: of Levenberg-Marquardt, at most.
+        settled: pixels; a smaller step ends the fit of a body.
+        first_damping: of the normal equations.
+    """
+
+    rounds: int = 12
+    settled: float = 1e-3
+    first_damping: float = 1e-3
+
+
+@dataclass(frozen=True)
 class Synthesis:
     """Fits each frame's positions through the fixed differentiable renderer."""
+
+    settings: SynthesisSettings = SynthesisSettings()
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame; confidence is the share of light explained.
@@ -41,17 +57,20 @@ class Synthesis:
             )
         parts = []
         for start in range(0, len(clips), CHUNK):
-            parts.append(fit_positions(world, clips.images(slice(start, start + CHUNK))))
+            frames = clips.images(slice(start, start + CHUNK))
+            parts.append(fit_positions(world, frames, self.settings))
         positions, confidence = (torch.cat(x).double() for x in zip(*parts, strict=True))
         return Tracks(positions, confidence, clips.times)
 
 
-def fit_synthesis(task: FitTask) -> Perception:
+def fit_synthesis(task: FitTask, settings: SynthesisSettings = SynthesisSettings()) -> Perception:
     """There is nothing to fit: the renderer is given."""
-    return Synthesis()
+    return Synthesis(settings)
 
 
-def fit_positions(world: ChannelWorld, frames: Tensor) -> tuple[Tensor, Tensor]:
+def fit_positions(
+    world: ChannelWorld, frames: Tensor, settings: SynthesisSettings = SynthesisSettings()
+) -> tuple[Tensor, Tensor]:
     """Positions whose rendering is nearest the frames, by Levenberg-Marquardt from the centroids.
 
     Bodies are in channels of their own, so each is a fit of two unknowns, and all are solved at
@@ -60,16 +79,17 @@ def fit_positions(world: ChannelWorld, frames: Tensor) -> tuple[Tensor, Tensor]:
     Args:
         world: draws positions.
         frames: ``(..., n, H, W)`` in [0, 1].
+        settings: see :class:`SynthesisSettings`.
 
     Returns:
         World positions ``(..., n, 2)`` and confidence ``(..., n)``: one minus the residual's
         energy over the frame's, at least 0; 0 for a black channel.
     """
     q, light = centroids(frames, world.camera)
-    damping = torch.full_like(light, FIRST_DAMPING)
+    damping = torch.full_like(light, settings.first_damping)
     cost = _cost(world, q, frames)
-    moving = light > 0
-    for _ in range(ROUNDS):
+    moving, settled = light > 0, settings.settled * world.camera.units_per_pixel
+    for _ in range(settings.rounds):
         if not bool(moving.any()):
             break
         step = _step(world, q, frames, damping)
@@ -78,7 +98,7 @@ def fit_positions(world: ChannelWorld, frames: Tensor) -> tuple[Tensor, Tensor]:
         q = torch.where(better.unsqueeze(-1), q + step, q)
         cost = torch.where(better, trial, cost)
         damping = torch.where(better, damping / 10, damping * 10)
-        moving = moving & (step.abs().amax(-1) > SETTLED * world.camera.units_per_pixel)
+        moving = moving & (step.abs().amax(-1) > settled)
     energy = frames.square().sum((-2, -1))
     explained = 1 - cost / torch.where(energy > 0, energy, 1)
     return q, torch.where(energy > 0, explained.clamp(0, 1), 0)

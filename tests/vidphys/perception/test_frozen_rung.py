@@ -11,7 +11,7 @@ from encoders.release import WeightsMissing
 from renderers import Camera, RgbWorld
 from vidphys.cli import main
 from vidphys.data.clips import render_clips
-from vidphys.data.encounters import NEAR, encounters
+from vidphys.data.encounters import EncounterSettings, encounters
 from vidphys.errors import InputError
 from vidphys.perception import frozen
 from vidphys.perception.base import Attentive, FitTask
@@ -169,7 +169,7 @@ def test_bodies_of_an_encounter_move_as_in_clips_and_meet_in_the_frame(clips):
     wide = replace(clips, states=clips.states.map(lambda x: 4.0 * x / clips.states.q.abs().max()))
     assert float(encounters(wide, 400, 5, 0).states.q.abs().max()) <= 4.0 + 1e-12
     met, usual = (
-        (torch.cdist(q, q) + 9 * torch.eye(3)).amin((-2, -1)) < NEAR * 4.0
+        (torch.cdist(q, q) + 9 * torch.eye(3)).amin((-2, -1)) < EncounterSettings().near * 4.0
         for q in (encounters(clips, 400, 1, 0).states.q, clips.states.q)
     )
     assert float(met.double().mean()) > 0.85
