@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from jaxtyping import Float, UInt8
@@ -29,38 +28,34 @@ class FrozenEncoder(ABC):
 
     Args:
         network: frozen, cast and put into evaluation mode here; where it runs, features are left.
+        settings: the encoder's own, of which ``dtype``, ``batch`` (windows per pass) and, where it
+            has them, ``frame_stride`` (take each so-many-th frame, before windows are made) and
+            ``runtime`` are read here.
         windowing: how the network samples time.
-        frame_stride: take each so-many-th frame, before windows are made.
-        batch: windows per pass.
-        identity: what the features depend on.
-        runtime: what computes the network; only encoders with :meth:`maps` have a choice.
+        identity: what the features depend on, but for ``dtype``, which stands in the settings.
 
     Raises:
         ValueError: a stride or a batch below one, or a runtime that cannot be used here.
     """
 
     def __init__(
-        self,
-        network: nn.Module,
-        windowing: Windowing,
-        frame_stride: int,
-        batch: int,
-        identity: EncoderIdentity,
-        runtime: Runtime = "torch",
+        self, network: nn.Module, settings: Any, windowing: Windowing, **identity: Any
     ) -> None:
-        for name, value in (("frame_stride", frame_stride), ("batch", batch)):
+        name, dtype, batch = identity["name"], settings.dtype, settings.batch
+        frame_stride: int = getattr(settings, "frame_stride", 1)
+        runtime: Runtime = getattr(settings, "runtime", "torch")
+        for count, value in (("frame_stride", frame_stride), ("batch", batch)):
             if value < 1:
-                raise ValueError(f"{identity.name}: {name} {value}: must be at least 1")
+                raise ValueError(f"{name}: {count} {value}: must be at least 1")
         device = next((p.device.type for p in network.parameters()), "cpu")
-        check_runtime(identity.name, runtime, identity.dtype, device)
+        check_runtime(name, runtime, dtype, device)
         # OpenVINO casts by itself, from float32
-        self.dtype = DTYPES["float32" if runtime == "openvino" else identity.dtype]
+        self.dtype = DTYPES["float32" if runtime == "openvino" else dtype]
         self.network = network.to(self.dtype).eval().requires_grad_(False)
-        self.fast_maps = under_runtime(self.network, self.maps, runtime, identity.dtype)
-        self.windowing = windowing
-        self.frame_stride = frame_stride
-        self.batch = batch
-        self.identity = replace(identity, dtype=computed_in(identity.dtype, runtime))
+        self.fast_maps = under_runtime(self.network, self.maps, runtime, dtype)
+        self.settings, self.windowing = settings, windowing
+        self.frame_stride, self.batch = frame_stride, batch
+        self.identity = EncoderIdentity(**identity, dtype=computed_in(dtype, runtime))
 
     @property
     def frames_per_feature(self) -> int:

@@ -8,20 +8,16 @@ interpolated to the grid that is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from jaxtyping import Float
-from torch import Tensor, nn
+from torch import nn
 
-from encoders.frozen.base import Dtype, FrozenEncoder
+from encoders.frozen.base import Dtype
 from encoders.frozen.runtimes import Runtime
+from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer
-from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
-from encoders.preprocess import imagenet_clips, network_size
 from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
@@ -60,7 +56,7 @@ class DINOTinySettings(DINOv2Settings):
     resolution: int = 64
 
 
-class DINOv2Encoder(FrozenEncoder):
+class DINOv2Encoder(TimmMaps):
     """Frames to maps of patch tokens.
 
     Args:
@@ -76,62 +72,30 @@ class DINOv2Encoder(FrozenEncoder):
     def __init__(
         self, network: nn.Module, settings: DINOv2Settings, name: str, weights: WeightsFile
     ) -> None:
-        self.patch: int = cast(Any, network).patch_embed.patch_size[0]
-        network_size(1, 1, settings.resolution, self.patch)
-        self.settings = settings
-        self.depth = len(cast(nn.Sequential, network.blocks))
-        self.layer = chosen_layer(name, settings.layer, self.depth)
-        identity = EncoderIdentity(
+        patch: int = cast(Any, network).patch_embed.patch_size[0]
+        depth = len(cast(nn.Sequential, network.blocks))
+        self.layer = chosen_layer(name, settings.layer, depth)
+        super().__init__(
+            network,
+            settings,
+            patch,
+            index=self.layer - 1,
+            norm=self.layer == depth,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=(
                 f"each {settings.frame_stride}. frame, rgb, longer side to resolution, "
-                f"sides to multiples of {self.patch}, bilinear, imagenet"
+                f"sides to multiples of {patch}, bilinear, imagenet"
             ),
             layer=str(self.layer),
-            resolution=settings.resolution,
-            dtype=settings.dtype,
         )
-        super().__init__(
-            network, Windowing(), settings.frame_stride, settings.batch, identity, settings.runtime
-        )
-
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
-        height, width = clips.shape[-2:]
-        size = network_size(height, width, self.settings.resolution, self.patch)
-        pixels = imagenet_clips(clips, size, self.dtype)
-        return self.fast_maps(pixels.flatten(0, 1)).unflatten(0, clips.shape[:2])
-
-    def maps(self, pixels: Tensor) -> Tensor:
-        """``(f, 3, h, w)`` to ``(f, k, h, w)``."""
-        forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
-        (maps,) = forward(
-            pixels,
-            indices=[self.layer - 1],
-            norm=self.layer == self.depth,
-            intermediates_only=True,
-            stop_early=True,
-            output_fmt="NCHW",
-        )
-        return maps
 
 
 def load_dinov2(
     name: str, settings: DINOv2Settings, where: Path | None = None, device: str = "cpu"
 ) -> DINOv2Encoder:
-    """The frozen encoder from its release folder, strictly.
-
-    Args:
-        name: a key of ``ARCHITECTURES``.
-        settings: see :class:`DINOv2Settings`.
-        where: weights folder or release folder; see :func:`find_weights`.
-        device: where the network runs and the features are left.
-
-    Raises:
-        WeightsMissing: the folder is not there.
-        ValueError: it is not the expected one.
-    """
+    """The frozen encoder from its release folder, strictly (see ``load_encoder``)."""
     import timm
 
     weights = find_weights(name, where)

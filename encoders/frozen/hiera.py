@@ -6,19 +6,15 @@ frames, at the frames' own times.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
-from jaxtyping import Float
-from torch import Tensor, nn
+from torch import nn
 
-from encoders.frozen.base import Dtype, FrozenEncoder
+from encoders.frozen.base import Dtype
 from encoders.frozen.runtimes import Runtime
-from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
-from encoders.preprocess import imagenet_clips, network_size
+from encoders.frozen.timm_maps import TimmMaps
 from encoders.release import WeightsFile, load_strict
 from encoders.weights import find_weights
 
@@ -51,7 +47,7 @@ class HieraSettings:
     runtime: Runtime = "torch"
 
 
-class HieraEncoder(FrozenEncoder):
+class HieraEncoder(TimmMaps):
     """Frames to feature maps of one stage.
 
     Args:
@@ -64,38 +60,19 @@ class HieraEncoder(FrozenEncoder):
     """
 
     def __init__(self, trunk: nn.Module, settings: HieraSettings, weights: WeightsFile) -> None:
-        network_size(1, 1, settings.resolution, MULTIPLE)
         if settings.layer not in LAYERS:
             raise ValueError(f"hiera: no layer {settings.layer!r}; it has 4, 8, 16 and 32")
-        self.settings = settings
-        identity = EncoderIdentity(
+        super().__init__(
+            trunk,
+            settings,
+            MULTIPLE,
+            index=LAYERS[settings.layer],
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=PREPROCESSING,
             layer=str(settings.layer),
-            resolution=settings.resolution,
-            dtype=settings.dtype,
         )
-        super().__init__(trunk, Windowing(), 1, settings.batch, identity, settings.runtime)
-
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
-        height, width = clips.shape[-2:]
-        size = network_size(height, width, self.settings.resolution, MULTIPLE)
-        pixels = imagenet_clips(clips, size, self.dtype)
-        return self.fast_maps(pixels.flatten(0, 1)).unflatten(0, clips.shape[:2])
-
-    def maps(self, pixels: Tensor) -> Tensor:
-        """``(f, 3, h, w)`` to ``(f, k, h, w)``."""
-        forward = cast(Callable[..., list[Tensor]], self.network.forward_intermediates)
-        (maps,) = forward(
-            pixels,
-            indices=[LAYERS[self.settings.layer]],
-            intermediates_only=True,
-            stop_early=True,
-            output_fmt="NCHW",
-        )
-        return maps
 
 
 def build_trunk() -> nn.Module:
@@ -108,17 +85,7 @@ def build_trunk() -> nn.Module:
 def load_hiera(
     settings: HieraSettings, where: Path | None = None, device: str = "cpu"
 ) -> HieraEncoder:
-    """The frozen encoder from its weights on disk, strictly.
-
-    Args:
-        settings: see :class:`HieraSettings`.
-        where: file or folder; ``VIDPHYS_WEIGHTS`` or the user's cache where not given.
-        device: where the network runs and the features are left.
-
-    Raises:
-        WeightsMissing: the file is not there.
-        ValueError: the file is not the expected one.
-    """
+    """The frozen encoder from its weights on disk, strictly (see ``load_encoder``)."""
     weights = find_weights(NAME, where)
     trunk = build_trunk()
     load_strict(trunk, weights.path, unused=("head.",))

@@ -26,7 +26,6 @@ from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
 from encoders.frozen.i3d_network import STAGES, I3DNetwork, field_centre, field_stride
 from encoders.frozen.tokens import windowing_words
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 from encoders.preprocess import network_size, resize, to_rgb
 from encoders.release import WeightsFile, load_strict
 from encoders.weights import find_weights
@@ -100,21 +99,21 @@ class I3DEncoder(FrozenEncoder):
         if stage not in STAGES:
             raise ValueError(f"i3d: no layer {stage!r}; it has {', '.join(STAGES)}")
         network_size(1, 1, settings.resolution, MULTIPLE)
-        self.settings = settings
         windowing = _windowing(settings)
         words = windowing_words(windowing, settings.frame_stride)
         if settings.shown > 1:
             words += f", each frame shown {settings.shown} times"
-        identity = EncoderIdentity(
+        super().__init__(
+            network,
+            settings,
+            windowing,
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"{words}, {PREPROCESSING}",
             layer=stage,
             resolution=settings.resolution,
-            dtype=settings.dtype,
         )
-        super().__init__(network, windowing, settings.frame_stride, settings.batch, identity)
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
         stage = self.settings.layer
@@ -145,17 +144,7 @@ def _windowing(settings: I3DSettings) -> Windowing:
 
 
 def load_i3d(settings: I3DSettings, where: Path | None = None, device: str = "cpu") -> I3DEncoder:
-    """The frozen encoder from its weights on disk, strictly.
-
-    Args:
-        settings: see :class:`I3DSettings`.
-        where: file or folder; ``VIDPHYS_WEIGHTS`` or the user's cache where not given.
-        device: where the network runs and the features are left.
-
-    Raises:
-        WeightsMissing: the file is not there.
-        ValueError: the file is not the expected one.
-    """
+    """The frozen encoder from its weights on disk, strictly (see ``load_encoder``)."""
     weights = find_weights(NAME, where)
     network = I3DNetwork()
     load_strict(network, weights.path, unused=("logits.",))

@@ -25,7 +25,6 @@ from encoders.frozen.base import Dtype, FrozenEncoder
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 from encoders.preprocess import imagenet_clips
 from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
@@ -83,20 +82,19 @@ class VideoMAEEncoder(FrozenEncoder):
     ) -> None:
         config: Any = network.config
         self.config = config
-        self.settings = settings
         self.layer = chosen_layer(name, settings.layer, config.num_hidden_layers)
         windowing = Windowing(config.num_frames, settings.hop, config.tubelet_size)
-        identity = EncoderIdentity(
+        words = windowing_words(windowing, settings.frame_stride)
+        super().__init__(
+            network,
+            settings,
+            windowing,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"{windowing_words(windowing, settings.frame_stride)}, {PREPROCESSING}",
+            preprocessing=f"{words}, {PREPROCESSING}",
             layer=str(self.layer),
             resolution=config.image_size,
-            dtype=settings.dtype,
-        )
-        super().__init__(
-            network, windowing, settings.frame_stride, settings.batch, identity, settings.runtime
         )
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
@@ -118,18 +116,7 @@ class VideoMAEEncoder(FrozenEncoder):
 def load_videomae(
     name: str, settings: VideoMAESettings, where: Path | None = None, device: str = "cpu"
 ) -> VideoMAEEncoder:
-    """The frozen encoder from its release folder, strictly.
-
-    Args:
-        name: one of ``NAMES``.
-        settings: see :class:`VideoMAESettings`.
-        where: weights folder or release folder; see :func:`find_weights`.
-        device: where the network runs and the features are left.
-
-    Raises:
-        WeightsMissing: the folder is not there.
-        ValueError: it is not the expected one.
-    """
+    """The frozen encoder from its release folder, strictly (see ``load_encoder``)."""
     from transformers import VideoMAEConfig, VideoMAEModel
 
     weights = find_weights(name, where)

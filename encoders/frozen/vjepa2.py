@@ -25,7 +25,6 @@ from torch import Tensor, nn
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
 from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 from encoders.preprocess import imagenet_clips, network_size
 from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
@@ -96,20 +95,21 @@ class VJEPA2Encoder(FrozenEncoder):
         if settings.predictor and settings.layer is not None:
             raise ValueError(f"{name}: the predictor reads the last layer; leave out layer")
         self.config = config
-        self.settings = settings
         self.layer = chosen_layer(name, settings.layer, config.num_hidden_layers)
         tubelet = config.tubelet_size
         windowing = Windowing(settings.frames, settings.hop, tubelet, shortens=True)
-        identity = EncoderIdentity(
+        words = windowing_words(windowing, settings.frame_stride)
+        super().__init__(
+            network,
+            settings,
+            windowing,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"{windowing_words(windowing, settings.frame_stride)}, {PREPROCESSING}",
+            preprocessing=f"{words}, {PREPROCESSING}",
             layer="predictor" if settings.predictor else str(self.layer),
             resolution=settings.resolution,
-            dtype=settings.dtype,
         )
-        super().__init__(network, windowing, settings.frame_stride, settings.batch, identity)
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
         networks: Any = self.network
@@ -165,18 +165,7 @@ def _places(
 def load_vjepa2(
     name: str, settings: VJEPA2Settings, where: Path | None = None, device: str = "cpu"
 ) -> VJEPA2Encoder:
-    """The frozen encoder from its release folder, strictly.
-
-    Args:
-        name: one of ``NAMES``.
-        settings: see :class:`VJEPA2Settings`.
-        where: weights folder or release folder; see :func:`find_weights`.
-        device: where the network runs and the features are left.
-
-    Raises:
-        WeightsMissing: the folder is not there.
-        ValueError: it is not the expected one.
-    """
+    """The frozen encoder from its release folder, strictly (see ``load_encoder``)."""
     from transformers import VJEPA2Config, VJEPA2Model
 
     weights = find_weights(name, where)

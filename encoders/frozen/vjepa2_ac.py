@@ -32,7 +32,6 @@ from encoders.frozen.tokens import token_maps, windowing_words
 from encoders.frozen.vjepa2 import encoder_tokens
 from encoders.frozen.vjepa2_ac_network import HEAD, Predictor
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 from encoders.preprocess import imagenet_clips, network_size
 from encoders.release import WeightsFile, load_tensors
 from encoders.weights import find_weights
@@ -86,18 +85,20 @@ class VJEPA2ACEncoder(FrozenEncoder):
         self, network: nn.ModuleDict, config: Any, settings: VJEPA2ACSettings, weights: WeightsFile
     ) -> None:
         network_size(1, 1, settings.resolution, config.patch_size)
-        self.config, self.settings = config, settings
+        self.config = config
         windowing = Windowing(settings.frames, settings.hop, shortens=True)
-        identity = EncoderIdentity(
+        words = windowing_words(windowing, settings.frame_stride)
+        super().__init__(
+            network,
+            settings,
+            windowing,
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"{windowing_words(windowing, settings.frame_stride)}, {PREPROCESSING}",
+            preprocessing=f"{words}, {PREPROCESSING}",
             layer=f"predictor, state {settings.state}" if settings.predictor else "encoder",
             resolution=settings.resolution,
-            dtype=settings.dtype,
         )
-        super().__init__(network, windowing, settings.frame_stride, settings.batch, identity)
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n f k h w"]:
         seen = self.see(clips)
@@ -132,17 +133,7 @@ def _normalised(tokens: Tensor) -> Tensor:
 def load_vjepa2_ac(
     settings: VJEPA2ACSettings, where: Path | None = None, device: str = "cpu"
 ) -> VJEPA2ACEncoder:
-    """The frozen encoder and predictor from the official file, strictly.
-
-    Args:
-        settings: see :class:`VJEPA2ACSettings`.
-        where: file or folder of the weights; see :func:`find_weights`.
-        device: where the network runs and the features are left.
-
-    Raises:
-        WeightsMissing: the file is not there.
-        ValueError: it is not the expected one.
-    """
+    """The frozen encoder and predictor from the official file, strictly."""
     from transformers.models.vjepa2.modeling_vjepa2 import VJEPA2Encoder
 
     weights = find_weights(NAME, where)
