@@ -10,69 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-CSS = """
-:root { --ink:#1d2329; --dim:#5d6873; --line:#dde2e7; --soft:#f5f7f9; --good:#00664b; --bad:#a33a00;
-  --accent:#0072b2; color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin:0; background:#fff; color:var(--ink); font:16px/1.55 system-ui, -apple-system,
-  "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
-main { max-width:1260px; margin:0 auto; padding:2rem 1.25rem 4rem; }
-h1 { font-size:1.9rem; line-height:1.2; margin:0 0 .3rem; letter-spacing:-.01em; }
-h2 { font-size:1.3rem; margin:2.8rem 0 .6rem; padding-top:.9rem; border-top:1px solid var(--line); }
-h3 { font-size:1rem; margin:1.4rem 0 .3rem; }
-p, li { max-width:48rem; }
-.lead { color:var(--dim); margin:0 0 1.4rem; }
-nav { display:flex; flex-wrap:wrap; gap:.2rem 1.1rem; margin:1.2rem 0 0; font-size:.9rem; }
-a { color:var(--accent); }
-dl.facts { display:grid; grid-template-columns:repeat(auto-fill, minmax(11rem, 1fr));
-  gap:.7rem 1.4rem; margin:0; padding:1rem 1.1rem; background:var(--soft); border-radius:8px; }
-dl.facts dt { color:var(--dim); font-size:.76rem; letter-spacing:.02em; }
-dl.facts dd { margin:0; font-weight:600; overflow-wrap:anywhere; }
-.tally { display:flex; flex-wrap:wrap; gap:.5rem; padding:0; margin:1rem 0; list-style:none; }
-.callout { border-left:4px solid var(--bad); background:#fdf5f0; padding:.7rem 1.1rem;
-  border-radius:0 8px 8px 0; }
-.callout.calm { border-color:var(--good); background:#f0f8f5; }
-.callout > :first-child { margin-top:0; } .callout > :last-child { margin-bottom:0; }
-.callout li { max-width:none; margin:.25rem 0; }
-.scroll { overflow-x:auto; margin:.8rem 0 1.2rem; border:1px solid var(--line); border-radius:8px; }
-table { border-collapse:collapse; font-size:.85rem; line-height:1.35; width:100%; }
-th, td { padding:.45rem .6rem; text-align:left; vertical-align:top; border-top:1px solid #edf0f2; }
-thead th, thead td { border-top:0; background:var(--soft); color:var(--dim); font-weight:600;
-  vertical-align:bottom; }
-thead tr + tr > * { padding-top:0; }
-th[scope=colgroup] { border-left:1px solid var(--line); color:var(--ink); white-space:nowrap; }
-tr.first > * { border-top:1px solid #c8d0d7; }
-th[scope=rowgroup] { white-space:nowrap; background:#fff; position:sticky; left:0; }
-th.head { font-weight:500; white-space:nowrap; }
-th.head i { display:inline-block; width:.65em; height:.65em; border-radius:2px;
-  margin-right:.45em; }
-td.num { font-variant-numeric:tabular-nums; white-space:nowrap; }
-td.num b, td.num span { white-space:nowrap; }
-td.said { min-width:16rem; }
-td.none { color:var(--dim); }
-td small { display:block; color:var(--dim); white-space:nowrap; }
-.chip { display:inline-block; padding:0 .5em; border-radius:99px; font-size:.78rem; font-weight:600;
-  line-height:1.6; border:1px solid; }
-td .chip { margin-top:.15rem; }
-td.num .chip { display:block; width:fit-content; }
-th small { display:block; color:var(--dim); font-weight:500; }
-.chip.good { color:var(--good); border-color:#9fd0c1; background:#eef8f4; }
-.chip.bad { color:var(--bad); border-color:#e9bd9f; background:#fdf3ec; }
-.chip.dull { color:var(--dim); border-color:var(--line); background:var(--soft); }
-figure { margin:1rem 0; } figure .scroll { border:0; margin:0; }
-figure svg, figure img { display:block; width:100%; min-width:40rem; height:auto; }
-figcaption, .note { color:var(--dim); font-size:.88rem; max-width:48rem; margin-top:.4rem; }
-details { margin:.6rem 0; } summary { cursor:pointer; font-weight:600; }
-code, pre { font:.86em ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; }
-code { overflow-wrap:anywhere; }
-@media (max-width:40rem) { main { padding:1.2rem .9rem 3rem; } h1 { font-size:1.5rem; }
-  th, td { padding:.4rem .5rem; } th[scope=rowgroup] { white-space:normal; } }
-@media print { @page { size:A4 landscape; margin:12mm; } body { font-size:9.5pt; }
-  main { max-width:none; padding:0; } nav { display:none; } .scroll { overflow:visible; border:0; }
-  figure svg, figure img { min-width:0; } figure, tr { break-inside:avoid; }
-  h2 { break-after:avoid; } table { font-size:7.5pt; } th, td { padding:.25rem .35rem; }
-  .chip, .callout, dl.facts, thead th { print-color-adjust:exact; } }
-"""
+CSS = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
 
 
 def page(title: str, body: str) -> str:
@@ -80,7 +18,7 @@ def page(title: str, body: str) -> str:
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{CSS}</style>\n</head>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{CSS}</style>\n</head>\n"
         f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
 
