@@ -75,7 +75,7 @@ def test_package_data_names_the_weights() -> None:
 
     text = (Path(__file__).parents[3] / "pyproject.toml").read_text()
     data = tomllib.loads(text)["tool"]["setuptools"]["package-data"]
-    assert data["encoders"] == ["data/*/*"]
+    assert data["encoders"] == ["data/*/*", "weights.toml"]
 
 
 def test_a_damaged_package_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
