@@ -62,9 +62,9 @@ def fit(config: FitConfig) -> None:
             options that make no sense; another run in the folder.
     """
     from dynamics.terms import to_config
+    from vidphys.diagnose.explanations.specification import read_specification
     from vidphys.diagnose.recordings.release import free_frames
     from vidphys.diagnose.recordings.tables import read_tracks
-    from vidphys.diagnose.telling.specification import read_specification
     from vidphys.reading.specified import train_specified
     from vidphys.runs.atomic import sha256
     from vidphys.runs.folder import RunFolder

@@ -49,23 +49,24 @@ class Diagnosis:
     look: LongFit | None = None
 
     @property
+    def inferences(self) -> tuple[Inference, ...]:
+        """Of the parts before and after a switch; without one, of the whole; none if refused."""
+        return self.parts or ((self.inference,) if self.inference else ())
+
+    @property
     def explained(self) -> bool:
         """Whether the menu explains the motion, with a switch if there is one."""
-        if self.parts:
-            return all(part.leftover.explained for part in self.parts)
-        return self.inference is not None and self.inference.leftover.explained
+        return bool(self.inferences) and all(x.leftover.explained for x in self.inferences)
 
     @property
     def kinds(self) -> frozenset[str]:
         """Kinds of all terms that were found."""
-        found = self.parts or ((self.inference,) if self.inference else ())
-        return frozenset().union(*(part.kinds for part in found))
+        return frozenset().union(*(x.kinds for x in self.inferences))
 
     @property
     def sure(self) -> bool:
         """Whether the answer stands alone."""
-        found = self.parts or ((self.inference,) if self.inference else ())
-        return bool(found) and all(part.sure for part in found)
+        return bool(self.inferences) and all(x.sure for x in self.inferences)
 
 
 def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:

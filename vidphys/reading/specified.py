@@ -14,8 +14,8 @@ from dynamics import Head, Parameters, build, rollout
 from dynamics.fields import UniformField
 from dynamics.friction import Friction
 from dynamics.terms import HamiltonianTerms
+from vidphys.diagnose.explanations.specification import BATH
 from vidphys.diagnose.recordings.motion import Motion
-from vidphys.diagnose.telling.specification import BATH
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.shooting.initial_state import by_shooting
@@ -100,7 +100,7 @@ def train_specified(
     """Train a model of these terms on the frames before ``end``, and roll it over the rest.
 
     Args:
-        terms, held: see :func:`vidphys.diagnose.telling.specification.read_specification`.
+        terms, held: see :func:`vidphys.diagnose.explanations.specification.read_specification`.
         motion: evenly spaced tracks.
         end: frame to stop before.
         steps: optimiser steps.

@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.diagnosis import diagnose_motion, nothing_to_see
+from vidphys.diagnose.explanations.menu import specification
+from vidphys.diagnose.explanations.specification import read_specification, terms_of
 from vidphys.diagnose.inference.changes import find_switch
+from vidphys.diagnose.inference.linearised import fastest_rate
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, field_of
 from vidphys.diagnose.inference.refine import refine
+from vidphys.diagnose.inference.residual import _one_temperature
 from vidphys.diagnose.inference.search import infer
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.recordings.noise import measure_noise
-from vidphys.diagnose.telling.advice import advise
+from vidphys.diagnose.telling.advice import suffices
 from vidphys.diagnose.telling.answers import answer
-from vidphys.diagnose.telling.specification import read_specification, specification, terms_of
 from vidphys.diagnose.weak.paths import smooth
-from vidphys.diagnose.weak.residual import _one_temperature
 from vidphys.diagnose.weak.windows import cut_windows
 from vidphys.errors import InputError
 from vidphys.experiments.confusion.scenes import (
@@ -265,7 +267,7 @@ def test_swapped_names_show_as_jumps():
 
 def test_advice_follows_the_stiffest_motion():
     found = infer(seen("trap", 0.001))
-    advice = advise(found, STEP)
+    advice = suffices(fastest_rate(found), STEP)
     assert advice.fastest == pytest.approx(TRAP**0.5, rel=0.02)
     assert advice.dt * advice.fastest == pytest.approx(0.1) and advice.enough_frames
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from vidphys.diagnose.inference.menu import FRICTION, Term
 from vidphys.diagnose.inference.refine import Fitted
+from vidphys.diagnose.inference.residual import Leftover, friction_rate
 from vidphys.diagnose.inference.structures import Structure, chance
 from vidphys.diagnose.recordings.noise import Noise
-from vidphys.diagnose.weak.residual import Leftover, friction_rate
 from vidphys.diagnose.weak.windows import Windows
 from vidphys.statistics import NORMAL_95
 

@@ -27,12 +27,12 @@ from vidphys.diagnose.inference.menu import (
     pair_terms,
 )
 from vidphys.diagnose.inference.refine import Fitted, refine, unrefined
+from vidphys.diagnose.inference.residual import leftover, random_kicks
 from vidphys.diagnose.inference.structures import Menu, Structure, all_structures, posterior
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.paths import Paths, integrated, smooth, with_kicks
 from vidphys.diagnose.weak.regression import Rows, normal_equations, rows_of
-from vidphys.diagnose.weak.residual import leftover, random_kicks
 from vidphys.diagnose.weak.windows import Windows, cut_windows
 
 FIRST = 16  # frames of the windows from which the time scale is read

@@ -9,23 +9,17 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion
-from vidphys.diagnose.inference.longer import LongFit
+from vidphys.diagnose.explanations.choice import explain
+from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
+from vidphys.diagnose.explanations.forecast import Validation
+from vidphys.diagnose.explanations.menu import ASKED
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
-from vidphys.diagnose.telling.advice import Advice, advise, suffices
-from vidphys.diagnose.telling.forecast import (
-    Validation,
-    changed_laws,
-    last_state,
-    roll,
-    validate,
-)
-from vidphys.diagnose.telling.report import ASKED, as_data, summary
-from vidphys.diagnose.telling.specification import specification
+from vidphys.diagnose.telling.advice import Advice, suffices
+from vidphys.diagnose.telling.report import as_data, summary
 from vidphys.diagnose.telling.sufficient import with_measured
-from vidphys.diagnose.wall.beside import SAMPLES, BesideWall
-from vidphys.diagnose.weak.spectrum import Mode, distinct, modes_of_data, modes_of_model
+from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.diagnose.weak.windows import FEW
 from vidphys.points.point import Point
 from vidphys.statistics import NORMAL_95
@@ -112,31 +106,26 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
     if motion.clips == 1 and total - int(hold_out * total) > FEW:
         end = total - int(hold_out * total)
     found = _later(diagnose_motion(motion.cut(0, end), angles), begin)
-    identity = check_identity(motion)
-    inference, wall = found.inference, _wall(found, motion, end)
-    advice = _advice(found, wall, motion, points)
+    identity, explanation = check_identity(motion), explain(found, motion, end)
+    advice = _advice(found, explanation, motion, points)
     answered = Answered(
         found,
-        summary(found, identity, advice, wall),
-        as_data(found, identity, advice),
+        summary(found, identity, explanation, advice),
+        as_data(found, identity, explanation, advice),
         None,
         {"noise_sigma": found.noise.sigma},
         recorded.times[0],
         recorded.positions[0],
     )
     _left_out(answered, recorded, begin)
-    if inference is None:
+    if found.inference is None or explanation is None:
         return answered
-    answered.probability.update({kind: inference.chance(kind) for kind in ASKED})
-    answered.numbers["residual_over_noise"] = float(np.sqrt(inference.leftover.excess))
-    if wall is not None:
-        described = wall.specification()
-        _walled(answered, wall)
-    else:
-        described = specification(inference, motion.interval)
-        if found.look is not None:
-            _rolled_on(answered, motion, end, found.look)
-    described["mass"] = found.motion.mass[0].tolist()
+    answered.probability.update({kind: found.inference.chance(kind) for kind in ASKED})
+    answered.numbers["residual_over_noise"] = float(np.sqrt(found.inference.leftover.excess))
+    answered.data.update(explanation.data())
+    answered.numbers.update(explanation.numbers())
+    _rolled_on(answered, explanation, total - end)
+    described = {**explanation.specification(), "mass": found.motion.mass[0].tolist()}
     return replace(answered, specification=described)
 
 
@@ -147,23 +136,13 @@ def _later(found: Diagnosis, frames: int) -> Diagnosis:
     return replace(found, switch=replace(found.switch, frame=found.switch.frame + frames))
 
 
-def _wall(found: Diagnosis, motion: Motion, end: int) -> BesideWall | None:
-    """A wall that the body strikes, where the menu explains nothing or only by random kicks."""
-    if found.inference is None or (found.explained and not found.inference.kicks):
-        return None
-    return BesideWall.of(motion, end)
-
-
 def _advice(
-    found: Diagnosis, wall: BesideWall | None, motion: Motion, points: Sequence[Point]
+    found: Diagnosis, explanation: Explanation | None, motion: Motion, points: Sequence[Point]
 ) -> Advice | None:
     """By rule, and by what was measured."""
-    if found.inference is None:
+    if explanation is None:
         return None
-    if wall is not None:
-        by_rule = suffices(wall.fastest, motion.interval)
-    else:
-        by_rule = advise(found.inference, motion.interval)
+    by_rule = suffices(explanation.fastest, motion.interval)
     return with_measured(by_rule, motion, found.noise, points) if points else by_rule
 
 
@@ -185,18 +164,20 @@ def _left_out(answered: Answered, recorded: Motion, begin: int) -> None:
         answered.lines.insert(0, shown)
 
 
-def _rolled_on(answered: Answered, motion: Motion, end: int, look: LongFit) -> None:
-    """The menu's model in the tail, its oscillations, and its motion under changed laws."""
-    if look.windows.frames.shape[1] < end:
-        answered.data["follows_seconds"] = look.seconds
+def _rolled_on(answered: Answered, explanation: Explanation, tail: int) -> None:
+    """The model in so many frames that were held out, its oscillations, and under changed laws."""
+    follows = explanation.follows
+    if follows is not None:
+        answered.data["follows_seconds"] = follows
         answered.lines.append(
-            f"The model follows the recording for {look.seconds:.3g} s at a time and no longer: "
+            f"The model follows the recording for {follows:.3g} s at a time and no longer: "
             "the motion is chaotic, or a term is missing that changes little in so short a time."
         )
-    if end < motion.positions.shape[1] - LEAST_FRAMES:
-        _validated(answered, validate(look, motion.cut(end)))
-    _modes(answered, motion, look)
-    _changed(answered, look, motion)
+    forecast = explanation.forecast() if tail > LEAST_FRAMES else None
+    if forecast is not None:
+        _validated(answered, forecast)
+    _oscillations(answered, explanation.oscillations())
+    answered.rolled.update(explanation.changed())
 
 
 def _validated(answered: Answered, tail: Validation) -> None:
@@ -213,46 +194,24 @@ def _validated(answered: Answered, tail: Validation) -> None:
     )
 
 
-def _walled(answered: Answered, wall: BesideWall) -> None:
-    """A wall in place of what the menu has."""
-    answered.data["wall"] = wall.data()
-    answered.data["terms"] = wall.kinds
-    answered.data["explained"] = True
-    answered.numbers["wall_restitution"] = wall.fit.wall.restitution
-    tail = wall.forecast()
-    if tail is not None:
-        _validated(answered, tail)
-    answered.rolled.update(wall.changed())
-
-
-def _modes(answered: Answered, motion: Motion, look: LongFit) -> None:
-    """Eigenfrequencies and decay: the model's, rolled over the recording, and the data's own."""
-    near = np.nanmean(motion.positions[0], axis=0)
-    small = distinct(modes_of_model(look.fitted.structure, near, look.windows.mass[0]))
-    if not small:
+def _oscillations(answered: Answered, found: Sequence[Oscillation]) -> None:
+    """Eigenfrequencies and decay: the model's, and the data's own."""
+    if not found:
         return
-    start, _ = last_state(look)
-    first = look.fitted.paths
-    begin = type(start)(float(look.windows.begin[0]), first.q[0, 0], first.v[0, 0], start.mass)
-    times = motion.times[0][motion.times[0] >= begin.time]
-    path = roll(look.fitted.structure, begin, times)
-    both = [
-        modes_of_data(times, path, len(small)),
-        modes_of_data(motion.times[0], motion.positions[0], len(small)),
-    ]
     answered.data["modes"] = [
         {
-            "small_frequency": tiny.frequency,
-            "small_decay": tiny.decay,
-            "model_frequency": model.frequency,
-            "model_decay": model.decay,
-            "spectrum_frequency": seen.frequency,
-            "spectrum_decay": seen.decay,
-            "spectrum_decay_error": seen.error if np.isfinite(seen.error) else None,
+            "small_frequency": one.small.frequency,
+            "small_decay": one.small.decay,
+            "model_frequency": one.model.frequency,
+            "model_decay": one.model.decay,
+            "spectrum_frequency": one.seen.frequency,
+            "spectrum_decay": one.seen.decay,
+            "spectrum_decay_error": one.seen.error if np.isfinite(one.seen.error) else None,
         }
-        for tiny, model, seen in zip(small, *both, strict=True)
+        for one in found
     ]
-    for k, (model, seen) in enumerate(zip(*both, strict=True), 1):
+    for k, one in enumerate(found, 1):
+        model, seen = one.model, one.seen
         answered.numbers[f"mode{k}_frequency_ratio"] = model.frequency / seen.frequency
         answered.numbers[f"mode{k}_decay_ratio"] = model.decay / seen.decay
         answered.lines.append(
@@ -267,12 +226,3 @@ def _sure_to(mode: Mode) -> str:
     if not np.isfinite(mode.error):
         return f"{mode.decay:.3g}"
     return f"{mode.decay:.3g} ± {NORMAL_95 * mode.error:.1g} (95 %)"
-
-
-def _changed(answered: Answered, look: LongFit, motion: Motion) -> None:
-    """Roll on under laws that were never recorded."""
-    start, _ = last_state(look)
-    span = max(float(motion.times[0, -1]) - start.time, 0.3 * look.seconds)
-    times = start.time + np.linspace(0, span, SAMPLES)
-    for name, law in changed_laws(look.fitted.structure).items():
-        answered.rolled[name] = times, roll(law, start, times)

@@ -9,18 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, minimize_scalar
+from scipy.optimize import minimize_scalar
 from scipy.signal import lombscargle
-
-from vidphys.diagnose.inference.menu import Field
-from vidphys.diagnose.inference.structures import Structure
 
 PER_PEAK = 10  # trial frequencies in one width of a spectral line
 STRETCHES = 8  # of a recording, in which an amplitude is followed
 PERIODS = 2.0  # that a stretch must hold
 ALIKE = 0.1  # share within which two peaks are one
 STRAIGHT = 3  # stretches through which a line leaves too little to tell its error
-NUDGE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -36,32 +32,6 @@ class Mode:
     frequency: float
     decay: float
     error: float = float("nan")
-
-
-def modes_of_model(structure: Structure, near: np.ndarray, mass: np.ndarray) -> list[Mode]:
-    """Small oscillations about the rest position nearest to ``near`` ``(n, d)``, slowest first."""
-    shape = near.shape
-
-    def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        q, v = q.reshape(1, 1, *shape), v.reshape(1, 1, *shape)
-        field = Field(q, v, np.zeros((1, 1)), mass[None], np.ones(1))
-        return structure.accelerations(field).ravel()
-
-    still = np.zeros(near.size)
-    rest = least_squares(lambda q: acceleration(q, still), near.ravel()).x
-    step = NUDGE * max(1.0, float(np.abs(near).max()))
-    unit = step * np.eye(near.size)
-    by_q = np.stack([acceleration(rest + u, still) - acceleration(rest - u, still) for u in unit])
-    by_v = np.stack([acceleration(rest, u) - acceleration(rest, -u) for u in unit])
-    flow = np.block(
-        [
-            [np.zeros((near.size, near.size)), np.eye(near.size)],
-            [by_q.T / (2 * step), by_v.T / (2 * step)],
-        ]
-    )
-    values = np.linalg.eigvals(flow)
-    found = [Mode(float(x.imag), float(-x.real)) for x in values if x.imag > 0]
-    return sorted(found, key=lambda mode: mode.frequency)
 
 
 def distinct(modes: list[Mode]) -> list[Mode]:

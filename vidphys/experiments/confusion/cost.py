@@ -9,10 +9,10 @@ import torch
 
 from dynamics import HamiltonianTerms, Parameters, PhaseState, Terms, build, rollout
 from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.explanations.specification import BATH, PORTS, terms_of
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import FRICTIONS, PAIR, external_terms, field_of
 from vidphys.diagnose.inference.structures import Menu
-from vidphys.diagnose.telling.specification import BATH, PORTS, terms_of
 from vidphys.diagnose.weak.regression import normal_equations, rows_of
 from vidphys.experiments.confusion.questions import recorder
 from vidphys.experiments.confusion.scenes import KINDS, Setting, record

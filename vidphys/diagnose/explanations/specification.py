@@ -10,8 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 from dynamics.terms import HamiltonianTerms, from_config, to_config
-from vidphys.diagnose.inference.inference import Inference
-from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
 from vidphys.errors import InputError
 
 SCHEMA_VERSION = 1
@@ -54,42 +52,6 @@ def terms_of(
     )
 
 
-def specification(inference: Inference, interval: float) -> dict[str, Any]:
-    """The scene as JSON: terms, what is known of their numbers, and where the origin lies.
-
-    Args:
-        inference: what was found.
-        interval: seconds between frames.
-    """
-    structure, fitted = inference.structure, inference.fitted
-    numbers: dict[str, tuple[float, float]] = {}
-    origin, trap, reach = [0.0] * inference.windows.frames.shape[-1], None, 1.0
-    for family in (PAIR, EXTERNAL, FRICTION):
-        term = structure.term(family)
-        if term is None or term not in inference.terms:
-            continue
-        at = fitted.place(term)
-        for k, name in enumerate(term.coefficients, at):
-            numbers[f"{term.kind}: {name}"] = float(fitted.values[k]), float(fitted.errors[k])
-        if term.scale is not None:
-            numbers[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
-        if term.kind == "trap":
-            trap, *pulls = (float(x) for x in structure.of(term))
-            origin = [pull / trap for pull in pulls]
-        if term.kind == "contact" and term.scale is not None:
-            reach = float(term.scale)
-    if inference.bathed:
-        numbers["bath: temperature"] = temperature(inference), float("nan")
-    return as_specification(
-        terms_of(inference.kinds, trap, reach),
-        inference.windows.frames.shape[2],
-        origin,
-        numbers,
-        inference.leftover.explained,
-        interval,
-    )
-
-
 def as_specification(
     terms: HamiltonianTerms,
     bodies: int,
@@ -123,13 +85,6 @@ def as_specification(
 def _finite(pair: tuple[float, float]) -> dict[str, float | None]:
     value, error = pair
     return {"value": value, "standard_error": error if np.isfinite(error) else None}
-
-
-def temperature(inference: Inference) -> float:
-    """Temperature at which the kicks balance the friction (k_B = 1), of unit masses."""
-    friction = inference.structure.term(FRICTION)
-    rate = 0.0 if friction is None else float(inference.structure.of(friction)[0])
-    return inference.kicks / (2 * rate) if rate > 0 else float("inf")
 
 
 def read_specification(path: Path) -> tuple[HamiltonianTerms, Mapping[str, Any]]:

@@ -1,4 +1,4 @@
-"""What is said of a body that a wall turns back: words, numbers, forecasts and its scene."""
+"""A motion explained by a wall that its one body strikes again and again."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from dynamics.terms import HamiltonianTerms
-from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
-from vidphys.diagnose.telling.forecast import State, Validation, beside_simple
-from vidphys.diagnose.telling.specification import PORTS, as_specification
+from vidphys.diagnose.explanations.explanation import Oscillation
+from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
+from vidphys.diagnose.explanations.specification import PORTS, as_specification
+from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.wall.fit import WallFit, find_wall
 from vidphys.statistics import NORMAL_95
 
-SAMPLES = 600  # of a changed law
 OF_THE_SCENE = ("restitution", "stiffness", "pull", "rate")  # a wall's numbers beside its place
 
 
 @dataclass(frozen=True)
-class BesideWall:
-    """A wall's fit to the part of a recording before ``end``, and what follows from it.
+class ByWall:
+    """A wall's fit to a recording before ``end``; see :class:`~.explanation.Explanation`.
 
     Args:
         fit: the wall and the swing beside it.
@@ -33,7 +33,7 @@ class BesideWall:
     end: int
 
     @classmethod
-    def of(cls, motion: Motion, end: int) -> BesideWall | None:
+    def of(cls, motion: Motion, end: int) -> ByWall | None:
         """The wall that explains the recording before ``end``, if one does."""
         fit = find_wall(motion.cut(0, end))
         return None if fit is None else cls(fit, motion, end)
@@ -45,29 +45,35 @@ class BesideWall:
 
     @property
     def kinds(self) -> list[str]:
-        """Of the terms that the scene has."""
         wall = self.fit.wall
         held = ["trap" if wall.stiffness else "uniform"]
         return sorted([*held, *(["linear"] if wall.rate else []), "wall"])
 
     @property
+    def explained(self) -> bool:
+        return True
+
+    @property
     def fastest(self) -> float:
-        """Rate of the swing between bounces, radians per second; 0 in a field."""
+        """Of the swing between bounces."""
         return float(np.sqrt(max(self.fit.wall.stiffness, 0.0)))
 
-    def line(self) -> str:
-        """For a person."""
+    @property
+    def follows(self) -> None:
+        return None
+
+    def lines(self) -> list[str]:
         wall = self.fit.wall
         axis = "xyz"[self.fit.axis]
         between = [self._number("stiffness" if wall.stiffness else "pull", ".4g")]
         if wall.rate:
             between.append(f"{self._number('rate', '.2g', 'friction')} per second")
-        return (
+        return [
             f"The motion shows a wall: the body moves along {axis} and strikes {axis} = "
             f"{self.fit.sign * wall.place:.4g} {self.fit.count} times, each time keeping "
             f"{self._number('restitution', '.3g', '')} of its speed; "
             f"between, {' and '.join(between)} (95 %). The fit is off by {self.fit.left:.2g}."
-        )
+        ]
 
     def _number(self, name: str, form: str, said: str | None = None) -> str:
         """A number with its interval."""
@@ -76,24 +82,23 @@ class BesideWall:
         return f"{name if said is None else said} {value} ± {interval:.1g}".strip()
 
     def data(self) -> dict[str, Any]:
-        """As JSON; the place as recorded, the pull positive towards the wall."""
+        """The place as recorded, the pull positive towards the wall."""
         wall, errors = self.fit.wall, self.fit.errors
-        return {
+        told = {
             "axis": "xyz"[self.fit.axis],
             "place": self.fit.sign * wall.place,
             **{name: getattr(wall, name) for name in OF_THE_SCENE},
             "errors": {k: errors[k] for k in ("place", *OF_THE_SCENE) if np.isfinite(errors[k])},
             "bounces": self.fit.count,
         }
+        return {"wall": told}
 
-    def forecast(self) -> Validation | None:
-        """The tail beside simple forecasts; ``None`` where there is none to speak of.
+    def numbers(self) -> dict[str, float]:
+        return {"wall_restitution": self.fit.wall.restitution}
 
-        The simple ones begin at the model's last fitted frames.
-        """
+    def forecast(self) -> Validation:
+        """The simple forecasts begin at the model's last fitted frames."""
         end, h = self.end, self.motion.interval
-        if end >= len(self.times) - LEAST_FRAMES:
-            return None
         path = self.fit.positions(self.times)
         v = (path[end - 1] - path[end - 2]) / h
         a = (path[end - 1] - 2 * path[end - 2] + path[end - 3]) / h**2
@@ -101,8 +106,10 @@ class BesideWall:
         start = State(time, path[end - 1], v, self.motion.mass[0])
         return beside_simple(path[end:], self.motion.cut(end), start, a)
 
+    def oscillations(self) -> list[Oscillation]:
+        return []
+
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Times and positions after ``end`` under laws that were never recorded."""
         begin, last = self.times[self.end - 1], self.times[-1]
         later = self.fit.wall.later(float(begin))
         since = np.linspace(0, last - begin + 0.3 * begin, SAMPLES)

@@ -1,0 +1,67 @@
+"""What every explanation of a motion offers: words, numbers, forecasts, and its scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from vidphys.diagnose.explanations.forecast import Validation
+from vidphys.diagnose.weak.spectrum import Mode
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """One oscillation of a scene.
+
+    Args:
+        small: of the model about its rest, by its linearisation.
+        model: of the model rolled over the recording.
+        seen: of the recording, by its spectrum alone.
+    """
+
+    small: Mode
+    model: Mode
+    seen: Mode
+
+
+class Explanation(Protocol):
+    """An explanation of one recording, whose tail after a frame ``end`` nothing was fitted to."""
+
+    @property
+    def kinds(self) -> list[str]:
+        """Of the terms that the scene has, sorted."""
+
+    @property
+    def explained(self) -> bool:
+        """Whether nothing above the noise is left over."""
+
+    @property
+    def fastest(self) -> float:
+        """Rate of the stiffest motion that occurred, radians per second; 0 where nothing swings."""
+
+    @property
+    def follows(self) -> float | None:
+        """Seconds for which it follows the recording at a time; ``None``: for all of it."""
+
+    def lines(self) -> list[str]:
+        """For a person, a sentence each."""
+
+    def data(self) -> dict[str, Any]:
+        """Its own entries of ``diagnosis.json``."""
+
+    def numbers(self) -> dict[str, float]:
+        """Its own entries of the records, by metric."""
+
+    def forecast(self) -> Validation | None:
+        """The tail beside simple forecasts; ``None`` where it cannot be rolled on."""
+
+    def oscillations(self) -> list[Oscillation]:
+        """The model's beside the recording's own, slowest first."""
+
+    def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Times and positions ``(t, n, d)`` after ``end`` under laws that were never recorded."""
+
+    def specification(self) -> dict[str, Any]:
+        """The scene; see :func:`vidphys.diagnose.explanations.specification.as_specification`."""

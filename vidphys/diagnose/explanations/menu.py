@@ -1,0 +1,234 @@
+"""A motion explained by the terms of the menu, with a switch in mid-clip if there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vidphys.diagnose.diagnosis import Diagnosis
+from vidphys.diagnose.explanations.explanation import Oscillation
+from vidphys.diagnose.explanations.forecast import (
+    SAMPLES,
+    State,
+    Validation,
+    beside_simple,
+    changed_laws,
+    last_state,
+    roll,
+)
+from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.linearised import fastest_rate, modes_of_model
+from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
+from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
+from vidphys.statistics import NORMAL_95
+
+ASKED = (
+    "pair",
+    "contact",
+    "uniform",
+    "trap",
+    "well",
+    "pendulum",
+    "linear",
+    "square",
+    "dry",
+    "drive",
+)
+LIKELY, UNLIKELY = 0.9, 0.1
+WORDS = {
+    "pair": "a force between pairs",
+    "contact": "contacts",
+    "uniform": "a uniform field",
+    "trap": "a trap",
+    "well": "a well whose sides differ",
+    "pendulum": "a pendulum's weight",
+    "linear": "friction that goes with the speed",
+    "square": "friction that goes with its square",
+    "dry": "dry friction",
+    "drive": "a drive that adds energy",
+    "bath": "random kicks of a heat bath",
+}
+
+
+@dataclass(frozen=True)
+class ByMenu:
+    """What the menu says of a recording; see :class:`~.explanation.Explanation`.
+
+    Args:
+        found: of the part before ``end``.
+        inference: of all of that part.
+        motion: the whole recording.
+        end: first frame that nothing was fitted to.
+    """
+
+    found: Diagnosis
+    inference: Inference
+    motion: Motion
+    end: int
+
+    @property
+    def kinds(self) -> list[str]:
+        return sorted(self.found.kinds)
+
+    @property
+    def explained(self) -> bool:
+        return self.found.explained
+
+    @property
+    def fastest(self) -> float:
+        return fastest_rate(self.inference)
+
+    @property
+    def follows(self) -> float | None:
+        look = self.found.look
+        short = look is not None and look.windows.frames.shape[1] < self.end
+        return look.seconds if look is not None and short else None
+
+    def lines(self) -> list[str]:
+        """Which terms the motion shows, and what stays open."""
+        found, lines = self.found, []
+        if found.switch is not None and found.parts:
+            lines.append(
+                f"Something changes at {found.switch.time:.4g} s (frame {found.switch.frame}); "
+                f"before it: {named(found.parts[0])}; after it: {named(found.parts[1])}."
+            )
+        else:
+            lines.append(f"The motion shows {named(self.inference)}.")
+        lines += [f"  {line}" for part in found.inferences for line in _numbers(part)]
+        lines += [] if found.parts else _uncertain(self.inference)
+        if not np.allclose(found.motion.mass, 1.0):
+            ratio = found.motion.mass[0] / found.motion.mass[0, 0]
+            masses = " : ".join(f"{x:.3g}" for x in ratio)
+            lines.append(f"Masses as {masses}; motion shows only their ratios.")
+        if not found.explained:
+            left = (part.leftover for part in found.inferences)
+            why = "; ".join(x.why for x in left if not x.explained)
+            lines.append(f"None of the menu's terms explains all of it: {why}.")
+        if found.power is not None:
+            lines.append(f"Power of the coupling: {found.power.why}.")
+        return lines
+
+    def data(self) -> dict[str, Any]:
+        return {}
+
+    def numbers(self) -> dict[str, float]:
+        return {}
+
+    def forecast(self) -> Validation | None:
+        if self.found.look is None:
+            return None
+        tail = self.motion.cut(self.end)
+        start, a = last_state(self.found.look)
+        path = roll(self.found.look.fitted.structure, start, tail.times[-1])
+        return beside_simple(path, tail, start, a)
+
+    def oscillations(self) -> list[Oscillation]:
+        look, motion = self.found.look, self.motion
+        if look is None:
+            return []
+        near, mass = np.nanmean(motion.positions[0], axis=0), look.windows.mass
+        small = distinct(modes_of_model(look.fitted.structure, near, mass[0]))
+        if not small:
+            return []
+        first = look.fitted.paths
+        begin = State(float(look.windows.begin[0]), first.q[0, 0], first.v[0, 0], mass[-1])
+        times = motion.times[0][motion.times[0] >= begin.time]
+        path = roll(look.fitted.structure, begin, times)
+        model = modes_of_data(times, path, len(small))
+        seen = modes_of_data(motion.times[0], motion.positions[0], len(small))
+        return [Oscillation(*three) for three in zip(small, model, seen, strict=True)]
+
+    def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        look = self.found.look
+        if look is None:
+            return {}
+        start, _ = last_state(look)
+        span = max(float(self.motion.times[0, -1]) - start.time, 0.3 * look.seconds)
+        times = start.time + np.linspace(0, span, SAMPLES)
+        laws = changed_laws(look.fitted.structure)
+        return {name: (times, roll(law, start, times)) for name, law in laws.items()}
+
+    def specification(self) -> dict[str, Any]:
+        return specification(self.inference, self.motion.interval)
+
+
+def named(inference: Inference) -> str:
+    """The kinds of its terms, in words."""
+    kinds = [WORDS.get(kind, kind) for kind in sorted(inference.kinds)]
+    return ", ".join(kinds) if kinds else "inertia and nothing else"
+
+
+def _numbers(inference: Inference) -> list[str]:
+    fitted = inference.fitted
+    lines = []
+    for term in inference.terms:
+        at = fitted.place(term)
+        values = [
+            f"{name} {fitted.values[k]:.4g} ± {NORMAL_95 * fitted.errors[k]:.2g}"
+            for k, name in enumerate(term.coefficients, at)
+        ]
+        if term.scale is not None:
+            values.append(f"length {fitted.values[-1]:.4g} ± {NORMAL_95 * fitted.errors[-1]:.2g}")
+        lines.append(f"{term.kind}: {', '.join(values)} (95 %)")
+    if inference.bathed:
+        lines.append(f"bath: temperature {temperature(inference):.3g} (unit masses, k_B = 1)")
+    return lines
+
+
+def _uncertain(inference: Inference) -> list[str]:
+    """Terms that the data neither show nor rule out."""
+    open_terms = [
+        f"{WORDS[kind]} ({chance:.0%})"
+        for kind in ASKED
+        if UNLIKELY < (chance := inference.chance(kind)) < LIKELY
+    ]
+    if not open_terms:
+        return []
+    return [f"Not certain, record longer or with less noise: {', '.join(open_terms)}."]
+
+
+def specification(inference: Inference, interval: float) -> dict[str, Any]:
+    """The scene as JSON: terms, what is known of their numbers, and where the origin lies.
+
+    Args:
+        inference: what was found.
+        interval: seconds between frames.
+    """
+    structure, fitted = inference.structure, inference.fitted
+    numbers: dict[str, tuple[float, float]] = {}
+    origin, trap, reach = [0.0] * inference.windows.frames.shape[-1], None, 1.0
+    for family in (PAIR, EXTERNAL, FRICTION):
+        term = structure.term(family)
+        if term is None or term not in inference.terms:
+            continue
+        at = fitted.place(term)
+        for k, name in enumerate(term.coefficients, at):
+            numbers[f"{term.kind}: {name}"] = float(fitted.values[k]), float(fitted.errors[k])
+        if term.scale is not None:
+            numbers[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
+        if term.kind == "trap":
+            trap, *pulls = (float(x) for x in structure.of(term))
+            origin = [pull / trap for pull in pulls]
+        if term.kind == "contact" and term.scale is not None:
+            reach = float(term.scale)
+    if inference.bathed:
+        numbers["bath: temperature"] = temperature(inference), float("nan")
+    return as_specification(
+        terms_of(inference.kinds, trap, reach),
+        inference.windows.frames.shape[2],
+        origin,
+        numbers,
+        inference.leftover.explained,
+        interval,
+    )
+
+
+def temperature(inference: Inference) -> float:
+    """Temperature at which the kicks balance the friction (k_B = 1), of unit masses."""
+    friction = inference.structure.term(FRICTION)
+    rate = 0.0 if friction is None else float(inference.structure.of(friction)[0])
+    return inference.kicks / (2 * rate) if rate > 0 else float("inf")
