@@ -5,13 +5,14 @@ from __future__ import annotations
 from itertools import product
 
 import torch
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from dynamics.mlp import MLP
 from dynamics.state import Parameters
 
 
-def frequencies(joints: int) -> Tensor:
+def frequencies(joints: int) -> Int[Tensor, "h n"]:
     """Integer vectors k in {-1, 0, 1}^n, one of each pair k and -k, without 0: ``(h, n)``."""
     vectors = [k for k in product((0, 1, -1), repeat=joints) if any(k)]
     return torch.tensor([k for k in vectors if next(x for x in k if x) > 0])
@@ -35,18 +36,22 @@ class Harmonics(nn.Module):
         """Number of features."""
         return 2 * self.waves.shape[0]
 
-    def forward(self, q: Tensor) -> Tensor:
+    def forward(self, q: Float[Tensor, "*b n"]) -> Float[Tensor, "*b h"]:
         """Angles ``(..., n)`` in radians to features ``(..., h)``."""
         phase = q @ self.waves.T
         return torch.cat([phase.cos(), phase.sin()], -1)
 
-    def pullback(self, q: Tensor, cotangent: Tensor) -> Tensor:
+    def pullback(
+        self, q: Float[Tensor, "*b n"], cotangent: Float[Tensor, "*b h"]
+    ) -> Float[Tensor, "*b n"]:
         """Gradient with respect to the angles of features . cotangent, ``(..., n)``."""
         phase = q @ self.waves.T
         along_cos, along_sin = cotangent.chunk(2, -1)
         return (along_sin * phase.cos() - along_cos * phase.sin()) @ self.waves
 
-    def pushforward(self, q: Tensor, direction: Tensor) -> Tensor:
+    def pushforward(
+        self, q: Float[Tensor, "*b n"], direction: Float[Tensor, "*b n"]
+    ) -> Float[Tensor, "*b h"]:
         """Rate of the features while the angles move along ``direction``, ``(..., h)``."""
         phase, rate = q @ self.waves.T, direction @ self.waves.T
         return torch.cat([-phase.sin() * rate, phase.cos() * rate], -1)
@@ -81,10 +86,10 @@ class AnglePotential(nn.Module):
     def _strength(self, params: Parameters) -> Tensor:
         return self.scale if self.conditions else self.scale * params.coupling
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return self._strength(params) * self.network(self._inputs(q, params)).squeeze(-1)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         slope = self.network.gradient(self._inputs(q, params))[..., : self.harmonics.size]
         gradient = self.harmonics.pullback(q.flatten(-2), slope).reshape(q.shape)
         return -self._strength(params)[..., None, None] * gradient

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
@@ -34,11 +35,11 @@ class SoftContact(PairPotential):
             raise ValueError(f"SoftContact: diameter must be > 0, got {diameter}")
         self.diameter = diameter
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         overlap = (self.diameter - _distance(displacement)).relu().squeeze(-1)
         return 0.5 * overlap.square()
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         r = _distance(displacement)
         return -(self.diameter - r).relu() * displacement / r
 
@@ -57,10 +58,10 @@ class CutSpring(PairPotential):
             raise ValueError(f"CutSpring: cutoff must be > 0, got {cutoff}")
         self.cutoff = cutoff
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         return 0.5 * (displacement.square().sum(-1) - self.cutoff**2).clamp(max=0)
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         within = displacement.square().sum(-1, keepdim=True) < self.cutoff**2
         return torch.where(within, displacement, torch.zeros_like(displacement))
 
@@ -82,11 +83,11 @@ class KnotPotential(PairPotential):
         self.reaches = nn.Parameter(reach * torch.arange(1, knots + 1) / knots)
         self.sizes = nn.Parameter(torch.randn(knots) / knots)
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         overlap = (self.reaches - _distance(displacement)).relu()
         return 0.5 * (overlap.square() * self.sizes).sum(-1)
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         r = _distance(displacement)
         pull = ((self.reaches - r).relu() * self.sizes).sum(-1, keepdim=True)
         return -pull * displacement / r
@@ -105,7 +106,13 @@ class ImpulsePort(Port):
         super().__init__()
         self.law = PairLaw("alike", box=box)
 
-    def impulse(self, r: Tensor, approach: Tensor, slide: Tensor, mass: Tensor) -> Tensor:
+    def impulse(
+        self,
+        r: Float[Tensor, "*b pairs 1"],
+        approach: Float[Tensor, "*b pairs 1"],
+        slide: Float[Tensor, "*b pairs 1"],
+        mass: Float[Tensor, "*b pairs 1"],
+    ) -> Float[Tensor, "*b pairs 1"]:
         """Size of each pair's impulse.
 
         Args:
@@ -116,7 +123,7 @@ class ImpulsePort(Port):
         """
         raise NotImplementedError
 
-    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         i, j = pair_indices(state.q.shape[-2], state.q.device)
         mass = params.mass.unsqueeze(-1)
         v = state.p / mass
@@ -151,7 +158,13 @@ class Restitution(ImpulsePort):
         """Parting speed over approach speed, between 0 and 1."""
         return torch.sigmoid(self.raw)
 
-    def impulse(self, r: Tensor, approach: Tensor, slide: Tensor, mass: Tensor) -> Tensor:
+    def impulse(
+        self,
+        r: Float[Tensor, "*b pairs 1"],
+        approach: Float[Tensor, "*b pairs 1"],
+        slide: Float[Tensor, "*b pairs 1"],
+        mass: Float[Tensor, "*b pairs 1"],
+    ) -> Float[Tensor, "*b pairs 1"]:
         touching = torch.sigmoid((self.distance - r) / self.EDGE)
         return (1 + self.restitution) * mass * approach.relu() * touching
 
@@ -163,5 +176,11 @@ class FreeImpulse(ImpulsePort):
         super().__init__(box)
         self.network = MLP((3, width, width, 1), TANH)
 
-    def impulse(self, r: Tensor, approach: Tensor, slide: Tensor, mass: Tensor) -> Tensor:
+    def impulse(
+        self,
+        r: Float[Tensor, "*b pairs 1"],
+        approach: Float[Tensor, "*b pairs 1"],
+        slide: Float[Tensor, "*b pairs 1"],
+        mass: Float[Tensor, "*b pairs 1"],
+    ) -> Float[Tensor, "*b pairs 1"]:
         return mass * self.network(torch.cat([r, approach, slide], -1))

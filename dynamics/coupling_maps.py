@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.mlp import MLP
@@ -72,9 +73,9 @@ class MappedPotential(nn.Module):
         outputs = self.map(torch.zeros(())).shape[-1]
         self.network = MLP((coordinates, width, width, outputs), activation)
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return (self.map(params.coupling) * self.network(q.flatten(-2))).sum(-1)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         features = self.map(params.coupling).expand(*q.shape[:-2], -1)
         return -self.network.gradient(q.flatten(-2), features).reshape(q.shape)

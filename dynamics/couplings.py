@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics.state import Parameters
@@ -77,12 +78,12 @@ class PairLaw:
         if self.box is not None and not self.box > 0:
             raise ValueError(f"PairLaw: box must be > 0, got {self.box}")
 
-    def strength(self, params: Parameters) -> tuple[Tensor, Tensor]:
+    def strength(self, params: Parameters) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b n"]]:
         """c(G) of each episode ``(...)`` and s of each body ``(..., n)``."""
         strength, amount = SOURCES[self.source](params)
         return COUPLINGS[self.coupling](strength), amount
 
-    def nearest(self, displacement: Tensor) -> Tensor:
+    def nearest(self, displacement: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
         """The displacement to the nearest image; itself in open space."""
         if self.box is None:
             return displacement

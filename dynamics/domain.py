@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics.couplings import PairLaw
@@ -24,7 +25,7 @@ FEW = 6  # bodies whose pairs are taken one by one
 UNKNOWN = torch.inf  # nothing is known of training: no state is outside
 
 
-def extents(state: PhaseState, box: float | None = None) -> Tensor:
+def extents(state: PhaseState, box: float | None = None) -> Float[Tensor, "*b 4"]:
     """The largest |q_i|, |p_i|, |q_i - q_j| and 1 / |q_i - q_j| of each state, ``(..., 4)``.
 
     Args:

@@ -9,6 +9,7 @@ import math
 from typing import cast
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
@@ -90,11 +91,11 @@ class HardDisks(Head):
         )
         return [Finding(OverlapWarning, text, episodes, 0, term="HardDisks")]
 
-    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         """The kinetic energy: disks that do not overlap have no other."""
         return kinetic_energy(state.p, params.mass)
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         """Zero: between collisions there is none, and a collision has no finite one."""
         return torch.zeros_like(state.p)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.state import Parameters
@@ -31,8 +32,8 @@ class UniformField(nn.Module):
         with torch.no_grad():
             self.acceleration.copy_(torch.tensor(acceleration))
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return -(params.mass * (q @ self.acceleration.to(q.dtype))).sum(-1)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return params.mass.unsqueeze(-1) * self.acceleration.to(q.dtype).expand_as(q)

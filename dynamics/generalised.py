@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import cast
 
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.angles import AnglePotential
@@ -68,12 +69,12 @@ class Generalised(Head):
     def depends_on(self) -> tuple[str, ...]:
         return (MOMENTUM,)  # the angles come back to where they were; the slopes do not
 
-    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         """H of each state, shape of the batch."""
         kinetic = 0.5 * (self.velocity(state) * state.p).sum((-2, -1))
         return kinetic + self.potential.energy(state.q, params)
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         return self._hamilton(state, params)[1]
 
     def slopes(self, state: PhaseState, params: Parameters) -> tuple[Tensor, Tensor]:

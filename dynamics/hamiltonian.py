@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import cast
 
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.domain import FARTHEST, MOMENTUM, NEAREST, ORIGIN
@@ -60,7 +61,7 @@ class Hamiltonian(Head):
         parts = cast(nn.Module, self.potential).modules()
         return [part for part in parts if isinstance(part, PairPotential)]
 
-    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         """H of each state, shape of the batch."""
         return self.kinetic.energy(state.p, params) + self.potential.energy(state.q, params)
 
@@ -97,7 +98,7 @@ class Hamiltonian(Head):
     def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
         return [said for port in self.ports for said in cast(Port, port).concerns(params)]
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         """dp/dt of the conservative part at a state, ``(..., n, d)``."""
         return self.potential.force(state.q, params)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.domain import EXTENTS, UNKNOWN, extents
@@ -104,7 +105,7 @@ class Head(nn.Module, ABC):
         return Trajectory(stepped(self.advance, start, params, steps, dt, every))
 
     @abstractmethod
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         """dp/dt of the conservative part; of a map, all that it adds to p per second."""
 
     def check(self, params: Parameters) -> None:

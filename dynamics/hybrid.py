@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
@@ -37,13 +38,13 @@ class Shortcut(nn.Module):
         self.law = PairLaw(box=box)
         self.free = MLP((space + 3, width, width, space), TANH)
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return self.factored.energy(q, params)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return self.factored.force(q, params) + self.free_force(q, params)
 
-    def free_force(self, q: Tensor, params: Parameters) -> Tensor:
+    def free_force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         """What the shortcut adds, shape of ``q``; action and reaction are equal."""
         i, j = pair_indices(q.shape[-2], q.device)
         apart = self.law.nearest(q.index_select(-2, i) - q.index_select(-2, j))
@@ -68,7 +69,7 @@ def shortcut_of(head: nn.Module) -> Shortcut:
     raise ValueError(f"{type(head).__name__}: this model has no shortcut beside its pair law")
 
 
-def shortcut_share(head: nn.Module, state: PhaseState, params: Parameters) -> Tensor:
+def shortcut_share(head: nn.Module, state: PhaseState, params: Parameters) -> Float[Tensor, ""]:
     """|F_s| / (|F_s| + |F_f|) over a whole batch, a scalar.
 
     Raises:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.mlp import MLP
@@ -15,10 +16,10 @@ from dynamics.state import Parameters, kinetic_energy
 class Kinetic(Protocol):
     """What a kinetic energy offers: T, and velocity = dT/dp written out."""
 
-    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+    def energy(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         """T, ``(..., n, d) -> (...)``."""
 
-    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+    def velocity(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         """dT/dp, shape of ``p``."""
 
 
@@ -32,10 +33,10 @@ class FixedKinetic(nn.Module):
         (1.0, [[1.0, 0.0]])
     """
 
-    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+    def energy(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return kinetic_energy(p, params.mass)
 
-    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+    def velocity(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return p / params.mass.unsqueeze(-1)
 
 
@@ -46,10 +47,10 @@ class BodyKinetic(nn.Module):
         super().__init__()
         self.tau = MLP((space + 1, width, width, 1), activation)
 
-    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+    def energy(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return self.tau(_with_mass(p, params)).squeeze(-1).sum(-1)
 
-    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+    def velocity(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return self.tau.gradient(_with_mass(p, params))[..., :-1]
 
 
@@ -60,10 +61,10 @@ class FreeKinetic(nn.Module):
         super().__init__()
         self.network = MLP((coordinates + conditions, width, width, 1), activation)
 
-    def energy(self, p: Tensor, params: Parameters) -> Tensor:
+    def energy(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return self.network(torch.cat([p.flatten(-2), params.flat], -1)).squeeze(-1)
 
-    def velocity(self, p: Tensor, params: Parameters) -> Tensor:
+    def velocity(self, p: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         gradient = self.network.gradient(torch.cat([p.flatten(-2), params.flat], -1))
         return gradient[..., : p.shape[-1] * p.shape[-2]].reshape(p.shape)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics.head import Head
@@ -62,6 +63,6 @@ class TransitionMap(Head):
                 "roll it at its own dt"
             )
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         """The momentum that one step adds, per second: the map's effective force."""
         return self.scale[1] * self.increment(state, params).p / self.dt

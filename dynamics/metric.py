@@ -8,6 +8,7 @@ entries of L gentle functions: a chain's last joint has an inertia of its own.
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.angles import Harmonics
@@ -51,22 +52,22 @@ class CholeskyMetric(nn.Module):
         self.register_buffer("place", place)
         self.register_buffer("diagonal", diagonal)
 
-    def factor(self, q: Tensor) -> Tensor:
+    def factor(self, q: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n n"]:
         """L, lower triangular, ``(..., n, n)``."""
         return self._positive(self.network(self.harmonics(q)))
 
-    def velocity(self, q: Tensor, p: Tensor) -> Tensor:
+    def velocity(self, q: Float[Tensor, "*b n"], p: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n"]:
         """M(q)^-1 p."""
         return self._apply_inverse(self.factor(q), p)
 
-    def momentum(self, q: Tensor, v: Tensor) -> Tensor:
+    def momentum(self, q: Float[Tensor, "*b n"], v: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n"]:
         """M(q) v."""
         factor = self.factor(q)
         if self.form == "inverse":
             return _upper_solution(factor, _lower_solution(factor, v))
         return _upper(factor, _lower(factor, v))
 
-    def inverse(self, q: Tensor) -> Tensor:
+    def inverse(self, q: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n n"]:
         """M(q)^-1, ``(..., n, n)``."""
         factor = self.factor(q)
         units = torch.eye(self.joints, dtype=q.dtype, device=q.device)
@@ -78,7 +79,9 @@ class CholeskyMetric(nn.Module):
             return _lower(factor, _upper(factor, p))
         return _lower_solution(factor, _upper_solution(factor, p))
 
-    def hamilton(self, q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:
+    def hamilton(
+        self, q: Float[Tensor, "*b n"], p: Float[Tensor, "*b n"]
+    ) -> tuple[Float[Tensor, "*b n"], Float[Tensor, "*b n"]]:
         """The velocity M^-1 p, and -d/dq of 1/2 p^T M(q)^-1 p."""
         features = self.harmonics(q)
         raw = self.network(features)
@@ -90,7 +93,7 @@ class CholeskyMetric(nn.Module):
         # 1/2 |L v|^2 at fixed v; d(M^-1) = -M^-1 dM M^-1 turns the sign.
         return v, self._slope(q, features, raw, _lower(factor, v), v)
 
-    def coriolis(self, q: Tensor, v: Tensor) -> Tensor:
+    def coriolis(self, q: Float[Tensor, "*b n"], v: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n"]:
         """d/dq of 1/2 v^T M(q) v at fixed v, less dM/dt v: what bends a free motion.
 
         Raises:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import ClassVar, cast
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 TANH, SOFTPLUS, SILU = "tanh", "softplus", "silu"
@@ -51,7 +52,7 @@ class MLP(nn.Module):
         *hidden, last = cast(Sequence[nn.Linear], self.layers)
         return hidden, last
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Float[Tensor, "*b i"]) -> Float[Tensor, "*b o"]:
         """``(..., sizes[0]) -> (..., sizes[-1])``."""
         batch, x = x.shape[:-1], _rows(x)
         engine = type(self).output_engine
@@ -59,7 +60,7 @@ class MLP(nn.Module):
         out = self.plain_forward(x) if found is None else found
         return out.reshape(*batch, out.shape[-1])
 
-    def plain_forward(self, x: Tensor) -> Tensor:
+    def plain_forward(self, x: Float[Tensor, "*b i"]) -> Float[Tensor, "*b o"]:
         """:meth:`forward` of rows by torch's own operations."""
         value, _ = _ACTIVATIONS[self.activation]
         hidden, last = self.split()
@@ -67,7 +68,9 @@ class MLP(nn.Module):
             x = value(layer(x))
         return last(x)
 
-    def gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
+    def gradient(
+        self, x: Float[Tensor, "*b i"], weights: Float[Tensor, "*b o"] | None = None
+    ) -> Float[Tensor, "*b i"]:
         """Gradient with respect to the input, shape of ``x``.
 
         Of the single output, or of the sum of several with ``weights``, ``(..., sizes[-1])``.
@@ -77,7 +80,9 @@ class MLP(nn.Module):
         found = engine(self, x) if engine else None
         return (self.plain_gradient(x, weights) if found is None else found).reshape(shape)
 
-    def plain_gradient(self, x: Tensor, weights: Tensor | None = None) -> Tensor:
+    def plain_gradient(
+        self, x: Float[Tensor, "*b i"], weights: Tensor | None = None
+    ) -> Float[Tensor, "*b i"]:
         """:meth:`gradient` of rows ``(rows, sizes[0])`` by torch's own operations."""
         value, slope = _ACTIVATIONS[self.activation]
         hidden, last = self.split()
@@ -91,7 +96,9 @@ class MLP(nn.Module):
             gradient = (gradient * s) @ layer.weight
         return gradient
 
-    def pushforward(self, x: Tensor, direction: Tensor) -> Tensor:
+    def pushforward(
+        self, x: Float[Tensor, "*b i"], direction: Float[Tensor, "*b i"]
+    ) -> Float[Tensor, "*b o"]:
         """Rate of the outputs while the input moves along ``direction``, ``(..., sizes[-1])``."""
         value, slope = _ACTIVATIONS[self.activation]
         hidden, last = self.split()

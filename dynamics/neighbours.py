@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.potentials import PairPotential
@@ -40,7 +41,7 @@ class WithinReach(nn.Module):
         self.whole = whole
         self.reach = reach
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         strength, amount = self.whole.law.strength(params)
         edge = torch.zeros(q.shape[-1], dtype=q.dtype, device=q.device)
         edge[0] = self.reach
@@ -52,7 +53,7 @@ class WithinReach(nn.Module):
             total.append((weight[i] * weight[j] * phi).sum())
         return strength * torch.stack(total).reshape(q.shape[:-2])
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         strength, amount = self.whole.law.strength(params)
         total = []
         for places, weight in self._episodes(q, amount):

@@ -6,6 +6,7 @@ A port is a flow of the momenta alone, stepped exactly where a closed form exist
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.findings import Finding
@@ -17,7 +18,7 @@ SLOW = -3.0  # raw start value: softplus(-3) is a rate of 0.05 per second
 class Port(nn.Module):
     """A flow of the momenta that acts beside Hamilton's equations."""
 
-    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         """Momenta after ``dt`` seconds of this port alone, ``(..., n, d)``."""
         raise NotImplementedError
 
@@ -44,5 +45,5 @@ class LinearFriction(Port):
         """gamma, per second."""
         return nn.functional.softplus(self.raw)
 
-    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         return state.p * torch.exp(-self.rate * dt)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, cast, runtime_checkable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
@@ -23,10 +24,10 @@ from dynamics.state import Parameters
 class Potential(Protocol):
     """What a potential energy offers: V, and force = -dV/dq written out."""
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         """V, ``(..., n, d) -> (...)``."""
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         """-dV/dq, shape of ``q``."""
 
 
@@ -61,15 +62,15 @@ class PairPotential(nn.Module):
         super().__init__()
         self.law = PairLaw() if law is None else law
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         """Pair function phi of a displacement, ``(..., d) -> (...)``; must be even."""
         raise NotImplementedError
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         """Gradient of phi, ``(..., d) -> (..., d)``; odd, because phi is even."""
         raise NotImplementedError
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         strength, amount = self.law.strength(params)
         parts = []
         for i, j in self._tiles(q):
@@ -77,7 +78,7 @@ class PairPotential(nn.Module):
             parts.append((product * _in_pieces(self.pair_energy, displacement, -1)).sum(-1))
         return strength * (parts[0] if len(parts) == 1 else torch.stack(parts).sum(0))
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         strength, amount = self.law.strength(params)
         total = torch.zeros_like(q)
         for i, j in self._tiles(q):
@@ -118,10 +119,10 @@ class SoftenedGravity(PairPotential):
             raise ValueError(f"SoftenedGravity: softening must be > 0, got {softening}")
         self.softening = softening
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         return -(displacement.square().sum(-1) + self.softening**2).rsqrt()
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         r2 = displacement.square().sum(-1, keepdim=True) + self.softening**2
         return displacement * r2.rsqrt() / r2
 
@@ -138,20 +139,20 @@ class DisplacementPotential(PairPotential):
         super().__init__(law)
         self.phi = MLP((space, width, width, 1), activation)
 
-    def disk_energy(self, u: Tensor) -> Tensor:
+    def disk_energy(self, u: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         """Phi of a squashed displacement, ``(..., d) -> (...)``."""
         both = self.phi(SPREAD * torch.stack([u, -u])).squeeze(-1)
         return 0.5 * (both[0] + both[1])
 
-    def disk_gradient(self, u: Tensor) -> Tensor:
+    def disk_gradient(self, u: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         """Gradient of :meth:`disk_energy`, ``(..., d) -> (..., d)``."""
         both = self.phi.gradient(SPREAD * torch.stack([u, -u]))
         return 0.5 * SPREAD * (both[0] - both[1])
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         return self.disk_energy(displacement / (REACH + soft_length(displacement)))
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         r = soft_length(displacement)
         return unsquashed(self.disk_gradient(displacement / (REACH + r)), displacement, r)
 
@@ -173,19 +174,19 @@ class RadialPotential(PairPotential):
         squashed = torch.cat([r / (self.NEAR + r), r / (self.FAR + r)], -1)
         return SPREAD * (2 * squashed - 1)
 
-    def distance_energy(self, r: Tensor) -> Tensor:
+    def distance_energy(self, r: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
         """Phi at a soft distance, ``(..., 1) -> (...)``."""
         return self.phi(self._features(r)).squeeze(-1)
 
-    def slope(self, r: Tensor) -> Tensor:
+    def slope(self, r: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
         """dphi/dr at a soft distance, ``(..., 1)`` to ``(..., 1)``."""
         near, far = (2 * SPREAD * self.phi.gradient(self._features(r))).chunk(2, -1)
         return near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
 
-    def pair_energy(self, displacement: Tensor) -> Tensor:
+    def pair_energy(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
         return self.distance_energy(soft_length(displacement))
 
-    def pair_gradient(self, displacement: Tensor) -> Tensor:
+    def pair_gradient(self, displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b d"]:
         r = soft_length(displacement)
         return self.slope(r) * displacement / r
 
@@ -195,7 +196,7 @@ REACH = 0.5  # world units: the distance that lands half-way out in the squashed
 CORE = 0.05  # world units: rounds the tip of the distance at r = 0; not a softening of the law
 
 
-def soft_length(displacement: Tensor) -> Tensor:
+def soft_length(displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
     """sqrt(r^2 + CORE^2), smooth where two bodies coincide, ``(..., d) -> (..., 1)``."""
     return (displacement.square().sum(-1, keepdim=True) + CORE**2).sqrt()
 
@@ -221,10 +222,10 @@ class FreePotential(nn.Module):
         super().__init__()
         self.network = MLP((coordinates + conditions, width, width, 1), activation)
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return self.network(torch.cat([q.flatten(-2), params.flat], -1)).squeeze(-1)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         gradient = self.network.gradient(torch.cat([q.flatten(-2), params.flat], -1))
         return -gradient[..., : q.shape[-1] * q.shape[-2]].reshape(q.shape)
 
@@ -236,10 +237,10 @@ class HarmonicTrap(nn.Module):
         super().__init__()
         self.stiffness = stiffness
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return 0.5 * self.stiffness * q.square().sum((-2, -1))
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return -self.stiffness * q
 
 
@@ -250,10 +251,10 @@ class SumPotential(nn.Module):
         super().__init__()
         self.parts = nn.ModuleList(cast(Sequence[nn.Module], parts))
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return torch.stack([part.energy(q, params) for part in self._parts]).sum(0)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return torch.stack([part.force(q, params) for part in self._parts]).sum(0)
 
     @property
@@ -264,8 +265,8 @@ class SumPotential(nn.Module):
 class NoPotential(nn.Module):
     """V = 0: the zero-force (ballistic) predictor against which skill is measured."""
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return q.new_zeros(q.shape[:-2])
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return torch.zeros_like(q)

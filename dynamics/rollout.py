@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dynamics import checks
@@ -41,7 +42,7 @@ class Rollout:
     states: PhaseState
     params: Parameters
     dt: float
-    first_bad: Tensor
+    first_bad: Int[Tensor, "*b"]
     seed: int | None = None
     findings: tuple[Finding, ...] = ()
     pieces: int = 0
@@ -49,7 +50,7 @@ class Rollout:
     fallbacks: int = 0
 
     @property
-    def finite(self) -> Tensor:
+    def finite(self) -> Bool[Tensor, "*b"]:
         """Which episodes stayed finite throughout, boolean, batch shape."""
         return self.first_bad == NO_BAD_STEP
 
@@ -61,7 +62,7 @@ class Rollout:
         return WARNED if self.findings else OK
 
     @property
-    def times(self) -> Tensor:
+    def times(self) -> Float[Tensor, " t"]:
         """Seconds since the start of each stored state, ``(t,)``."""
         return torch.arange(self.states.q.shape[-3], dtype=torch.float64) * self.dt
 
@@ -157,7 +158,9 @@ def _noise(seed: int | None, device: torch.device) -> Iterator[None]:
         yield
 
 
-def first_bad_step(states: PhaseState, reached: dict[str, float] | None = None) -> Tensor:
+def first_bad_step(
+    states: PhaseState, reached: dict[str, float] | None = None
+) -> Int[Tensor, "*b"]:
     """Per episode, the first time index at which a state is not finite, or -1.
 
     Args:

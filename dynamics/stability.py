@@ -15,6 +15,7 @@ from typing import Any, cast
 from weakref import WeakKeyDictionary
 
 import torch
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from dynamics.hamiltonian import Hamiltonian
@@ -43,8 +44,8 @@ class Stiffest:
         term: name of the term that is fastest in the fastest episode.
     """
 
-    rate: Tensor
-    pair: Tensor
+    rate: Float[Tensor, "*b"]
+    pair: Int[Tensor, "*b 2"]
     term: str
 
 
@@ -227,7 +228,7 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
     return found
 
 
-def stiffest(rates: Sequence[Rates], q: Tensor) -> Stiffest:
+def stiffest(rates: Sequence[Rates], q: Float[Tensor, "*b n d"]) -> Stiffest:
     """The fastest of some terms at positions ``(..., n, d)``.
 
     Example:

@@ -44,7 +44,7 @@ class PhaseState:
         return torch.cat([self.q.flatten(-2), self.p.flatten(-2)], dim=-1)
 
     @classmethod
-    def from_flat(cls, x: Tensor, bodies: int, space: int = 2) -> PhaseState:
+    def from_flat(cls, x: Float[Tensor, "*batch x"], bodies: int, space: int = 2) -> PhaseState:
         """Inverse of :attr:`flat`."""
         both = x.reshape(*x.shape[:-1], 2, bodies, space)
         return cls(both[..., 0, :, :], both[..., 1, :, :])
@@ -132,6 +132,6 @@ class Parameters:
         return self.scalars[name]
 
 
-def kinetic_energy(p: Tensor, mass: Tensor) -> Tensor:
+def kinetic_energy(p: Float[Tensor, "*b n d"], mass: Float[Tensor, "*m n"]) -> Float[Tensor, "*b"]:
     """Sum over bodies of |p|^2 / 2m, shape ``(...)``."""
     return (p.square().sum(-1) / (2 * mass)).sum(-1)

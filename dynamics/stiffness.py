@@ -6,6 +6,7 @@ States are ``(..., n, 1)``: n coordinates of one dimension each (the study's fac
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.coupling_maps import coupling_map
@@ -44,11 +45,11 @@ class Stiffness(nn.Module):
             )
         self.register_buffer("content", content)
 
-    def coupled(self, coupling: Tensor) -> Tensor:
+    def coupled(self, coupling: Float[Tensor, "*b"]) -> Float[Tensor, "*c n n"]:
         """The part that the coupling sets, ``(...) -> (..., n, n)``."""
         return torch.einsum("...k,...kij->...ij", self.map(coupling), self.content)
 
-    def forward(self, coupling: Tensor) -> Tensor:
+    def forward(self, coupling: Float[Tensor, "*b"]) -> Float[Tensor, "*c n n"]:
         """K at a coupling, ``(...) -> (..., n, n)``."""
         one = torch.eye(self.content.shape[-1], dtype=coupling.dtype, device=coupling.device)
         return self.coupled(coupling) + self.confinement * one
@@ -70,10 +71,10 @@ class QuadraticPotential(nn.Module):
             )
         self.stiffness = stiffness
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return -0.5 * (q * self.force(q, params)).sum((-2, -1))
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return -self.stiffness(params.coupling) @ q
 
 
@@ -93,5 +94,5 @@ class LinearField(Head):
         )
         return self.integrator.advance(field, state, dt, memory)
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         return -self.stiffness(params.coupling) @ state.q

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.bath import Bath
@@ -58,7 +59,7 @@ class NeuralSDE(Head):
         x = state.flat + mean + deviation * torch.randn_like(mean)
         return PhaseState.from_flat(x, state.q.shape[-2], state.q.shape[-1]), memory
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         """The drift of the momenta, ``(..., n, d)``."""
         drift = self.moments(state, params, self.told_for)[0] / self.told_for
         return PhaseState.from_flat(drift, state.q.shape[-2], state.q.shape[-1]).p

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.couplings import COUPLINGS
@@ -35,19 +36,19 @@ class TriplePotential(nn.Module):
         super().__init__()
         self.coupling = COUPLINGS[coupling]
 
-    def triple_energy(self, sides: Tensor) -> Tensor:
+    def triple_energy(self, sides: Float[Tensor, "*b 3 d"]) -> Float[Tensor, "*b"]:
         """The function psi of three displacements ``(..., 3, d)``, ``(...)``."""
         raise NotImplementedError
 
-    def triple_gradient(self, sides: Tensor) -> Tensor:
+    def triple_gradient(self, sides: Float[Tensor, "*b 3 d"]) -> Float[Tensor, "*b 3 d"]:
         """Gradient of psi with respect to the displacements, ``(..., 3, d)``."""
         raise NotImplementedError
 
-    def energy(self, q: Tensor, params: Parameters) -> Tensor:
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         _, sides, product = self._triples(q, params)
         return self.coupling(params.coupling) * (product * self.triple_energy(sides)).sum(-1)
 
-    def force(self, q: Tensor, params: Parameters) -> Tensor:
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         triples, sides, product = self._triples(q, params)
         pull = product[..., None, None] * self.triple_gradient(sides)
         # Side a runs from body a to body a + 1 of the triple.
@@ -79,11 +80,11 @@ class PlummerTriple(TriplePotential):
             raise ValueError(f"PlummerTriple: softening must be > 0, got {softening}")
         self.softening, self.strength = softening, strength
 
-    def triple_energy(self, sides: Tensor) -> Tensor:
+    def triple_energy(self, sides: Float[Tensor, "*b 3 d"]) -> Float[Tensor, "*b"]:
         squared = sides.square().sum(-1) + self.softening**2
         return -self.strength * squared.prod(-1).rsqrt()
 
-    def triple_gradient(self, sides: Tensor) -> Tensor:
+    def triple_gradient(self, sides: Float[Tensor, "*b 3 d"]) -> Float[Tensor, "*b 3 d"]:
         squared = sides.square().sum(-1, keepdim=True) + self.softening**2
         return self.strength * squared.prod(-2, keepdim=True).rsqrt() * sides / squared
 
@@ -95,10 +96,10 @@ class LearnedTriple(TriplePotential):
         super().__init__(coupling)
         self.psi = MLP((3, width, width, 1), activation)
 
-    def triple_energy(self, sides: Tensor) -> Tensor:
+    def triple_energy(self, sides: Float[Tensor, "*b 3 d"]) -> Float[Tensor, "*b"]:
         return self.psi(self._features(_squashed(sides)).squeeze(-1)).squeeze(-1)
 
-    def triple_gradient(self, sides: Tensor) -> Tensor:
+    def triple_gradient(self, sides: Float[Tensor, "*b 3 d"]) -> Float[Tensor, "*b 3 d"]:
         u = _squashed(sides)
         slope = self.psi.gradient(self._features(u).squeeze(-1)).unsqueeze(-1)
         first, second, third = slope.split(1, -2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics.angles import Harmonics
@@ -98,7 +99,7 @@ class NeuralODE(Head):
         field = VectorField.joint(lambda q, p: self.slopes(PhaseState(q, p), params))
         return self.integrator.advance(field, state, dt, memory)
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         return self.slopes(state, params)[1]
 
 

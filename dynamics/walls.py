@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.findings import Finding, OverlapWarning, counted
@@ -51,11 +52,13 @@ class Wall(nn.Module):
         self.place, self.restitution = place, restitution
         self.register_buffer("normal", towards / towards.norm())
 
-    def depth(self, q: Tensor) -> Tensor:
+    def depth(self, q: Float[Tensor, "*b n d"]) -> Float[Tensor, "*b n"]:
         """How far behind the wall, ``(..., n, d) -> (..., n)``, world units."""
         return q @ self.normal.to(q) - self.place
 
-    def bounced(self, state: PhaseState, force: Tensor, mass: Tensor) -> PhaseState:
+    def bounced(
+        self, state: PhaseState, force: Float[Tensor, "*b n d"], mass: Float[Tensor, "*b n"]
+    ) -> PhaseState:
         """The state after the bounces of a step.
 
         Args:
@@ -109,11 +112,11 @@ class Walled(Head):
             return state, memory
         return self.wall.bounced(state, self.force(state, params), params.mass), None
 
-    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         """Of the model without the wall, which stores none."""
         return self.free.energy(state, params)
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         return self.free.force(state, params)
 
     def check(self, params: Parameters) -> None:

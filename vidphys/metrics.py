@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics import PhaseState
@@ -27,7 +28,7 @@ class Summary:
     nonfinite: int
 
 
-def energy_drift(energy: Tensor, scale: Tensor) -> Tensor:
+def energy_drift(energy: Float[Tensor, "b t"], scale: Float[Tensor, " b"]) -> Float[Tensor, "b t"]:
     """Relative drift of the true energy, |E(t) - E(0)| / |E(0)|, ``(b, t)``.
 
     Args:
@@ -47,7 +48,7 @@ def energy_drift(energy: Tensor, scale: Tensor) -> Tensor:
     )
 
 
-def median(values: Tensor) -> Summary:
+def median(values: Float[Tensor, " b"]) -> Summary:
     """Median over the finite episodes of ``(b,)``.
 
     Example:
@@ -57,17 +58,17 @@ def median(values: Tensor) -> Summary:
     return _over_finite(values, lambda x: x.median())
 
 
-def mean(values: Tensor) -> Summary:
+def mean(values: Float[Tensor, " b"]) -> Summary:
     """Mean over the finite values of ``(b,)``."""
     return _over_finite(values, lambda x: x.mean())
 
 
-def worst(values: Tensor) -> Summary:
+def worst(values: Float[Tensor, " b"]) -> Summary:
     """Largest value over the finite episodes of ``(b,)``."""
     return _over_finite(values, lambda x: x.max())
 
 
-def fraction_over_one(values: Tensor) -> Summary:
+def fraction_over_one(values: Float[Tensor, " b"]) -> Summary:
     """Share of the finite episodes of ``(b,)`` whose value exceeds 1."""
     return _over_finite(values, lambda x: (x > 1).double().mean())
 
@@ -80,7 +81,7 @@ def _over_finite(values: Tensor, reduce) -> Summary:  # noqa: ANN001 (a tensor f
     return Summary(float(reduce(values[finite])), OK, len(values), lost)
 
 
-def slope(curves: Tensor, duration: float) -> Tensor:
+def slope(curves: Float[Tensor, "*b t"], duration: float) -> Float[Tensor, "*b"]:
     """Least-squares slope of each curve ``(..., t)`` against time, per unit of ``duration``."""
     time = torch.linspace(0, duration, curves.shape[-1], dtype=curves.dtype)
     time = time - time.mean()
@@ -90,7 +91,7 @@ def slope(curves: Tensor, duration: float) -> Tensor:
 RESAMPLES = 400
 
 
-def median_slope_interval(curves: Tensor, duration: float) -> tuple[float, float]:
+def median_slope_interval(curves: Float[Tensor, "b t"], duration: float) -> tuple[float, float]:
     """Bootstrap 95 % interval, over episodes, of the slope of the median of curves ``(b, t)``."""
     rng = torch.Generator().manual_seed(0)
     slopes = []
@@ -120,7 +121,7 @@ def nmse(prediction: PhaseState, reference: PhaseState) -> Summary:
     return Summary(float((x - y).square().mean() / _variance(y)), OK, len(x), 0)
 
 
-def episode_nmse(prediction: PhaseState, reference: PhaseState) -> Tensor:
+def episode_nmse(prediction: PhaseState, reference: PhaseState) -> Float[Tensor, " b"]:
     """The per-episode form of :func:`nmse` under the same pooled variance, ``(b,)``."""
     x, y = prediction.flat.double(), reference.flat.double()
     return (x - y).square().flatten(1).mean(1) / _variance(y)
@@ -168,7 +169,7 @@ def ratio(error: Summary, ballistic: Summary) -> Summary:
     return Summary(error.value / ballistic.value, OK, error.episodes, 0)
 
 
-def cosine(model: Tensor, truth: Tensor) -> Summary:
+def cosine(model: Float[Tensor, "b *n d"], truth: Float[Tensor, "b *n d"]) -> Summary:
     """Cosine between two force batches ``(b, n, d)``, each taken as one long vector.
 
     Example:
@@ -184,7 +185,9 @@ def cosine(model: Tensor, truth: Tensor) -> Summary:
     return Summary(float((x * y).sum() / norm), OK, len(x), 0)
 
 
-def affine_residual(latent: Tensor, state: Tensor, fitted: int | None = None) -> Summary:
+def affine_residual(
+    latent: Float[Tensor, "b features"], state: Float[Tensor, "b x"], fitted: int | None = None
+) -> Summary:
     """What an affine map of the latent leaves unexplained, over the state's variance.
 
     Args:

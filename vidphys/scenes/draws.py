@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Generator, Tensor
 
 from dynamics import Parameters, PhaseState
@@ -21,7 +22,9 @@ def normal(shape: tuple[int, ...], std: float, rng: Generator) -> Tensor:
     return std * torch.randn(*shape, generator=rng, dtype=torch.float64)
 
 
-def at_rest(q: Tensor, velocity: Tensor, params: Parameters) -> PhaseState:
+def at_rest(
+    q: Float[Tensor, "*b n d"], velocity: Float[Tensor, "*b n d"], params: Parameters
+) -> PhaseState:
     """A state without total momentum, so that the system stays where it is drawn."""
     p = params.mass.unsqueeze(-1) * velocity
     return PhaseState(q, p - p.mean(-2, keepdim=True))

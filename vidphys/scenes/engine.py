@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics import Parameters, PhaseState
@@ -100,13 +101,13 @@ def _models(params: Parameters, friction: str | None) -> list[Any]:
     return models
 
 
-def momenta(q: Tensor, v: Tensor) -> Tensor:
+def momenta(q: Float[Tensor, "*b 2 1"], v: Float[Tensor, "*b 2 1"]) -> Float[Tensor, "*b 2 1"]:
     """Momenta M(q) v by the engine, ``(..., 2, 1)``; NaN where a state is not finite."""
     mujoco, model, data = _engine()
     return _each(q, v, lambda x, out: mujoco.mj_mulM(model, data, out, x))
 
 
-def velocities(state: PhaseState) -> Tensor:
+def velocities(state: PhaseState) -> Float[Tensor, "*b 2"]:
     """dq/dt = M(q)^-1 p by the engine, ``(..., 2)``."""
     mujoco, model, data = _engine()
 
@@ -140,14 +141,14 @@ def _place() -> None:
     mujoco.mj_fwdPosition(model, data)
 
 
-def energies(states: PhaseState) -> tuple[Tensor, Tensor]:
+def energies(states: PhaseState) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b"]]:
     """Kinetic energy, and potential energy at a coupling of 1, of states; batch shape, joules."""
     v = velocities(states).unsqueeze(-1)
     kinetic = 0.5 * (states.p.double() * v).sum((-2, -1))
     return kinetic, heights(states.q)
 
 
-def heights(q: Tensor) -> Tensor:
+def heights(q: Float[Tensor, "*b 2 1"]) -> Float[Tensor, "*b"]:
     """Potential energy at a coupling of 1, by the engine; joules."""
     mujoco, model, data = _engine()
     angles = _rows(q)
@@ -161,7 +162,7 @@ def heights(q: Tensor) -> Tensor:
     return torch.from_numpy(found).reshape(q.shape[:-2])
 
 
-def force(state: PhaseState, params: Parameters) -> Tensor:
+def force(state: PhaseState, params: Parameters) -> Float[Tensor, "*b 2 1"]:
     """dp/dt without friction: the gradient of K - V in q at a fixed velocity, ``(..., 2, 1)``.
 
     By central differences of the engine's energies, good to about 1e-7.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Generator, Tensor
 
 from dynamics import Parameters, PhaseState
@@ -13,7 +14,7 @@ SEPARATION = 1e-7
 
 def lyapunov_time(
     scene: Scene, start: PhaseState, params: Parameters, rounds: int = 100, steps: int = 100
-) -> Tensor:
+) -> Float[Tensor, " b"]:
     """Per-episode Lyapunov time in seconds, by Benettin's two-trajectory method.
 
     A neighbour at distance 1e-7 is followed for ``steps`` reference steps, its growth is

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Generator, Tensor
 
 from dynamics import Parameters, PhaseState, Rollout
@@ -32,11 +33,11 @@ DRIFT = 1e-5  # of a certified reference without friction
 class EngineLaw:
     """Energy and force of the double pendulum, by the engine."""
 
-    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         kinetic, height = engine.energies(state)
         return kinetic + params.coupling * height
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         return engine.force(state, params)
 
 

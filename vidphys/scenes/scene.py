@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import torch
+from jaxtyping import Bool, Float
 from torch import Generator, Tensor
 
 from dynamics import (
@@ -27,10 +28,10 @@ Sampler = Callable[[int, Generator], tuple[PhaseState, Parameters]]
 class Law(Protocol):
     """What a scene's exact law offers; :class:`dynamics.Hamiltonian` does."""
 
-    def energy(self, state: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         """H of each state, shape of the batch."""
 
-    def force(self, state: PhaseState, params: Parameters) -> Tensor:
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         """dp/dt of the conservative part, ``(..., n, d)``."""
 
 
@@ -97,12 +98,12 @@ class Scene:
         """What the bodies would do without any force, against which skill is measured."""
         return rollout(ballistic(), start, params, steps // every, every * self.dt)
 
-    def energy(self, states: PhaseState, params: Parameters) -> Tensor:
+    def energy(self, states: PhaseState, params: Parameters) -> Float[Tensor, "b t"]:
         """True energy of states ``(b, t, n, d)`` under per-episode parameters, ``(b, t)``."""
         params = params.map(lambda x: x.double().unsqueeze(1))
         return self.law.energy(states.map(torch.Tensor.double), params)
 
-    def energy_scale(self, start: PhaseState, params: Parameters) -> Tensor:
+    def energy_scale(self, start: PhaseState, params: Parameters) -> Float[Tensor, " b"]:
         """K + |V| of a start state, ``(b,)``: what an energy near zero is measured against."""
         params = params.map(torch.Tensor.double)
         start = start.map(torch.Tensor.double)
@@ -124,15 +125,15 @@ class Certificate:
         least_distance: the scene's bound.
     """
 
-    finite: Tensor
-    drift: Tensor
-    closest: Tensor
-    in_frame: Tensor
+    finite: Bool[Tensor, " b"]
+    drift: Float[Tensor, " b"]
+    closest: Float[Tensor, " b"]
+    in_frame: Bool[Tensor, " b"]
     max_drift: float
     least_distance: float = 0.0
 
     @property
-    def passed(self) -> Tensor:
+    def passed(self) -> Bool[Tensor, " b"]:
         """Finite, in the frame, apart, and the reference is as good as its bound says."""
         sound = self.finite & self.in_frame & (self.closest >= self.least_distance)
         return sound & ~(self.drift >= self.max_drift)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from binders.tracker import Motion, extrapolate
@@ -14,7 +15,12 @@ PRECISE = 0.01  # world units
 
 
 def aim(
-    head: Head, here: Tensor, there: Tensor, params: Parameters, dt: float, every: int
+    head: Head,
+    here: Float[Tensor, "*b n d"],
+    there: Float[Tensor, "*b n d"],
+    params: Parameters,
+    dt: float,
+    every: int,
 ) -> PhaseState:
     """The state at ``here`` from which the head reaches ``there`` one frame later.
 
@@ -47,12 +53,12 @@ def aim(
 
 def surprise(
     head: Head,
-    positions: Tensor,
+    positions: Float[Tensor, "*b frames n d"],
     params: Parameters,
     dt: float,
     every: int,
     precise: float = PRECISE,
-) -> Tensor:
+) -> Float[Tensor, "*b later n"]:
     """Robust error of the head's predictions from windows' first two frames.
 
     The head is aimed from the first frame at the second and compared with those after. A

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout
@@ -30,8 +31,8 @@ class Segments:
 
     start: PhaseState
     params: Parameters
-    q: Tensor
-    p: Tensor | None
+    q: Float[Tensor, "m k n d"]
+    p: Float[Tensor, "m k n d"] | None
     dt: float
     every: int
 
