@@ -28,6 +28,15 @@ class Hamiltonian(Head):
         ports: where energy enters or leaves; none for a conservative model. Half of each acts
             before the integrator's step and half after, in the opposite order (Strang splitting,
             second order).
+
+    Example:
+        >>> import torch
+        >>> from dynamics.potentials import HarmonicTrap
+        >>> spring = Hamiltonian(FixedKinetic(), HarmonicTrap(1.0))
+        >>> state = PhaseState(torch.ones(1, 1, 1), torch.zeros(1, 1, 1))
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1))
+        >>> spring.energy(state, law).tolist(), spring.force(state, law).flatten().tolist()
+        ([0.5], [-1.0])
     """
 
     def __init__(
@@ -109,5 +118,14 @@ def _if_learned(part: object, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def ballistic() -> Hamiltonian:
-    """Straight lines at constant speed: the predictor with no force at all."""
+    """Straight lines at constant speed: the predictor with no force at all.
+
+    Example:
+        >>> import torch
+        >>> state = PhaseState(torch.zeros(1, 1, 1), torch.ones(1, 1, 1))
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1))
+        >>> later, _ = ballistic().advance(state, law, dt=0.5)
+        >>> later.q.flatten().tolist()
+        [0.5]
+    """
     return Hamiltonian(FixedKinetic(), NoPotential())

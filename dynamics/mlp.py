@@ -31,6 +31,13 @@ class MLP(nn.Module):
     Attributes:
         output_engine, gradient_engine: of the class: faster ways to the output and to the gradient
             of many rows, see :mod:`dynamics.engines`.
+
+    Example:
+        >>> network = MLP((2, 8, 1), TANH)
+        >>> x = torch.ones(5, 2, requires_grad=True)
+        >>> (slope,) = torch.autograd.grad(network(x).sum(), x)
+        >>> torch.allclose(network.gradient(x), slope, atol=1e-6)
+        True
     """
 
     output_engine: ClassVar[Engine | None] = None

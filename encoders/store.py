@@ -247,7 +247,7 @@ def _load_manifest(path: Path) -> dict[str, Any]:
     if version != SCHEMA_VERSION:
         raise StaleFeatures(
             f"feature store: {path} has schema version {version}, this code reads "
-            f"{SCHEMA_VERSION}; use another --out, or delete the store"
+            f"{SCHEMA_VERSION}; use another folder, or delete the store"
         )
     return manifest
 

@@ -16,4 +16,4 @@ def check_cuda(device: str) -> None:
     import torch
 
     if not torch.cuda.is_available():
-        raise InputError("--device cuda: this machine has no CUDA device; use --device cpu")
+        raise InputError("`device` cuda: this machine has no CUDA device; use cpu")

@@ -1,4 +1,8 @@
-"""The one exception that the command line turns into a single line and exit code 2."""
+"""The one exception that the command line turns into a single line and exit code 2.
+
+A message has the names of arguments in backquotes; where a verb has an option of that name, the
+command line says the option instead.
+"""
 
 from __future__ import annotations
 

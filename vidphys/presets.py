@@ -92,5 +92,5 @@ def preset(name: str) -> Preset:
         (1, 3)
     """
     if name not in PRESETS:
-        raise InputError(f"--preset {name}: unknown; use one of {', '.join(PRESETS)}")
+        raise InputError(f"`preset` {name}: unknown; use one of {', '.join(PRESETS)}")
     return PRESETS[name]

@@ -80,6 +80,14 @@ def compile_head(
     Raises:
         ValueError: the model has no such pair law, the tolerance cannot be met, or the backend
             cannot run the model.
+
+    Example:
+        >>> from dynamics import HEADS, build
+        >>> head = build(HEADS["factored-radial"], bodies=3, dt=0.002)
+        >>> fast = compile_head(head, tolerance=1e-2, backend="torch")
+        >>> q, law = torch.randn(8, 3, 2), Parameters(torch.ones(8), torch.ones(8, 3))
+        >>> torch.allclose(fast.potential.force(q, law), head.potential.force(q, law), rtol=0.05)
+        True
     """
     if not isinstance(head, Hamiltonian) or not isinstance(head.potential, _COMPILED):
         what = type(getattr(head, "potential", head)).__name__

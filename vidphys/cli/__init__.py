@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import re
 import signal
 import sys
 import threading
 import warnings
 from pathlib import Path
+from typing import Any
 
 VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
@@ -67,7 +69,7 @@ def _run(verb: str, rest: list[str]) -> int:
     try:
         return getattr(module, verb)(config) or OK
     except InputError as error:
-        return _error(str(error))
+        return _error(in_options(str(error), config_type))
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         return INTERRUPTED
@@ -86,6 +88,18 @@ def _end_like_an_interrupt() -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, stop)
         signal.signal(signal.SIGINT, stop)
+
+
+def in_options(text: str, config: Any) -> str:
+    """What the library says of its arguments, `like_this`, in the words of a verb: --like-this."""
+
+    def said(found: re.Match[str]) -> str:
+        option = config.__dataclass_fields__.get(found[1])
+        if option is None:
+            return found[0]
+        return found[1] if "Positional" in option.type else f"--{found[1].replace('_', '-')}"
+
+    return re.sub(r"`(\w+)`", said, text)
 
 
 def _error(text: str) -> int:

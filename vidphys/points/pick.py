@@ -33,7 +33,7 @@ class Bound:
                 raise ValueError
             return cls(found[1], float(found[2]))
         except ValueError as error:
-            raise InputError(f"--pick {text!r}: give a bound, {EXAMPLE}") from error
+            raise InputError(f"`pick` {text!r}: give a bound, {EXAMPLE}") from error
 
     def value(self, point: Point) -> float | None:
         """The quantity at a point; ``None`` where its result was not finite."""
@@ -103,13 +103,13 @@ def pick(points: Sequence[Point], bound: Bound) -> list[Choice]:
     names = sorted({name for p in points for name in (p.cost_name, p.error_name)})
     if bound.quantity not in names:
         raise InputError(
-            f"--pick {bound.quantity}: not measured here; there are {', '.join(names) or 'none'}"
+            f"`pick` {bound.quantity}: not measured here; there are {', '.join(names) or 'none'}"
         )
     usable = [
         p for p in points if bound.quantity in (p.cost_name, p.error_name) and p.error is not None
     ]
     if not usable:
-        raise InputError(f"--pick {bound.quantity}: no measured point has a finite result")
+        raise InputError(f"`pick` {bound.quantity}: no measured point has a finite result")
     return [_choose(group, bound) for group in by_task(usable).values()]
 
 

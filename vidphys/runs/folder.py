@@ -47,7 +47,16 @@ PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
 
 
 class RunFolder:
-    """One run on disk."""
+    """One run on disk.
+
+    Example:
+        >>> import tempfile
+        >>> where = Path(tempfile.mkdtemp()) / 'run'
+        >>> run = RunFolder.open(where, {'cells': ['a'], 'seeds': [0]})
+        >>> again = RunFolder.open(where, {'cells': ['b'], 'seeds': [0]})  # extends it
+        >>> again.manifest()['settings']['cells'], run.is_done('a-s0')
+        (['a', 'b'], False)
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -77,12 +86,12 @@ class RunFolder:
                 return run
             if not overwrite:
                 raise InputError(
-                    f"run folder {path}: holds a run with other settings; choose another --out, "
-                    "or pass --overwrite to give that run up"
+                    f"run folder {path}: holds a run with other settings; choose another, or "
+                    "`overwrite` to give that run up"
                 )
             run.clear()
         elif path.exists() and any(path.iterdir()):
-            raise InputError(f"run folder {path}: exists and is not a run; choose another --out")
+            raise InputError(f"run folder {path}: exists and is not a run; choose another")
         write_json(run.manifest_path, {**_surroundings(), "settings": settings, "skipped": []})
         return run
 
@@ -164,7 +173,7 @@ class RunFolder:
             except OSError as error:
                 raise InputError(
                     f"run folder {self.path}: another process is at work in it; wait for it, or "
-                    "choose another --out"
+                    "choose another folder"
                 ) from error
             yield
 

@@ -64,7 +64,17 @@ EPISODE_SCHEMA = pa.schema(
 
 
 class Recorder:
-    """Collects the rows of one cell."""
+    """Collects the rows of one cell.
+
+    Example:
+        >>> none = dict.fromkeys(('system', 'grounding', 'encoder', 'binder', 'readout'), 'none')
+        >>> origin = Origin('mine', 'a/b', head='b', seed=0, device='cpu', dtype='float32', **none)
+        >>> recorder = Recorder(origin)
+        >>> recorder.add_value('drift', 0.25)
+        >>> records, episodes = recorder.tables()
+        >>> records.select(['cell', 'metric', 'value', 'status']).to_pylist()
+        [{'cell': 'a/b', 'metric': 'drift', 'value': 0.25, 'status': 'ok'}]
+    """
 
     def __init__(self, origin: Origin) -> None:
         self.origin = origin

@@ -26,6 +26,11 @@ def coulomb(bodies: int = 3) -> Scene:
     H = K + electric sum_{i<j} z_i z_j / sqrt(r^2 + softening^2). What is held out is the
     all-repulsive set of charges, see :func:`all_alike`. There is no other force: G is 1 in every
     episode and stands in no term.
+
+    Example:
+        >>> start, law = coulomb(bodies=3).sample(8, Generator().manual_seed(0))
+        >>> sorted(set(law.charge.flatten().tolist())), law.scalar('electric').shape
+        ([-1.0, 1.0], torch.Size([8]))
     """
 
     def sample(n: int, rng: Generator) -> tuple[PhaseState, Parameters]:

@@ -27,6 +27,12 @@ def springs(stiffness: Range = STIFFNESS, bodies: int = 3) -> Scene:
     Args:
         stiffness: uniform in this range; one value where its ends are equal.
         bodies: N.
+
+    Example:
+        >>> scene = springs(stiffness=(5.0, 5.0))
+        >>> start, law = scene.sample(2, Generator().manual_seed(0))
+        >>> scene.bodies, law.coupling.tolist()
+        (3, [5.0, 5.0])
     """
 
     def sample(n: int, rng: Generator) -> tuple[PhaseState, Parameters]:

@@ -1,7 +1,7 @@
 """The compact file that a choice travels in: measured points, and where they were measured.
 
 ``vidphys trade`` writes one with the points of all fronts; a pick writes one with what was chosen,
-and a verb takes its options from that one with ``--profile FILE``.
+and a verb takes its options from that one as its profile.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ def read_profile(path: Path) -> Profile:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"--profile {path}: cannot be read ({error})") from error
+        raise InputError(f"`profile` {path}: cannot be read ({error})") from error
     if not isinstance(content, dict) or content.get("kind") != "vidphys profile":
-        raise InputError(f"--profile {path}: not a profile; `vidphys trade` writes one")
+        raise InputError(f"`profile` {path}: not a profile; `vidphys trade` writes one")
     if content.get("schema_version") != SCHEMA_VERSION:
-        raise InputError(f"--profile {path}: of another version; measure it again")
+        raise InputError(f"`profile` {path}: of another version; measure it again")
     points = tuple(Point.from_dict(record) for record in content["points"])
     return Profile(content["surroundings"], points)
 
@@ -68,7 +68,7 @@ def profile_options(path: Path, verb: str) -> dict[str, Setting]:
     """What a verb is set to by a profile: names of its own options, with their values.
 
     Args:
-        path: a profile with one point for the verb, as ``vidphys trade --pick`` writes it.
+        path: a profile with one point for the verb, as ``vidphys trade`` saves a picked one.
         verb: a key of :data:`TAKES`.
 
     Raises:
@@ -78,8 +78,8 @@ def profile_options(path: Path, verb: str) -> dict[str, Setting]:
     points = [point for point in read_profile(path).points if point.front in fronts]
     if len(points) != 1:
         raise InputError(
-            f"--profile {path}: has {len(points)} points of what {verb} is set by "
-            f"({', '.join(fronts)}); choose one with `vidphys trade --pick ... --save FILE`"
+            f"`profile` {path}: has {len(points)} points of what {verb} is set by "
+            f"({', '.join(fronts)}); pick one, and save that"
         )
     return {name: value for name, value in points[0].configuration.items() if name in names}
 
@@ -106,7 +106,7 @@ def under_profile(config: Config, path: Path | None, verb: str) -> Config:
         given = getattr(config, name)
         if given not in (usual[name], value):
             raise InputError(
-                f"{verb}: --profile {path} has {name} {value}, and --{name.replace('_', '-')} "
-                f"{given} is given as well; leave one of them away"
+                f"{verb}: `profile` {path} has {name} {value}, and `{name}` {given} is given as "
+                "well; leave one of them away"
             )
     return replace(config, **chosen)  # type: ignore[type-var]

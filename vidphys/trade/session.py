@@ -44,7 +44,7 @@ def choose(names: Sequence[str]) -> tuple[str, ...]:
     """
     for name in names:
         if name not in FRONTS:
-            raise InputError(f"--fronts {name}: no such front; there are {', '.join(FRONTS)}")
+            raise InputError(f"`fronts` {name}: no such front; there are {', '.join(FRONTS)}")
     return tuple(names) or FRONTS
 
 
@@ -132,7 +132,7 @@ def load_points(path: Path) -> list[Point]:
     if path.is_dir():
         table = path / "points.parquet"
         if not table.is_file():
-            raise InputError(f"trade: {path} has no measured points; `vidphys trade --out {path}`")
+            raise InputError(f"trade: {path} has no measured points; measure them first")
         return read_points(table)
     return list(read_profile(path).points)
 

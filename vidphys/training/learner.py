@@ -113,7 +113,7 @@ class Learner:
         """
         if meta["settings"] != asdict(self.settings):
             raise InputError(
-                f"made with other settings {meta['settings']}; use another --out, or delete it"
+                f"made with other settings {meta['settings']}; use another folder, or delete it"
             )
         self.modules.load_state_dict(under("model", tensors))
         for i, parameter in enumerate(self.parameters):

@@ -150,7 +150,7 @@ def _load(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
     if made != len(learners):
         raise InputError(
             f"checkpoint {path}: made with other settings ({made} models, not "
-            f"{len(learners)}); use another --out, or delete it"
+            f"{len(learners)}); use another folder, or delete it"
         )
     for i, (learner, about) in enumerate(zip(learners, meta["learners"], strict=True)):
         try:

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from vidphys.cli import VERBS, main
+from vidphys.cli import VERBS, in_options, main
+from vidphys.cli.rollout import RolloutConfig
 
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "loops")
 HEAVY = ("cv2", "mujoco", "rerun", "transformers", "timm", "matplotlib", "vidphys", "viz")
@@ -67,6 +68,12 @@ def test_wrong_input_is_one_line_and_leaves_nothing(arguments, words, capsys, tm
     assert main([*arguments, "--out", str(out)]) == 2
     assert words in one_line(capsys)
     assert not out.exists()
+
+
+def test_arguments_are_said_as_the_verb_s_options():
+    text = "`run`: holds another; give `no_friction`, or `bodies` by `vidphys render`"
+    said = in_options(text, RolloutConfig)
+    assert said == "run: holds another; give --no-friction, or `bodies` by `vidphys render`"
 
 
 def test_doctor_tells_versions(capsys):

@@ -57,7 +57,7 @@ def test_another_run_is_not_overwritten_unless_asked(tmp_path):
     run = RunFolder.open(path, SETTINGS)
     run.finish("a-b-s0", *recorder().tables())
     other = {**SETTINGS, "preset": "paper"}
-    with pytest.raises(InputError, match="--overwrite"):
+    with pytest.raises(InputError, match="`overwrite`"):
         RunFolder.open(path, other)
     assert run.is_done("a-b-s0")
     again = RunFolder.open(path, other, overwrite=True)

@@ -81,7 +81,7 @@ def test_other_settings_do_not_resume(tmp_path):
     with pytest.raises(InputError, match="other settings"):
         fit(model, loss_of(model), DATA, other, seed=0, save_to=path)
     checkpoint.save(path, {"w": torch.zeros(1)}, {"step": 3})  # as written by another version
-    with pytest.raises(InputError, match="0 models, not 1.; use another --out"):
+    with pytest.raises(InputError, match="0 models, not 1.; use another folder"):
         fit(model, loss_of(model), DATA, SETTINGS, seed=0, save_to=path)
 
 

@@ -50,12 +50,11 @@ def follow_clip(
     if bound.others > MANY:
         notes.append(
             f"in {bound.others:.0%} of them something else moves as strongly; if it is a body of "
-            f"the scene, ask for more than {settings.bodies} (--bodies), else leave its frames out "
-            "(--start, --stop)"
+            f"the scene, follow more bodies than {settings.bodies}, else leave its frames out"
         )
     if unseen.mean((0, 1)).max() > SELDOM and settings.shadow < 1:
         notes.append(
             "a body is often not seen; if it differs from what is behind it in brightness alone, "
-            "like a grey one, pass --shadow 1"
+            "like a grey one, follow it with a shadow of 1"
         )
     return motion, video, tuple(notes)
