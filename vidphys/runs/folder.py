@@ -2,7 +2,7 @@
 
 ``run.json`` is written first. Each finished piece of work leaves its two tables in ``parts/``;
 ``records.parquet`` and ``episodes.parquet`` are joined from these, so a piece is there whole or
-not at all.
+not at all. Each names the code that made it; one that other code goes on with is marked.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import importlib.metadata
 import json
 import platform
 import subprocess
+import warnings
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -26,7 +28,9 @@ from vidphys.runs.atomic import write_json
 from vidphys.runs.records import write_table
 
 SCHEMA_VERSION = 1
-GROWING = ("cells", "seeds")
+GROWING = ("cells", "seeds")  # lists
+RUNGS = "rungs"  # the settings of each, by name
+MADE_BY = b"code_version"  # in the metadata of a part's tables
 FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
 FILES = (
     "run.json",
@@ -44,6 +48,10 @@ FILES = (
     "tracks.csv",
 )
 PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
+
+
+class MixedCodeWarning(UserWarning):
+    """A run goes on under other code than made what lies there."""
 
 
 class RunFolder:
@@ -65,11 +73,14 @@ class RunFolder:
     def open(cls, path: Path, settings: dict[str, Any], overwrite: bool = False) -> RunFolder:
         """Start a run, or go on with the one that lies there.
 
-        More cells and more seeds extend a run; anything else that differs makes another run.
+        More cells, seeds and rungs extend a run; anything else that differs makes another run.
+        Where other code goes on with one, a :class:`MixedCodeWarning` says so, and ``run.json``
+        lists the versions as ``mixed_code``.
 
         Args:
             path: the folder.
-            settings: the resolved configuration, with lists ``cells`` and ``seeds``.
+            settings: the resolved configuration, with lists ``cells`` and ``seeds`` and, where
+                there are any, the settings of each of the ``rungs``.
             overwrite: give up what lies there if it is another run.
 
         Raises:
@@ -78,10 +89,13 @@ class RunFolder:
         run = cls(path)
         if run.manifest_path.exists():
             manifest = run.manifest()
-            if _identity(manifest["settings"]) == _identity(settings):
+            if _is_same(manifest["settings"], settings):
                 for key in GROWING:
                     union = {*manifest["settings"][key], *settings[key]}
                     manifest["settings"][key] = sorted(union)
+                if RUNGS in settings:
+                    manifest["settings"].setdefault(RUNGS, {}).update(settings[RUNGS])
+                run._tell_mixed_code(manifest)
                 write_json(run.manifest_path, manifest)
                 return run
             if not overwrite:
@@ -117,19 +131,51 @@ class RunFolder:
 
     def finish(self, part: str, records: pa.Table, episodes: pa.Table) -> None:
         """Keep the tables of one piece of work; the records are what marks it as done."""
-        write_table(self._part(part, "episodes"), episodes)
-        write_table(self._part(part, "records"), records)
+        made = {MADE_BY: code_version().encode()}
+        write_table(self._part(part, "episodes"), episodes.replace_schema_metadata(made))
+        write_table(self._part(part, "records"), records.replace_schema_metadata(made))
+
+    def made_by(self) -> dict[str, str]:
+        """The code that made each finished part, where it says so."""
+        end = ".records.parquet"
+        files = sorted((self.path / "parts").glob(f"*{end}"))
+        found = {f.name.removesuffix(end): pq.read_schema(f).metadata or {} for f in files}
+        return {name: told[MADE_BY].decode() for name, told in found.items() if MADE_BY in told}
+
+    def _tell_mixed_code(self, manifest: dict[str, Any]) -> None:
+        """Warn, and mark the manifest, if other code made what is there."""
+        now, begun, parts = (
+            code_version(),
+            manifest["code_version"],
+            Counter(self.made_by().values()),
+        )
+        others = sorted({begun, *parts} - {now})
+        if others:
+            manifest["mixed_code"] = sorted({now, *others, *manifest.get("mixed_code", ())})
+            count = sum(parts[version] for version in others)
+            warnings.warn(
+                f"run folder {self.path}: this is code {now}; the run was begun, or parts of it "
+                f"made ({count} of {parts.total()}), by {', '.join(others)}; run.json says so; "
+                "start anew where the two must not mix",
+                MixedCodeWarning,
+                stacklevel=3,
+            )
 
     def join(self) -> pa.Table:
-        """Rebuild the two tables from the parts; returns the records."""
+        """Rebuild the two tables from the parts; returns the records.
+
+        ``run.json`` then says which code made which part.
+        """
         tables = {}
         for kind in ("records", "episodes"):
             files = sorted((self.path / "parts").glob(f"*.{kind}.parquet"))
             if files:
-                tables[kind] = pa.concat_tables([pq.read_table(f) for f in files])
+                parts = [pq.read_table(f).replace_schema_metadata() for f in files]
+                tables[kind] = pa.concat_tables(parts)
                 write_table(self.path / f"{kind}.parquet", tables[kind])
         if "records" not in tables:
             raise InputError(f"run folder {self.path}: no finished work to report")
+        write_json(self.manifest_path, {**self.manifest(), "made_by": self.made_by()})
         return tables["records"]
 
     def skip(self, cell: str, reason: str) -> None:
@@ -181,9 +227,13 @@ class RunFolder:
         return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"
 
 
-def _identity(settings: dict[str, Any]) -> Any:
-    """What makes a run this run, as JSON would give it back: tuples and lists compare equal."""
-    return json.loads(json.dumps({k: v for k, v in settings.items() if k not in GROWING}))
+def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
+    """Whether two settings are of one run, as JSON gives them back: tuples and lists are equal."""
+    (was, rungs), (now, more) = (
+        ({k: v for k, v in each.items() if k not in (*GROWING, RUNGS)}, each.get(RUNGS, {}))
+        for each in json.loads(json.dumps([old, new]))
+    )
+    return was == now and all(rungs[name] == more[name] for name in rungs.keys() & more)
 
 
 def _surroundings() -> dict[str, Any]:

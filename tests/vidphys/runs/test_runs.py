@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+import warnings
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -13,7 +14,7 @@ import vidphys
 from vidphys.errors import InputError
 from vidphys.metrics import Summary
 from vidphys.runs.atomic import write_with
-from vidphys.runs.folder import FILES, FOLDERS, RunFolder, code_version
+from vidphys.runs.folder import FILES, FOLDERS, MixedCodeWarning, RunFolder, code_version
 from vidphys.runs.records import Origin, Recorder
 
 SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
@@ -50,6 +51,44 @@ def test_the_same_settings_resume_and_more_cells_extend(tmp_path):
     assert manifest["created"] == created
     assert manifest["settings"]["cells"] == ["a/b", "c/d"]
     assert manifest["settings"]["seeds"] == [0, 1]
+
+
+def test_rungs_extend_a_run_and_their_settings_are_what_makes_it(tmp_path):
+    path, rungs = tmp_path / "r", {"a": {"rate": 0.1, "sizes": (1, 2)}}
+    RunFolder.open(path, SETTINGS)  # of before there were any
+    RunFolder.open(path, {**SETTINGS, "rungs": rungs})
+    manifest = RunFolder.open(path, {**SETTINGS, "rungs": {"b": {}}}).manifest()
+    assert manifest["settings"]["rungs"] == {"a": {"rate": 0.1, "sizes": [1, 2]}, "b": {}}
+    with pytest.raises(InputError, match="other settings"):
+        RunFolder.open(path, {**SETTINGS, "rungs": {"a": {"rate": 0.2, "sizes": (1, 2)}}})
+
+
+def test_other_code_that_goes_on_with_a_run_says_so_and_marks_it(tmp_path, monkeypatch):
+    path = tmp_path / "r"
+    made = "vidphys.runs.folder.code_version"
+    monkeypatch.setattr(made, lambda: "aaa")
+    run = RunFolder.open(path, SETTINGS)
+    run.finish("a-b-s0", *recorder().tables())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert "mixed_code" not in RunFolder.open(path, SETTINGS).manifest()
+    monkeypatch.setattr(made, lambda: "bbb")
+    with pytest.warns(MixedCodeWarning, match=r"this is code bbb.* \(1 of 1\), by aaa"):
+        run = RunFolder.open(path, SETTINGS)
+    assert run.manifest()["mixed_code"] == ["aaa", "bbb"]
+    run.finish("a-b-s1", *recorder(1).tables())
+    assert run.join().schema.metadata is None
+    assert run.manifest()["made_by"] == {"a-b-s0": "aaa", "a-b-s1": "bbb"}
+
+
+def test_parts_of_before_they_named_their_code_are_joined(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    run.finish("a-b-s0", *recorder().tables())
+    for file in (run.path / "parts").iterdir():
+        pq.write_table(pq.read_table(file).replace_schema_metadata(), file)
+    run.finish("a-b-s1", *recorder(1).tables())
+    assert run.join().num_rows == 4
+    assert list(run.manifest()["made_by"]) == ["a-b-s1"]
 
 
 def test_another_run_is_not_overwritten_unless_asked(tmp_path):
