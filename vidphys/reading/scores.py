@@ -15,7 +15,7 @@ from vidphys.reading.forecasts import Forecast, forecast, forecast_error, naive_
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import steady
 from vidphys.reading.training import Perceived, labelled
-from vidphys.runs.records import Origin, Recorder
+from vidphys.runs.records import Recorder
 from vidphys.training.candidates import ATTENTION, POOLED, TrainedReadout, best_of
 from vidphys.training.readouts import position_rmse, read_all
 
@@ -63,31 +63,22 @@ def foretell(perceived: Perceived, pipeline: Pipeline, beyond: float) -> list[To
 
 def record_readouts(recorder: Recorder, perceived: Perceived) -> None:
     """Every candidate's held-out error, and the scored errors of the best ones and of the mean."""
-    origin = recorder.origin
     for each in perceived.readouts:
-        _origin(recorder, origin, each.candidate.name, each.candidate.kind)
+        own = _of_readout(recorder, each.candidate.name, each.candidate.kind)
         error, lost = each.fit.held_out_error, Summary(None, FAILED, 0, 0)
         found = Summary(error, OK, 0, 0) if math.isfinite(error) else lost
-        recorder.add("held_out_error_normalised", found)
-        recorder.add_value("kept_step", each.fit.kept_step)
-        recorder.add_value("steps", each.fit.steps)
-    for kind in (ATTENTION, POOLED):
-        best = best_of(kind, perceived.readouts)
-        _add_rmse(recorder, origin, kind, _scored_rmse(perceived, best), perceived)
-    _add_rmse(recorder, origin, CONSTANT, _scored_rmse(perceived, None), perceived)
-    recorder.origin = origin
+        own.add("held_out_error_normalised", found)
+        own.add_value("kept_step", each.fit.kept_step)
+        own.add_value("steps", each.fit.steps)
+    best = {kind: best_of(kind, perceived.readouts) for kind in (ATTENTION, POOLED)}
+    for name, readout in {**best, CONSTANT: None}.items():
+        own, rmse = _of_readout(recorder, name, name), _scored_rmse(perceived, readout)
+        own.add_value("readout_rmse_normalised", rmse)
+        own.add_value("readout_rmse_pixels", rmse * max(perceived.clips[0].size) / 2)
 
 
-def _add_rmse(
-    recorder: Recorder, origin: Origin, name: str, rmse: float, perceived: Perceived
-) -> None:
-    _origin(recorder, origin, name, name)
-    recorder.add_value("readout_rmse_normalised", rmse)
-    recorder.add_value("readout_rmse_pixels", rmse * max(perceived.clips[0].size) / 2)
-
-
-def _origin(recorder: Recorder, origin: Origin, name: str, readout: str) -> None:
-    recorder.origin = replace(origin, cell=f"readout/{name}", readout=readout)
+def _of_readout(recorder: Recorder, name: str, readout: str) -> Recorder:
+    return recorder.beside(replace(recorder.origin, cell=f"readout/{name}", readout=readout))
 
 
 def _scored_rmse(perceived: Perceived, trained: TrainedReadout | None) -> float:
@@ -107,18 +98,17 @@ def record_forecasts(
     recorder: Recorder, perceived: Perceived, pipeline: Pipeline, told: Sequence[Told]
 ) -> None:
     """The error of each forecast against the labels, pooled over the scored clips and for each."""
-    origin, extent = recorder.origin, pipeline.reader.half_extent
+    extent = pipeline.reader.half_extent
     for name in told[0].forecasts:
-        recorder.origin = replace(origin, cell=f"clip/{name}", head=name)
+        own = recorder.beside(replace(recorder.origin, cell=f"clip/{name}", head=name))
         errors = torch.tensor([_error(perceived, each, name) / extent for each in told])
         pooled = float(errors.square().mean().sqrt())
-        recorder.add_value("forecast_rmse_normalised", pooled)
-        recorder.add_episodes("forecast_rmse_normalised", errors)
+        own.add_value("forecast_rmse_normalised", pooled)
+        own.add_episodes("forecast_rmse_normalised", errors)
         head = pipeline.dynamics.heads.get(name)
         friction = None if head is None else friction_of(head)
         if friction is not None:
-            recorder.add_value("friction_per_second", friction)
-    recorder.origin = origin
+            own.add_value("friction_per_second", friction)
 
 
 def _error(perceived: Perceived, told: Told, name: str) -> float:

@@ -83,7 +83,11 @@ class Recorder:
 
     def reading(self, readout: str) -> Recorder:
         """A recorder of the same cell for another readout, sharing the rows."""
-        other = Recorder(replace(self.origin, readout=readout))
+        return self.beside(replace(self.origin, readout=readout))
+
+    def beside(self, origin: Origin) -> Recorder:
+        """A recorder of another origin, sharing the rows."""
+        other = Recorder(origin)
         other.rows, other.episode_rows = self.rows, self.episode_rows
         return other
 

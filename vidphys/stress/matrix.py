@@ -126,15 +126,15 @@ def run_family(
 
 def _recorded(outcomes: Sequence[Outcome]) -> Recorder:
     """An error and a verdict a cell, each in the precision that it was computed in."""
-    recorder = Recorder(_origin(outcomes[0].case))
+    whole = Recorder(_origin(outcomes[0].case))
     for outcome in outcomes:
-        recorder.origin = _origin(outcome.case)
+        recorder = whole.beside(_origin(outcome.case))
         missing = "skipped" if outcome.verdict == SKIPPED else FAILED
         status = missing if outcome.error is None else OK
         recorder.add("error", Summary(outcome.error, status, 1, 0), seconds=outcome.seconds)
         recorder.add_value(f"verdict: {outcome.verdict}", 1.0)
         recorder.add_value("silently_wrong", float(outcome.verdict == SILENT))
-    return recorder
+    return whole
 
 
 def _origin(case: Case) -> Origin:
