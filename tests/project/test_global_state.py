@@ -43,9 +43,8 @@ def _sins(node: ast.AST, file: str) -> Iterator[str]:
     for target in targets:
         if isinstance(target, ast.Subscript) and _name(target.value) == "__dict__":
             yield "writes a frozen object"
-        if isinstance(target, ast.Attribute) and target.attr == "origin":
-            if _name(target.value) != "self":
-                yield "changes a recorder's origin"
+        if isinstance(target, ast.Attribute) and ast.unparse(target).endswith("recorder.origin"):
+            yield "changes a recorder's origin"
     if isinstance(node, ast.Call) and ast.unparse(node.func) == "object.__setattr__":
         yield "writes a frozen object"
     decorators = getattr(node, "decorator_list", [])
