@@ -59,7 +59,7 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
     if path is None or path.is_dir() != known.is_folder:
         raise WeightsMissing(
             f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it by "
-            f"{known.how_to_get(name)}, or name its folder with --weights DIR or {FOLDER_VARIABLE}"
+            f"{known.how_to_get(name)}, or give its folder as `weights` or in {FOLDER_VARIABLE}"
         )
     digest = release_sha256(path)
     accepted = [sha256 for sha256 in (*known.sha256, locked["sha256"]) if sha256]
@@ -67,7 +67,7 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
         raise ValueError(
             f"weights of {name!r}: {path} has sha256 {digest}, expected "
             f"{' or '.join(accepted) or 'one that was locked'}; it is damaged or another release: "
-            f"fetch it again, or accept it with `vidphys weights check {name} --lock`"
+            f"fetch it again, or accept it by `vidphys weights check {name}` with `lock`"
         )
     return WeightsFile(path, digest)
 

@@ -178,7 +178,7 @@ def test_bad_input(encoder: HieraEncoder, folder: Path) -> None:
 
 
 def test_missing_weights_name_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(WeightsMissing, match="`vidphys weights fetch hiera`.*--weights DIR"):
+    with pytest.raises(WeightsMissing, match="`vidphys weights fetch hiera`.*as `weights`"):
         load_hiera(HieraSettings(), tmp_path)
     monkeypatch.setenv("VIDPHYS_WEIGHTS", str(tmp_path / "elsewhere"))
     with pytest.raises(WeightsMissing, match="elsewhere"):
@@ -202,7 +202,7 @@ def test_weights_are_found_by_folder_file_and_variable(
 def test_an_unknown_hash_is_refused_until_locked(folder: Path, tmp_path: Path) -> None:
     copy = tmp_path / FILE
     copy.write_bytes((folder / FILE).read_bytes())
-    with pytest.raises(ValueError, match=r"has sha256 .*, expected 1783be24.*--lock"):
+    with pytest.raises(ValueError, match=r"has sha256 .*, expected 1783be24.*`lock`"):
         find_weights("hiera", tmp_path)
     lock(copy, None)
     assert find_weights("hiera", tmp_path).path == copy
@@ -271,7 +271,7 @@ def test_weights_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     weights(WeightsConfig("check", ("hiera",), weights=folder))
     assert "is as expected" in capsys.readouterr().out
     (tmp_path / FILE).write_bytes((folder / FILE).read_bytes())
-    with pytest.raises(InputError, match="--lock"):
+    with pytest.raises(InputError, match="`lock`"):
         weights(WeightsConfig("check", weights=tmp_path))
     weights(WeightsConfig("check", weights=tmp_path, lock=True))
     assert not list(weights_module.PACKAGED.glob("*.lock.json"))

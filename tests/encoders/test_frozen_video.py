@@ -468,7 +468,8 @@ def test_every_tensor_is_loaded(
 def test_a_release_folder_is_checked_as_a_whole(folder: Path, tmp_path: Path) -> None:
     release = copy_release(folder, "vjepa2-l", tmp_path)
     assert release_sha256(release) == release_sha256(folder / "vjepa2-l")
-    with pytest.raises(ValueError, match=r"expected one that was locked; .*check vjepa2-l --lock"):
+    locked = "expected one that was locked; .*check vjepa2-l` with `lock`"
+    with pytest.raises(ValueError, match=locked):
         find_weights("vjepa2-l", tmp_path)
     lock(release, None)
     for where in (tmp_path, release):
