@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Hamiltonian, Parameters, PhaseState, build
+from dynamics import HEADS, Hamiltonian, Parameters, PhaseState, build, terms
 from dynamics.potentials import PairPotential, SoftenedGravity
-from dynamics.terms import HamiltonianTerms
 from vidphys.scenes.gravity import SOFTENING, gravity
 from vidphys.training.loop import FitSettings, fit
 from vidphys.training.segments import Segments
@@ -37,16 +36,15 @@ class _Places:
         return self.places[index]
 
 
-def fitted(potential: str, width: int, seed: int = 0) -> Hamiltonian:
+def fitted(potential: terms.Pair, seed: int = 0) -> Hamiltonian:
     """A factored model whose pair force was fitted to softened gravity's, float32.
 
     Args:
-        potential: ``displacement`` or ``radial``.
-        width: of the network.
+        potential: a network of the displacement, or of the distance.
         seed: of its weights and of the places.
     """
     torch.manual_seed(seed)
-    head = build(HamiltonianTerms(potential=potential, width=width), bodies=3, dt=DT)  # type: ignore[arg-type]
+    head = build(terms.Hamiltonian(potentials=(potential,)), bodies=3, dt=DT)
     assert isinstance(head, Hamiltonian) and isinstance(head.potential, PairPotential)
     learned, true = head.potential, SoftenedGravity(SOFTENING)
 
@@ -87,7 +85,7 @@ class Problem:
 def problem(width: int, batch: int, seed: int = 0) -> Problem:
     """A fresh factored model and ``batch`` examples under gravity."""
     torch.manual_seed(seed)
-    head = build(HamiltonianTerms(width=width), bodies=3, dt=DT)
+    head = build(HEADS["factored"].throughout(width=width), bodies=3, dt=DT)
     assert isinstance(head, Hamiltonian)
     start, params = episodes(batch, seed=seed)
     target = PhaseState(DT * start.p, DT * torch.randn_like(start.p))

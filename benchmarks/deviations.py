@@ -9,7 +9,7 @@ from torch import Tensor
 
 from benchmarks.contenders import DT, WIDTH, episodes, fitted
 from benchmarks.match import BenchmarkRow
-from dynamics import Hamiltonian
+from dynamics import Hamiltonian, terms
 from dynamics.compiled import compile_head
 
 STEPS = 2000
@@ -17,7 +17,7 @@ STEPS = 2000
 
 def _deviation(name: str, plunge: bool) -> BenchmarkRow:
     """Compiled against float32 network: how far each strays from the float64 network."""
-    found = strayed(fitted("displacement", WIDTH), plunge, STEPS, DT)
+    found = strayed(fitted(terms.Displacement(width=WIDTH)), plunge, STEPS, DT)
     compiled, network = found["compiled"], found["network"]
     ratio = float(compiled.median() / network.median())
     low, high = (compiled / network).quantile(compiled.new_tensor([0.25, 0.75])).tolist()

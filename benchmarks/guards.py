@@ -9,7 +9,7 @@ import torch
 
 from benchmarks.contenders import DT, episodes, fitted
 from benchmarks.match import Contender, Match
-from dynamics import rollout
+from dynamics import rollout, terms
 from vidphys.scenes.gravity import gravity
 
 LEAST = 1 / 1.03  # of the bare steps' speed
@@ -18,7 +18,7 @@ WIDTH, STEPS = 64, 2000  # the study's
 
 def guards(name: str, count: int) -> Match:
     """Near-circular episodes at the study's step, which no check has a word to say of."""
-    head: Any = gravity().law if name == "exact" else fitted("displacement", WIDTH)
+    head: Any = gravity().law if name == "exact" else fitted(terms.Displacement(width=WIDTH))
     start, params = episodes(count)
     if name != "exact":
         head.see(gravity().simulate(start, params, STEPS).states)

@@ -9,7 +9,7 @@ import torch
 from benchmarks import peers
 from benchmarks.contenders import DT, WIDTH, episodes, fitted
 from benchmarks.match import Contender, Match
-from dynamics import HEADS, build
+from dynamics import HEADS, build, terms
 from dynamics.compiled import compile_head
 from vidphys.scenes.gravity import SOFTENING
 
@@ -37,7 +37,7 @@ def _jax(gradient: str, head: Any, count: int = EPISODES, steps: int = SHORT) ->
 
 def compiled_factored() -> Match:
     """A compiled pair law against its own network in JAX, the gradient written by hand."""
-    head = fitted("displacement", WIDTH)
+    head = fitted(terms.Displacement(width=WIDTH))
     ours = _rolled(compile_head(head), LONG)
     peer = {"JAX scan, gradient by hand": (_jax("displacement", head), 100.0)}
     return Match("compiled factored", "episode-steps", ours, peer)
@@ -45,10 +45,10 @@ def compiled_factored() -> Match:
 
 def compiled_radial() -> Match:
     """A compiled radial law against the networks in JAX, and against the true law in numba."""
-    head = fitted("radial", WIDTH)
+    head = fitted(terms.Radial(width=WIDTH))
     start, params = episodes(EPISODES)
     truth = peers.numba_truth(start, params, LONG, DT, SOFTENING)
-    factored = _jax("displacement", fitted("displacement", WIDTH))
+    factored = _jax("displacement", fitted(terms.Displacement(width=WIDTH)))
     against = {
         "JAX scan, factored, gradient by hand": (factored, 200.0),
         "JAX scan, its own network, gradient by hand": (_jax("radial", head), 200.0),
@@ -70,7 +70,7 @@ def network_factored_many() -> Match:
 
 
 def _network_factored(row: str, count: int, steps: int) -> Match:
-    head = fitted("displacement", WIDTH)
+    head = fitted(terms.Displacement(width=WIDTH))
     start, params = episodes(count)
     user = peers.diffrax_rollout(head.potential.phi, start, params, steps, DT)  # type: ignore[attr-defined]
     least = max(1, steps // 8)

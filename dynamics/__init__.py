@@ -1,6 +1,6 @@
 """Phase-space dynamics: states, integrators, energies, heads and rollouts. Knows no pixels."""
 
-from dynamics import engines
+from dynamics import engines, terms
 from dynamics.build import build
 from dynamics.couplings import PairLaw
 from dynamics.findings import (
@@ -31,7 +31,7 @@ from dynamics.integrators import (
 )
 from dynamics.rollout import Rollout, rollout
 from dynamics.state import Parameters, PhaseState
-from dynamics.terms import HEADS, HamiltonianTerms, ResidualTerms, Terms
+from dynamics.terms import HEADS, from_config, to_config
 
 __all__ = [
     "DomainWarning",
@@ -42,7 +42,6 @@ __all__ = [
     "HEADS",
     "INTEGRATORS",
     "Hamiltonian",
-    "HamiltonianTerms",
     "Head",
     "Integrator",
     "NoSteadyState",
@@ -50,15 +49,14 @@ __all__ = [
     "PairLaw",
     "Parameters",
     "PhaseState",
-    "ResidualTerms",
     "Rollout",
     "RoundingWarning",
     "StabilityWarning",
-    "Terms",
     "VectorField",
     "ballistic",
     "build",
     "engines",
+    "from_config",
     "implicit_midpoint",
     "kahan_li8",
     "leapfrog",
@@ -67,5 +65,7 @@ __all__ = [
     "rollout",
     "tao",
     "tao_gate",
+    "terms",
+    "to_config",
     "yoshida4",
 ]

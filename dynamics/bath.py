@@ -8,8 +8,6 @@ the parameters, never on the state (I10).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor, nn
 
@@ -246,32 +244,6 @@ def _accumulated(rate: Tensor, dt: float) -> Tensor:
     none = rate == 0
     safe = torch.where(none, torch.ones_like(rate), rate)
     return torch.where(none, 2 * dt * torch.ones_like(rate), -torch.expm1(-2 * safe * dt) / safe)
-
-
-def _state_dependent(bodies: int, space: int) -> Bath:
-    """Refused: friction that depends on the state (inventory I10).
-
-    Raises:
-        NotImplementedError: always; it needs a spurious drift T div M and a stated convention, and
-            neither the study's result nor the exact step covers it.
-    """
-    raise NotImplementedError(
-        "state-dependent-bath: a mobility that depends on the state needs the drift T div M and a "
-        "stated convention (Ito or Stratonovich); the exact step holds for constant coefficients "
-        "only: use a bath whose friction depends on the parameters, or the neural SDE (Ito)"
-    )
-
-
-# name -> (bodies, space) -> the port
-BATHS: dict[str, Callable[[int, int], Bath]] = {
-    "bath": PassiveBath,
-    "untied-bath": UntiedBath,
-    "full-bath": FullBath,
-    "factored-bath": FactoredBath,
-    "driven-bath": DrivenBath,
-    "constant-bath": ConstantBath,
-    "state-dependent-bath": _state_dependent,
-}
 
 
 def relaxation_time(params: Parameters) -> Tensor:

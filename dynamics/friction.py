@@ -42,10 +42,6 @@ FLOWS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 
 TOLD = ("factored", "guaranteed", "known")
 STRENGTHS = ("positive", "free", *TOLD)
-# name of a port -> (law, strength)
-FRICTIONS: dict[str, tuple[str, str]] = {
-    f"{law}-drag-{strength}": (law, strength) for law in FLOWS for strength in STRENGTHS
-}
 
 
 class Friction(Port):

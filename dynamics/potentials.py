@@ -250,6 +250,7 @@ class SumPotential(nn.Module):
     def __init__(self, parts: Sequence[Potential]) -> None:
         super().__init__()
         self.parts = nn.ModuleList(cast(Sequence[nn.Module], parts))
+        self.conservative = all(getattr(part, "conservative", True) for part in parts)
 
     def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return torch.stack([part.energy(q, params) for part in self._parts]).sum(0)

@@ -1,6 +1,6 @@
 """Parts under names: ours, those of installed packages, and those at an import path."""
 
 from registry.lazy import lazily
-from registry.registry import Registry, Source, UnknownName
+from registry.registry import Registry, Source, UnknownName, unknown
 
-__all__ = ["Registry", "Source", "UnknownName", "lazily"]
+__all__ = ["Registry", "Source", "UnknownName", "lazily", "unknown"]

@@ -10,7 +10,7 @@ import difflib
 import importlib
 import importlib.metadata
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, overload
 
@@ -103,7 +103,7 @@ class Registry(Mapping[str, T], Generic[T]):
             elif ":" in name:
                 self._load(name, name)
             else:
-                raise self._unknown(name)
+                raise unknown(self.what, name, self)
         strange = [entry for entry in entries if _top(entry.module) != _top(self._modules[name])]
         if strange or len(entries) > 1:
             givers = {str(_of(entry)) for entry in entries} | {str(_of_module(self._modules[name]))}
@@ -136,6 +136,14 @@ class Registry(Mapping[str, T], Generic[T]):
         self[name]
         return _of_module(self._modules[name])
 
+    def name_of(self, part: Any) -> str:
+        """The name of a part that a module defines; its import path where it has no other."""
+        path = f"{part.__module__}:{part.__qualname__}"
+        entries = importlib.metadata.entry_points(group=self.group)
+        given = {entry.value: entry.name for entry in entries}
+        known = {id(each): name for name, each in self._parts.items()}
+        return given.get(path) or known.get(id(part), path)
+
     def foreign(self) -> tuple[str, ...]:
         """Names of the parts that are not ours."""
         return tuple(name for name in self if not self.source(name).ours)
@@ -154,10 +162,13 @@ class Registry(Mapping[str, T], Generic[T]):
         self._parts.setdefault(name, part)
         self._modules.setdefault(name, module)
 
-    def _unknown(self, name: str) -> UnknownName:
-        near = difflib.get_close_matches(name, self, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ";"
-        return UnknownName(f"unknown {self.what} '{name}'{hint} Known: {', '.join(self)}")
+
+def unknown(what: str, name: str, known: Iterable[str]) -> UnknownName:
+    """What to raise where a name is none of the known ones."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ";"
+    return UnknownName(f"unknown {what} '{name}'{hint} Known: {', '.join(names)}")
 
 
 def _of(entry: importlib.metadata.EntryPoint) -> Source:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from dynamics import HEADS, HamiltonianTerms, Parameters, PhaseState, build, rollout
+from dynamics import HEADS, Parameters, PhaseState, build, rollout, terms
 from dynamics.compiled import compile_head
 from dynamics.compiled.build import Sample
 from dynamics.hamiltonian import Hamiltonian
@@ -22,10 +22,11 @@ needs_numba = pytest.mark.skipif(
 KINDS = ("displacement", "radial")
 
 
-def model(kind: str, width: int = 16, scale: float = 8.0, **terms) -> Hamiltonian:
+def model(kind: str, width: int = 16, scale: float = 8.0, law=(), **whole) -> Hamiltonian:
     """A random pair law with forces of order one, float64."""
     torch.manual_seed(3)
-    head = build(HamiltonianTerms(potential=kind, width=width, **terms), 3, DT).double()
+    pair = terms.TERMS[kind](width=width, **dict(law))
+    head = build(terms.Hamiltonian(potentials=(pair,), **whole), 3, DT).double()
     with torch.no_grad():
         head.potential.phi.layers[-1].weight *= scale
     return head
@@ -158,7 +159,7 @@ def test_one_step_in_numba_has_the_pair_law_s_forces(kind, tolerance, reach, box
 @needs_numba
 @pytest.mark.parametrize("activation", ["softplus", "silu"])
 def test_other_activations_in_numba(activation):
-    head = model("displacement", activation=activation)
+    head = model("displacement", law={"activation": activation})
     start, params = episodes(5)
     fused, twin = (compile_head(head, None, backend=b) for b in ("numba", "torch"))
     found, expected = (x.trajectory(start, params, 10, DT).states.p for x in (fused, twin))
@@ -167,7 +168,7 @@ def test_other_activations_in_numba(activation):
 
 @needs_numba
 def test_numba_in_a_box_with_the_fourth_order_and_another_coupling():
-    head = model("radial", box=3.0, coupling="quadratic", integrator="yoshida4")
+    head = model("radial", law={"coupling": "quadratic"}, box=3.0, integrator="yoshida4")
     start, params = episodes(4, bodies=5)
     fused, twin = (compile_head(head, 1e-5, backend=b) for b in ("numba", "torch"))
     found, expected = (x.trajectory(start, params, 20, DT).states.q for x in (fused, twin))
@@ -209,9 +210,11 @@ def test_what_cannot_be_compiled_is_said():
     with pytest.raises(ValueError, match="no function of one displacement"):
         compile_head(build(HEADS["unstructured"], 3, DT))
     with pytest.raises(ValueError, match="SumPotential is no function of one displacement"):
-        compile_head(build(HamiltonianTerms(trap=1.0), 3, DT))
+        compile_head(
+            build(terms.Hamiltonian(potentials=(terms.Displacement(), terms.Trap(1.0))), 3, DT)
+        )
     with pytest.raises(ValueError, match="rolls .* with no ports"):
-        compile_head(model("radial", ports=("linear-friction",)), 1e-2, backend="numba")
+        compile_head(model("radial", ports=(terms.LinearFriction(),)), 1e-2, backend="numba")
 
 
 def test_the_best_backend_falls_back_to_torch_and_says_so():

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 from torch.func import functional_call, stack_module_state, vmap
 
-from dynamics import HamiltonianTerms, build
+from dynamics import HEADS, build
 from dynamics.compiled import gradient
 from dynamics.compiled.gradient import input_gradient, plain_gradient
 from dynamics.compiled.memory import Kept
@@ -145,7 +145,7 @@ def test_many_rows_of_a_tanh_network_in_single_precision_are_fused_and_nothing_e
 
 
 def test_an_ensemble_of_heads_trains_through_the_fused_gradient():
-    heads = [build(HamiltonianTerms(width=32), bodies=3, dt=0.002) for _ in range(2)]
+    heads = [build(HEADS["factored"].throughout(width=32), bodies=3, dt=0.002) for _ in range(2)]
     ensemble = Ensemble(heads)
     q = torch.randn(2, 30, 3, 2)
     loss = ensemble.map(lambda head, x: head.potential.pair_gradient(x).square().sum(), q).sum()

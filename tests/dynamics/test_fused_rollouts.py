@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from dynamics import HEADS, HamiltonianTerms, Parameters, PhaseState, build, rollout
+from dynamics import HEADS, Parameters, PhaseState, build, rollout
 from dynamics.compiled import cpu, pairs
 from dynamics.domain import FARTHEST, NEAREST, extents
 from dynamics.head import stepped
@@ -74,7 +74,7 @@ def test_a_fused_map_refuses_another_step_as_well():
 
 @pytest.mark.parametrize("box", [None, 1.5])
 def test_what_the_states_reached_is_looked_at_on_the_way(box):
-    head = build(HamiltonianTerms(box=box, width=16), bodies=3, dt=DT)
+    head = build(HEADS["factored"].throughout(box=box, width=16), bodies=3, dt=DT)
     start = PhaseState(*torch.randn(2, 150, 3, 2))
     start.q[77, 1] *= 40
     start.q[3, 0] = start.q[3, 1] + 1e-3

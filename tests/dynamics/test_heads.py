@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 import torch
@@ -17,15 +15,14 @@ from torch import Tensor, nn
 from dynamics import (
     HEADS,
     Hamiltonian,
-    HamiltonianTerms,
     Head,
     Parameters,
     PhaseState,
-    ResidualTerms,
     ballistic,
     build,
     leapfrog,
     rollout,
+    terms,
     yoshida4,
 )
 from dynamics.build import parameter_count
@@ -42,13 +39,12 @@ from dynamics.potentials import (
     RadialPotential,
     SoftenedGravity,
 )
-from dynamics.terms import KINDS, from_config, to_config
 from dynamics.unstructured import ResidualMap
 from tests.shared.problems import three_bodies
 
 ACTIVATIONS = (TANH, SOFTPLUS, SILU)
 BODIES, DT = 3, 0.002
-HAMILTONIAN_HEADS = tuple(k for k, v in HEADS.items() if isinstance(v, HamiltonianTerms))
+HAMILTONIAN_HEADS = tuple(k for k, v in HEADS.items() if isinstance(v, terms.Hamiltonian))
 PAIR_HEADS = ("factored", "factored-radial", "factored-learned-kinetic")
 
 PAIR_POTENTIALS: dict[str, Callable[[], PairPotential]] = {
@@ -450,8 +446,8 @@ def test_the_study_s_heads_are_what_their_names_say() -> None:
 @each_hamiltonian_head
 @pytest.mark.parametrize("integrator", ["leapfrog", "yoshida4", "implicit_midpoint"])
 def test_learned_flows_are_symplectic(name: str, integrator: str) -> None:
-    terms = replace(HEADS[name], width=8, integrator=integrator)
-    head = wiggled(build(terms, BODIES, DT))
+    term = HEADS[name].throughout(width=8, integrator=integrator)
+    head = wiggled(build(term, BODIES, DT))
     state, params = episode()
     head.requires_grad_(False)
 
@@ -516,61 +512,6 @@ def test_one_step_trains_every_weight_that_matters(name: str) -> None:
                 weight += sign * h * way
             values.append(float(loss()))
     assert (values[0] - values[1]) / (2 * h) == pytest.approx(expected, rel=1e-5)
-
-
-@each_head
-def test_terms_survive_a_round_trip_through_json(name: str) -> None:
-    config = json.loads(json.dumps(to_config(HEADS[name])))
-    assert from_config(config) == HEADS[name]
-    assert KINDS[config["kind"]] is type(HEADS[name])
-
-
-def test_changed_terms_survive_too() -> None:
-    terms = HamiltonianTerms(
-        kinetic="body",
-        potential="radial",
-        sources=("charge",),
-        width=32,
-        activation=SILU,
-        integrator="yoshida4",
-        ports=("linear-friction",),
-    )
-    assert from_config(to_config(terms)) == terms
-    assert from_config(to_config(ResidualTerms(32))) == ResidualTerms(32)
-    head = build(terms, BODIES, DT)
-    assert isinstance(head, Hamiltonian)
-    assert head.integrator is yoshida4
-    assert head.potential.phi.activation == head.kinetic.tau.activation == SILU
-
-
-@pytest.mark.parametrize(
-    ("config", "message"),
-    [
-        ({}, "unknown kind of terms ''; known: hamiltonian, "),
-        ({"kind": "grape"}, "unknown kind of terms 'grape'"),
-        ({"kind": "residual", "activation": "tanh"}, "unknown key .* 'activation'; known: width"),
-        ({"kind": "hamiltonian", "witdh": 3}, "unknown key .* 'witdh'; known: kinetic"),
-    ],
-)
-@pytest.mark.usefixtures("unchecked")
-def test_configurations_with_unknown_words_are_refused(config: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        from_config(config)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"kinetic": "none"}, "unknown kinetic energy 'none'; known: fixed, body, free"),
-        ({"potential": "pair"}, "unknown potential energy 'pair'; known: displacement, radial"),
-        ({"integrator": "euler"}, "unknown integrator 'euler'; known: leapfrog"),
-        ({"activation": "relu"}, "unknown activation 'relu'"),
-    ],
-)
-@pytest.mark.usefixtures("unchecked")
-def test_terms_with_unknown_words_are_refused(change: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        build(from_config(to_config(HamiltonianTerms()) | change), BODIES, DT)
 
 
 @each_head
@@ -783,13 +724,11 @@ def test_a_rollout_keeps_the_precision_of_its_state(name: str, dtype: torch.dtyp
 
 
 def test_friction_takes_energy_at_its_exact_rate_and_none_is_the_conservative_head():
-    from dataclasses import replace
-
     from dynamics.ports import LinearFriction
 
     torch.manual_seed(0)
-    terms = replace(HEADS["factored"], ports=("linear-friction",))
-    head = build(terms, bodies=3, dt=0.01).double()
+    term = terms.Hamiltonian(ports=(terms.LinearFriction(),))
+    head = build(term, bodies=3, dt=0.01).double()
     (port,) = head.ports
     assert isinstance(port, LinearFriction)
     p = torch.randn(2, 3, 2, dtype=torch.float64)

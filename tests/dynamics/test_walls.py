@@ -1,6 +1,7 @@
 """A wall: bounces are exact in a uniform field, lose what they should, and let nothing through."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,18 +9,17 @@ import torch
 
 from dynamics import (
     Hamiltonian,
-    HamiltonianTerms,
     OverlapWarning,
     Parameters,
     PhaseState,
     StabilityWarning,
     build,
     rollout,
+    terms,
 )
 from dynamics.fields import UniformField
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
-from dynamics.terms import from_config, to_config
 from dynamics.walls import Wall, Walled
 from vidphys.diagnose.wall.flights import Wall as Swing
 from vidphys.stress.walls import height
@@ -115,15 +115,13 @@ def test_a_swing_beside_a_wall_converges_to_its_closed_form():
 
 
 def test_a_wall_is_a_term_that_a_model_has_or_has_not():
-    terms = HamiltonianTerms(
-        potential="none", trap=4.0, ports=("linear-friction",), wall=(0.5, 0.9, 1.0, 0.0)
-    )
-    assert from_config(to_config(terms)) == terms
-    head = build(terms, 1, 0.002)
+    free = terms.Hamiltonian(potentials=(terms.Trap(4.0),), ports=(terms.LinearFriction(),))
+    term = terms.Walled(free, 0.5, 0.9, (1.0, 0.0))
+    head = build(term, 1, 0.002)
     assert isinstance(head, Walled) and len(list(head.parameters())) == 1
-    assert not isinstance(build(HamiltonianTerms(trap=4.0), 1, 0.002), Walled)
-    with pytest.raises(ValueError, match="its place, restitution and 2 numbers"):
-        build(HamiltonianTerms(wall=(0.5, 0.9, 1.0)), 1, 0.002)
+    assert not isinstance(build(free, 1, 0.002), Walled)
+    with pytest.raises(ValueError, match="normal must have 2 numbers"):
+        build(replace(term, normal=(1.0,)), 1, 0.002)
     with pytest.raises(ValueError, match="within 0 and 1"):
         Wall(0.0, 1.2, DOWN)
     with pytest.raises(ValueError, match="point somewhere"):

@@ -8,11 +8,11 @@ from torch import Generator
 
 from dynamics import (
     Hamiltonian,
-    HamiltonianTerms,
     PairLaw,
     Parameters,
     PhaseState,
     rollout,
+    terms,
 )
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import PairPotential
@@ -259,7 +259,9 @@ def test_a_softening_of_nothing_is_refused():
 def test_a_head_with_triples_rolls_and_conserves():
     scene = three_body_gravity()
     start, params = scene.sample(2, Generator().manual_seed(0))
-    head = scene.build(HamiltonianTerms(triples=True, width=8)).double()
+    head = scene.build(
+        terms.Hamiltonian(potentials=(terms.Displacement(width=8), terms.Triple(width=8)))
+    ).double()
     path = rollout(head, start, params, 200, 0.002, 10)
     energy = head.energy(path.states, params.map(lambda x: x.unsqueeze(1)))
     assert float((energy - energy[:, :1]).abs().max().detach()) < 1e-7

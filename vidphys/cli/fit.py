@@ -73,7 +73,7 @@ def fit(config: FitConfig) -> None:
         raise InputError(f"--steps {config.steps}: must be at least 1")
     if not 0 < config.train_share <= 1:
         raise InputError(f"--train-share {config.train_share}: must be above 0 and at most 1")
-    terms, held = read_specification(config.specification)
+    term, held = read_specification(config.specification)
     motion = read_tracks(config.tracks, interval=float(held["interval_seconds"])).motion
     try:
         motion = motion.cut(config.start, config.stop)
@@ -87,7 +87,7 @@ def fit(config: FitConfig) -> None:
         "cells": [CELL],
         "seeds": [config.seed],
         "sha256": [sha256(config.tracks), sha256(config.specification)],
-        "terms": to_config(terms),
+        "terms": to_config(term),
     }
     run = RunFolder.open(config.out, about, config.overwrite)
     with run.locked(), Console(config.quiet, 1, "fit") as console:
@@ -96,11 +96,11 @@ def fit(config: FitConfig) -> None:
             console.stage(("fit", step, steps))
 
         try:
-            found = train_specified(terms, held, motion, end, config.steps, config.seed, show)
+            found = train_specified(term, held, motion, end, config.steps, config.seed, show)
         except InputError:
             run.abandon()
             raise
-        meta = {"step": config.steps, "terms": to_config(terms), "origin": held["origin"]}
+        meta = {"step": config.steps, "terms": to_config(term), "origin": held["origin"]}
         _keep(run, motion, found, meta)
         recorder = _record(config, found)
         run.finish(f"specified-s{config.seed}", *recorder.tables())

@@ -12,8 +12,7 @@ from typing import Any
 
 import torch
 
-from dynamics import HEADS, Head, Rollout
-from dynamics.terms import to_config
+from dynamics import HEADS, Head, Rollout, to_config
 from vidphys.errors import InputError
 from vidphys.experiments.core.members import train_members
 from vidphys.experiments.core.oracle import OLDEST, held_out_question, score_oracle, true_examples
@@ -135,7 +134,7 @@ def settings_of(preset_name: str, preset: Preset, ladder: Plan) -> dict[str, Any
         "scene": oracle_scene().settings,
         "oldest_training_start_steps": OLDEST,
         "pixel_scene": pixel_scene().settings,
-        "heads": {name: to_config(terms) for name, terms in HEADS.items()},
+        "heads": {name: to_config(term) for name, term in HEADS.items()},
         "device": "cpu",
         "dtype": DTYPE,
         "references": STUDY,

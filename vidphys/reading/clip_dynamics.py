@@ -16,15 +16,15 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import (
+    HEADS,
     Hamiltonian,
-    HamiltonianTerms,
     Head,
     Parameters,
-    ResidualTerms,
-    Terms,
     build,
+    terms,
 )
 from dynamics.ports import LinearFriction
+from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys.data.charts import Chart, Curve
 from vidphys.errors import InputError
 from vidphys.progress import Progress
@@ -32,7 +32,7 @@ from vidphys.shooting.step import model_step
 from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 FACTORED, UNSTRUCTURED = "factored", "unstructured"
-FRICTION = "linear-friction"
+FRICTION = terms.LinearFriction()
 SAMPLING = 0.1  # seconds between the positions that a head is trained on
 LEAST_SAMPLES = 4
 # frames predicted after the two that start a window, and what counts as precise (coordinate
@@ -81,7 +81,7 @@ class Dynamics:
 
     chart: Chart
     interval: float
-    terms: dict[str, Terms]
+    terms: dict[str, HeadTerm]
     heads: dict[str, Head]
 
     @property
@@ -90,14 +90,14 @@ class Dynamics:
         return model_step(self.interval)[0]
 
 
-def terms_of(chart: Chart, bodies: int, friction: bool) -> dict[str, Terms]:
+def terms_of(chart: Chart, bodies: int, friction: bool) -> dict[str, HeadTerm]:
     """The two models: what such a scene requires, and its twin without structure."""
     ports = (FRICTION,) if friction else ()
+    potential: PotentialTerm = terms.Mapped() if bodies == 1 else terms.Displacement()
+    twin = HEADS[UNSTRUCTURED]
     if isinstance(chart, Curve):
-        factored = HamiltonianTerms(potential="linear", width=32, ports=ports)
-        return {FACTORED: factored, UNSTRUCTURED: ResidualTerms(width=64)}
-    field = HamiltonianTerms(potential="linear" if bodies == 1 else "displacement", ports=ports)
-    return {FACTORED: field, UNSTRUCTURED: ResidualTerms()}
+        potential, twin = terms.Mapped(width=32), terms.Residual(width=64)
+    return {FACTORED: terms.Hamiltonian(potentials=(potential,), ports=ports), UNSTRUCTURED: twin}
 
 
 def sample(clips: Sequence[Followed], known: Sequence[int], chart: Chart) -> Samples:
@@ -148,7 +148,7 @@ def _stretches(end: int, every: int, length: int) -> list[Tensor]:
 
 
 def fit_head(
-    terms: Terms,
+    term: HeadTerm,
     samples: Samples,
     chart: Chart,
     steps: int,
@@ -156,10 +156,10 @@ def fit_head(
     save_to: Path | None = None,
     progress: Progress | None = None,
 ) -> Head:
-    """Train a model of these terms on the samples.
+    """Train a model of this term on the samples.
 
     Args:
-        terms, samples: see there.
+        term, samples: see there.
         chart: decides how far ahead is predicted.
         steps: of the optimiser.
         seed: of initial weights and batch order.
@@ -169,7 +169,7 @@ def fit_head(
     _, length, bodies, space = samples.tracks.positions.shape
     dt, _ = model_step(samples.interval)
     torch.manual_seed(seed)
-    head = build(terms, bodies, dt, space)
+    head = build(term, bodies, dt, space)
     task = TrackTask(
         samples.tracks,
         samples.law,
@@ -205,11 +205,11 @@ def without_friction(dynamics: Dynamics, name: str, bodies: int) -> Head:
     Raises:
         InputError: the model has no friction of its own to take away.
     """
-    head, terms = dynamics.heads[name], dynamics.terms[name]
-    if not isinstance(terms, HamiltonianTerms) or FRICTION not in terms.ports:
+    head, term = dynamics.heads[name], dynamics.terms[name]
+    if not isinstance(term, terms.Hamiltonian) or FRICTION not in term.ports:
         raise InputError(f"--no-friction: the {name} head of this run has no friction term")
-    left = tuple(port for port in terms.ports if port != FRICTION)
-    bare = build(replace(terms, ports=left), bodies, dynamics.dt, dynamics.chart.space)
+    left = tuple(port for port in term.ports if port != FRICTION)
+    bare = build(replace(term, ports=left), bodies, dynamics.dt, dynamics.chart.space)
     weights = {k: v for k, v in head.state_dict().items() if not k.startswith("ports.")}
     bare.load_state_dict(weights)
     return bare.eval()

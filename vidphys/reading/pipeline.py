@@ -15,8 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from binders.tracks import Tracks
-from dynamics import Parameters, PhaseState, build
-from dynamics.terms import from_config, to_config
+from dynamics import Parameters, PhaseState, build, from_config, to_config
 from encoders.frozen.catalogue import load_encoder
 from readouts.attention import AttentionReadout
 from vidphys.data.charts import chart_from_config
@@ -151,7 +150,7 @@ def save_pipeline(folder: Path, pipeline: Pipeline) -> None:
         "side": reader.side,
         "chart": dynamics.chart.to_config(),
         "interval": dynamics.interval,
-        "heads": {name: to_config(terms) for name, terms in dynamics.terms.items()},
+        "heads": {name: to_config(term) for name, term in dynamics.terms.items()},
     }
     checkpoint.save(folder / FILE, tensors, meta)
 

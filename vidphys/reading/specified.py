@@ -13,8 +13,7 @@ from binders import Tracks
 from dynamics import Head, Parameters, build, rollout
 from dynamics.fields import UniformField
 from dynamics.friction import Friction
-from dynamics.terms import HamiltonianTerms
-from vidphys.diagnose.explanations.specification import BATH
+from dynamics.terms import Bath, HeadTerm
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
 from vidphys.progress import Progress
@@ -51,12 +50,6 @@ class Units:
         positions, times = motion.positions / self.length, motion.times / self.seconds
         return replace(motion, positions=positions, times=times)
 
-    def terms(self, terms: HamiltonianTerms) -> HamiltonianTerms:
-        """The same terms."""
-        wall = (terms.wall[0] / self.length, *terms.wall[1:]) if terms.wall else ()
-        trap = None if terms.trap is None else terms.trap * self.seconds**2
-        return replace(terms, trap=trap, reach=terms.reach / self.length, wall=wall)
-
     def start(self, head: Head, numbers: Mapping[str, Any]) -> None:
         """Begin training at the numbers that the diagnosis found, of fields and frictions."""
         known = {name: float(number["value"]) for name, number in numbers.items()}
@@ -89,7 +82,7 @@ class Trained:
 
 
 def train_specified(
-    terms: HamiltonianTerms,
+    term: HeadTerm,
     held: Mapping[str, Any],
     motion: Motion,
     end: int,
@@ -100,7 +93,7 @@ def train_specified(
     """Train a model of these terms on the frames before ``end``, and roll it over the rest.
 
     Args:
-        terms, held: see :func:`vidphys.diagnose.explanations.specification.read_specification`.
+        term, held: see :func:`vidphys.diagnose.explanations.specification.read_specification`.
         motion: evenly spaced tracks.
         end: frame to stop before.
         steps: optimiser steps.
@@ -110,10 +103,10 @@ def train_specified(
     Raises:
         InputError: tracks of another scene, frames that are not even, or a heat bath.
     """
-    _check(terms, held, motion)
+    _check(term, held, motion)
     units = Units.of(motion)
     origin = np.asarray(held["origin"]) / units.length
-    motion, terms = units.motion(motion), units.terms(terms)
+    motion, term = units.motion(motion), term.counted_in(units.length, units.seconds)
     mass = torch.tensor(held.get("mass", [1.0] * motion.bodies)).expand(motion.clips, -1)
     coupling = np.ones(motion.clips) if motion.coupling is None else motion.coupling
     params = Parameters(torch.tensor(coupling).float(), mass.float())
@@ -122,7 +115,7 @@ def train_specified(
     times = torch.from_numpy(motion.times[0])
     tracks = Tracks(positions[:, :end], sure[:, :end], times[:end])
     torch.manual_seed(seed)
-    head = build(terms, motion.bodies, model_step(motion.interval)[0], motion.space)
+    head = build(term, motion.bodies, model_step(motion.interval)[0], motion.space)
     task = TrackTask(
         tracks, params, motion.interval, steps, seed, AHEAD, PRECISE, progress=progress
     )
@@ -135,7 +128,7 @@ def train_specified(
     return Trained(head, units, units.length * error, units.length * still)
 
 
-def _check(terms: HamiltonianTerms, held: Mapping[str, Any], motion: Motion) -> None:
+def _check(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> None:
     if (motion.bodies, motion.space) != (held["bodies"], held["space"]):
         raise InputError(
             f"fit: the specification is of {held['bodies']} bodies in {held['space']} "
@@ -144,7 +137,7 @@ def _check(terms: HamiltonianTerms, held: Mapping[str, Any], motion: Motion) -> 
     gaps = np.diff(motion.times, axis=1)
     if np.abs(gaps - motion.interval).max() > EVEN * motion.interval:
         raise InputError("fit: frames are not evenly spaced; resample the tracks")
-    if BATH in terms.ports:
+    if any(isinstance(part, Bath) for part in term.parts()):
         raise InputError("fit: a heat bath is not learned from tracks, only its rate is known")
 
 

@@ -16,11 +16,11 @@ from dynamics import (
     Parameters,
     PhaseState,
     Rollout,
-    Terms,
     ballistic,
     build,
     rollout,
 )
+from dynamics.terms import HeadTerm
 
 Sampler = Callable[[int, Generator], tuple[PhaseState, Parameters]]
 
@@ -73,9 +73,9 @@ class Scene:
         """Entries of the parameters' vector."""
         return self.sample(1, Generator().manual_seed(0))[1].flat.shape[-1]
 
-    def build(self, terms: Terms) -> Head:
-        """An untrained head of these terms for this scene."""
-        return build(terms, self.bodies, self.dt, self.space, self.conditions)
+    def build(self, term: HeadTerm) -> Head:
+        """An untrained head of this term for this scene."""
+        return build(term, self.bodies, self.dt, self.space, self.conditions)
 
     def simulate(
         self, start: PhaseState, params: Parameters, steps: int, every: int = 1

@@ -6,14 +6,14 @@ import copy
 import math
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import cast
 
 import torch
 from torch import Tensor
 
-from dynamics import HEADS, Hamiltonian, HamiltonianTerms, PhaseState, build, rollout
+from dynamics import HEADS, Hamiltonian, PhaseState, build, rollout
 from dynamics.compiled import CompiledHead, compile_head
 from dynamics.compiled.head import Backend
 from dynamics.potentials import PairPotential, SoftenedGravity
@@ -102,8 +102,8 @@ def network_of(family: str) -> Hamiltonian:
     """A network fitted to softened gravity, in float64, that was shown two of the orbits."""
     with torch.random.fork_rng([]):
         torch.manual_seed(0)
-        terms = cast(HamiltonianTerms, HEADS[family])
-        head = cast(Hamiltonian, build(replace(terms, width=WIDTH), 2, STEP)).double()
+        term = HEADS[family].throughout(width=WIDTH)
+        head = cast(Hamiltonian, build(term, 2, STEP)).double()
         _fit(cast(PairPotential, head.potential))
     law = Orbit(0.0, SOFTENING).law("leapfrog")
     seen = [rollout(law, *Orbit(e, SOFTENING).start(torch.float64), STEPS, STEP) for e in (0, 0.9)]

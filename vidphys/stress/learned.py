@@ -9,7 +9,8 @@ from functools import lru_cache, partial
 
 import torch
 
-from dynamics import HEADS, HamiltonianTerms, Head, Parameters, PhaseState, Terms, build, rollout
+from dynamics import HEADS, Head, Parameters, PhaseState, build, rollout, terms
+from dynamics.terms import HeadTerm
 from vidphys.stress.bodies import STEP
 from vidphys.stress.case import SOUND, WARNED, Case
 from vidphys.stress.crowds import float_twin_error
@@ -17,13 +18,13 @@ from vidphys.stress.crowds import float_twin_error
 FARTHER = (1.0, 10.0, 1e2, 1e3, 1e6, 1e12)  # times the states of training
 BODIES, EPISODES, STEPS = 3, 4, 20
 ROUNDING = 1e-4
-FAMILIES: dict[str, Terms] = {
+FAMILIES: dict[str, HeadTerm] = {
     **HEADS,
-    "knots": HamiltonianTerms(potential="knots", width=6),
-    "shortcut": HamiltonianTerms(shortcut=True),
-    "trapped": HamiltonianTerms(trap=1.0),
-    "with friction": HamiltonianTerms(ports=("linear-friction",)),
-    "triples": HamiltonianTerms(triples=True),
+    "knots": terms.Hamiltonian(potentials=(terms.Knots(knots=6),)),
+    "shortcut": terms.Hamiltonian(potentials=(terms.Shortcut((terms.Displacement(),)),)),
+    "trapped": terms.Hamiltonian(potentials=(terms.Displacement(), terms.Trap(1.0))),
+    "with friction": terms.Hamiltonian(ports=(terms.LinearFriction(),)),
+    "triples": terms.Hamiltonian(potentials=(terms.Displacement(), terms.Triple())),
 }
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynamics import from_config, terms
 from tests.shared import small_clips
 from vidphys.cli import main
 from vidphys.data.rendered import write_video
@@ -167,8 +168,9 @@ def test_a_table_is_diagnosed_and_everything_is_written(tmp_path, capsys):
     assert (out / "recordings" / "diagnosis.rrd").exists()
     assert (out / "figures" / "diagnosis.svg").exists()
     held = json.loads((out / "specification.json").read_text())
-    assert held["terms"]["ports"] == ["linear-drag-positive"]
-    assert held["terms"]["trap"] == pytest.approx(1.5, rel=0.02)
+    term = from_config(held["terms"])
+    assert term.ports == (terms.Drag("linear", "positive"),)
+    assert term.potentials[1].stiffness == pytest.approx(1.5, rel=0.02)
     assert "a trap" in capsys.readouterr().out
     assert main(["diagnose", str(tmp_path / "t.csv"), "--out", str(out), "--bodies", "2"]) == 2
 
@@ -260,14 +262,14 @@ def test_two_damped_oscillations_are_read_from_the_spectrum():
 
 @real
 @pytest.mark.parametrize(
-    "name, terms, modes", [("one_mass", "linear", 1), ("pendulum", "pendulum", 1)]
+    "name, found, modes", [("one_mass", "linear", 1), ("pendulum", "pendulum", 1)]
 )
-def test_real_recordings_are_modelled_and_foretold(tmp_path, name, terms, modes):
+def test_real_recordings_are_modelled_and_foretold(tmp_path, name, found, modes):
     path = Path(REAL or "") / f"{name}_mocap.txt"
     out = tmp_path / "out"
     assert main(["diagnose", str(path), "--out", str(out), "--quiet"]) == 0
     data = json.loads((out / "diagnosis.json").read_text())
-    assert data["explained"] and terms in data["terms"] and len(data["modes"]) == modes
+    assert data["explained"] and found in data["terms"] and len(data["modes"]) == modes
     for mode in data["modes"]:
         assert mode["model_frequency"] == pytest.approx(mode["spectrum_frequency"], rel=0.05)
         assert mode["model_decay"] == pytest.approx(mode["spectrum_decay"], rel=0.05)
@@ -296,7 +298,7 @@ def test_what_a_hand_sets_going_is_followed_and_not_the_hand(tmp_path, clip, opt
     path, out = Path(REAL or "") / clip, tmp_path / "out"
     assert main(["diagnose", str(path), *options, "--out", str(out), "--quiet"]) == 0
     found = json.loads((out / "specification.json").read_text())
-    assert found["explained"] and found["terms"]["uniform"]
+    assert found["explained"] and terms.Uniform() in from_config(found["terms"]).potentials
     pull = [found["numbers"][f"uniform: {name}"]["value"] for name in "xy"]
     assert abs(pull[axis]) > 10 * abs(pull[1 - axis])  # the hand does not move along one axis
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynamics import from_config, terms
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 from vidphys.diagnose.wall.fit import find_wall
@@ -95,10 +96,11 @@ def test_a_bouncing_ball_is_foretold_and_its_model_has_a_field_and_a_wall_and_no
     given = answer(thrown(), False, 0.3)
     assert given.data["terms"] == ["uniform", "wall"]
     assert given.numbers["forecast_rmse_model"] < 0.02
-    terms = given.specification["terms"]
-    assert terms["uniform"] and terms["trap"] is None and not terms["ports"]
-    assert terms["wall"][:2] == pytest.approx((0.0, 0.8), abs=0.01)
-    assert list(terms["wall"][2:]) == [0.0, -1.0]
+    term = from_config(given.specification["terms"])
+    field = (terms.NoPotential(), terms.Uniform())
+    assert term.free == terms.Hamiltonian(potentials=field)
+    assert (term.place, term.restitution) == pytest.approx((0.0, 0.8), abs=0.01)
+    assert term.normal == (0.0, -1.0)
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 400.0])

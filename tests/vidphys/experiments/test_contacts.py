@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Generator
 
-from dynamics import HamiltonianTerms, PairLaw, Parameters, PhaseState, rollout
+from dynamics import HEADS, PairLaw, Parameters, PhaseState, rollout
 from dynamics.contact import FreeImpulse, ImpulsePort, KnotPotential, Restitution, SoftContact
 from dynamics.events import HardDisks, bounce
-from dynamics.terms import HardDiskTerms, from_config, to_config
 from vidphys.errors import InputError
 from vidphys.experiments.contacts.table import CONTACTS, aged_question
 from vidphys.experiments.contacts.training import (
@@ -175,7 +174,6 @@ def test_hard_disks_refuse_what_has_no_meaning():
     state, params = pair(1.0, 1.0)
     with pytest.raises(ValueError, match="reverse the momenta"):
         HardDisks(BOX, DIAMETER).advance(state, params, -0.1)
-    assert from_config(to_config(HardDiskTerms(3.0))) == HardDiskTerms(3.0)
 
 
 # --- impulses ---------------------------------------------------------------------------------
@@ -278,7 +276,7 @@ def test_too_few_collisions_are_named():
     with pytest.raises(ValueError, match="use more trajectories"):
         stretches(scene, 2, 0)
     with pytest.raises(TypeError, match="needs HardDisks"):
-        collision_loss(scene.build(HamiltonianTerms()), None, None)
+        collision_loss(scene.build(HEADS["factored"]), None, None)
 
 
 # --- table ------------------------------------------------------------------------------------

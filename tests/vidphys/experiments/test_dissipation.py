@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Generator, Tensor
 
-from dynamics import Hamiltonian, HamiltonianTerms, Parameters, PhaseState, build
+from dynamics import Hamiltonian, Parameters, PhaseState, build, terms
 from dynamics.friction import FLOWS, Friction
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
-from dynamics.terms import GeneralisedTerms
 from vidphys.errors import InputError
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.dissipation import (
@@ -130,7 +129,7 @@ def test_a_guaranteed_port_refuses_to_inject_and_could_not():
     with pytest.raises(ValueError, match="told friction = -0.1 < 0"):
         port.check(told(-0.1))
     torch.testing.assert_close(port.kick(state, told(-0.1), 1.0), state.p, rtol=3e-15, atol=3e-15)
-    head = build(HamiltonianTerms(ports=("linear-drag-guaranteed",)), 1, 0.01)
+    head = build(terms.Hamiltonian(ports=(terms.Drag("linear", "guaranteed"),)), 1, 0.01)
     with pytest.raises(ValueError, match="guaranteed port"):
         head.check(told(-0.1))
 
@@ -151,9 +150,10 @@ def test_what_each_strength_may_be():
 
 
 def test_joint_friction_of_a_model_takes_its_energy():
-    terms = GeneralisedTerms(width=8, integrator="rk4", ports=("square-drag-positive",))
+    ports = (terms.Drag("square", "positive"),)
+    term = terms.GeneralisedHamiltonian(width=8, integrator="rk4", ports=ports)
     torch.manual_seed(0)
-    head = build(terms, 2, 0.01, 1).double()
+    head = build(term, 2, 0.01, 1).double()
     torch.nn.init.constant_(head.ports[0].raw, -6.0)
     scene = pendulum()
     start, params = scene.sample(4, Generator().manual_seed(0))
@@ -247,8 +247,9 @@ def test_finer_steps_cover_the_same_time():
 def test_divergence_of_the_law_is_told_from_the_models():
     scene = pendulum("square", 0.5)
     start, params = scene.sample(3, Generator().manual_seed(0))
-    terms = GeneralisedTerms(width=8, integrator="rk4", ports=("square-drag-factored",))
-    notes, head = Notes(), build(terms, 2, 0.01, 1)
+    ports = (terms.Drag("square", "factored"),)
+    term = terms.GeneralisedHamiltonian(width=8, integrator="rk4", ports=ports)
+    notes, head = Notes(), build(term, 2, 0.01, 1)
     torch.nn.init.constant_(head.ports[0].raw, -30.0)  # next to no friction, whatever it is told
     score_divergence(notes, head, Question(scene, start, start, params), 100, 1)
     assert notes.values["true_anti_diverged_share"] == 1

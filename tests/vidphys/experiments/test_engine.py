@@ -7,11 +7,10 @@ import pytest
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Head, PhaseState, build, leapfrog, rk4, rollout
+from dynamics import Head, PhaseState, build, leapfrog, rk4, rollout, terms
 from dynamics.angles import AnglePotential, Harmonics, frequencies
 from dynamics.generalised import GeneralisedHamiltonian, Lagrangian
 from dynamics.metric import CholeskyMetric
-from dynamics.terms import GeneralisedTerms, ResidualTerms
 from vidphys.errors import InputError
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.dissipation import score_retrace
@@ -186,28 +185,28 @@ def test_a_factored_law_is_odd_in_gravity_at_rest_and_a_free_one_is_not():
     rest = PhaseState(start.q, torch.zeros_like(start.p))
     for factored in (True, False):
         torch.manual_seed(0)
-        terms = GeneralisedTerms(factored=factored, width=8, integrator="rk4")
-        head = build(terms, 2, 0.01, 1).double()
+        term = terms.GeneralisedHamiltonian(factored=factored, width=8, integrator="rk4")
+        head = build(term, 2, 0.01, 1).double()
         there, back = (head.force(rest, params.with_coupling(g)) for g in (1.0, -1.0))
         assert bool((there == -back).all()) is factored
 
 
 def test_a_head_keeps_its_energy_and_refuses_what_its_field_cannot_take():
-    head = build(GeneralisedTerms(width=8), 2, 0.01, 1).double()
+    head = build(terms.GeneralisedHamiltonian(width=8), 2, 0.01, 1).double()
     _, start, params = sample(4)
     path = rollout(head, start, params, 40, 0.01)
     energy = [head.energy(path.at(t), params).detach() for t in (0, -1)]
     torch.testing.assert_close(*energy, atol=0.02, rtol=0)
     assert float((path.at(-1).q - start.q).abs().max()) > 0.1
     with pytest.raises(ValueError, match="calibration gate failed"):
-        build(GeneralisedTerms(width=8), 2, 0.1, 1)
+        build(terms.GeneralisedHamiltonian(width=8), 2, 0.1, 1)
     parts = CholeskyMetric(2, 8, "tanh", "mass"), AnglePotential(2, 0, 8, "tanh")
     with pytest.raises(ValueError, match="separable"):
         GeneralisedHamiltonian(*parts, leapfrog, 0.01)
 
 
 def test_a_map_of_angles_does_not_see_whole_turns():
-    head = build(ResidualTerms(width=8, angles=True), 2, 0.01, 1).double()
+    head = build(terms.Residual(width=8, angles=True), 2, 0.01, 1).double()
     _, start, params = sample(4)
     turned = PhaseState(start.q + 2 * torch.pi, start.p)
     one, other = (head.advance(s, params, 0.01)[0] for s in (start, turned))

@@ -9,7 +9,6 @@ from torch import Generator
 from dynamics import (
     INTEGRATORS,
     Hamiltonian,
-    HamiltonianTerms,
     Parameters,
     PhaseState,
     build,
@@ -17,12 +16,12 @@ from dynamics import (
     leapfrog,
     rk4,
     rollout,
+    terms,
     yoshida4,
 )
 from dynamics.build import parameter_count
 from dynamics.coupling_maps import MAPS, coupling_map
 from dynamics.stiffness import LinearField, QuadraticPotential, Stiffness
-from dynamics.terms import from_config, to_config
 from vidphys.errors import InputError
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.linear import factorial
@@ -186,7 +185,7 @@ def test_localised_features_answer_nothing_at_a_negative_coupling():
 
 def test_a_linear_map_is_odd_in_the_coupling_bitwise():
     scene = oscillators()
-    head = scene.build(HamiltonianTerms(potential="linear")).double()
+    head = scene.build(terms.Hamiltonian(potentials=(terms.Mapped(),))).double()
     _, start, params = drawn()
     force = head.force(start, params)
     assert torch.equal(head.force(start, params.with_coupling(-params.coupling)), -force)
@@ -195,7 +194,9 @@ def test_a_linear_map_is_odd_in_the_coupling_bitwise():
 @pytest.mark.parametrize("name", [*MAPS, "gain"])
 def test_mapped_forces_are_gradients(name):
     scene, start, params = drawn()
-    head = scene.build(HamiltonianTerms(potential=name, trap=CONFINEMENT)).double()
+    head = scene.build(
+        terms.Hamiltonian(potentials=(terms.Mapped(name), terms.Trap(CONFINEMENT)))
+    ).double()
     q = start.q.clone().requires_grad_()
     (slope,) = torch.autograd.grad(head.potential.energy(q, params).sum(), q)
     assert torch.allclose(head.potential.force(q, params), -slope, rtol=0, atol=3e-15)
@@ -203,16 +204,16 @@ def test_mapped_forces_are_gradients(name):
 
 def test_the_study_s_parameter_count_and_the_localised_map_has_the_most():
     counts = {
-        name: parameter_count(build(HamiltonianTerms(potential=name), 4, 0.05, 1))
+        name: parameter_count(
+            build(terms.Hamiltonian(potentials=(terms.Mapped(name),)), 4, 0.05, 1)
+        )
         for name in ("linear", "localised")
     }
     assert counts["linear"] == 4545
     assert counts["localised"] > counts["linear"]
 
 
-def test_terms_of_maps_survive_json_and_unknown_maps_are_refused():
-    terms = HamiltonianTerms(potential="localised", trap=2.5, triples=True)
-    assert from_config(to_config(terms)) == terms
+def test_unknown_maps_are_refused():
     with pytest.raises(ValueError, match="unknown 'odd'; known: linear, localised"):
         coupling_map("odd")
 

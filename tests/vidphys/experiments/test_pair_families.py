@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Generator
 
-from dynamics import HamiltonianTerms, PairLaw, Parameters, PhaseState, build, rollout
+from dynamics import HEADS, PairLaw, Parameters, PhaseState, build, rollout, terms
 from dynamics.contact import CutSpring
 from dynamics.hybrid import Shortcut, shortcut_of, shortcut_share
 from dynamics.potentials import PIECE, DisplacementPotential, RadialPotential, SoftenedGravity
@@ -24,6 +24,7 @@ from vidphys.scenes.crowd import crowd
 from vidphys.scenes.springs import CUTOFF, springs
 from vidphys.training.segments import Segments, scale_of
 
+BESIDE = terms.Hamiltonian(potentials=(terms.Shortcut((terms.Displacement("alike"),)),))
 TINY = OracleSizes(32, 4, 64, (5e-3,), 4)
 
 
@@ -111,7 +112,9 @@ def test_a_crowd_is_as_dense_as_three():
 
 def test_a_model_of_two_laws_is_odd_in_both_strengths_together():
     scene = gravity_and_coulomb()
-    head = scene.build(HamiltonianTerms(sources=("mass", "charge")))
+    head = scene.build(
+        terms.Hamiltonian(potentials=(terms.Displacement(), terms.Displacement("charge")))
+    )
     start, params = (x.map(torch.Tensor.float) for x in draw(scene))
     assert torch.equal(head.force(start, flip_both(params)), -head.force(start, params))
 
@@ -147,7 +150,7 @@ def test_a_thousand_bodies_need_bounded_memory(monkeypatch):
 @torch.no_grad()
 def test_a_shortcut_adds_its_force_keeps_momentum_and_is_counted(float64):
     scene = springs()
-    head = scene.build(HamiltonianTerms(sources=("alike",), shortcut=True))
+    head = scene.build(BESIDE)
     start, params = draw(scene)
     part = shortcut_of(head)
     free = part.free_force(start.q, params)
@@ -165,12 +168,12 @@ def test_a_shortcut_adds_its_force_keeps_momentum_and_is_counted(float64):
         parameter.zero_()
     assert float(shortcut_share(head, start, params)) == 0
     with pytest.raises(ValueError, match="has no shortcut"):
-        shortcut_of(scene.build(HamiltonianTerms()))
+        shortcut_of(scene.build(HEADS["factored"]))
 
 
 def test_a_flipped_coupling_does_not_flip_what_a_shortcut_does(float64):
     scene = springs()
-    head = scene.build(HamiltonianTerms(sources=("alike",), shortcut=True))
+    head = scene.build(BESIDE)
     start, params = draw(scene)
     flipped = params.with_coupling(-params.coupling)
     forces = head.force(start, params), head.force(start, flipped)
@@ -189,7 +192,7 @@ def example(scene, head) -> Segments:
 def test_the_penalty_grows_with_its_weight_and_the_floor_lowers_the_loss():
     scene = springs()
     torch.manual_seed(0)
-    head = scene.build(HamiltonianTerms(sources=("alike",), shortcut=True))
+    head = scene.build(BESIDE)
     batch = example(scene, head)
     scale = scale_of(batch)
     assert float(shortcut_penalised(0.0, 0.1)(head, batch, scale)) == 0
@@ -202,7 +205,9 @@ def test_the_penalty_grows_with_its_weight_and_the_floor_lowers_the_loss():
 
 def test_increments_of_bodies_without_force_do_not_set_the_scale():
     scene = springs()
-    batch = example(scene, scene.build(HamiltonianTerms(sources=("alike",))))
+    batch = example(
+        scene, scene.build(terms.Hamiltonian(potentials=(terms.Displacement("alike"),)))
+    )
     still = replace(batch, p=torch.cat([batch.p[:4], torch.zeros_like(batch.p[4:])]))
     assert scale_of(still).p_small > 0
     assert scale_of(replace(batch, p=torch.zeros_like(batch.p))).p == 1.0
@@ -255,7 +260,7 @@ def test_a_pair_law_learned_for_three_is_the_law_of_many():
     # With the true pair function, more bodies are exactly the larger scene.
     scene = crowd(12)
     start, params = draw(scene, 2)
-    head = build(HamiltonianTerms(), 3, scene.dt)
+    head = build(HEADS["factored"], 3, scene.dt)
     head.potential = SoftenedGravity(0.1)
     ours = rollout(head, start, params, 20, scene.dt).states
     torch.testing.assert_close(

@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from dynamics import Hamiltonian, HamiltonianTerms, Parameters, PhaseState, build, rollout
+from dynamics import Hamiltonian, Parameters, PhaseState, build, rollout, terms
 from dynamics.bath import (
-    BATHS,
     Bath,
     ExactBath,
     FactoredBath,
@@ -20,7 +19,7 @@ from dynamics.bath import (
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from dynamics.stochastic import NeuralSDE, half_steps
-from dynamics.terms import DiffusionTerms
+from dynamics.terms import TERMS
 from vidphys.errors import InputError
 from vidphys.experiments.core.bars import ABSENT, judge, rows_of
 from vidphys.experiments.core.cell import CellTask
@@ -198,10 +197,10 @@ def test_factored_friction_injects_when_its_sign_is_turned():
     assert bool((after.abs() > state.p.abs()).all())
 
 
-@pytest.mark.parametrize("name", [n for n in BATHS if n != "state-dependent-bath"])
+@pytest.mark.parametrize("name", [n for n in TERMS if n.endswith("bath") and "state" not in n])
 def test_negative_friction_in_a_warm_bath_is_refused(name):
     """P4: 2 T M would be a negative covariance."""
-    head = build(HamiltonianTerms(trap=1.0, ports=(name,)), 3, 0.05)
+    head = build(terms.Hamiltonian(potentials=(terms.Trap(1.0),), ports=(TERMS[name](),)), 3, 0.05)
     warm = bath_params(4, -0.5, 1.0, drive=0.0).map(Tensor.float)
     with pytest.raises(ValueError, match="no real noise covariance") as told:
         rollout(head, momenta(4).map(Tensor.float), warm, 3, 0.05)
@@ -218,7 +217,7 @@ def test_negative_friction_without_heat_is_rolled_and_said_to_have_no_steady_sta
 
 def test_a_state_dependent_mobility_is_refused_with_its_reason():
     with pytest.raises(NotImplementedError, match="T div M"):
-        build(HamiltonianTerms(ports=("state-dependent-bath",)), 3, 0.05)
+        build(terms.Hamiltonian(ports=(terms.StateDependentBath(),)), 3, 0.05)
 
 
 def test_a_seed_makes_the_noise_and_leaves_the_global_generator_alone():
@@ -272,7 +271,9 @@ def test_without_heat_the_halves_are_those_of_the_friction():
 
 def test_half_steps_refuse_what_is_not_leapfrog():
     scene = langevin()
-    head = build(HamiltonianTerms(trap=1.0, integrator="yoshida4", ports=("bath",)), 3, 0.05)
+    trapped = (terms.Trap(1.0),)
+    term = terms.Hamiltonian(potentials=trapped, ports=(terms.Bath(),), integrator="yoshida4")
+    head = build(term, 3, 0.05)
     start, params = scene.sample(2, torch.Generator().manual_seed(0))
     with pytest.raises(ValueError, match="leapfrog"):
         half_steps(head, start, start, params, 0.05)
@@ -312,7 +313,7 @@ def test_heads_learn_side_by_side_as_alone(name):
 def test_a_neural_sde_spreads_as_its_diffusion_says():
     torch.manual_seed(0)
     scene = langevin()
-    head = scene.build(DiffusionTerms())
+    head = scene.build(terms.Diffusion())
     head.set_scale(0.1, 0.3)
     start, params = scene.sample(1, torch.Generator().manual_seed(0))
     start = start.map(lambda x: x.float().expand(20_000, -1, -1))

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from dynamics import build
+from dynamics import build, from_config, terms
 from dynamics.fields import UniformField
 from dynamics.friction import Friction
-from dynamics.terms import HamiltonianTerms
 from tests.vidphys.diagnose.test_wall import thrown
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
@@ -20,17 +19,18 @@ def test_units_are_the_spread_and_the_time_to_cross_it():
     units = Units.of(motion)
     assert units.length == pytest.approx(3.0 * times.std())
     assert units.length / units.seconds == pytest.approx(3.0)
-    terms = units.terms(HamiltonianTerms(potential="none", trap=4.0, wall=(6.0, 0.9, 1.0)))
-    assert terms.trap == pytest.approx(4.0 * units.seconds**2)
-    assert terms.wall == pytest.approx((6.0 / units.length, 0.9, 1.0))
+    swing = terms.Walled(terms.Hamiltonian(potentials=(terms.Trap(4.0),)), 6.0, 0.9, (1.0,))
+    term = swing.counted_in(units.length, units.seconds)
+    assert term.free.potentials[0].stiffness == pytest.approx(4.0 * units.seconds**2)
+    assert (term.place, term.restitution) == pytest.approx((6.0 / units.length, 0.9))
 
 
 @pytest.mark.parametrize("law", ["linear", "square", "dry"])
 @pytest.mark.parametrize("strength", ["positive", "free"])
 @pytest.mark.parametrize("rate", [3e-4, 0.3, 300.0])
 def test_training_starts_at_the_numbers_found(law, strength, rate):
-    terms = HamiltonianTerms(potential="none", uniform=True, ports=(f"{law}-drag-{strength}",))
-    head, units = build(terms, 1, 0.01, 2), Units(length=2.0, seconds=5.0)
+    term = terms.Hamiltonian(potentials=(terms.Uniform(),), ports=(terms.Drag(law, strength),))
+    head, units = build(term, 1, 0.01, 2), Units(length=2.0, seconds=5.0)
     numbers = {"uniform: y": {"value": -9.8}, f"{law}: rate": {"value": rate}}
     units.start(head, numbers)
     (field,) = (part for part in head.modules() if isinstance(part, UniformField))
@@ -47,8 +47,7 @@ def test_a_bouncing_ball_is_foretold_as_well_in_pixels_and_milliseconds():
     for unit, second in ((1.0, 1.0), (300.0, 1e3)):
         motion = thrown(unit=unit, second=second)
         found = answer(motion, False, 0.3).specification
-        terms = HamiltonianTerms(potential="none", uniform=True, wall=tuple(found["terms"]["wall"]))
-        trained = train_specified(terms, found, motion, 84, 60, 0)
+        trained = train_specified(from_config(found["terms"]), found, motion, 84, 60, 0)
         errors.append(trained.error / unit)
         assert trained.error < 0.2 * trained.still
     assert errors[1] == pytest.approx(errors[0], rel=0.05)
@@ -57,9 +56,8 @@ def test_a_bouncing_ball_is_foretold_as_well_in_pixels_and_milliseconds():
 def test_standing_still_is_where_a_body_was_last_seen():
     motion = thrown()
     found = answer(motion, False, 0.3).specification
-    terms = HamiltonianTerms(potential="none", uniform=True, wall=tuple(found["terms"]["wall"]))
     shown = motion.positions[0, 81].copy()
     motion.positions[0, 82:84] = np.nan
-    trained = train_specified(terms, found, motion, 84, 1, 0)
+    trained = train_specified(from_config(found["terms"]), found, motion, 84, 1, 0)
     away = np.linalg.norm(motion.positions[0, 84:] - shown, axis=-1)
     assert trained.still == pytest.approx(np.sqrt((away**2).mean()), rel=1e-4)

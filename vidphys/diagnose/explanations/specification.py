@@ -5,55 +5,54 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from dynamics.terms import HamiltonianTerms, from_config, to_config
+from dynamics import from_config, terms, to_config
+from dynamics.terms import HeadTerm, PortTerm, PotentialTerm
 from vidphys.errors import InputError
 
 SCHEMA_VERSION = 1
-PORTS = {
-    "linear": "linear-drag-positive",
-    "square": "square-drag-positive",
-    "dry": "dry-drag-positive",
-    "drive": "linear-drag-free",
+PORTS: dict[str, PortTerm] = {
+    "linear": terms.Drag("linear", "positive"),
+    "square": terms.Drag("square", "positive"),
+    "dry": terms.Drag("dry", "positive"),
+    "drive": terms.Drag("linear", "free"),
 }
-BATH = "constant-bath"
+BATH = terms.ConstantBath()
 
 
 def terms_of(
     kinds: frozenset[str], trap: float | None = None, reach: float = 1.0
-) -> HamiltonianTerms:
-    """The terms of a model that has these kinds.
+) -> terms.Hamiltonian:
+    """The model that has these kinds of terms.
 
     Args:
         kinds: see :attr:`vidphys.diagnose.inference.inference.Inference.kinds`.
         trap: stiffness of the trap, where there is one.
         reach: of a contact, world units.
     """
-    potential: Literal["radial", "knots", "free", "none"] = "none"
+    potentials: list[PotentialTerm] = [terms.NoPotential()]
     if "pair" in kinds:
-        potential = "radial"
+        potentials = [terms.Radial()]
     elif "contact" in kinds:
-        potential = "knots"
+        potentials = [terms.Knots(reach=reach)]
     elif kinds & {"pendulum", "well"}:
-        potential = "free"
+        potentials = [terms.FreePotential()]
+    if "uniform" in kinds:
+        potentials.append(terms.Uniform())
+    if "trap" in kinds and trap is not None:
+        potentials.append(terms.Trap(trap))
     ports = [PORTS[kind] for kind in sorted(kinds) if kind in PORTS]
     if "bath" in kinds:
         # The bath brings its own friction: fluctuation and dissipation are one term.
         ports = [BATH]
-    return HamiltonianTerms(
-        potential=potential,
-        trap=trap if "trap" in kinds else None,
-        reach=reach,
-        uniform="uniform" in kinds,
-        ports=tuple(ports),
-    )
+    return terms.Hamiltonian(potentials=tuple(potentials), ports=tuple(ports))
 
 
 def as_specification(
-    terms: HamiltonianTerms,
+    term: HeadTerm,
     bodies: int,
     origin: Sequence[float],
     numbers: Mapping[str, tuple[float, float]],
@@ -63,7 +62,7 @@ def as_specification(
     """A scene as JSON; see :func:`read_specification`.
 
     Args:
-        terms: that it has.
+        term: its model.
         bodies: N.
         origin: of the model's coordinates in those of the tracks, ``(d,)``.
         numbers: what is known of the terms, each with its standard error, which may be infinite.
@@ -76,7 +75,7 @@ def as_specification(
         "space": len(origin),
         "interval_seconds": interval,
         "origin": list(origin),
-        "terms": to_config(terms),
+        "terms": to_config(term),
         "numbers": {name: _finite(value) for name, value in numbers.items()},
         "explained": explained,
     }
@@ -87,22 +86,22 @@ def _finite(pair: tuple[float, float]) -> dict[str, float | None]:
     return {"value": value, "standard_error": error if np.isfinite(error) else None}
 
 
-def read_specification(path: Path) -> tuple[HamiltonianTerms, Mapping[str, Any]]:
-    """Terms and the rest of a specification.
+def read_specification(path: Path) -> tuple[HeadTerm, Mapping[str, Any]]:
+    """The model and the rest of a specification.
 
     Raises:
         InputError: not a specification, or of another version.
     """
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
-        terms = from_config(held["terms"])
+        term = from_config(held["terms"])
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path}: not a scene specification ({error}); `vidphys diagnose` writes one"
         ) from error
-    if held.get("schema_version") != SCHEMA_VERSION or not isinstance(terms, HamiltonianTerms):
+    if held.get("schema_version") != SCHEMA_VERSION or not isinstance(term, HeadTerm):
         raise InputError(
             f"{path}: version {held.get('schema_version')} of a scene specification, this program "
             f"reads {SCHEMA_VERSION}; run `vidphys diagnose` again"
         )
-    return terms, held
+    return term, held

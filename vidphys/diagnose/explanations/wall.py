@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.terms import HamiltonianTerms
+from dynamics import terms
 from vidphys.diagnose.explanations.explanation import Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
 from vidphys.diagnose.explanations.specification import PORTS, as_specification
@@ -131,17 +131,16 @@ class ByWall:
         origin = self.fit.place(np.asarray(wall.rest if trapped else wall.place), np.zeros(()))
         normal = [0.0] * len(origin)
         normal[self.fit.axis] = self.fit.sign
-        terms = HamiltonianTerms(
-            potential="none",
-            trap=wall.stiffness if trapped else None,
-            uniform=not trapped,
-            ports=(PORTS["linear"],) if wall.rate else (),
-            wall=(wall.place - wall.rest if trapped else 0.0, wall.restitution, *normal),
+        field = terms.Trap(wall.stiffness) if trapped else terms.Uniform()
+        free = terms.Hamiltonian(
+            potentials=(terms.NoPotential(), field), ports=(PORTS["linear"],) if wall.rate else ()
         )
+        place = wall.place - wall.rest if trapped else 0.0
+        term = terms.Walled(free, place, wall.restitution, tuple(normal))
         named = {f"wall: {name}": name for name in ("place", "restitution")}
         named |= {"trap: stiffness": "stiffness"} if trapped else {}
         named |= {"linear: rate": "rate"} if wall.rate else {}
         numbers = {key: (getattr(wall, name), errors[name]) for key, name in named.items()}
         if not trapped:
             numbers[f"uniform: {'xyz'[self.fit.axis]}"] = self.fit.sign * wall.pull, errors["pull"]
-        return as_specification(terms, 1, origin.tolist(), numbers, True, self.motion.interval)
+        return as_specification(term, 1, origin.tolist(), numbers, True, self.motion.interval)

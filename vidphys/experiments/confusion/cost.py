@@ -7,7 +7,8 @@ import time
 import numpy as np
 import torch
 
-from dynamics import HamiltonianTerms, Parameters, PhaseState, Terms, build, rollout
+from dynamics import Parameters, PhaseState, build, rollout, terms
+from dynamics.terms import HeadTerm
 from vidphys.diagnose.diagnosis import diagnose_motion
 from vidphys.diagnose.explanations.specification import BATH, PORTS, terms_of
 from vidphys.diagnose.inference.inference import Inference
@@ -20,10 +21,8 @@ from vidphys.experiments.core.cell import CellTask
 
 STEPS, BATCH, ROUNDS = 20, 64, 3
 HELD_OUT = 4  # one clip in so many
-FULL: Terms = HamiltonianTerms(
-    potential="radial",
-    trap=1.0,
-    uniform=True,
+FULL = terms.Hamiltonian(
+    potentials=(terms.Radial(), terms.Uniform(), terms.Trap(1.0)),
     ports=(PORTS["square"], PORTS["dry"], BATH),
 )
 
@@ -52,17 +51,17 @@ def run_cost(task: CellTask) -> None:
         rows.add_episodes("held_out_ratio", torch.tensor(errors))
 
 
-def _compute_ratio(terms: Terms, bodies: int) -> float:
+def _compute_ratio(term: HeadTerm, bodies: int) -> float:
     """Seconds of a step of these terms over those of the full menu, measured in turn."""
     spent: list[list[float]] = [[], []]
     for _ in range(ROUNDS):
-        for which, some in enumerate((terms, FULL)):
+        for which, some in enumerate((term, FULL)):
             spent[which].append(_seconds(some, bodies))
     return min(spent[0]) / min(spent[1])
 
 
-def _seconds(terms: Terms, bodies: int) -> float:
-    head = build(terms, bodies, 0.01)
+def _seconds(term: HeadTerm, bodies: int) -> float:
+    head = build(term, bodies, 0.01)
     q = torch.randn(BATCH, bodies, 2)
     one = torch.ones(BATCH)
     scalars = {"friction": one, "temperature": one}

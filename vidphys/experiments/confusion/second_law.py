@@ -13,7 +13,7 @@ from typing import cast
 import torch
 from torch import Tensor
 
-from dynamics import Hamiltonian, HamiltonianTerms, Parameters, build
+from dynamics import Hamiltonian, Parameters, build, terms
 from dynamics.friction import Friction
 from readouts.differencing import central_difference
 from renderers import Camera, ChannelWorld
@@ -31,6 +31,7 @@ EVERY, AHEAD = 2, 4  # model steps a frame; frames that are predicted after the 
 BATCH, PEAK_RATE, CLIP_GRADIENT = 128, 5e-2, 1.0
 FIRST_RATE = 0.69  # per second: about half way between the two worlds' rates
 POSITIVE, FREE = "linear-drag-positive", "linear-drag-free"
+PORTS = {POSITIVE: terms.Drag("linear", "positive"), FREE: terms.Drag("linear", "free")}
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ def train_port(
         balance: weight of the energy balance (the head's own energy its meter) in the loss.
     """
     torch.manual_seed(derive(seed, "second-law", port))
-    head = build(HamiltonianTerms(potential="radial", ports=(port,)), BODIES, INTERVAL / EVERY)
+    term = terms.Hamiltonian(potentials=(terms.Radial(),), ports=(PORTS[port],))
+    head = build(term, BODIES, INTERVAL / EVERY)
     assert isinstance(head, Hamiltonian)
     with torch.no_grad():
         # softplus of zero is the same rate

@@ -7,9 +7,9 @@ from dataclasses import replace
 import torch
 from torch import Generator
 
-from dynamics import HamiltonianTerms, Head, PhaseState, ResidualTerms, Terms
+from dynamics import Head, PhaseState, terms, to_config
 from dynamics.events import HardDisks
-from dynamics.terms import HardDiskTerms, to_config
+from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.contacts.training import collision_loss, stretches
 from vidphys.experiments.core.cell import Cell, CellTask, Table
@@ -26,16 +26,16 @@ from vidphys.scenes import Scene
 from vidphys.scenes.torus import BOX, LEVELS, STIFFNESS, disks
 from vidphys.seeding import derive
 
-PAIRS = HamiltonianTerms(potential="knots", sources=("alike",), box=BOX, reach=1.0)
-HEADS: dict[str, Terms] = {
+PAIRS = terms.Hamiltonian(potentials=(terms.Knots("alike"),), box=BOX)
+HEADS: dict[str, HeadTerm] = {
     "factored": PAIRS,
-    "factored-network": replace(PAIRS, potential="displacement"),
-    "restitution": replace(PAIRS, ports=("restitution",)),
-    "free-impulse": HamiltonianTerms(potential="none", box=BOX, ports=("free-impulse",)),
-    "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
-    "unstructured": ResidualTerms(),
+    "factored-network": replace(PAIRS, potentials=(terms.Displacement("alike"),)),
+    "restitution": replace(PAIRS, ports=(terms.Restitution(),)),
+    "free-impulse": replace(PAIRS, potentials=(terms.NoPotential(),), ports=(terms.FreeImpulse(),)),
+    "symplectic": terms.HEADS["symplectic"],
+    "unstructured": terms.HEADS["unstructured"],
 }
-EVENTS = HardDiskTerms(BOX)
+EVENTS = terms.HardDisks(BOX)
 RETRACE_STEPS = 1000
 STEPS = DRIFT_STEPS[-1]
 SCALARS_FASTER = 10  # a single number is learned at so many times a network's rate
@@ -161,7 +161,7 @@ CONTACTS = Table(
     cells=_cells(),
     settings={
         "scenes": {level: disks(level).settings for level in LEVELS},
-        "heads": {name: to_config(terms) for name, terms in {**HEADS, "events": EVENTS}.items()},
+        "heads": {name: to_config(term) for name, term in {**HEADS, "events": EVENTS}.items()},
     },
     sweeps=(
         Sweep(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynamics import Head, Terms
+from dynamics import Head
+from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.members import MemberLoss, one_step, train_members
 from vidphys.experiments.core.oracle import true_examples
@@ -16,7 +17,7 @@ from vidphys.scenes import Scene
 def train_cell(
     task: CellTask,
     name: str,
-    terms: Terms,
+    term: HeadTerm,
     scene: Scene,
     sizes: OracleSizes | None = None,
     loss: MemberLoss = one_step,
@@ -29,7 +30,7 @@ def train_cell(
     Args:
         task: gives seeds, device, checkpoint and progress.
         name: of the head, in the records.
-        terms, scene: what is built, and on what it is trained.
+        term, scene: what is built, and on what it is trained.
         sizes: where they differ from the preset's.
         loss: see :func:`vidphys.experiments.core.members.train_members`.
         k, both_signs: see :func:`vidphys.experiments.core.oracle.true_segments`.
@@ -43,7 +44,7 @@ def train_cell(
     sizes = task.sizes if sizes is None else sizes
     heads = train_members(
         name if start is None else start,
-        lambda: scene.build(terms),
+        lambda: scene.build(term),
         true_examples(scene, sizes.trajectories, task.seeds, k, both_signs),
         sizes,
         recorders,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from dynamics import HamiltonianTerms, Terms
-from dynamics.terms import to_config
+from dynamics import terms, to_config
 from vidphys.coupling_power import (
     CONTRADICTED,
     SUPPORTED,
@@ -30,12 +29,13 @@ WORLDS: dict[str, Callable[[], Scene]] = {
     "quadratic": lambda: gravity_of_power("quadratic"),
     "three-body": three_body_gravity,
 }
-PRIORS: dict[str, HamiltonianTerms] = {
-    "factored": HamiltonianTerms(),
-    "factored-even": HamiltonianTerms(coupling="even"),
-    "factored-squared": HamiltonianTerms(coupling="quadratic"),
-    "factored-triples": HamiltonianTerms(triples=True),
+POTENTIALS: dict[str, tuple[terms.Pair] | tuple[terms.Pair, terms.Triple]] = {
+    "factored": (terms.Displacement(),),
+    "factored-even": (terms.Displacement(coupling="even"),),
+    "factored-squared": (terms.Displacement(coupling="quadratic"),),
+    "factored-triples": (terms.Displacement(), terms.Triple()),
 }
+PRIORS = {name: terms.Hamiltonian(potentials=parts) for name, parts in POTENTIALS.items()}
 SERIES = {
     "linear": ("factored",),
     "even": ("factored", "factored-even"),
@@ -48,10 +48,10 @@ def series_cell(world: str, prior: str) -> Cell:
     """A cell that trains one prior in one world, and asks what the training data support."""
 
     def run(task: CellTask) -> None:
-        scene, terms = WORLDS[world](), PRIORS[prior]
+        scene, assumed = WORLDS[world](), POTENTIALS[prior][0].coupling
         sizes = smaller_batch(task.sizes, 2)
-        for seed, head, recorder in train_cell(task, prior, terms, scene, sizes):
-            ask_power(recorder, scene, terms.coupling, task.sizes.trajectories, seed)
+        for seed, head, recorder in train_cell(task, prior, PRIORS[prior], scene, sizes):
+            ask_power(recorder, scene, assumed, task.sizes.trajectories, seed)
             question = held_out_question(scene, task.sizes.held_out, seed)
             score_inversion(recorder, head, question)
             if prior == "factored":
@@ -77,10 +77,9 @@ def ask_power(recorder: Recorder, scene: Scene, assumed: str, trajectories: int,
 
 
 def _settings() -> dict[str, object]:
-    priors: dict[str, Terms] = dict(PRIORS)
     return {
         "scenes": {name: world().settings for name, world in WORLDS.items()},
-        "heads": {name: to_config(terms) for name, terms in priors.items()},
+        "heads": {name: to_config(term) for name, term in PRIORS.items()},
     }
 
 

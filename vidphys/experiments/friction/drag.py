@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from dynamics import HEADS, HamiltonianTerms, Terms
-from dynamics.terms import to_config
+from dynamics import HEADS, terms, to_config
+from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import opposed, score_shed
 from vidphys.experiments.core.figures import SHED, Sweep
@@ -15,12 +15,12 @@ from vidphys.experiments.core.truth import score_truth
 from vidphys.scenes.drag import STRENGTHS, dragged_gravity
 
 PORTS = {
-    "port": "linear-drag-positive",
-    "sign-free": "linear-drag-free",
-    "factored-port": "linear-drag-factored",
+    "port": terms.Drag("linear", "positive"),
+    "sign-free": terms.Drag("linear", "free"),
+    "factored-port": terms.Drag("linear", "factored"),
 }
-HEADS_ASKED: dict[str, Terms] = {
-    **{name: HamiltonianTerms(ports=(port,)) for name, port in PORTS.items()},
+HEADS_ASKED: dict[str, HeadTerm] = {
+    **{name: terms.Hamiltonian(ports=(port,)) for name, port in PORTS.items()},
     "conserving": HEADS["factored"],
     "unstructured": HEADS["unstructured"],
 }
@@ -64,7 +64,7 @@ DRAG = Table(
     cells=_cells(),
     settings={
         "scenes": {name: dragged_gravity(name).settings for name in STRENGTHS},
-        "heads": {name: to_config(terms) for name, terms in HEADS_ASKED.items()},
+        "heads": {name: to_config(term) for name, term in HEADS_ASKED.items()},
     },
     sweeps=(
         Sweep(

@@ -12,8 +12,8 @@ from functools import partial
 
 from torch import Generator
 
-from dynamics import Head, Terms
-from dynamics.terms import GeneralisedTerms, ResidualTerms, to_config
+from dynamics import Head, terms, to_config
+from dynamics.terms import Generalised, HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import (
     opposed,
@@ -37,11 +37,11 @@ from vidphys.seeding import derive
 from vidphys.training.segments import from_trajectory
 
 WIDTH = 64
-HNN = GeneralisedTerms(integrator="tao", width=WIDTH)
-SYMODEN = GeneralisedTerms(metric="inverse", integrator="rk4", width=WIDTH)
-DELAN = GeneralisedTerms(formalism="lagrangian", integrator="rk4", width=WIDTH)
-UNSTRUCTURED = ResidualTerms(angles=True)
-FREE: dict[str, Terms] = {
+HNN = terms.GeneralisedHamiltonian(integrator="tao", width=WIDTH)
+SYMODEN = terms.GeneralisedHamiltonian(metric="inverse", integrator="rk4", width=WIDTH)
+DELAN = terms.Lagrangian(integrator="rk4", width=WIDTH)
+UNSTRUCTURED = terms.Residual(angles=True)
+FREE: dict[str, HeadTerm] = {
     "free/hnn-factored": HNN,
     "free/hnn": replace(HNN, factored=False),
     "free/symoden-factored": SYMODEN,
@@ -53,16 +53,16 @@ FREE: dict[str, Terms] = {
 LAWS = ("linear", "square")
 
 
-def _damped(law: str) -> dict[str, Terms]:
+def _damped(law: str) -> dict[str, HeadTerm]:
     return {
-        f"{law}/port": replace(HNN, ports=(f"{law}-drag-factored",)),
-        f"{law}/guarantee": replace(HNN, ports=(f"{law}-drag-guaranteed",)),
+        f"{law}/port": replace(HNN, ports=(terms.Drag(law, "factored"),)),
+        f"{law}/guarantee": replace(HNN, ports=(terms.Drag(law, "guaranteed"),)),
         f"{law}/conserving": HNN,
         f"{law}/unstructured": UNSTRUCTURED,
     }
 
 
-DAMPED = {name: terms for law in LAWS for name, terms in _damped(law).items()}
+DAMPED = {name: term for law in LAWS for name, term in _damped(law).items()}
 # The cells whose records hold what was checked of the reference, one for each scene.
 CERTIFIED = ("free/hnn-factored", *(f"{law}/port" for law in LAWS))
 SPREAD = 0.5  # of the friction around its usual value, so that a told one can be learned
@@ -71,22 +71,22 @@ FINE = 5  # steps of a field in a reference step, where anti-friction makes join
 SMALLER = 4  # a field is matched on small batches, as many examples in all
 
 
-def examples(scene: Scene, terms: Terms, trajectories: int, seed: int) -> Examples:
+def examples(scene: Scene, term: HeadTerm, trajectories: int, seed: int) -> Examples:
     """Short trajectories, the same for every model: derivatives for a field, steps for a map."""
     start, params = scene.sample(trajectories, Generator().manual_seed(derive(seed, "train")))
     trajectory = scene.simulate(start, params, HORIZON)
-    is_field = isinstance(terms, GeneralisedTerms)
+    is_field = isinstance(term, Generalised)
     segments = derivative_segments(trajectory) if is_field else from_trajectory(trajectory, k=1)
     whole = len(segments) // trajectories
     return Examples(*segments.split(whole * max(1, trajectories // 16)))
 
 
-def sizes_for(terms: Terms, sizes: OracleSizes) -> OracleSizes:
+def sizes_for(term: HeadTerm, sizes: OracleSizes) -> OracleSizes:
     """A map's budget, or the same number of examples in small batches for a field.
 
     Rates shrink with the square root of the batch, as the noise of a gradient grows.
     """
-    if not isinstance(terms, GeneralisedTerms):
+    if not isinstance(term, Generalised):
         return sizes
     gentler = tuple(rate / SMALLER**0.5 for rate in sizes.learning_rates)
     steps = SMALLER * sizes.steps
@@ -97,12 +97,12 @@ Score = Callable[[Recorder, Head, Question], None]
 
 
 def engine_cell(
-    terms: Terms, scene: Callable[[], Scene], score: Score, certified: bool = False
+    term: HeadTerm, scene: Callable[[], Scene], score: Score, certified: bool = False
 ) -> Cell:
     """A cell that trains one model on a scene of the engine and asks its questions.
 
     Args:
-        terms: of the model.
+        term: the model.
         scene: makes the scene.
         score: asks.
         certified: whether what was checked of the reference is recorded here, for all the cells
@@ -115,11 +115,11 @@ def engine_cell(
         count = task.sizes.trajectories
         heads = train_members(
             task.cell,
-            lambda: world.build(terms),
-            {seed: examples(world, terms, count, seed) for seed in task.seeds},
-            sizes_for(terms, task.sizes),
+            lambda: world.build(term),
+            {seed: examples(world, term, count, seed) for seed in task.seeds},
+            sizes_for(term, task.sizes),
             recorders,
-            match_slopes if isinstance(terms, GeneralisedTerms) else one_step,
+            match_slopes if isinstance(term, Generalised) else one_step,
             task.device,
             task.checkpoint("fit"),
             task.progress,
@@ -153,14 +153,14 @@ def score_damped(recorder: Recorder, head: Head, question: Question) -> None:
 
 def _cells() -> Mapping[str, Cell]:
     free = {
-        name: engine_cell(terms, pendulum, score_free, name in CERTIFIED)
-        for name, terms in FREE.items()
+        name: engine_cell(term, pendulum, score_free, name in CERTIFIED)
+        for name, term in FREE.items()
     }
     damped = {
         name: engine_cell(
-            terms, partial(pendulum, name.split("/")[0], SPREAD), score_damped, name in CERTIFIED
+            term, partial(pendulum, name.split("/")[0], SPREAD), score_damped, name in CERTIFIED
         )
-        for name, terms in DAMPED.items()
+        for name, term in DAMPED.items()
     }
     return {**free, **damped}
 
@@ -178,7 +178,7 @@ ENGINE = Table(
     settings={
         "scenes": {"free": pendulum().settings}
         | {law: pendulum(law, SPREAD).settings for law in LAWS},
-        "heads": {name: to_config(terms) for name, terms in (FREE | DAMPED).items()},
+        "heads": {name: to_config(term) for name, term in (FREE | DAMPED).items()},
     },
     sweeps=(
         Sweep(

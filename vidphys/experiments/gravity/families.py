@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from dynamics import HamiltonianTerms, Parameters, ResidualTerms, Terms, ballistic
-from dynamics.terms import to_config
+from dynamics import HEADS, Parameters, ballistic, terms, to_config
+from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.core.losses import floored
@@ -18,18 +18,15 @@ from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb
 
 Change = Callable[[Parameters], Parameters]
 
-TWINS: dict[str, Terms] = {
-    "symplectic": HamiltonianTerms(kinetic="free", potential="free", width=256),
-    "unstructured": ResidualTerms(),
-}
+TWINS = {name: HEADS[name] for name in ("symplectic", "unstructured")}
 STEPS = DRIFT_STEPS[-1]
 FLOOR = 0.1  # of the momentum increments' spread: charges' forces often cancel
 
 
-def _heads(*sources: str) -> dict[str, Terms]:
+def _heads(*sources: str) -> dict[str, HeadTerm]:
     return {
-        "factored": HamiltonianTerms(sources=sources),
-        "factored-radial": HamiltonianTerms(potential="radial", sources=sources),
+        "factored": terms.Hamiltonian(potentials=tuple(terms.Displacement(s) for s in sources)),
+        "factored-radial": terms.Hamiltonian(potentials=tuple(terms.Radial(s) for s in sources)),
         **TWINS,
     }
 
@@ -61,14 +58,14 @@ FLIPS: dict[str, Change] = {
 
 
 def family_cell(
-    scene: Callable[[], Scene], head: str, terms: Terms, changes: Mapping[str, Change]
+    scene: Callable[[], Scene], head: str, term: HeadTerm, changes: Mapping[str, Change]
 ) -> Cell:
     """A cell that trains one model and asks each changed law of it, each as a part."""
 
     def run(task: CellTask) -> None:
         world = scene()
         sizes = smaller_batch(task.sizes, 2)
-        for seed, trained, recorder in train_cell(task, head, terms, world, sizes, floored(FLOOR)):
+        for seed, trained, recorder in train_cell(task, head, term, world, sizes, floored(FLOOR)):
             question = held_out_question(world, task.sizes.held_out, seed)
             score_drift(recorder, trained, question, DRIFT_STEPS)
             for name, change in changes.items():
@@ -96,11 +93,11 @@ def truth_cell(scene: Callable[[], Scene], changes: Mapping[str, Change]) -> Cel
 
 
 def _cells(
-    scene: Callable[[], Scene], heads: Mapping[str, Terms], changes: Mapping[str, Change]
+    scene: Callable[[], Scene], heads: Mapping[str, HeadTerm], changes: Mapping[str, Change]
 ) -> dict[str, Cell]:
     return {
         "truth": truth_cell(scene, changes),
-        **{name: family_cell(scene, name, terms, changes) for name, terms in heads.items()},
+        **{name: family_cell(scene, name, term, changes) for name, term in heads.items()},
     }
 
 
@@ -122,7 +119,7 @@ COULOMB = Table(
     cells=_cells(coulomb, CHARGES, HELD_OUT),
     settings={
         "scene": coulomb().settings,
-        "heads": {name: to_config(terms) for name, terms in CHARGES.items()},
+        "heads": {name: to_config(term) for name, term in CHARGES.items()},
     },
     sweeps=(EACH,),
 )
@@ -137,7 +134,7 @@ MIXED = Table(
     cells=_cells(gravity_and_coulomb, TWO_LAWS, FLIPS),
     settings={
         "scene": gravity_and_coulomb().settings,
-        "heads": {name: to_config(terms) for name, terms in TWO_LAWS.items()},
+        "heads": {name: to_config(term) for name, term in TWO_LAWS.items()},
     },
     sweeps=(EACH,),
 )

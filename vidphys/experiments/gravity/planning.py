@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Generator, Tensor
 
-from dynamics import HEADS, Head, Parameters, PhaseState, rollout
-from dynamics.terms import to_config
+from dynamics import HEADS, Head, Parameters, PhaseState, rollout, to_config
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import INVERTED, Panel, Sweep

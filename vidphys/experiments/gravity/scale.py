@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import torch
 
-from dynamics import HEADS, HamiltonianTerms, Head, Terms
-from dynamics.terms import to_config
+from dynamics import HEADS, Head, terms, to_config
+from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import DRIFT, Panel, Sweep
@@ -22,10 +22,10 @@ LONG = (3, 8, 16, 32)  # bodies, for 2,000 steps
 CURVE = (64, 128, 256, 512, 1024)  # bodies, for a few steps
 LONG_STEPS, FEW_STEPS = 2000, 5
 
-ASKED: dict[str, Terms] = {
+ASKED: dict[str, HeadTerm] = {
     "factored": HEADS["factored"],
     "factored-radial": HEADS["factored-radial"],
-    "even-coupling": HamiltonianTerms(potential="radial", coupling="even"),
+    "even-coupling": terms.Hamiltonian(potentials=(terms.Radial(coupling="even"),)),
 }
 FAR = "factored-radial"  # the one that is asked about the whole curve
 
@@ -99,7 +99,7 @@ N_TRANSFER = Table(
     cells={"truth": truth, **{name: scale_cell(name) for name in ASKED}},
     settings={
         "scenes": {str(n): crowd(n).settings for n in (*LONG, *CURVE)},
-        "heads": {name: to_config(terms) for name, terms in ASKED.items()},
+        "heads": {name: to_config(term) for name, term in ASKED.items()},
     },
     sweeps=(
         Sweep(

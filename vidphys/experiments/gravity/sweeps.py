@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynamics import HEADS, HamiltonianTerms, ResidualTerms, Terms
+from dynamics import HEADS
+from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import COSINE, DRIFT, INVERTED, MATCHED, Sweep
 from vidphys.experiments.core.oracle import held_out_question
@@ -22,14 +23,14 @@ SHARE = 2  # a sweep's cells get the preset's optimiser steps over this
 
 
 def sweep_cell(
-    name: str, terms: Terms, generator: str = "gaussian", trajectories: int | None = None
+    name: str, term: HeadTerm, generator: str = "gaussian", trajectories: int | None = None
 ) -> Cell:
     """A cell that trains one model under one setting of the sweep."""
 
     def run(task: CellTask) -> None:
         scene = gravity(generator)
         sizes = _sizes(task.sizes, trajectories)
-        for seed, head, recorder in train_cell(task, name, terms, scene, sizes):
+        for seed, head, recorder in train_cell(task, name, term, scene, sizes):
             question = held_out_question(scene, sizes.held_out, seed)
             score_inversion(recorder, head, question)
             score_drift(recorder, head, question)
@@ -42,26 +43,16 @@ def _sizes(sizes: OracleSizes, trajectories: int | None) -> OracleSizes:
     return replace(sizes, trajectories=count, steps=max(1, sizes.steps // SHARE))
 
 
-def _with_activation(terms: Terms, activation: str) -> Terms:
-    return replace(terms, activation=activation) if isinstance(terms, HamiltonianTerms) else terms
-
-
-def _with_width(terms: Terms, width: int) -> Terms:
-    if isinstance(terms, HamiltonianTerms | ResidualTerms):
-        return replace(terms, width=width)
-    raise TypeError(f"a capacity sweep needs terms with a width, got {type(terms).__name__}")
-
-
 def _map_cells() -> dict[str, Cell]:
     cells = {}
     for generator in GENERATORS:
         for activation in ACTIVATIONS:
             for count in (128, None):
                 for name in ("factored", "symplectic"):
-                    terms = _with_activation(HEADS[name], activation)
+                    term = HEADS[name].throughout(activation=activation)
                     size = "all" if count is None else str(count)
                     key = f"{name}/{generator}/{activation}/{size}"
-                    cells[key] = sweep_cell(name, terms, generator, count)
+                    cells[key] = sweep_cell(name, term, generator, count)
     return cells
 
 
@@ -71,7 +62,7 @@ CAPACITY = Table(
     about="Each model at widths 32, 128 and 512, half the optimiser steps of the other tables.",
     ids="N27",
     cells={
-        f"{name}/{width}": sweep_cell(name, _with_width(HEADS[name], width))
+        f"{name}/{width}": sweep_cell(name, HEADS[name].throughout(width=width))
         for name in MODELS
         for width in WIDTHS
     },

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import torch
 
-from dynamics import HEADS, Head, PhaseState, Terms, ballistic
-from dynamics.terms import to_config
+from dynamics import HEADS, Head, PhaseState, ballistic, to_config
+from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import COSINE, DRIFT, INVERTED, Panel, Sweep
@@ -52,7 +52,7 @@ class Recipe:
         long: whether 10,000 steps are asked for.
     """
 
-    terms: Terms
+    term: HeadTerm
     loss: MemberLoss = field(default=one_step)
     k: int = 1
     both_signs: bool = False
@@ -86,7 +86,7 @@ def recipe_cell(name: str, recipe: Recipe) -> Cell:
         # As many force evaluations for k steps as for one.
         sizes = smaller_batch(task.sizes, recipe.k)
         trained = train_cell(
-            task, name, recipe.terms, scene, sizes, recipe.loss, recipe.k, recipe.both_signs
+            task, name, recipe.term, scene, sizes, recipe.loss, recipe.k, recipe.both_signs
         )
         for seed, head, recorder in trained:
             question = held_out_question(scene, task.sizes.held_out, seed)
@@ -170,7 +170,7 @@ STABILITY = Table(
     cells={"truth": truth, **{name: recipe_cell(name, r) for name, r in RECIPES.items()}},
     settings={
         "scene": gravity().settings,
-        "heads": {name: to_config(r.terms) for name, r in RECIPES.items()},
+        "heads": {name: to_config(r.term) for name, r in RECIPES.items()},
         "training_noise": NOISE,
         "multi_step": AHEAD,
         "inversion_steps": INVERSION_STEPS,

@@ -12,9 +12,10 @@ from collections.abc import Mapping
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Hamiltonian, Head, PhaseState, Rollout, Terms
+from dynamics import Hamiltonian, Head, PhaseState, Rollout
 from dynamics.bath import Bath, DiagonalBath
 from dynamics.stochastic import NeuralSDE, half_steps
+from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.members import Examples, train_members
 from vidphys.runs.records import Recorder
@@ -115,18 +116,18 @@ def _squares(head: Hamiltonian, trajectory: Rollout) -> list[Tensor]:
 
 def train_stochastic(
     name: str,
-    terms: Terms,
+    term: HeadTerm,
     scene: BathScene,
     task: CellTask,
     recorders: Mapping[int, Recorder],
     observed: int,
     noise: float = 0.0,
 ) -> dict[int, Head]:
-    """Train a head of these terms for each seed on the scene's trajectories.
+    """Train a head of this term for each seed on the scene's trajectories.
 
     Args:
         name: of the head.
-        terms: of the model.
+        term: the model.
         scene: gives the data.
         task: gives sizes, device and the folder.
         recorders: by seed.
@@ -139,7 +140,7 @@ def train_stochastic(
     }
     heads = train_members(
         name,
-        lambda: scene.build(terms),
+        lambda: scene.build(term),
         {seed: bath_examples(trajectory) for seed, trajectory in seen.items()},
         task.sizes,
         recorders,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynamics import Terms
+from dynamics import terms, to_config
 from dynamics.bath import steady_temperature
-from dynamics.terms import DiffusionTerms, to_config
+from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.heat.bath import train_stochastic
@@ -28,10 +28,10 @@ ASKED = (-1.0, 0.0, 0.25, 0.5, 1.0, 1.4)  # A per second; 0, 0.5 and 1 are train
 BEYOND = (2.0, 2.5, 3.0)  # A >= friction: no steady state
 OBSERVED = 4_000_000  # steps: T_eff at A = 1.4 shows an error of the drive 2.3 times over
 
-TERMS: dict[str, Terms] = {
-    "factored-drive": in_bath("driven-bath"),
-    "control": in_bath("constant-bath"),
-    "unstructured": DiffusionTerms(),
+TERMS: dict[str, HeadTerm] = {
+    "factored-drive": in_bath(terms.DrivenBath()),
+    "control": in_bath(terms.ConstantBath()),
+    "unstructured": terms.Diffusion(),
 }
 
 
@@ -88,7 +88,7 @@ DRIVE = Table(
     cells={"simulator": simulator, **{name: drive_cell(name) for name in TERMS}},
     settings={
         "scene": driven().settings,
-        "heads": {name: to_config(terms) for name, terms in TERMS.items()},
+        "heads": {name: to_config(term) for name, term in TERMS.items()},
         "observed_steps": OBSERVED,
         "asked": list(ASKED),
         "beyond": list(BEYOND),

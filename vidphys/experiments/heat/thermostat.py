@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynamics import HamiltonianTerms, Head, Terms
+from dynamics import Head, terms, to_config
 from dynamics.bath import DiagonalBath
 from dynamics.hamiltonian import Hamiltonian
-from dynamics.terms import DiffusionTerms, to_config
+from dynamics.terms import HeadTerm, PortTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import Panel, Sweep
@@ -34,18 +34,18 @@ INVERTED_FROM = SETTINGS[1:2]  # the bath whose friction is then turned around
 NOISES = (0.01, 0.1, 0.3)
 
 
-def in_bath(*ports: str) -> HamiltonianTerms:
+def in_bath(*ports: PortTerm) -> HeadTerm:
     """A learned radial pair law in the known trap, with the given ports."""
-    return HamiltonianTerms(potential="radial", trap=TRAP, width=WIDTH, ports=ports)
+    return terms.Hamiltonian(potentials=(terms.Radial(width=WIDTH), terms.Trap(TRAP)), ports=ports)
 
 
-TERMS: dict[str, Terms] = {
-    "guarantee": in_bath("bath"),
-    "full": in_bath("full-bath"),
-    "factored": in_bath("factored-bath"),
-    "untied": in_bath("untied-bath"),
+TERMS: dict[str, HeadTerm] = {
+    "guarantee": in_bath(terms.Bath()),
+    "full": in_bath(terms.FullBath()),
+    "factored": in_bath(terms.FactoredBath()),
+    "untied": in_bath(terms.UntiedBath()),
     "reversible": in_bath(),
-    "neural-sde": DiffusionTerms(),
+    "neural-sde": terms.Diffusion(),
 }
 
 
@@ -142,7 +142,7 @@ THERMOSTAT = Table(
     cells={"simulator": simulator, **{name: bath_cell(name) for name in TERMS}},
     settings={
         "scene": langevin().settings,
-        "heads": {name: to_config(terms) for name, terms in TERMS.items()},
+        "heads": {name: to_config(term) for name, term in TERMS.items()},
         "observed_steps": OBSERVED,
     },
     sweeps=(

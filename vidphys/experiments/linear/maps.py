@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 from torch.utils import _pytree as pytree
 
-from dynamics import HamiltonianTerms, Head, PhaseState, Terms, leapfrog
+from dynamics import Head, PhaseState, leapfrog, terms, to_config
 from dynamics.build import parameter_count
-from dynamics.terms import to_config
+from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import Panel, Sweep
@@ -31,11 +31,15 @@ from vidphys.seeding import derive
 from vidphys.training.ensemble import Ensemble, Stacked, stack
 from vidphys.training.loop import FitSettings, choose_learning_rate, fit
 
-NETWORKS: dict[str, Terms] = {
-    "multiplicative": HamiltonianTerms(potential="linear", trap=CONFINEMENT),
-    "gain": HamiltonianTerms(potential="gain", trap=CONFINEMENT),
-    "direct": HamiltonianTerms(potential="free", trap=CONFINEMENT),
-    "localised": HamiltonianTerms(potential="localised", trap=CONFINEMENT),
+POTENTIALS: dict[str, PotentialTerm] = {
+    "multiplicative": terms.Mapped("linear"),
+    "gain": terms.Mapped("gain"),
+    "direct": terms.FreePotential(),
+    "localised": terms.Mapped("localised"),
+}
+NETWORKS: dict[str, HeadTerm] = {
+    name: terms.Hamiltonian(potentials=(potential, terms.Trap(CONFINEMENT)))
+    for name, potential in POTENTIALS.items()
 }
 SCALARS = "eight-scalars"
 HELD_OUT = 64  # trajectories' worth of labels that are scored
@@ -162,7 +166,7 @@ MAPS = Table(
     },
     settings={
         "scenes": {kind: oscillators(kind).settings for kind in GROUNDED},
-        "heads": {name: to_config(terms) for name, terms in NETWORKS.items()},
+        "heads": {name: to_config(term) for name, term in NETWORKS.items()},
         "curl": CURL,
     },
     sweeps=(

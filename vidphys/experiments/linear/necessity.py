@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
-from dynamics import HamiltonianTerms, Head
+from dynamics import Head, terms, to_config
 from dynamics.hybrid import shortcut_share
-from dynamics.terms import to_config
+from dynamics.terms import HeadTerm, PortTerm, PotentialTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_shed
 from vidphys.experiments.core.figures import INVERTED, SHED, Panel, Sweep
@@ -30,9 +30,8 @@ ONE = 5.0  # the stiffness where there is only one
 WEAK, STRONG = 1.0, 100.0  # weights of the penalty
 STRENGTH = "strong"  # of the drag
 
-SPRINGS = HamiltonianTerms(sources=("alike",))
-GRAVITY = HamiltonianTerms()
-PORT = ("linear-drag-positive",)
+GRAVITY = terms.Displacement()
+PORT = (terms.Drag("linear", "positive"),)
 
 
 @dataclass(frozen=True)
@@ -41,16 +40,23 @@ class Recipe:
 
     Args:
         scene: where it is trained and asked.
-        terms: of the model.
+        pair, ports: of the model.
         weight: of the penalty on the shortcut; ``None`` for a model that has none.
         floor: least size that momentum errors are relative to, see
             :func:`vidphys.experiments.core.losses.floored`; drag is seen in small increments.
     """
 
     scene: Callable[[], Scene]
-    terms: HamiltonianTerms
+    pair: PotentialTerm
+    ports: tuple[PortTerm, ...] = ()
     weight: float | None = None
     floor: float = 0.0
+
+    @property
+    def term(self) -> HeadTerm:
+        """The model."""
+        potential = self.pair if self.weight is None else terms.Shortcut((self.pair,))
+        return terms.Hamiltonian(potentials=(potential,), ports=self.ports)
 
     @property
     def loss(self) -> MemberLoss:
@@ -71,8 +77,7 @@ def strong_drag() -> Scene:
 
 
 def _screen(scene: Callable[[], Scene], weight: float | None) -> Recipe:
-    terms = SPRINGS if weight is None else replace(SPRINGS, shortcut=True)
-    return Recipe(scene, terms, weight, FLOOR)
+    return Recipe(scene, terms.Displacement("alike"), (), weight, FLOOR)
 
 
 SCREEN = {
@@ -82,12 +87,11 @@ SCREEN = {
     "one-stiffness/strong-penalty": _screen(one_stiffness, STRONG),
     "many-stiffnesses/free": _screen(springs, 0.0),
 }
-DRAGGED = replace(GRAVITY, ports=PORT)
 UNDER_DRAG = {
-    "port": Recipe(strong_drag, DRAGGED),
-    "port-and-shortcut": Recipe(strong_drag, replace(DRAGGED, shortcut=True), 0.0),
-    "port-and-penalty": Recipe(strong_drag, replace(DRAGGED, shortcut=True), STRONG),
-    "penalty-without-port": Recipe(strong_drag, replace(GRAVITY, shortcut=True), STRONG),
+    "port": Recipe(strong_drag, GRAVITY, PORT),
+    "port-and-shortcut": Recipe(strong_drag, GRAVITY, PORT, 0.0),
+    "port-and-penalty": Recipe(strong_drag, GRAVITY, PORT, STRONG),
+    "penalty-without-port": Recipe(strong_drag, GRAVITY, (), STRONG),
 }
 
 
@@ -99,7 +103,7 @@ def hybrid_cell(recipe: Recipe) -> Cell:
         # There are two networks in a model; and the models of a table start alike.
         sizes = smaller_batch(task.sizes, 2)
         for seed, head, recorder in train_cell(
-            task, task.cell, recipe.terms, scene, sizes, recipe.loss, start="hybrid"
+            task, task.cell, recipe.term, scene, sizes, recipe.loss, start="hybrid"
         ):
             question = held_out_question(scene, task.sizes.held_out, seed)
             _ask(recorder, head, recipe, question)
@@ -115,7 +119,7 @@ def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> 
         score_shed(recorder, head, question, params, STEPS, "shed")
     else:
         score_drift(recorder, head, question, DRIFT_STEPS)
-    if recipe.terms.shortcut:
+    if recipe.weight is not None:
         state, law = question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
         with torch.no_grad():
             recorder.add_value("shortcut_share", float(shortcut_share(head, state, law)))
@@ -148,7 +152,7 @@ NECESSITY = Table(
     },
     settings={
         "scene": one_stiffness().settings,
-        "heads": {name: to_config(recipe.terms) for name, recipe in SCREEN.items()},
+        "heads": {name: to_config(recipe.term) for name, recipe in SCREEN.items()},
         "weights": {name: recipe.weight for name, recipe in SCREEN.items()},
     },
     sweeps=(
@@ -172,7 +176,7 @@ COMPOSITION = Table(
     },
     settings={
         "scene": strong_drag().settings,
-        "heads": {name: to_config(recipe.terms) for name, recipe in UNDER_DRAG.items()},
+        "heads": {name: to_config(recipe.term) for name, recipe in UNDER_DRAG.items()},
         "weights": {name: recipe.weight for name, recipe in UNDER_DRAG.items()},
     },
     sweeps=(

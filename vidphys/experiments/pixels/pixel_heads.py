@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dynamics import HEADS
-from dynamics.terms import to_config
+from dynamics import HEADS, to_config
 from vidphys.experiments.core.cell import Table
 from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.pixels.seeing import seen_cell

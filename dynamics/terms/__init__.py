@@ -1,0 +1,98 @@
+"""What a model is made of, as data: each part a frozen dataclass that builds itself.
+
+``terms.Hamiltonian(potentials=(terms.Radial(), terms.Uniform()))`` is such a value,
+:func:`dynamics.build` makes the model of it, and :func:`to_config` writes it down.
+"""
+
+from dynamics.terms.config import from_config, to_config
+from dynamics.terms.heads import (
+    Attention,
+    Diffusion,
+    Flow,
+    Generalised,
+    GeneralisedHamiltonian,
+    Graph,
+    Hamiltonian,
+    HardDisks,
+    Lagrangian,
+    Residual,
+    Walled,
+)
+from dynamics.terms.kinetic import Fixed, FreeKinetic, PerBody
+from dynamics.terms.ports import (
+    Bath,
+    ConstantBath,
+    Drag,
+    DrivenBath,
+    FactoredBath,
+    FreeImpulse,
+    FullBath,
+    LinearFriction,
+    Restitution,
+    StateDependentBath,
+    UntiedBath,
+)
+from dynamics.terms.potentials import (
+    Displacement,
+    FreePotential,
+    Knots,
+    Mapped,
+    NoPotential,
+    Pair,
+    Radial,
+    Shortcut,
+    Trap,
+    Triple,
+    Uniform,
+)
+from dynamics.terms.table import HEADS
+from dynamics.terms.term import TERMS, HeadTerm, KineticTerm, PortTerm, PotentialTerm, Sizes, Term
+
+__all__ = [
+    "Attention",
+    "Bath",
+    "ConstantBath",
+    "Diffusion",
+    "Displacement",
+    "Drag",
+    "DrivenBath",
+    "FactoredBath",
+    "Fixed",
+    "Flow",
+    "FreeImpulse",
+    "FreeKinetic",
+    "FreePotential",
+    "FullBath",
+    "Generalised",
+    "GeneralisedHamiltonian",
+    "Graph",
+    "HEADS",
+    "Hamiltonian",
+    "HardDisks",
+    "HeadTerm",
+    "KineticTerm",
+    "Knots",
+    "Lagrangian",
+    "LinearFriction",
+    "Mapped",
+    "NoPotential",
+    "Pair",
+    "PerBody",
+    "PortTerm",
+    "PotentialTerm",
+    "Radial",
+    "Residual",
+    "Restitution",
+    "Shortcut",
+    "Sizes",
+    "StateDependentBath",
+    "TERMS",
+    "Term",
+    "Trap",
+    "Triple",
+    "Uniform",
+    "UntiedBath",
+    "Walled",
+    "from_config",
+    "to_config",
+]

@@ -1,0 +1,128 @@
+"""Ports: friction, heat baths and impulses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dynamics import bath, contact, ports
+from dynamics.friction import Friction
+from dynamics.ports import Port
+from dynamics.terms.term import TERMS, PortTerm, Sizes
+
+
+@TERMS.register("linear-friction")
+@dataclass(frozen=True)
+class LinearFriction(PortTerm):
+    """dp/dt = -gamma p with a learned gamma > 0."""
+
+    def build(self, sizes: Sizes) -> Port:
+        return ports.LinearFriction()
+
+
+@TERMS.register("drag")
+@dataclass(frozen=True)
+class Drag(PortTerm):
+    """Friction that opposes velocity, of bodies or of joints; see :class:`Friction`.
+
+    Args:
+        law: ``linear``, ``square`` or ``dry``.
+        strength: ``positive``, ``free``, ``factored``, ``guaranteed`` or ``known``.
+    """
+
+    law: str = "linear"
+    strength: str = "positive"
+
+    def build(self, sizes: Sizes) -> Friction:
+        return Friction(self.law, self.strength)
+
+
+@TERMS.register("restitution")
+@dataclass(frozen=True)
+class Restitution(PortTerm):
+    """Overlapping bodies that approach bounce with a learned restitution."""
+
+    def build(self, sizes: Sizes) -> Port:
+        return contact.Restitution(sizes.box)
+
+
+@TERMS.register("free-impulse")
+@dataclass(frozen=True)
+class FreeImpulse(PortTerm):
+    """An impulse between pairs that is any function of distance and speeds."""
+
+    width: int = 64
+
+    def build(self, sizes: Sizes) -> Port:
+        return contact.FreeImpulse(sizes.box, self.width)
+
+
+@TERMS.register("bath")
+@dataclass(frozen=True)
+class Bath(PortTerm):
+    """Diagonal friction that is positive, and the noise that belongs to it."""
+
+    made: ClassVar[type[bath.Bath]] = bath.PassiveBath
+
+    def build(self, sizes: Sizes) -> bath.Bath:
+        return self.made(sizes.bodies, sizes.space)
+
+
+@TERMS.register("untied-bath")
+@dataclass(frozen=True)
+class UntiedBath(Bath):
+    """The same with noise that is learned apart from the friction."""
+
+    made = bath.UntiedBath
+
+
+@TERMS.register("full-bath")
+@dataclass(frozen=True)
+class FullBath(Bath):
+    """Friction between all coordinates, with correlated noise."""
+
+    made = bath.FullBath
+
+
+@TERMS.register("factored-bath")
+@dataclass(frozen=True)
+class FactoredBath(Bath):
+    """A learned positive multiple of the friction that is told."""
+
+    made = bath.FactoredBath
+
+
+@TERMS.register("constant-bath")
+@dataclass(frozen=True)
+class ConstantBath(Bath):
+    """One learned friction; no drive."""
+
+    made = bath.ConstantBath
+
+
+@TERMS.register("driven-bath")
+@dataclass(frozen=True)
+class DrivenBath(Bath):
+    """One learned friction, less a learned multiple of the drive that is told."""
+
+    made = bath.DrivenBath
+
+
+@TERMS.register("state-dependent-bath")
+@dataclass(frozen=True)
+class StateDependentBath(Bath):
+    """Refused: a friction that depends on the state."""
+
+    def build(self, sizes: Sizes) -> bath.Bath:
+        """Refuse.
+
+        Raises:
+            NotImplementedError: always; it needs a spurious drift T div M and a stated convention,
+                and neither the study's result nor the exact step covers it.
+        """
+        raise NotImplementedError(
+            "state-dependent-bath: a mobility that depends on the state needs the drift T div M "
+            "and a stated convention (Ito or Stratonovich); the exact step holds for constant "
+            "coefficients only: use a bath whose friction depends on the parameters, or the "
+            "neural SDE (Ito)"
+        )

@@ -1,0 +1,180 @@
+"""Potential energies: of pairs, of triples, of one body, and of all positions at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+from dynamics import contact, coupling_maps, fields, hybrid, potentials, triples
+from dynamics.couplings import PairLaw
+from dynamics.mlp import TANH
+from dynamics.potentials import Potential
+from dynamics.terms.term import TERMS, PotentialTerm, Sizes
+
+
+def summed(terms: Sequence[PotentialTerm], sizes: Sizes) -> Potential:
+    """The potential that is all of these together."""
+    parts = [term.build(sizes) for term in terms]
+    return parts[0] if len(parts) == 1 else potentials.SumPotential(parts)
+
+
+@dataclass(frozen=True)
+class Pair(PotentialTerm):
+    """What all pair laws have: V = c(G) sum_{i<j} s_i s_j phi(q_i - q_j), see :class:`PairLaw`.
+
+    Args:
+        source: the property s of a body: ``mass``, ``charge`` or ``alike``.
+        coupling: the function c: ``linear``, ``even``, ``quadratic`` or ``cubic``.
+    """
+
+    source: str = "mass"
+    coupling: str = "linear"
+
+    def law(self, sizes: Sizes) -> PairLaw:
+        """All of it but phi."""
+        return PairLaw(self.source, self.coupling, sizes.box)
+
+
+@TERMS.register("displacement")
+@dataclass(frozen=True)
+class Displacement(Pair):
+    """phi learned from the displacement vector."""
+
+    width: int = 64
+    activation: str = TANH
+
+    def build(self, sizes: Sizes) -> Potential:
+        law = self.law(sizes)
+        return potentials.DisplacementPotential(sizes.space, self.width, self.activation, law)
+
+
+@TERMS.register("radial")
+@dataclass(frozen=True)
+class Radial(Pair):
+    """phi learned from the distance alone."""
+
+    width: int = 64
+    activation: str = TANH
+
+    def build(self, sizes: Sizes) -> Potential:
+        return potentials.RadialPotential(self.width, self.activation, self.law(sizes))
+
+
+@TERMS.register("knots")
+@dataclass(frozen=True)
+class Knots(Pair):
+    """A force of finite range, linear between learned distances.
+
+    Args:
+        source, coupling: see :class:`Pair`.
+        knots: number of distances.
+        reach: world units; up to which they are spread at first.
+    """
+
+    knots: int = 64
+    reach: float = 1.0
+
+    def build(self, sizes: Sizes) -> Potential:
+        return contact.KnotPotential(self.knots, self.reach, self.law(sizes))
+
+    def counted_in(self, length: float, seconds: float) -> Self:
+        return replace(self, reach=self.reach / length)
+
+
+@TERMS.register("triple")
+@dataclass(frozen=True)
+class Triple(PotentialTerm):
+    """A learned function of each three bodies; ``coupling`` as of a :class:`Pair`."""
+
+    coupling: str = "linear"
+    width: int = 64
+    activation: str = TANH
+
+    def build(self, sizes: Sizes) -> Potential:
+        return triples.LearnedTriple(self.width, self.activation, self.coupling)
+
+
+@TERMS.register("uniform")
+@dataclass(frozen=True)
+class Uniform(PotentialTerm):
+    """A learned acceleration, the same for every body."""
+
+    def build(self, sizes: Sizes) -> Potential:
+        return fields.UniformField(sizes.space)
+
+
+@TERMS.register("trap")
+@dataclass(frozen=True)
+class Trap(PotentialTerm):
+    """A known harmonic confinement; ``stiffness`` per second squared, of a unit mass."""
+
+    stiffness: float
+
+    def build(self, sizes: Sizes) -> Potential:
+        return potentials.HarmonicTrap(self.stiffness)
+
+    def counted_in(self, length: float, seconds: float) -> Self:
+        return replace(self, stiffness=self.stiffness * seconds**2)
+
+
+@TERMS.register("mapped")
+@dataclass(frozen=True)
+class Mapped(PotentialTerm):
+    """A network of all positions with an output for each feature of the coupling.
+
+    Args:
+        features: of the coupling: ``linear``, ``localised`` or ``gain``, see
+            :mod:`dynamics.coupling_maps`.
+        width, activation: of the network.
+    """
+
+    features: str = "linear"
+    width: int = 64
+    activation: str = TANH
+
+    def build(self, sizes: Sizes) -> Potential:
+        return coupling_maps.MappedPotential(
+            sizes.coordinates, self.width, self.activation, self.features
+        )
+
+
+@TERMS.register("free-potential")
+@dataclass(frozen=True)
+class FreePotential(PotentialTerm):
+    """One network of all positions and parameters."""
+
+    width: int = 64
+    activation: str = TANH
+
+    def build(self, sizes: Sizes) -> Potential:
+        return potentials.FreePotential(
+            sizes.coordinates, sizes.conditions, self.width, self.activation
+        )
+
+
+@TERMS.register("no-potential")
+@dataclass(frozen=True)
+class NoPotential(PotentialTerm):
+    """V = 0."""
+
+    def build(self, sizes: Sizes) -> Potential:
+        return potentials.NoPotential()
+
+
+@TERMS.register("shortcut")
+@dataclass(frozen=True)
+class Shortcut(PotentialTerm):
+    """Potentials, and beside them a force between pairs that may be anything.
+
+    Args:
+        beside: the potentials.
+        width: of the free force's network.
+    """
+
+    beside: tuple[PotentialTerm, ...]
+    width: int = 64
+
+    def build(self, sizes: Sizes) -> Potential:
+        whole = summed(self.beside, sizes)
+        return hybrid.Shortcut(whole, sizes.space, self.width, sizes.box)
