@@ -174,11 +174,11 @@ class RadialPotential(PairPotential):
         squashed = torch.cat([r / (self.NEAR + r), r / (self.FAR + r)], -1)
         return SPREAD * (2 * squashed - 1)
 
-    def distance_energy(self, r: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
+    def distance_energy(self, r: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b"]:
         """Phi at a soft distance, ``(..., 1) -> (...)``."""
         return self.phi(self._features(r)).squeeze(-1)
 
-    def slope(self, r: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
+    def slope(self, r: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b 1"]:
         """dphi/dr at a soft distance, ``(..., 1)`` to ``(..., 1)``."""
         near, far = (2 * SPREAD * self.phi.gradient(self._features(r))).chunk(2, -1)
         return near * self.NEAR / (self.NEAR + r) ** 2 + far * self.FAR / (self.FAR + r) ** 2
@@ -196,12 +196,14 @@ REACH = 0.5  # world units: the distance that lands half-way out in the squashed
 CORE = 0.05  # world units: rounds the tip of the distance at r = 0; not a softening of the law
 
 
-def soft_length(displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b"]:
+def soft_length(displacement: Float[Tensor, "*b d"]) -> Float[Tensor, "*b 1"]:
     """sqrt(r^2 + CORE^2), smooth where two bodies coincide, ``(..., d) -> (..., 1)``."""
     return (displacement.square().sum(-1, keepdim=True) + CORE**2).sqrt()
 
 
-def unsquashed(slope: Tensor, displacement: Tensor, r: Tensor) -> Tensor:
+def unsquashed(
+    slope: Float[Tensor, "*b d"], displacement: Float[Tensor, "*b d"], r: Float[Tensor, "*b 1"]
+) -> Float[Tensor, "*b d"]:
     """A gradient with respect to u = dq / (REACH + r), turned into one with respect to dq.
 
     Args:
