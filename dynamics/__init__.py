@@ -1,7 +1,8 @@
 """Phase-space dynamics: states, integrators, energies, heads and rollouts. Knows no pixels."""
 
 from dynamics import engines, terms
-from dynamics.build import build
+from dynamics.bath import ExactBath, relaxation_time, steady_temperature
+from dynamics.build import build, parameter_count
 from dynamics.couplings import PairLaw
 from dynamics.findings import (
     DomainWarning,
@@ -14,6 +15,7 @@ from dynamics.findings import (
     RoundingWarning,
     StabilityWarning,
 )
+from dynamics.friction import Friction
 from dynamics.hamiltonian import Hamiltonian, ballistic
 from dynamics.head import Head
 from dynamics.integrators import (
@@ -37,8 +39,10 @@ __all__ = [
     "DomainWarning",
     "DynamicsWarning",
     "EnergyWarning",
+    "ExactBath",
     "FailureWarning",
     "Finding",
+    "Friction",
     "HEADS",
     "INTEGRATORS",
     "Hamiltonian",
@@ -61,8 +65,11 @@ __all__ = [
     "kahan_li8",
     "leapfrog",
     "leapfrog_compensated",
+    "parameter_count",
+    "relaxation_time",
     "rk4",
     "rollout",
+    "steady_temperature",
     "tao",
     "tao_gate",
     "terms",

@@ -1,14 +1,16 @@
 """Heat baths as ports: friction and the noise that belongs to it, both stepped exactly.
 
 A bath is the Ornstein-Uhlenbeck process dp = -(friction - drive) p dt + sqrt(2 m noise T) dW, with
-rates per second and k_B = 1. Fluctuation and dissipation are tied by noise = friction (inventory
-I9), and one step of any length has the exact mean and variance (I5). The mobility may depend on
-the parameters, never on the state (I10).
+rates per second and k_B = 1. Fluctuation and dissipation are tied by noise = friction (Kubo,
+Rep. Prog. Phys. 29, 255 (1966)), and one step of any length has the exact mean and variance
+(Gillespie, Phys. Rev. E 54, 2084 (1996)). The mobility may depend on the parameters, never on the
+state.
 """
 
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.findings import Finding, NoSteadyState, counted
@@ -19,7 +21,13 @@ from dynamics.state import Parameters, PhaseState
 class Bath(Port):
     """A port whose step is a Gaussian: :meth:`kick` draws from it, :meth:`nll` is its density."""
 
-    def nll(self, before: Tensor, after: Tensor, params: Parameters, dt: float) -> Tensor:
+    def nll(
+        self,
+        before: Float[Tensor, "*b n d"],
+        after: Float[Tensor, "*b n d"],
+        params: Parameters,
+        dt: float,
+    ) -> Float[Tensor, "*b"]:
         """Negative log density of momenta ``dt`` seconds later, up to a constant, ``(...)``.
 
         Args:
@@ -73,11 +81,17 @@ class DiagonalBath(Bath):
         amount = params.mass.unsqueeze(-1) * _spread(params.scalar("temperature"))
         return torch.exp(-net * dt), amount * self.noise(params) * _accumulated(net, dt)
 
-    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         decay, variance = self.moments(params, dt)
         return decay * state.p + variance.sqrt() * torch.randn_like(state.p)
 
-    def nll(self, before: Tensor, after: Tensor, params: Parameters, dt: float) -> Tensor:
+    def nll(
+        self,
+        before: Float[Tensor, "*b n d"],
+        after: Float[Tensor, "*b n d"],
+        params: Parameters,
+        dt: float,
+    ) -> Float[Tensor, "*b"]:
         decay, variance = self.moments(params, dt)
         error = (after - decay * before).square() / variance
         return 0.5 * (error + variance.log()).sum((-2, -1))
@@ -98,7 +112,16 @@ class DiagonalBath(Bath):
 
 
 class ExactBath(DiagonalBath):
-    """The true bath (S8, S10): friction, and drive where there is one, as the parameters say."""
+    """The true bath: friction, and drive where there is one, as the parameters say.
+
+    Example:
+        >>> from dynamics.state import PhaseState
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1))
+        >>> law = law.with_scalar("friction", 2.0).with_scalar("temperature", 0.0)
+        >>> moving = PhaseState(torch.zeros(1, 1, 2), torch.ones(1, 1, 2))
+        >>> [round(x, 3) for x in ExactBath().kick(moving, law, dt=0.5).flatten().tolist()]  # e^-1
+        [0.368, 0.368]
+    """
 
     def friction(self, params: Parameters) -> Tensor:
         return _spread(params.scalar("friction"))
@@ -110,7 +133,7 @@ class ExactBath(DiagonalBath):
 
 
 class PassiveBath(DiagonalBath):
-    """Diagonal friction that is positive whatever the told friction (inventory M20).
+    """Diagonal friction that is positive whatever the told friction.
 
     friction = softplus(a + b gamma) for each coordinate: it can fit any positive friction, and can
     give energy at none.
@@ -136,7 +159,7 @@ class UntiedBath(PassiveBath):
 
 
 class FactoredBath(DiagonalBath):
-    """Friction gamma M_0 with M_0 > 0 learned: it gives energy at gamma < 0 (inventory M22)."""
+    """Friction gamma M_0 with M_0 > 0 learned: it gives energy at gamma < 0."""
 
     def __init__(self, bodies: int, space: int) -> None:
         super().__init__()
@@ -147,7 +170,7 @@ class FactoredBath(DiagonalBath):
 
 
 class ConstantBath(DiagonalBath):
-    """One learned friction gamma_f > 0; the drive is not an input (the control, M25)."""
+    """One learned friction gamma_f > 0; the drive is not an input (the control)."""
 
     def __init__(self, bodies: int, space: int) -> None:
         super().__init__()
@@ -158,7 +181,7 @@ class ConstantBath(DiagonalBath):
 
 
 class DrivenBath(ConstantBath):
-    """Net damping gamma_f - A w, noise tied to gamma_f; gamma_f, w > 0 learned (M24)."""
+    """Net damping gamma_f - A w, noise tied to gamma_f; gamma_f, w > 0 learned."""
 
     def __init__(self, bodies: int, space: int) -> None:
         super().__init__(bodies, space)
@@ -169,7 +192,7 @@ class DrivenBath(ConstantBath):
 
 
 class FullBath(Bath):
-    """Friction operator g(gamma) L L^T of all coordinates at once, with correlated noise (M21).
+    """Friction operator g(gamma) L L^T of all coordinates at once, with correlated noise.
 
     L is lower triangular and acts on p / sqrt(m); g is positive. One step is exact through the
     matrix exponential.
@@ -187,7 +210,7 @@ class FullBath(Bath):
         lower = torch.tril(self.raw)
         return lower @ lower.mT
 
-    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         root = params.mass.sqrt().unsqueeze(-1)
         rates, axes = torch.linalg.eigh(self.operator)
         # Rounding may leave a rate of zero just below it.
@@ -198,7 +221,13 @@ class FullBath(Bath):
         after = torch.exp(-exponent) * along + size * torch.randn_like(along)
         return root * (after @ axes.mT).reshape(state.p.shape)
 
-    def nll(self, before: Tensor, after: Tensor, params: Parameters, dt: float) -> Tensor:
+    def nll(
+        self,
+        before: Float[Tensor, "*b n d"],
+        after: Float[Tensor, "*b n d"],
+        params: Parameters,
+        dt: float,
+    ) -> Float[Tensor, "*b"]:
         root = params.mass.sqrt().unsqueeze(-1)
         # Not through eigenvectors: their gradient is lost where two rates are equal.
         exponent = self._strength(params).unsqueeze(-1) * self.operator * dt
@@ -246,7 +275,7 @@ def _accumulated(rate: Tensor, dt: float) -> Tensor:
     return torch.where(none, 2 * dt * torch.ones_like(rate), -torch.expm1(-2 * safe * dt) / safe)
 
 
-def relaxation_time(params: Parameters) -> Tensor:
+def relaxation_time(params: Parameters) -> Float[Tensor, "*b"]:
     """1 / (friction - drive), seconds in which a driven bath forgets its start, ``(...)``.
 
     A temperature that is measured over less than about twenty of them says little; infinite where
@@ -256,11 +285,17 @@ def relaxation_time(params: Parameters) -> Tensor:
     return torch.where(net > 0, 1 / net, torch.inf)
 
 
-def steady_temperature(params: Parameters) -> Tensor:
+def steady_temperature(params: Parameters) -> Float[Tensor, "*b"]:
     """T friction / (friction - drive), the temperature of the steady state, ``(...)``.
 
     Raises:
         ValueError: there is no steady state, because drive >= friction somewhere.
+
+    Example:
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1)).with_scalar('friction', 2.0)
+        >>> law = law.with_scalar('drive', 1.0).with_scalar('temperature', 0.5)
+        >>> steady_temperature(law).tolist(), relaxation_time(law).tolist()
+        ([1.0], [1.0])
     """
     friction, drive = params.scalar("friction"), params.scalar("drive")
     if bool((drive >= friction).any()):

@@ -3,7 +3,7 @@
 dp_i/dt = -gamma phi(dq_i/dt) with phi(v) = v (linear), |v| v (square) or v / |v| (dry), for a
 body's velocity vector or a joint's rate. No step size can make a gamma >= 0 add energy: each flow
 is exact, and coupled joints are done one at a time, each at the rate that the others leave it.
-Inventory S6, S9, M11, M28, M29, I6.
+Port-Hamiltonian friction: Desai et al., Phys. Rev. E 104, 034312 (2021).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.ports import SLOW, Port
@@ -49,13 +50,19 @@ class Friction(Port):
 
     Args:
         law: ``linear``, ``square`` or ``dry``.
-        strength: what gamma is: a learned number that is ``positive`` by construction (M28) or
-            ``free`` in sign (M29); a learned positive multiple of the scalar ``friction`` that the
+        strength: what gamma is: a learned number that is ``positive`` by construction or
+            ``free`` in sign; a learned positive multiple of the scalar ``friction`` that the
             episode is told (``factored``); the same, refusing a negative one (``guaranteed``);
             or that scalar itself, nothing learned (``known``).
 
     Raises:
         ValueError: an unknown law or strength.
+
+    Example:
+        >>> drag = Friction("square", "known")
+        >>> law = Parameters(torch.ones(1), torch.ones(1, 1)).with_scalar("friction", 0.5)
+        >>> drag.force(torch.tensor([[[2.0, 0.0]]]), law).tolist()  # -0.5 |v| v
+        [[[-2.0, -0.0]]]
     """
 
     def __init__(self, law: str = "linear", strength: str = "positive") -> None:
@@ -108,7 +115,9 @@ class Friction(Port):
                 f"{lowest:g} < 0; use a factored or a sign-free port for anti-friction"
             )
 
-    def force(self, velocity: Tensor, params: Parameters) -> Tensor:
+    def force(
+        self, velocity: Float[Tensor, "*b n d"], params: Parameters
+    ) -> Float[Tensor, "*b n d"]:
         """-gamma phi(v), ``(..., n, d)``."""
         pull = -self.coefficient(params)[..., None, None] * velocity
         if self.law == "linear":
@@ -118,7 +127,7 @@ class Friction(Port):
             return pull * speed
         return pull / speed.clamp_min(torch.finfo(speed.dtype).tiny)
 
-    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Tensor:
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         """Momenta after ``dt`` seconds, of bodies whose velocity is p / m, ``(..., n, d)``."""
         mobility = 1 / params.mass.unsqueeze(-1)
         rate = self.coefficient(params)[..., None, None] * mobility * dt
