@@ -32,7 +32,6 @@ class DetectorSettings:
     Args:
         noise: rms pixel error below which a frame counts as explained; one grey level by default.
         evidence: noise variances by which a body must lower the squared error (5 sigma).
-        light: see :class:`LightSettings`.
     """
 
     noise: float = 1 / 255
@@ -59,7 +58,6 @@ def detect(
             element by element and differentiable.
         xs: world x of each column's centre, evenly spaced.
         ys: world y of each row's centre, spaced as ``xs``.
-        settings: see :class:`DetectorSettings`.
 
     Returns:
         Positions in world units, and confidences: the part of the rms error that noise explains,
@@ -99,7 +97,6 @@ class _Search:
         light: the model of a frame, on every ``stride``-th pixel.
         template: one body on that grid, odd sides, ``(m, m)``.
         places: the samples, where bodies are proposed; a fit can move them beyond the edge.
-        settings: see :class:`DetectorSettings`.
     """
 
     light: Light

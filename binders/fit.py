@@ -44,7 +44,6 @@ class Light:
         ys: world y of each row, ``(h,)``.
         reach: world units from a body's centre beyond which its light is lost in the noise.
         stride: pixels of the frame between samples of the grid.
-        settings: see :class:`LightSettings`.
     """
 
     coverage: Coverage

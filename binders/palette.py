@@ -68,7 +68,6 @@ def track_by_palette(
         coverage: light of one body at a squared distance (world units squared) from its centre,
             differentiable.
         xs, ys: world coordinates of the pixels' columns and rows.
-        settings: see :class:`PaletteSettings`.
 
     Returns:
         Positions in world units. A frame's confidence in a body is the visible share of its light.
@@ -206,7 +205,6 @@ def local_paths(
         positions: world units; a frame of weight 0 is not looked at.
         weight: in [0, 1].
         times: seconds.
-        settings: see :class:`PaletteSettings`.
     """
     half, orders = settings.frames // 2, torch.arange(settings.degree + 1)
     paths = []

@@ -83,9 +83,6 @@ class SlotAttention(nn.Module):
     and values 4,608, places 1,728, background 198, standardising a slot 144, queries 5,184, reaches
     6, gated update 34,128, standardising for the MLP 144, MLP 59,232, correction 146, doubt 73,
     first state 72 and ring 1.
-
-    Args:
-        settings: see :class:`SlotSettings`.
     """
 
     def __init__(self, settings: SlotSettings = SlotSettings()) -> None:

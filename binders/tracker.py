@@ -59,9 +59,6 @@ class Tracker(nn.Module):
 
     It starts as a sensible matcher: at first the score is exactly -log(1 + d^2 / near^2), where d
     is the distance from the track's predicted position to the detection.
-
-    Args:
-        settings: see :class:`TrackerSettings`.
     """
 
     def __init__(self, settings: TrackerSettings = TrackerSettings()) -> None:

@@ -77,7 +77,6 @@ def smooth(
         interval: seconds between frames.
         slacks: standard deviations of momentum, falling; positions may miss by the slack times the
             interval (bodies of about unit mass).
-        settings: see :class:`SmoothingSettings`.
 
     Raises:
         ValueError: fewer than three frames, or a position that is not finite.

@@ -45,7 +45,6 @@ def encounters(
         count: of the clips that are made.
         frames: of each; there is one in it at which bodies meet.
         seed: of who meets whom, when and how near.
-        settings: see :class:`EncounterSettings`.
     """
     rng = Generator().manual_seed(seed)
     b, t, n, _ = clips.states.q.shape

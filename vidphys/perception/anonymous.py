@@ -7,7 +7,6 @@ together with the dynamics head, which then foresees each next frame for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -28,6 +27,7 @@ from binders.tracker import (
 from dynamics import Head, Parameters
 from vidphys.data.clips import Clips
 from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.perception.cnn import train
 from vidphys.perception.detections import (
     Detector,
     FixedDetector,
@@ -39,10 +39,11 @@ from vidphys.perception.detections import (
 )
 from vidphys.perception.discovered import new_head
 from vidphys.perception.windows import steps_per_frame
+from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
 from vidphys.shooting.aim import PRECISE, motion_under, surprise
 from vidphys.shooting.step import HEAD_DT
-from vidphys.training.loop import FitSettings, fit
+from vidphys.training.loop import FitSettings
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,6 @@ class TrackingSettings:
     """Of a tracker that is trained on detections.
 
     Args:
-        network: see :class:`TrackerSettings`.
         window: frames that it is trained on at once.
         learning_rate: peak.
         clip: largest gradient norm.
@@ -68,6 +68,11 @@ class TrackingSettings:
     teacher: int = 36
     ahead: int = 2
     precise: float = PRECISE
+
+    def fit(self, sizes: PixelSizes) -> FitSettings:
+        """As many windows a step as make the preset's frames."""
+        windows = max(1, sizes.perception_batch // self.window)
+        return FitSettings(sizes.perception_steps, windows, self.learning_rate, self.clip)
 
 
 @dataclass(frozen=True)
@@ -157,7 +162,6 @@ def learn_hindsight(
         task: see :class:`FitTask`.
         name: of its random streams and checkpoint.
         found: detections in the task's clips.
-        settings: see :class:`TrackingSettings`.
     """
     tracker = _new_tracker(task, name, settings)
     smooth, _ = follow(tracker, found, hypotheses=settings.teacher)
@@ -167,7 +171,7 @@ def learn_hindsight(
     def loss(batch: Windows) -> Tensor:
         return hindsight_loss(tracker, batch.detections)
 
-    _train(task, name, tracker, loss, data, settings)
+    train(task, name, tracker, loss, data, settings.fit(task.sizes))
     return tracker.eval()
 
 
@@ -188,7 +192,7 @@ def fit_end_to_end(task: FitTask, settings: AnonymousSettings = AnonymousSetting
     detect = Remembering(FixedDetector(settings.detector))
     found = detections_of(task.clips, task.folder, detect)
     data = windows_of(found, task.clips.params, tracking.window)
-    _train(task, name, nn.ModuleList([tracker, head]), loss, data, tracking)
+    train(task, name, nn.ModuleList([tracker, head]), loss, data, tracking.fit(task.sizes))
     return LearnedBinding(tracker.eval(), head.eval(), tracking.hypotheses, detect)
 
 
@@ -222,7 +226,6 @@ def prediction_loss(
         tracks: at least ``ahead + 2`` frames.
         params: of each window, ``(m,)`` and ``(m, n)``.
         every: model steps between frames.
-        settings: see :class:`TrackingSettings`.
     """
     windows = tracks.positions.unfold(1, settings.ahead + 2, 1).movedim(-1, 2)
     starts = windows.shape[1]
@@ -234,21 +237,6 @@ def prediction_loss(
 def _new_tracker(task: FitTask, name: str, settings: TrackingSettings) -> Tracker:
     torch.manual_seed(derive(task.seed, "init", name))
     return Tracker(settings.network)
-
-
-def _train(
-    task: FitTask,
-    name: str,
-    modules: nn.Module,
-    loss: Callable[[Windows], Tensor],
-    data: Windows,
-    settings: TrackingSettings,
-) -> None:
-    batch = max(1, task.sizes.perception_batch // settings.window)
-    steps = task.sizes.perception_steps
-    how = FitSettings(steps, batch, settings.learning_rate, settings.clip)
-    save_to = None if task.folder is None else task.folder / f"{name}.json"
-    fit(modules, loss, data, how, derive(task.seed, "order", name), save_to, task.progress)
 
 
 ANONYMOUS_GROUNDINGS = [

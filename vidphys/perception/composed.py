@@ -44,8 +44,6 @@ class ComposedSettings:
 
     Args:
         detector: the fixed one that teaches; see :class:`DetectorSettings`.
-        detection: see :class:`DetectionSettings`.
-        tracking: see :class:`TrackingSettings`.
         released: steps of the release over those of the distillation.
         slower: learning rate of the release over that of the distillation.
         keep: of the running mean, a step.
@@ -143,7 +141,6 @@ def fit_composed(
         encoder_name: of ``encoders.frozen.catalogue``; one that has a feature frame for each frame.
         options: of its settings.
         task: see :class:`FitTask`.
-        settings: see :class:`ComposedSettings`.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.

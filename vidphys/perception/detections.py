@@ -76,11 +76,7 @@ def windows_of(detections: Detections, params: Parameters, window: int) -> Windo
 
 @dataclass(frozen=True)
 class FixedDetector:
-    """The detector by which all anonymous rungs see.
-
-    Args:
-        settings: see :class:`DetectorSettings`.
-    """
+    """The detector by which all anonymous rungs see."""
 
     settings: DetectorSettings = DetectorSettings()
 

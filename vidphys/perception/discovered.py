@@ -57,7 +57,6 @@ class DiscoverySettings:
     """Of the discovered rung.
 
     Args:
-        joint: see :class:`JointSettings`.
         first_blur: world units, standard deviation.
         sharp_from: share of the training after which nothing is blurred.
     """
@@ -80,7 +79,6 @@ class Discovery(nn.Module):
         world: draws them.
         every: model steps between frames.
         steps: of the training, for the blur's schedule.
-        settings: see :class:`DiscoverySettings`.
     """
 
     step: Tensor
@@ -133,7 +131,6 @@ def discover(task: FitTask, name: str, make: Callable[..., D], settings: Discove
         task: what is trained on.
         name: of the random streams and the checkpoint.
         make: the untrained one, from the arguments of :class:`Discovery`.
-        settings: see :class:`DiscoverySettings`.
 
     Raises:
         InputError: the clips are not of the channel world, are too short, or their frame interval

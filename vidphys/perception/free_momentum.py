@@ -86,7 +86,6 @@ def fit_free_momentum(
     Args:
         task: what is trained on; see :func:`discover` for what is refused.
         weight: of the consistency term, 0 for none.
-        settings: see :class:`FreeMomentumSettings`.
     """
     name = f"free-momentum-{weight:g}-{task.head}"
     make = partial(FreeMomentum, weight=weight, width=settings.width)

@@ -32,7 +32,6 @@ class JepaSettings:
     """Of the JEPA rungs.
 
     Args:
-        joint: see :class:`JointSettings`.
         anchor_weight: of the anchor's error, world units squared, against the prediction's.
         first_momentum: of the EMA encoder, a step, at the start of the training.
     """
@@ -60,7 +59,6 @@ class Jepa(nn.Module):
         head: predicts latents.
         every: model steps between frames.
         steps: of the training, for the EMA's schedule.
-        settings: see :class:`JepaSettings`.
     """
 
     def __init__(

@@ -31,7 +31,6 @@ class TeacherSettings:
         faint: squared light; pixel errors likewise.
         beside: of a body's reach: where a body that stood wrong is set down by another.
         lost: world units; the error that an unexplained frame counts as.
-        light: see :class:`LightSettings`.
     """
 
     explained: float = 6 / 255
@@ -78,7 +77,6 @@ class Reconstruction:
     Args:
         world: draws positions.
         light: the same, on the grid of the fit.
-        settings: see :class:`TeacherSettings`.
     """
 
     world: AnonymousWorld

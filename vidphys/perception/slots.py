@@ -43,8 +43,6 @@ class DetectionSettings:
     """Of slots that learn to detect, and are read.
 
     Args:
-        attention: see :class:`SlotSettings`.
-        teacher: see :class:`TeacherSettings`.
         length: frames of a training window.
         learning_rate: peak.
         clip: largest gradient norm.
@@ -75,8 +73,6 @@ class SlotRungSettings:
     """Of the rung of slot attention.
 
     Args:
-        detection: see :class:`DetectionSettings`.
-        tracking: see :class:`TrackingSettings`.
         pixels: a side at least that frames are averaged down to: for the same time, more training.
         strides: of dreamt bodies, world units a frame along each axis, standard deviation.
         awake: steps on the clips themselves over those in dreams.
@@ -127,7 +123,6 @@ class SlotDetector(nn.Module):
         bodies: number of slots.
         half_extent: world units of a normalised image unit.
         fine: world units of position error that hardly count.
-        settings: see :class:`DetectionSettings`.
     """
 
     step: Tensor

@@ -79,7 +79,6 @@ def fit_positions(
     Args:
         world: draws positions.
         frames: ``(..., n, H, W)`` in [0, 1].
-        settings: see :class:`SynthesisSettings`.
 
     Returns:
         World positions ``(..., n, 2)`` and confidence ``(..., n)``: one minus the residual's

@@ -29,7 +29,6 @@ class ShootingSettings:
         practice, ahead: clips and frames that slacks are tried on.
         worse: slacks in a row, after which no smaller one is tried.
         precise: world units; errors below it count by their square, above by their logarithm.
-        smoothing: see :class:`SmoothingSettings`.
     """
 
     windows: tuple[int, ...] = (16, 7, 5, 4, 3)
@@ -67,7 +66,6 @@ def choose_slack(
             ``ahead`` of their frames to start from.
         params: of each clip.
         interval: seconds between frames.
-        settings: see :class:`ShootingSettings`.
 
     Returns:
         One of ``slacks``, relative to the size of momenta; or infinity, where the dynamics are not
@@ -119,7 +117,6 @@ def by_shooting(
         params: of each clip.
         interval: seconds between frames.
         slack: see :func:`choose_slack`.
-        settings: see :class:`ShootingSettings`.
 
     Example:
         >>> from dynamics import ballistic

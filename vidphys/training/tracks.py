@@ -70,7 +70,6 @@ class TrackTask:
         precise: position errors below it count by their square, above by their logarithm.
         save_to: folder of checkpoints, or ``None``.
         progress: called as ``(step, steps, loss)``.
-        settings: see :class:`TrackSettings`.
     """
 
     tracks: Tracks
