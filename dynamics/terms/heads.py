@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from dynamics import attention, events, generalised, graph, hamiltonian, stochastic, unstructured
 from dynamics.angles import AnglePotential
@@ -71,7 +71,7 @@ class Hamiltonian(HeadTerm):
             [port.build(sizes) for port in self.ports],
         )
 
-    def counted_in(self, length: float, seconds: float) -> Self:
+    def counted_in(self, length: float, seconds: float) -> Hamiltonian:
         box = None if self.box is None else self.box / length
         return replace(super().counted_in(length, seconds), box=box)
 
@@ -116,7 +116,7 @@ class Walled(HeadTerm):
         wall = Wall(self.place, self.restitution, self.normal)
         return WalledHead(self.free.build(sizes), wall)
 
-    def counted_in(self, length: float, seconds: float) -> Self:
+    def counted_in(self, length: float, seconds: float) -> Walled:
         return replace(super().counted_in(length, seconds), place=self.place / length)
 
 
@@ -131,7 +131,7 @@ class HardDisks(HeadTerm):
         # Learning approaches the diameter from above, where every collision that was seen can be.
         return events.HardDisks(self.box, 0.4 * self.box, learned=True)
 
-    def counted_in(self, length: float, seconds: float) -> Self:
+    def counted_in(self, length: float, seconds: float) -> HardDisks:
         return replace(self, box=self.box / length)
 
 

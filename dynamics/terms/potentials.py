@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 from dynamics import contact, coupling_maps, fields, hybrid, potentials, triples
 from dynamics.couplings import PairLaw
@@ -78,7 +77,7 @@ class Knots(Pair):
     def build(self, sizes: Sizes) -> Potential:
         return contact.KnotPotential(self.knots, self.reach, self.law(sizes))
 
-    def counted_in(self, length: float, seconds: float) -> Self:
+    def counted_in(self, length: float, seconds: float) -> Knots:
         return replace(self, reach=self.reach / length)
 
 
@@ -114,7 +113,7 @@ class Trap(PotentialTerm):
     def build(self, sizes: Sizes) -> Potential:
         return potentials.HarmonicTrap(self.stiffness)
 
-    def counted_in(self, length: float, seconds: float) -> Self:
+    def counted_in(self, length: float, seconds: float) -> Trap:
         return replace(self, stiffness=self.stiffness * seconds**2)
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, TypeVar
 
 from dynamics.head import Head
 from dynamics.kinetic import Kinetic
 from dynamics.ports import Port
 from dynamics.potentials import Potential
 from registry import Registry, unknown
+
+T = TypeVar("T", bound="Term")
 
 
 @dataclass(frozen=True)
@@ -62,14 +64,14 @@ class Term(ABC):
     def build(self, sizes: Sizes) -> Any:
         """The module, randomly initialised from torch's global generator."""
 
-    def counted_in(self, length: float, seconds: float) -> Self:
+    def counted_in(self: T, length: float, seconds: float) -> T:
         """The same where world units are ``length`` and seconds ``seconds`` of those before.
 
         A term whose own numbers have a unit converts them and leaves its parts to this.
         """
         return self._with_parts(lambda part: part.counted_in(length, seconds))
 
-    def throughout(self, **values: Any) -> Self:
+    def throughout(self: T, **values: Any) -> T:
         """The same with these fields changed in every part that has them, itself among them.
 
         Raises:
@@ -90,12 +92,12 @@ class Term(ABC):
                 if isinstance(part, Term):
                     yield from part.parts()
 
-    def _changed(self, values: Mapping[str, Any]) -> Self:
+    def _changed(self: T, values: Mapping[str, Any]) -> T:
         changed = self._with_parts(lambda part: part._changed(values))
         own = {field.name for field in fields(self)}
         return replace(changed, **{name: x for name, x in values.items() if name in own})
 
-    def _with_parts(self, change: Callable[[Term], Term]) -> Self:
+    def _with_parts(self: T, change: Callable[[Term], Term]) -> T:
         def changed(held: Any) -> Any:
             if isinstance(held, tuple):
                 return tuple(changed(part) for part in held)
