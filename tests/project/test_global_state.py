@@ -21,11 +21,6 @@ ALLOWED = {
         "dynamics/triples.py",  # likewise
         "dynamics/engines.py",  # what this machine has, which no run changes
         "dynamics/compiled/head.py",  # compiled code, as numba keeps it
-        "vidphys/scenes/engine.py",
-        "vidphys/stress/balance.py",
-        "vidphys/stress/compiled.py",
-        "vidphys/stress/learned.py",
-        "vidphys/stress/long.py",
     },
     "sets threads": {"vidphys/experiments/ladder.py", "vidphys/experiments/reproduce.py"},
     "changes a recorder's origin": set(),

@@ -9,7 +9,7 @@ another law, not also unseen places.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from jaxtyping import Float
@@ -18,27 +18,30 @@ from torch import Generator, Tensor
 from dynamics import Parameters, PhaseState, Rollout
 from dynamics.rollout import first_bad_step
 from vidphys.errors import InputError
-from vidphys.scenes import engine
 from vidphys.scenes.draws import Range, normal, uniform
+from vidphys.scenes.engine import ENGINE_STEP, JOINTS, Engine
 from vidphys.scenes.scene import Sampler, Scene
 
 DT = 0.01  # seconds
-SUBSTEPS = round(DT / engine.ENGINE_STEP)
+SUBSTEPS = round(DT / ENGINE_STEP)
 GRAVITY: Range = (0.5, 1.5)  # of 9.81 m/s^2 (5 to 15 m/s^2)
 WARMTH = 4.0  # joules: momenta start as in a gas of this temperature, p ~ N(0, WARMTH M(q))
 FRICTION = {"linear": 0.5, "square": 0.2}  # N m s and N m s^2
 DRIFT = 1e-5  # of a certified reference without friction
 
 
+@dataclass(frozen=True)
 class EngineLaw:
     """Energy and force of the double pendulum, by the engine."""
 
+    engine: Engine
+
     def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
-        kinetic, height = engine.energies(state)
+        kinetic, height = self.engine.energies(state)
         return kinetic + params.coupling * height
 
     def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
-        return engine.force(state, params)
+        return self.engine.force(state, params)
 
 
 @dataclass(frozen=True)
@@ -47,16 +50,18 @@ class Pendulum(Scene):
 
     Args:
         friction: ``linear``, ``square`` or ``None``.
+        engine: that the law asks too.
     """
 
     friction: str | None = None
+    engine: Engine = field(default_factory=Engine)
 
     def simulate(
         self, start: PhaseState, params: Parameters, steps: int, every: int = 1
     ) -> Rollout:
         start, params = start.map(torch.Tensor.double), params.map(torch.Tensor.double)
         fine = steps * SUBSTEPS, every * SUBSTEPS
-        states = engine.simulate(start, params, self.friction, *fine)
+        states = self.engine.simulate(start, params, self.friction, *fine)
         return Rollout(states, params, self.dt * every, first_bad_step(states))
 
     def straight_lines(
@@ -95,32 +100,34 @@ def pendulum(friction: str | None = None, spread: float = 0.0) -> Scene:
         "coefficient": FRICTION.get(friction or "", 0.0),
         "spread": spread,
         "dt_seconds": DT,
-        "engine_step_seconds": engine.ENGINE_STEP,
+        "engine_step_seconds": ENGINE_STEP,
     }
+    engine = Engine()
     name = "pendulum" if friction is None else f"pendulum-{friction}"
     return Pendulum(
         name,
-        EngineLaw(),
-        _sampler(friction, spread),
-        engine.JOINTS,
+        EngineLaw(engine),
+        _sampler(engine, friction, spread),
+        JOINTS,
         DT,
         settings,
         space=1,
         max_drift=DRIFT,
         friction=friction,
+        engine=engine,
     )
 
 
-def _sampler(friction: str | None, spread: float) -> Sampler:
+def _sampler(engine: Engine, friction: str | None, spread: float) -> Sampler:
     def sample(n: int, rng: Generator) -> tuple[PhaseState, Parameters]:
-        shape = (n, engine.JOINTS, 1)
+        shape = (n, JOINTS, 1)
         q = uniform(shape, (-math.pi, math.pi), rng)
         # p = L z with M = L L^T is the gas; its rows by the engine's M, one unit vector each.
-        units = torch.eye(engine.JOINTS, dtype=torch.float64)
+        units = torch.eye(JOINTS, dtype=torch.float64)
         columns = [engine.momenta(q, unit.unsqueeze(-1).expand(shape)) for unit in units]
         factor = torch.linalg.cholesky(torch.cat(columns, -1))
         p = factor @ normal(shape, math.sqrt(WARMTH), rng)
-        params = Parameters(uniform((n,), GRAVITY, rng), torch.ones(n, engine.JOINTS).double())
+        params = Parameters(uniform((n,), GRAVITY, rng), torch.ones(n, JOINTS).double())
         if friction is not None:
             usual = FRICTION[friction]
             around = (usual * (1 - spread), usual * (1 + spread))

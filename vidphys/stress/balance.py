@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from functools import lru_cache, partial
+from functools import partial
+from itertools import product
 
 import numpy as np
 import torch
@@ -35,23 +36,16 @@ class WideIntervalWarning(DynamicsWarning):
 
 def energy_balance() -> Iterator[Case]:
     """Where the bias is bounded, and where the interval must say that nothing is known."""
-    for softening in SOFTENINGS:
-        for interval in INTERVALS:
-            for noise in NOISES:
-                for seed in range(SEEDS):
-                    known = softening == SOFTENINGS[0] and _promised(interval, noise)
-                    exact = known and not noise and interval <= 0.04
-                    yield Case(
-                        "energy balance",
-                        f"three bodies, softening {softening:g}",
-                        f"{interval:g} s, noise {noise:g}, seed {seed}",
-                        interval,
-                        partial(_bias, softening, interval, noise, seed),
-                        EXACT if exact else BIAS,
-                        path="numpy",
-                        figure="A22",
-                        must=(SOUND,) if known else (SOUND, WARNED),
-                    )
+    cell = partial(Case, "energy balance", path="numpy", figure="A22")
+    every = product(SOFTENINGS, INTERVALS, NOISES, range(SEEDS))
+    for softening, interval, noise, seed in every:
+        known = softening == SOFTENINGS[0] and _promised(interval, noise)
+        bound = EXACT if known and not noise and interval <= 0.04 else BIAS
+        system = f"three bodies, softening {softening:g}"
+        extreme = f"{interval:g} s, noise {noise:g}, seed {seed}"
+        run = partial(_bias, softening, interval, noise, seed)
+        must = (SOUND,) if known else (SOUND, WARNED)
+        yield cell(system, extreme, interval, run, bound, must=must)
 
 
 def _promised(interval: float, noise: float) -> bool:
@@ -81,7 +75,6 @@ def _bias(softening: float, interval: float, noise: float, seed: int) -> float:
     return abs(found.value / RATE - 1)
 
 
-@lru_cache(maxsize=1)
 def _positions(softening: float, interval: float, seed: int) -> np.ndarray:
     """True positions at the frames, ``(clips, frames, bodies, 2)``."""
     rng = torch.Generator().manual_seed(seed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 
 import torch
 
@@ -24,36 +25,17 @@ MASS, SPEED, DT = 0.7, 1.3, 0.01
 
 def friction() -> Iterator[Case]:
     """A17: ten steps of friction alone against the exact decay."""
-    for damping in DAMPINGS:
-        for law in ("linear", "square"):
-            for strength in ("known", "guaranteed", "factored"):
-                for dtype in DTYPES:
-                    yield Case(
-                        "friction",
-                        f"{law} friction, {strength}",
-                        f"gamma dt = {damping:g}",
-                        damping,
-                        partial(_decay, law, strength, damping, dtype),
-                        ROUNDING[dtype],
-                        dtype=dtype,
-                        path="port",
-                        figure="A17",
-                        must=(SOUND,),
-                    )
-    for law in ("linear", "square"):
-        for dtype in DTYPES:
-            yield Case(
-                "friction",
-                f"{law} friction, guaranteed",
-                "gamma < 0",
-                -1.0,
-                partial(_decay, law, "guaranteed", -1.0, dtype),
-                0.0,
-                dtype=dtype,
-                path="port",
-                figure="A21",
-                must=(REFUSED,),
-            )
+    cell = partial(Case, "friction", path="port")
+    kept = partial(cell, figure="A17", must=(SOUND,))
+    refused = partial(cell, figure="A21", must=(REFUSED,))
+    laws, strengths = ("linear", "square"), ("known", "guaranteed", "factored")
+    for damping, law, strength, dtype in product(DAMPINGS, laws, strengths, DTYPES):
+        run, system = partial(_decay, law, strength, damping, dtype), f"{law} friction, {strength}"
+        extreme = f"gamma dt = {damping:g}"
+        yield kept(system, extreme, damping, run, ROUNDING[dtype], dtype=dtype)
+    for law, dtype in product(laws, DTYPES):
+        run, system = partial(_decay, law, "guaranteed", -1.0, dtype), f"{law} friction, guaranteed"
+        yield refused(system, "gamma < 0", -1.0, run, 0.0, dtype=dtype)
 
 
 def _free(port: Port) -> Hamiltonian:
@@ -87,48 +69,19 @@ ERRORS = 3.0  # standard errors: the figure's bar
 
 def temperature() -> Iterator[Case]:
     """A18 and A19: walkers that start in equilibrium stay there; no heat leaves friction alone."""
-    for heat in (1e-8, 1e-4, 1.0, 1e4, 1e6):
-        for damping in (1e-3, 0.1, 1.0, 5.0):
-            for dtype in DTYPES:
-                yield Case(
-                    "temperature",
-                    "bath",
-                    f"T = {heat:g}, gamma dt = {damping:g}",
-                    heat,
-                    partial(_equilibrium, heat, damping, dtype),
-                    ERRORS,
-                    dtype=dtype,
-                    path="port",
-                    figure="A18",
-                    must=(SOUND,),
-                )
-    for damping in (1e-3, 0.1, 1.0, 5.0):
-        for dtype in DTYPES:
-            yield Case(
-                "temperature",
-                "bath",
-                f"T = 0, gamma dt = {damping:g}",
-                1e-9,
-                partial(_cold, damping, dtype),
-                ROUNDING[dtype],
-                dtype=dtype,
-                path="port",
-                figure="A19",
-                must=(SOUND,),
-            )
-    for system, friction_, heat in (("T < 0", 1.0, -1.0), ("gamma < 0 < T", -1.0, 1.0)):
+    cell = partial(Case, "temperature", "bath", path="port")
+    dampings = (1e-3, 0.1, 1.0, 5.0)
+    for heat, damping, dtype in product((1e-8, 1e-4, 1.0, 1e4, 1e6), dampings, DTYPES):
+        run, extreme = partial(_equilibrium, heat, damping, dtype), f"gamma dt = {damping:g}"
+        warm = partial(cell, dtype=dtype, figure="A18", must=(SOUND,))
+        yield warm(f"T = {heat:g}, {extreme}", heat, run, ERRORS)
+    for damping, dtype in product(dampings, DTYPES):
+        run, extreme = partial(_cold, damping, dtype), f"T = 0, gamma dt = {damping:g}"
+        cold = partial(cell, dtype=dtype, figure="A19", must=(SOUND,))
+        yield cold(extreme, 1e-9, run, ROUNDING[dtype])
+    for extreme, friction_, heat in (("T < 0", 1.0, -1.0), ("gamma < 0 < T", -1.0, 1.0)):
         run = partial(_rolled, friction_, heat)
-        yield Case(
-            "temperature",
-            "bath",
-            system,
-            heat,
-            run,
-            0.0,
-            path="port",
-            figure="A21",
-            must=(REFUSED,),
-        )
+        yield cell(extreme, heat, run, 0.0, figure="A21", must=(REFUSED,))
 
 
 def _told(
@@ -173,20 +126,11 @@ GAMMA = 2.0
 
 def drive() -> Iterator[Case]:
     """A20: the temperature under a drive that comes near the friction, reaches it, exceeds it."""
-    for strength in (0.0, 1.0, 1.5, 1.9, 1.99, 1.999, 2.0, 2.5):
-        for dtype in DTYPES:
-            yield Case(
-                "drive",
-                "driven bath",
-                f"A = {strength:g}, gamma = 2",
-                max(strength, 1e-3),
-                partial(_driven, strength, dtype),
-                0.05,
-                dtype=dtype,
-                path="port",
-                figure="A20",
-                must=(SOUND,) if strength < GAMMA else (WARNED,),
-            )
+    cell = partial(Case, "drive", "driven bath", path="port", figure="A20")
+    for strength, dtype in product((0.0, 1.0, 1.5, 1.9, 1.99, 1.999, 2.0, 2.5), DTYPES):
+        run, extreme = partial(_driven, strength, dtype), f"A = {strength:g}, gamma = 2"
+        must = (SOUND,) if strength < GAMMA else (WARNED,)
+        yield cell(extreme, max(strength, 1e-3), run, 0.05, dtype=dtype, must=must)
 
 
 def _driven(strength: float, dtype: str) -> float:

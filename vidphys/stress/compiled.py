@@ -7,7 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, partial
 from typing import cast
 
 import torch
@@ -33,24 +33,49 @@ SHIFTS = (1e2, 1e4, 1e6)  # world units of the whole scene from the origin
 LONG = 100_000  # steps
 
 
-@dataclass(frozen=True)
+@dataclass
+class Learned:
+    """A network that stands for softened gravity.
+
+    Args:
+        family: of the network.
+    """
+
+    family: str
+
+    @cached_property
+    def network(self) -> Hamiltonian:
+        """Fitted when first asked for, in float64; it was shown two of the orbits."""
+        with torch.random.fork_rng([]):
+            torch.manual_seed(0)
+            term = HEADS[self.family].throughout(width=WIDTH)
+            head = cast(Hamiltonian, build(term, 2, STEP)).double()
+            _fit(cast(PairPotential, head.potential))
+        law = Orbit(0.0, SOFTENING).law("leapfrog")
+        starts = [Orbit(e, SOFTENING).start(torch.float64) for e in (0, 0.9)]
+        seen = [rollout(law, *start, STEPS, STEP).states for start in starts]
+        head.see(PhaseState.stack(seen, 0))
+        return head.requires_grad_(False)
+
+
+@dataclass
 class Fast:
     """One way to evaluate one compiled law.
 
     Args:
-        family: of the network.
+        law: the network.
         backend: that must run it, in fixed steps; with ``torch`` they are taken apart where needed.
         dtype: of the state and of the model.
     """
 
-    family: str
+    law: Learned
     backend: Backend
     dtype: str
 
-    @lru_cache  # noqa: B019 (one for each of eight paths, and the splines take a while)
+    @cached_property
     def head(self) -> CompiledHead:
-        """The compiled model."""
-        network = copy.deepcopy(network_of(self.family)).to(DTYPES[self.dtype])
+        """The compiled model, made when first asked for: the splines take a while."""
+        network = copy.deepcopy(self.law.network).to(DTYPES[self.dtype])
         return compile_head(network, TOLERANCE, backend=self.backend)
 
     def asked(self, question: Question) -> PhaseState:
@@ -64,7 +89,7 @@ class Fast:
         params = question.params.map(lambda x: x.to(kind))
         substeps = self.backend == "torch"
         steps, dt = question.steps, question.dt
-        run = rollout(self.head(), start, params, steps, dt, steps, substeps=substeps)
+        run = rollout(self.head, start, params, steps, dt, steps, substeps=substeps)
         assert run.backend == self.backend or start.q.shape[-2] < 2, run.backend
         return run.at(-1).map(Tensor.double)
 
@@ -90,25 +115,11 @@ class Fast:
         """The network's last state, in float64, with the same liberty of steps."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the reference's worries are not what is judged
-            head, steps, substeps = network_of(self.family), asked.steps, self.backend == "torch"
+            head, steps, substeps = self.law.network, asked.steps, self.backend == "torch"
             run = rollout(
                 head, asked.start, asked.params, steps, asked.dt, steps, substeps=substeps
             )
         return run.at(-1)
-
-
-@lru_cache
-def network_of(family: str) -> Hamiltonian:
-    """A network fitted to softened gravity, in float64, that was shown two of the orbits."""
-    with torch.random.fork_rng([]):
-        torch.manual_seed(0)
-        term = HEADS[family].throughout(width=WIDTH)
-        head = cast(Hamiltonian, build(term, 2, STEP)).double()
-        _fit(cast(PairPotential, head.potential))
-    law = Orbit(0.0, SOFTENING).law("leapfrog")
-    seen = [rollout(law, *Orbit(e, SOFTENING).start(torch.float64), STEPS, STEP) for e in (0, 0.9)]
-    head.see(PhaseState.stack([run.states for run in seen], 0))
-    return head.requires_grad_(False)
 
 
 def _fit(potential: PairPotential) -> None:
@@ -128,12 +139,14 @@ def _fit(potential: PairPotential) -> None:
 def compiled() -> Iterator[Case]:
     """Each compiled law, on each backend, in each precision: where it was trained and far away."""
     for family in FAMILIES:
+        law = Learned(family)
         for backend in BACKENDS:
             for dtype in DTYPES:
-                yield from _cells(Fast(family, backend, dtype))
+                yield from cells(Fast(law, backend, dtype))
 
 
-def _cells(fast: Fast) -> Iterator[Case]:
+def cells(fast: Fast) -> Iterator[Case]:
+    """One law on one backend in one precision."""
     cell = partial(_cell, fast)
     force = fast.force_error
     yield _case(fast, "force", "from rest", 1.0, force, TOLERANCE, "A24", (SOUND,))
@@ -201,11 +214,8 @@ def _case(
     figure: str,
     must: tuple[str, ...],
 ) -> Case:
-    path = f"compiled, {fast.backend}"
-    return Case(
-        f"compiled: {axis}", fast.family, extreme, max(value, 0.5e-6), run, bound, "leapfrog",
-        fast.dtype, path, figure, must,
-    )  # fmt: skip
+    told = bound, "leapfrog", fast.dtype, f"compiled, {fast.backend}", figure, must
+    return Case(f"compiled: {axis}", fast.law.family, extreme, max(value, 0.5e-6), run, *told)
 
 
 def _unknown(fast: Fast, factor: float) -> Case:
@@ -226,7 +236,7 @@ def _long(fast: Fast) -> Case:
     def run() -> float:
         kind = DTYPES[fast.dtype]
         start, params = Orbit(0.05, SOFTENING).start(kind, 8)
-        head = copy.deepcopy(fast.head())
+        head = copy.deepcopy(fast.head)
         states = rollout(head, start, params, LONG, STEP, LONG // 100, substeps=False).states
         head, params = head.double(), params.map(lambda x: x.double().unsqueeze(1))
         energy = head.energy(states.map(Tensor.double), params)

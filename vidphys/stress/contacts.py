@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -36,23 +37,15 @@ STEPS = 300
 
 def stiffness() -> Iterator[Case]:
     """A16: from a soft push to one whose period is a fourteenth of a step."""
-    for k in (30.0, 3e2, 3e3, 3e4, 3e5, 1e6, 1e7, 1e8):
-        for offset, way in ((0.0, "head on"), (0.2, "glancing")):
-            for name in ("leapfrog", "yoshida4", "rk4"):
-                for dtype in DTYPES:
-                    for substeps in (True, False):
-                        yield Case(
-                            "contact stiffness",
-                            "two disks",
-                            f"{k:g} {way}",
-                            k,
-                            partial(_collision, k, offset, name, dtype, substeps),
-                            LOSS,
-                            name,
-                            dtype,
-                            "pieces" if substeps else "fixed steps",
-                            "A16",
-                        )
+    hard = (30.0, 3e2, 3e3, 3e4, 3e5, 1e6, 1e7, 1e8)
+    cell = partial(Case, "contact stiffness", "two disks", figure="A16")
+    for k, (offset, way) in product(hard, ((0.0, "head on"), (0.2, "glancing"))):
+        for name, dtype, substeps in product(
+            ("leapfrog", "yoshida4", "rk4"), DTYPES, (True, False)
+        ):
+            run = partial(_collision, k, offset, name, dtype, substeps)
+            path = "pieces" if substeps else "fixed steps"
+            yield cell(f"{k:g} {way}", k, run, LOSS, name, dtype, path)
 
 
 def _collision(k: float, offset: float, integrator: str, dtype: str, substeps: bool) -> float:
@@ -73,39 +66,20 @@ PAIRS: dict[str, Callable[[], PairPotential]] = {
 
 def coincidence() -> Iterator[Case]:
     """A27: forces, energies and gradients where two bodies are at one place, or just touch."""
+    cell = partial(Case, "coincidence", figure="A27")
     places = {"one place": 0.0, "first touch": DIAMETER}
-    for system, make in PAIRS.items():
-        for place, apart in places.items():
-            for dtype in DTYPES:
-                for path, measure in (("forces", _unbounded), ("gradients", _bent)):
-                    yield Case(
-                        "coincidence",
-                        system,
-                        place,
-                        apart,
-                        partial(measure, make, apart, dtype),
-                        0.0,
-                        dtype=dtype,
-                        path=path,
-                        figure="A27",
-                        must=(SOUND,),
-                    )
-    for name, port in (("restitution", Restitution), ("free impulse", FreeImpulse)):
-        for dtype in DTYPES:
-            run = partial(_kicked, port, dtype)
-            yield Case("coincidence", name, "one place", 0.0, run, 0.0, dtype=dtype, figure="A27")
+    ways = {"forces": _unbounded, "gradients": _bent}
+    for (system, make), place, dtype, path in product(PAIRS.items(), places, DTYPES, ways):
+        run = partial(ways[path], make, places[place], dtype)
+        known = partial(cell, dtype=dtype, path=path, must=(SOUND,))
+        yield known(system, place, places[place], run, 0.0)
+    for (name, port), dtype in product(
+        (("restitution", Restitution), ("free impulse", FreeImpulse)), DTYPES
+    ):
+        yield cell(name, "one place", 0.0, partial(_kicked, port, dtype), 0.0, dtype=dtype)
     for dtype in DTYPES:
-        yield Case(
-            "coincidence",
-            "hard disks",
-            "one place",
-            0.0,
-            partial(_overlapping, dtype),
-            0.0,
-            dtype=dtype,
-            figure="A27",
-            must=(WARNED,),
-        )
+        run = partial(_overlapping, dtype)
+        yield cell("hard disks", "one place", 0.0, run, 0.0, dtype=dtype, must=(WARNED,))
 
 
 def _place(apart: float, dtype: str) -> tuple[Tensor, Parameters]:

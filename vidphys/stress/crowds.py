@@ -60,18 +60,8 @@ def _case(
     path: str,
     must: tuple[str, ...] = (SOUND,),
 ) -> Case:
-    return Case(
-        "bodies",
-        system,
-        f"N = {count:,}",
-        max(count, 0.5),
-        run,
-        bound,
-        dtype=dtype,
-        path=path,
-        figure="A15",
-        must=must,
-    )
+    cell = partial(Case, "bodies", dtype=dtype, path=path, figure="A15", must=must)
+    return cell(system, f"N = {count:,}", max(count, 0.5), run, bound)
 
 
 def _crowd(count: int, dtype: str) -> tuple[PhaseState, Parameters]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Iterator
-from functools import lru_cache, partial
+from functools import partial
+from itertools import product
 
 import torch
 
@@ -30,26 +30,17 @@ FAMILIES: dict[str, HeadTerm] = {
 
 def heads() -> Iterator[Case]:
     """Each family of heads at its training's states and at ever larger ones, under both signs."""
+    cell = partial(Case, "training range", integrator="own", path="rollout")
     for name in FAMILIES:
-        for factor in FARTHER:
-            for coupling in (1.0, -1.0):
-                far = factor > 1
-                yield Case(
-                    "training range",
-                    name,
-                    f"{factor:g} times, G = {coupling:g}",
-                    factor,
-                    partial(_asked, name, factor, coupling),
-                    ROUNDING,
-                    "own",
-                    "float32",
-                    "rollout",
-                    must=(WARNED,) if far else (SOUND,),
-                )
+        for factor, coupling in product(FARTHER, (1.0, -1.0)):
+            run, extreme = partial(_asked, name, factor, coupling), f"{factor:g} times"
+            must = (WARNED,) if factor > 1 else (SOUND,)
+            known = partial(cell, dtype="float32", must=must)
+            yield known(name, f"{extreme}, G = {coupling:g}", factor, run, ROUNDING)
         for dtype in (torch.float16, torch.bfloat16):
             run = partial(_asked, name, 1.0, 1.0, dtype)
             short = str(dtype).removeprefix("torch.")
-            yield Case("training range", name, short, 1.0, run, 0.0, "own", short, "rollout", "A10")
+            yield cell(name, short, 1.0, run, 0.0, dtype=short, figure="A10")
 
 
 def _asked(name: str, factor: float, coupling: float, dtype: torch.dtype = torch.float32) -> float:
@@ -63,8 +54,8 @@ def _asked(name: str, factor: float, coupling: float, dtype: torch.dtype = torch
     return float_twin_error(head, start, law, STEPS)
 
 
-@lru_cache
-def _made(name: str, episodes: int) -> tuple[Head, PhaseState, Parameters]:
+def trained(name: str, episodes: int = EPISODES) -> tuple[Head, PhaseState, Parameters]:
+    """A head that has been told its training's states; its weights are as drawn."""
     torch.manual_seed(0)
     rng = torch.Generator().manual_seed(0)
     seen = PhaseState(*(torch.randn(episodes, BODIES, 2, generator=rng) for _ in range(2)))
@@ -72,9 +63,3 @@ def _made(name: str, episodes: int) -> tuple[Head, PhaseState, Parameters]:
     head.set_scale(1e-3, 1e-3)
     head.see(seen)
     return head, seen, Parameters(torch.ones(episodes), torch.ones(episodes, BODIES))
-
-
-def trained(name: str, episodes: int = EPISODES) -> tuple[Head, PhaseState, Parameters]:
-    """A head that has been told its training's states; its weights are as drawn."""
-    head, start, params = _made(name, episodes)
-    return copy.deepcopy(head), start, params

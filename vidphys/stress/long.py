@@ -14,6 +14,7 @@ from vidphys.stress.bodies import DTYPES, STEP, Orbit
 from vidphys.stress.case import SOUND, Case
 
 EPISODES = 128  # turned copies: their rounding differs, and its growth is an average
+Drifts = Callable[..., tuple[Tensor, Tensor]]  # :func:`drifts`, that remembers
 COARSE = 0.05  # seconds: long enough steps for rounding in the forces to show above the storage's
 
 
@@ -23,19 +24,29 @@ def long_rollouts(steps: int) -> Iterator[Case]:
     Args:
         steps: a million in the standard preset.
     """
+    kept = cache(drifts)  # of these cells; several of them look at one rollout
     for name, dtype, bound in (
         ("leapfrog", "float64", 1e-6),
         ("leapfrog", "float32", 1e-3),
         ("leapfrog_compensated", "float32", 1e-3),
     ):
-        yield _case(steps, "energy", _long, name, dtype, steps, bound, "A8")
+        yield _case(steps, "energy", partial(_long, kept), name, dtype, steps, bound, "A8")
     what = "last decade over first"
-    yield _case(steps, what, _growth, "leapfrog", "float64", steps, 1.5, "A8")
+    yield _case(steps, what, partial(_growth, kept), "leapfrog", "float64", steps, 1.5, "A8")
     fewer, name = steps // 5, "leapfrog_compensated"
     what = "exponent of the growth less a half"
-    yield _case(steps, what, _exponent_off, name, "float32", fewer, 0.15, "A9")
+    yield _case(steps, what, partial(_exponent_off, kept), name, "float32", fewer, 0.15, "A9")
     what = "exponent of the growth outside 1/2 to 1"
-    yield _case(steps, what, _grows_faster_than_time, "leapfrog", "float32", fewer, 0.15, "A8")
+    yield _case(
+        steps,
+        what,
+        partial(_grows_faster_than_time, kept),
+        "leapfrog",
+        "float32",
+        fewer,
+        0.15,
+        "A8",
+    )
 
 
 def _case(
@@ -49,32 +60,21 @@ def _case(
     figure: str,
 ) -> Case:
     """A cell of the axis at ``steps``; what it measures is of a rollout of ``taken`` steps."""
-    return Case(
-        "long rollout",
-        "circular orbit",
-        f"{steps:,} steps, {what}",
-        float(steps),
-        partial(measure, integrator, dtype, taken),
-        bound,
-        integrator,
-        dtype,
-        "batched",
-        figure,
-        (SOUND,),
-    )
+    cell = partial(Case, "long rollout", "circular orbit", path="batched", must=(SOUND,))
+    run, extreme = partial(measure, integrator, dtype, taken), f"{steps:,} steps, {what}"
+    return cell(extreme, float(steps), run, bound, integrator, dtype, figure=figure)
 
 
-def _grows_faster_than_time(integrator: str, dtype: str, steps: int) -> float:
+def _grows_faster_than_time(kept: Drifts, integrator: str, dtype: str, steps: int) -> float:
     """How far the exponent of rounding's growth lies outside [1/2, 1]."""
-    found = exponent(integrator, dtype, steps)
+    found = exponent(kept, integrator, dtype, steps)
     return max(0.5 - found, found - 1.0, 0.0)
 
 
-@cache
 def drifts(
     integrator: str, dtype: str, steps: int, dt: float = STEP, eccentricity: float = 0.05
 ) -> tuple[Tensor, Tensor]:
-    """Steps, and the relative energy error there of each episode, ``(episodes, t)``; kept."""
+    """Steps, and the relative energy error there of each episode, ``(episodes, t)``."""
     orbit = Orbit(eccentricity, 0.1)
     start, params = orbit.start(DTYPES[dtype], EPISODES)
     every = max(1, steps // 1000)
@@ -87,21 +87,21 @@ def drifts(
     return torch.arange(drift.shape[1]) * every, drift
 
 
-def _long(integrator: str, dtype: str, steps: int) -> float:
-    return float(drifts(integrator, dtype, steps)[1].abs().max())
+def _long(kept: Drifts, integrator: str, dtype: str, steps: int) -> float:
+    return float(kept(integrator, dtype, steps)[1].abs().max())
 
 
-def _growth(integrator: str, dtype: str, steps: int) -> float:
+def _growth(kept: Drifts, integrator: str, dtype: str, steps: int) -> float:
     """Largest error in the last tenth over that in the first tenth of the time."""
-    drift = drifts(integrator, dtype, steps)[1].abs()
+    drift = kept(integrator, dtype, steps)[1].abs()
     tenth = drift.shape[1] // 10
     return float(drift[:, -tenth:].max() / drift[:, 1 : tenth + 1].max())
 
 
-def exponent(integrator: str, dtype: str, steps: int) -> float:
+def exponent(kept: Drifts, integrator: str, dtype: str, steps: int) -> float:
     """Exponent of rounding's growth: of the rms of the difference from float64, against time."""
-    at, drift = drifts(integrator, dtype, steps, COARSE, 0.0)
-    _, exact = drifts("leapfrog", "float64", steps, COARSE, 0.0)
+    at, drift = kept(integrator, dtype, steps, COARSE, 0.0)
+    _, exact = kept("leapfrog", "float64", steps, COARSE, 0.0)
     rounding = (drift - exact).square().mean(0).sqrt()
     blocks = torch.logspace(1.3, math.log10(len(at) - 1), 10).round().long().unique()
     ends = list(zip(blocks[:-1], blocks[1:], strict=True))
@@ -111,5 +111,5 @@ def exponent(integrator: str, dtype: str, steps: int) -> float:
     return float((size * centred).sum() / centred.square().sum())
 
 
-def _exponent_off(integrator: str, dtype: str, steps: int) -> float:
-    return abs(exponent(integrator, dtype, steps) - 0.5)
+def _exponent_off(kept: Drifts, integrator: str, dtype: str, steps: int) -> float:
+    return abs(exponent(kept, integrator, dtype, steps) - 0.5)

@@ -86,19 +86,8 @@ def _case(
     dtype: str = "float64",
     path: str = "eager",
 ) -> Case:
-    return Case(
-        f"method: {axis}",
-        system,
-        extreme,
-        1.0,
-        run,
-        bound,
-        integrator,
-        dtype,
-        path,
-        figure,
-        (SOUND,),
-    )
+    told = run, bound, integrator, dtype, path, figure, (SOUND,)
+    return Case(f"method: {axis}", system, extreme, 1.0, *told)
 
 
 PENDULUM = VectorField(velocity=lambda q, p: p, force=lambda q, p: -q.sin())

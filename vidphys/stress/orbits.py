@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 
 import torch
 
@@ -28,17 +29,10 @@ def softening() -> Iterator[Case]:
                     yield _orbit("softening", f"{eps:g} {shape}", eps, orbit, name, dtype, 450)
             yield _orbit("softening", f"{eps:g} {shape}", eps, orbit, "leapfrog", "float64", 450, 3)
     for shape, eccentricity in SHAPES.items():
-        yield Case(
-            "softening",
-            "two bodies",
-            f"0.001 {shape}, the option",
-            1e-3,
-            partial(_invariants, Orbit(eccentricity, 1e-3), "kahan_li8", "float64", 450, STEP, 0),
-            1e-6,
-            "kahan_li8",
-            figure="A12",
-            must=(SOUND,),
-        )
+        name, orbit = "kahan_li8", Orbit(eccentricity, 1e-3)
+        run, extreme = partial(_invariants, orbit, name, "float64", 450, STEP, 0), f"0.001 {shape}"
+        kept = partial(Case, "softening", "two bodies", figure="A12", must=(SOUND,))
+        yield kept(f"{extreme}, the option", 1e-3, run, 1e-6, name)
 
 
 def _orbit(
@@ -68,35 +62,24 @@ def _invariants(
 
 def mass_ratio() -> Iterator[Case]:
     """A13: a light body and one up to a million times as heavy."""
-    for power in range(7):
-        for shape, eccentricity in {"circle": 0.0, "ellipse 0.5": 0.5}.items():
-            orbit = Orbit(eccentricity, 0.1, (1.0, 10.0**-power))
-            for name in ("leapfrog", "yoshida4", "rk4"):
-                for dtype in DTYPES:
-                    extreme = f"1e{power} {shape}"
-                    ratio = 10.0**power
-                    yield _orbit(
-                        "mass ratio", extreme, ratio, orbit, name, dtype, 400, 0, STEP, 1e-3, "A13"
-                    )
+    shapes = {"circle": 0.0, "ellipse 0.5": 0.5}
+    for power, shape in product(range(7), shapes):
+        orbit, ratio = Orbit(shapes[shape], 0.1, (1.0, 10.0**-power)), 10.0**power
+        told = "mass ratio", f"1e{power} {shape}", ratio, orbit
+        for name, dtype in product(("leapfrog", "yoshida4", "rk4"), DTYPES):
+            yield _orbit(*told, name, dtype, 400, 0, STEP, 1e-3, "A13")
 
 
 def scale() -> Iterator[Case]:
     """A14: the same orbit in other units of length comes out the same."""
-    for power in (-6, -4, -2, 2, 4, 6):
-        for shape, eccentricity in {"circle": 0.0, "ellipse": 0.5}.items():
-            for name in ("leapfrog", "kahan_li8", "rk4"):
-                for dtype, bound in (("float64", 1e-12), ("float32", 1e-5)):
-                    yield Case(
-                        "scale",
-                        "two bodies",
-                        f"1e{power:+d} {shape}",
-                        10.0**power,
-                        partial(_scaled, eccentricity, 10.0**power, name, dtype),
-                        bound,
-                        name,
-                        dtype,
-                        figure="A14",
-                    )
+    cell = partial(Case, "scale", "two bodies", figure="A14")
+    shapes = {"circle": 0.0, "ellipse": 0.5}
+    for power, shape in product((-6, -4, -2, 2, 4, 6), shapes):
+        size, extreme = 10.0**power, f"1e{power:+d} {shape}"
+        for name in ("leapfrog", "kahan_li8", "rk4"):
+            for dtype, bound in (("float64", 1e-12), ("float32", 1e-5)):
+                run = partial(_scaled, shapes[shape], size, name, dtype)
+                yield cell(extreme, size, run, bound, name, dtype)
 
 
 def _scaled(eccentricity: float, size: float, integrator: str, dtype: str) -> float:
@@ -143,28 +126,9 @@ def time_step() -> Iterator[Case]:
                     yield _orbit(
                         "time step", extreme, dt, orbit, name, dtype, steps, 0, dt, LOSS, "A11"
                     )
-    yield Case(
-        "time step",
-        "two bodies",
-        "error falls with the step",
-        1e-4,
-        _not_monotone,
-        0.5,
-        "leapfrog",
-        figure="A11",
-        must=(SOUND,),
-    )
-    yield Case(
-        "time step",
-        "two bodies",
-        "a fixed step above the limit is flagged",
-        0.1,
-        _unflagged,
-        0.5,
-        "leapfrog",
-        figure="A11",
-        must=(WARNED,),
-    )
+    cell = partial(Case, "time step", "two bodies", figure="A11", integrator="leapfrog")
+    yield cell("error falls with the step", 1e-4, _not_monotone, 0.5, must=(SOUND,))
+    yield cell("a fixed step above the limit is flagged", 0.1, _unflagged, 0.5, must=(WARNED,))
 
 
 def _not_monotone() -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -25,23 +26,10 @@ Way = Callable[[Head, PhaseState, Parameters], Tensor]
 
 def threads() -> Iterator[Case]:
     """Each family of heads in each way of computing, by some threads."""
-    for name in FAMILIES:
-        for way in WAYS:
-            for count in COUNTS:
-                run = partial(_apart, name, way, count)
-                extreme = f"{count} threads"
-                yield Case(
-                    "threads",
-                    name,
-                    extreme,
-                    count,
-                    run,
-                    ROUNDING,
-                    "own",
-                    "float32",
-                    way,
-                    must=(SOUND,),
-                )
+    cell = partial(Case, "threads", integrator="own", dtype="float32", must=(SOUND,))
+    for name, way, count in product(FAMILIES, WAYS, COUNTS):
+        run = partial(_apart, name, way, count)
+        yield cell(name, f"{count} threads", count, run, ROUNDING, path=way)
 
 
 def _apart(name: str, way: str, count: int) -> float:

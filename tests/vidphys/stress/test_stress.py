@@ -128,24 +128,20 @@ def test_cheap_families_are_as_their_figures_ask(family) -> None:
 
 def test_compiled_laws_are_their_networks_or_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiled, "FITS", 30)
-    compiled.network_of.cache_clear()
     wanted = (
         "from rest",
         "circle, G = -1",
         "distances times 100",
         "100 times those of training",
     )
-    numba = [c for c in compiled.compiled() if c.path == "compiled, numba"]
-    radial = [c for c in numba if c.system == "factored-radial" and c.dtype == "float64"]
-    found = {c.extreme: judge(c) for c in radial if c.extreme in wanted}
+    fast = compiled.Fast(compiled.Learned("factored-radial"), "numba", "float64")
+    radial = {c.extreme: c for c in compiled.cells(fast)}
+    found = {extreme: judge(radial[extreme]) for extreme in wanted}
     assert [found[name].verdict for name in wanted] == [SOUND, SOUND, SOUND, WARNED]
-    fast = compiled.Fast("factored-radial", "numba", "float64")
     with torch.no_grad():
-        fast.head().potential.table.mul_(1 + 1e-4)  # a spline that is off
-    fast.head().packed.clear()
-    assert judge(next(c for c in radial if c.extreme == "from rest")).verdict == SILENT
-    compiled.network_of.cache_clear()
-    compiled.Fast.head.cache_clear()
+        fast.head.potential.table.mul_(1 + 1e-4)  # a spline that is off
+    fast.head.packed.clear()
+    assert judge(radial["from rest"]).verdict == SILENT
 
 
 def test_a_rate_is_right_or_its_interval_is_wide(monkeypatch: pytest.MonkeyPatch) -> None:
