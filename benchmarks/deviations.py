@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -44,14 +45,8 @@ def _deviation(name: str, plunge: bool) -> BenchmarkRow:
     )
 
 
-def deviation_circular() -> BenchmarkRow:
-    """Near-circular motion."""
-    return _deviation("deviation, near-circular", plunge=False)
-
-
-def deviation_close() -> BenchmarkRow:
-    """Close encounters."""
-    return _deviation("deviation, close encounters", plunge=True)
+deviation_circular = partial(_deviation, "deviation, near-circular", plunge=False)
+deviation_close = partial(_deviation, "deviation, close encounters", plunge=True)
 
 
 def strayed(head: Hamiltonian, plunge: bool, steps: int, dt: float) -> dict[str, Tensor]:

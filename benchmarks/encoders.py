@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.util
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,30 +28,11 @@ FASTER, CACHED, WORST = 2.5, 100.0, 1e-2  # bars: ratios of speed, and a feature
 FRESH = WeightsFile(Path("fresh weights"), "0" * 64)
 
 
-def dinov2() -> Match:
-    """DINOv2-S, frames a second."""
-    return _computed("dinov2-small", _dinov2)
-
-
-def dinov2_cached() -> Match:
-    """DINOv2-S from the store."""
-    return _from_store("dinov2-small", _dinov2)
-
-
-def videomae() -> Match:
-    """VideoMAE-B, frames a second."""
-    return _computed("videomae-base", _videomae)
-
-
-def videomae_cached() -> Match:
-    """VideoMAE-B from the store."""
-    return _from_store("videomae-base", _videomae)
-
-
 Build = Callable[[str, Runtime], tuple[Any, Callable[[Tensor], Tensor]]]
 
 
 def _computed(name: str, build: Build) -> Match:
+    """Frames a second by the fastest runtime that is here."""
     runtime: Runtime = "openvino" if importlib.util.find_spec("openvino") else "torch"
     frames, times = _clip(name)
     encoder, _ = build("bfloat16", runtime)
@@ -65,6 +47,7 @@ def _computed(name: str, build: Build) -> Match:
 
 
 def _from_store(name: str, build: Build) -> Match:
+    """The same from the store."""
     encoder, shipped = build("float32", "torch")
     frames, times = _clip(name)
     store = FeatureStore(Path(tempfile.mkdtemp(prefix="vidphys-benchmark-")))
@@ -119,3 +102,9 @@ def _videomae(dtype: Any, runtime: Runtime) -> tuple[Any, Callable[[Tensor], Ten
     settings = VideoMAESettings(dtype=dtype, runtime=runtime)
     encoder = VideoMAEEncoder(network, settings, "videomae-base", FRESH)
     return encoder, lambda pixels: network(pixels).last_hidden_state
+
+
+dinov2 = partial(_computed, "dinov2-small", _dinov2)
+dinov2_cached = partial(_from_store, "dinov2-small", _dinov2)
+videomae = partial(_computed, "videomae-base", _videomae)
+videomae_cached = partial(_from_store, "videomae-base", _videomae)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -25,45 +26,30 @@ OURS = "numba, reused memory"
 Draw = Callable[[Tensor], Tensor]
 
 
-def gaussians_forward() -> Match:
-    """Gaussian splats."""
+def _drawn(kind: str, bar: float, both: bool = False, kept: bool = False) -> Match:
+    """Pictures of one kind.
+
+    Args:
+        kind: ``gaussians``, or soft ``disks``.
+        bar: least ratio of speed.
+        both: with the gradient of the bodies' places.
+        kept: where the peers' memory is kept in the process; any ratio above 1 counts.
+    """
+    if kept:
+        keep_memory()
     case = _Case.drawn()
-    return case.match("gaussians forward", case.gaussians, case.gaussian_peers(), 30.0, False)
+    row = f"{kind} {'with backward' if both else 'forward'}{', memory kept' if kept else ''}"
+    if kind == "disks":
+        return case.match(row, case.disks, {"naive torch": case.naive_disks}, bar, both)
+    return case.match(row, case.gaussians, case.gaussian_peers(), bar, both)
 
 
-def gaussians_backward() -> Match:
-    """Gaussian splats and the gradient of their places."""
-    case = _Case.drawn()
-    return case.match("gaussians with backward", case.gaussians, case.gaussian_peers(), 30.0, True)
-
-
-def gaussians_kept() -> Match:
-    """Gaussian splats, where the peers' memory is kept in the process; any ratio above 1 counts."""
-    keep_memory()
-    case = _Case.drawn()
-    name = "gaussians with backward, memory kept"
-    return case.match(name, case.gaussians, case.gaussian_peers(), 1.0, True)
-
-
-def disks_forward() -> Match:
-    """Soft disks."""
-    case = _Case.drawn()
-    return case.match("disks forward", case.disks, {"naive torch": case.naive_disks}, 20.0, False)
-
-
-def disks_backward() -> Match:
-    """Soft disks and the gradient of their places."""
-    case = _Case.drawn()
-    peers = {"naive torch": case.naive_disks}
-    return case.match("disks with backward", case.disks, peers, 20.0, True)
-
-
-def disks_kept() -> Match:
-    """Soft disks, where the peer's memory is kept in the process; any ratio above 1 counts."""
-    keep_memory()
-    case = _Case.drawn()
-    peers = {"naive torch": case.naive_disks}
-    return case.match("disks with backward, memory kept", case.disks, peers, 1.0, True)
+gaussians_forward = partial(_drawn, "gaussians", 30.0)
+gaussians_backward = partial(_drawn, "gaussians", 30.0, both=True)
+gaussians_kept = partial(_drawn, "gaussians", 1.0, both=True, kept=True)
+disks_forward = partial(_drawn, "disks", 20.0)
+disks_backward = partial(_drawn, "disks", 20.0, both=True)
+disks_kept = partial(_drawn, "disks", 1.0, both=True, kept=True)
 
 
 def gaussians_bandwidth() -> Match:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import torch
@@ -59,17 +60,8 @@ def compiled_radial() -> Match:
     )
 
 
-def network_factored() -> Match:
-    """The network itself in the fused loop, against what others write; few episodes."""
-    return _network_factored("network factored", EPISODES, SHORT)
-
-
-def network_factored_many() -> Match:
-    """The same for many episodes."""
-    return _network_factored("network factored, 1,024 episodes", MANY_EPISODES, FEW)
-
-
 def _network_factored(row: str, count: int, steps: int) -> Match:
+    """The network itself in the fused loop, against what others write."""
     head = fitted(terms.Displacement(width=WIDTH))
     start, params = episodes(count)
     user = peers.diffrax_rollout(head.potential.phi, start, params, steps, DT)  # type: ignore[attr-defined]
@@ -81,6 +73,12 @@ def _network_factored(row: str, count: int, steps: int) -> Match:
         "torchdiffeq, RK4": (Contender(torch_user, count * least, "torch"), 6.0),
     }
     return Match(row, "episode-steps", _rolled(head, steps, count), against)
+
+
+network_factored = partial(_network_factored, "network factored", EPISODES, SHORT)
+network_factored_many = partial(
+    _network_factored, "network factored, 1,024 episodes", MANY_EPISODES, FEW
+)
 
 
 def network_unstructured() -> Match:

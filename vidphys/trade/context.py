@@ -46,6 +46,7 @@ class TradeSizes:
     runtimes: tuple[str, ...] = ()
 
 
+DTYPES = {"float64": torch.float64, "float32": torch.float32}
 SIZES = {
     "quick": TradeSizes(3, 16, 0.4, 1024, (16, 64), 32, ((128, 50), (512, 50), (512, 150)), 4, 12),
     "standard": TradeSizes(

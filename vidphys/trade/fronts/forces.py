@@ -14,7 +14,7 @@ from dynamics.neighbours import WithinReach
 from dynamics.potentials import Potential, SoftenedGravity
 from vidphys.scenes.crowd import crowd
 from vidphys.scenes.gravity import SOFTENING
-from vidphys.trade.context import Context
+from vidphys.trade.context import DTYPES, Context
 from vidphys.trade.measure import Job, Scale
 
 SCALE = Scale(
@@ -30,7 +30,6 @@ GRAVITY_REACH = 4.0  # world units, about ten neighbours' distances
 SPRING_REACH = 2.0  # world units: the springs break there, so that a cut-off changes nothing
 FEW = 128  # bodies up to which neighbours are not searched
 COUNTS = (2, 8, 32, 128, 512, 1024, 2048, 4096, 8192, 16384)
-DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
 def jobs(context: Context) -> Iterator[Job]:
@@ -71,12 +70,7 @@ class _Case:
 
         return Job(
             task=self.task,
-            configuration={
-                "bodies": bodies,
-                "evaluation": evaluation,
-                "reach": reach,
-                "dtype": dtype,
-            },
+            configuration=dict(bodies=bodies, evaluation=evaluation, reach=reach, dtype=dtype),
             work=work,
             errors=self.errors,
             per_call=1,

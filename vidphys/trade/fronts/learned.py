@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import torch
-
 from dynamics import Head, Parameters, PhaseState, Rollout, rollout
 from dynamics.compiled import compile_head
-from vidphys.trade.context import Context
+from vidphys.trade.context import DTYPES, Context
 from vidphys.trade.measure import Job, Scale
 
 SCALE = Scale(
@@ -22,7 +19,6 @@ SCALE = Scale(
     "the same network in float64 at the same steps; 90 % of the episodes have less |x - x'| / |x'|",
 )
 TOLERANCES = (1e-3, 1e-5, 1e-6)  # of a spline's force
-DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
 def jobs(context: Context) -> Iterator[Job]:
@@ -31,19 +27,14 @@ def jobs(context: Context) -> Iterator[Job]:
     start, params = scene.sample(sizes.episodes, context.rng("learned"))
     steps = round(sizes.seconds / scene.dt)
     exact = copy.deepcopy(context.head).double()
-    case = _Case(start, params, steps, scene.dt, _roll(exact, start, params, steps, scene.dt))
+    truth = rollout(exact, start, params, steps, scene.dt, steps, substeps=False)
+    case = _Case(start, params, steps, scene.dt, truth)
     yield case.job(exact, "network", None, "float64")
     yield case.job(context.head, "network", None, "float32")
     yield case.job(compile_head(context.head, None), "fused-network", None, "float32")
     for tolerance in TOLERANCES:
         spline = compile_head(context.head, tolerance)
         yield case.job(spline, "spline", tolerance, "float32")
-
-
-def _roll(head: Head, start: PhaseState, params: Parameters, steps: int, dt: float) -> Rollout:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return rollout(head, start, params, steps, dt, steps, substeps=False)
 
 
 @dataclass(frozen=True)
@@ -58,10 +49,14 @@ class _Case:
         kind, episodes = DTYPES[dtype], len(self.start.q)
         start = self.start.map(lambda x: x.to(kind))
         params = self.params.map(lambda x: x.to(kind))
+
+        def work() -> Rollout:
+            return rollout(head, start, params, self.steps, self.dt, self.steps, substeps=False)
+
         return Job(
             task=f"factored-radial, {self.start.q.shape[-2]} bodies, {episodes} episodes",
             configuration={"evaluation": evaluation, "tolerance": tolerance, "dtype": dtype},
-            work=lambda: _roll(head, start, params, self.steps, self.dt),
+            work=work,
             errors=self.errors,
             per_call=episodes * self.steps,
             dtype=dtype,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -73,13 +73,7 @@ class _Case:
         steps = INVERSION_STEPS // COMPARED * every
         return Job(
             task="three bodies in channels of their own, G flipped",
-            configuration={
-                "image": size,
-                "finder": finder,
-                "readout": readout,
-                "frames": frames,
-                "dt": dt,
-            },
+            configuration=dict(image=size, finder=finder, readout=readout, frames=frames, dt=dt),
             work=lambda: self.answer(finder, readout, frames, dt, steps, every),
             errors=self.errors,
             per_call=len(self.clips),
@@ -109,14 +103,7 @@ class _Case:
 
 def _last(clips: Clips, frames: int) -> Clips:
     """The clips' last frames."""
-    return Clips(
-        clips.frames[:, -frames:],
-        clips.states[:, -frames:],
-        clips.params,
-        clips.interval,
-        clips.world,
-        clips.rejected,
-    )
+    return replace(clips, frames=clips.frames[:, -frames:], states=clips.states[:, -frames:])
 
 
 def _by_centroid(clips: Clips) -> Tracks:

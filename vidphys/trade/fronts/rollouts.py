@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from dynamics import INTEGRATORS, Hamiltonian, Head, Parameters, PhaseState, Rollout, rollout
 from dynamics.kinetic import FixedKinetic
@@ -16,7 +14,7 @@ from dynamics.stability import rates_of, stiffest
 from vidphys.metrics import energy_drift
 from vidphys.scenes import Scene
 from vidphys.scenes.gravity import SOFTENING
-from vidphys.trade.context import Context
+from vidphys.trade.context import DTYPES, Context
 from vidphys.trade.measure import Job, Scale
 
 SCALE = Scale(
@@ -35,7 +33,6 @@ STEPS = {  # seconds; costlier steps are taken less often
     "implicit_midpoint": (0.02, 0.01),
     "tao": (0.002,),
 }
-DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
 def jobs(context: Context) -> Iterator[Job]:
@@ -43,7 +40,7 @@ def jobs(context: Context) -> Iterator[Job]:
     scene, sizes = context.scene, context.sizes
     start, params = scene.sample(sizes.episodes, context.rng("rollouts"))
     law = _law(REFERENCE)
-    truth = _roll(law, start, params, sizes.seconds, FINE, substeps=False, every=1)
+    truth = rollout(law, start, params, round(sizes.seconds / FINE), FINE, substeps=False)
     rates = stiffest(rates_of(law, start, params), truth.states.q.movedim(1, 0)).rate
     fastest = float(rates.amax(0).quantile(0.9))
     case = _Case(scene, start, params, sizes.seconds, truth.at(-1), fastest)
@@ -72,27 +69,21 @@ class _Case:
 
     def job(self, integrator: str, dt: float, dtype: str, substeps: bool) -> Job:
         kind = DTYPES[dtype]
-        start, params = self.start.map(_to(kind)), self.params.map(_to(kind))
+        start, params = self.start.map(lambda x: x.to(kind)), self.params.map(lambda x: x.to(kind))
         law, episodes = _law(integrator), len(self.start.q)
-        steps = round(self.seconds / dt)
+        steps, per_call = round(self.seconds / dt), episodes * self.seconds
         forces = INTEGRATORS[integrator].forces_per_step * steps * episodes
         return Job(
             task=f"gravity, {self.scene.bodies} bodies, {episodes} episodes together",
             configuration={
-                "integrator": integrator,
-                "dt": dt,
-                "substeps": substeps,
-                "dtype": dtype,
+                **dict(integrator=integrator, dt=dt, substeps=substeps, dtype=dtype),
                 "evaluation": "exact",
             },
-            work=lambda: _roll(law, start, params, self.seconds, dt, substeps),
+            work=lambda: rollout(law, start, params, steps, dt, steps, substeps=substeps),
             errors=self.errors,
-            per_call=episodes * self.seconds,
+            per_call=per_call,
             dtype=dtype,
-            units={
-                "force_evaluations": forces / (episodes * self.seconds),
-                "radians": self.fastest * dt,
-            },
+            units={"force_evaluations": forces / per_call, "radians": self.fastest * dt},
         )
 
     def errors(self, rolled: Rollout) -> dict[str, float]:
@@ -110,26 +101,3 @@ class _Case:
 
 def _law(integrator: str) -> Head:
     return Hamiltonian(FixedKinetic(), SoftenedGravity(SOFTENING), INTEGRATORS[integrator])
-
-
-def _roll(
-    law: Head,
-    start: PhaseState,
-    params: Parameters,
-    seconds: float,
-    dt: float,
-    substeps: bool,
-    every: int | None = None,
-) -> Rollout:
-    steps = round(seconds / dt)
-    with warnings.catch_warnings():
-        # a step that is too coarse is one of the measured points, not news
-        warnings.simplefilter("ignore")
-        return rollout(law, start, params, steps, dt, every or steps, substeps=substeps)
-
-
-def _to(dtype: torch.dtype):  # noqa: ANN202 (a tensor function)
-    def cast(x: Tensor) -> Tensor:
-        return x.to(dtype)
-
-    return cast

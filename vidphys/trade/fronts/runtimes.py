@@ -61,18 +61,7 @@ def runtimes_of(name: str, context: Context) -> Iterator[tuple[str, str]]:
 
 def _reference(context: Context, clips: Clips, name: str) -> tuple[EncoderIdentity, Tensor]:
     encoder = load_encoder(name, {}, context.weights, context.device)
-    return encoder.identity, encoded(encoder, _one(clips)).values
-
-
-def _one(clips: Clips) -> Clips:
-    return Clips(
-        clips.frames[:1],
-        clips.states[:1],
-        clips.params[:1],
-        clips.interval,
-        clips.world,
-        clips.rejected,
-    )
+    return encoder.identity, encoded(encoder, clips.first(1)).values
 
 
 @dataclass(frozen=True)
@@ -88,14 +77,14 @@ class _Case:
         if runtime != "torch":
             options["runtime"] = runtime
         encoder = load_encoder(self.name, options, self.context.weights, self.context.device)
-        one = _one(self.clips)
+        one = self.clips.first(1)
         task = f"features of {self.name}"
         return self._job(task, options, dtype, lambda: encoded(encoder, one).values)
 
     def cached(self, stored: Literal["float32", "float16", "bfloat16"]) -> Job:
         """The store's answer, every value touched."""
         store = FeatureStore(self.context.scratch / "features")
-        one = _one(self.clips)
+        one = self.clips.first(1)
         request = FeatureRequest(
             encoder=self.identity,
             source_sha256="0" * 64,
@@ -122,6 +111,7 @@ class _Case:
             away = (values.double() - self.truth.double()).norm()
             return {"feature_error": float(away / self.truth.double().norm())}
 
+        size = torch.finfo(getattr(torch, dtype)).bits / 8
         return Job(
             task=task,
             configuration={"encoder": self.name, **options},
@@ -129,10 +119,5 @@ class _Case:
             errors=errors,
             per_call=self.clips.frames.shape[1],
             dtype=dtype,
-            units={
-                "bytes": torch.finfo(getattr(torch, dtype)).bits
-                / 8
-                * self.truth.numel()
-                / self.clips.frames.shape[1]
-            },
+            units={"bytes": size * self.truth.numel() / self.clips.frames.shape[1]},
         )
