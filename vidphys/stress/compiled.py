@@ -8,7 +8,8 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import cast
+from itertools import product
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -140,68 +141,47 @@ def compiled() -> Iterator[Case]:
     """Each compiled law, on each backend, in each precision: where it was trained and far away."""
     for family in FAMILIES:
         law = Learned(family)
-        for backend in BACKENDS:
-            for dtype in DTYPES:
-                yield from cells(Fast(law, backend, dtype))
+        for backend, dtype in product(BACKENDS, DTYPES):
+            yield from cells(Fast(law, backend, dtype))
 
 
 def cells(fast: Fast) -> Iterator[Case]:
     """One law on one backend in one precision."""
-    cell = partial(_cell, fast)
-    force = fast.force_error
-    yield _case(fast, "force", "from rest", 1.0, force, TOLERANCE, "A24", (SOUND,))
-    for shape, eccentricity in SHAPES.items():
-        for coupling in (1.0, -1.0, 100.0):
-            steps = round(STEPS / abs(coupling) ** 0.5)  # as far along the orbit
-            question = partial(questions.orbit, eccentricity, coupling, steps=steps)
-            yield cell(
-                "orbit", f"{shape}, G = {coupling:g}", 1 - eccentricity, question, figure="A12"
-            )
+    case = partial(_case, fast)
+
+    def asked(
+        axis: str, extreme: str, value: float, question: Callable[[], Question], **told: Any
+    ) -> Case:
+        return case(axis, extreme, value, partial(fast.error, question), **told)
+
+    sound = partial(case, "force", figure="A24", must=(SOUND,))
+    yield sound("from rest", 1.0, fast.force_error, TOLERANCE)
+    for (shape, eccentricity), coupling in product(SHAPES.items(), (1.0, -1.0, 100.0)):
+        steps = round(STEPS / abs(coupling) ** 0.5)  # as far along the orbit
+        question = partial(questions.orbit, eccentricity, coupling, steps=steps)
+        extreme = f"{shape}, G = {coupling:g}"
+        yield asked("orbit", extreme, 1 - eccentricity, question, figure="A12")
     for power in (2, 4, 6):
         question = partial(questions.orbit, 0.5, 1.0, mass=10.0**-power)
-        yield cell("mass ratio", f"1e{power}", 10.0**power, question, figure="A13")
+        yield asked("mass ratio", f"1e{power}", 10.0**power, question, figure="A13")
     for dt in (1e-4, 1e-2, 1e-1):
         question = partial(questions.orbit, 0.5, 1.0, dt=dt)
-        yield cell("time step", f"{dt:g} s", dt, question, figure="A11")
+        yield asked("time step", f"{dt:g} s", dt, question, figure="A11")
     for factor in FACTORS:
-        yield cell(
-            "distance", f"distances times {factor:g}", factor, partial(questions.spread, factor)
-        )
+        question = partial(questions.spread, factor)
+        yield asked("distance", f"distances times {factor:g}", factor, question)
         yield _unknown(fast, factor)
     for shift in SHIFTS:
-        yield cell("origin", f"{shift:g} away", shift, partial(questions.shifted, shift))
+        yield asked("origin", f"{shift:g} away", shift, partial(questions.shifted, shift))
     for count in (0, 1, 3, 10):
-        yield cell(
-            "bodies",
-            f"N = {count}",
-            count,
-            partial(questions.crowd, count),
-            figure="A15",
-            must=(SOUND,),
-        )
-    for value in (math.nan, math.inf):
-        for field in ("q", "p", "coupling", "mass"):
-            question = partial(questions.spoiled, field, value)
-            yield cell("input", f"{field} is {value}", 1.0, question, 0.0, "A30", (REFUSED,))
-    yield cell("coupling", "G = 1e30", 1e30, partial(questions.orbit, 0.5, 1e30, steps=2))
+        question = partial(questions.crowd, count)
+        yield asked("bodies", f"N = {count}", count, question, figure="A15", must=(SOUND,))
+    refused = partial(asked, "input", bound=0.0, figure="A30", must=(REFUSED,))
+    for value, field in product((math.nan, math.inf), ("q", "p", "coupling", "mass")):
+        yield refused(f"{field} is {value}", 1.0, partial(questions.spoiled, field, value))
+    yield asked("coupling", "G = 1e30", 1e30, partial(questions.orbit, 0.5, 1e30, steps=2))
     if fast.backend == "numba":
         yield _long(fast)
-
-
-def _cell(
-    fast: Fast,
-    axis: str,
-    extreme: str,
-    value: float,
-    question: Callable[[], Question],
-    bound: float | None = None,
-    figure: str = "",
-    must: tuple[str, ...] = ANY_HONEST,
-) -> Case:
-    run = partial(fast.error, question)
-    return _case(
-        fast, axis, extreme, value, run, PATH[fast.dtype] if bound is None else bound, figure, must
-    )
 
 
 def _case(
@@ -210,10 +190,11 @@ def _case(
     extreme: str,
     value: float,
     run: Callable[[], float],
-    bound: float,
-    figure: str,
-    must: tuple[str, ...],
+    bound: float | None = None,
+    figure: str = "",
+    must: tuple[str, ...] = ANY_HONEST,
 ) -> Case:
+    bound = PATH[fast.dtype] if bound is None else bound
     told = bound, "leapfrog", fast.dtype, f"compiled, {fast.backend}", figure, must
     return Case(f"compiled: {axis}", fast.law.family, extreme, max(value, 0.5e-6), run, *told)
 
@@ -225,9 +206,8 @@ def _unknown(fast: Fast, factor: float) -> Case:
         fast.asked(questions.spread(factor))
         return math.inf
 
-    return _case(
-        fast, "distance", f"{factor:g} times those of training", factor, run, 0.0, "", (WARNED,)
-    )
+    extreme = f"{factor:g} times those of training"
+    return _case(fast, "distance", extreme, factor, run, 0.0, must=(WARNED,))
 
 
 def _long(fast: Fast) -> Case:
@@ -242,5 +222,4 @@ def _long(fast: Fast) -> Case:
         energy = head.energy(states.map(Tensor.double), params)
         return float((energy / energy[:, :1] - 1).abs().max())
 
-    extreme, bound = f"{LONG:,} steps, energy", PATH[fast.dtype]
-    return _case(fast, "long rollout", extreme, float(LONG), run, bound, "", ANY_HONEST)
+    return _case(fast, "long rollout", f"{LONG:,} steps, energy", float(LONG), run)

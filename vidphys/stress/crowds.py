@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -31,37 +33,29 @@ MOST_LEARNED = 100  # more pairs of a network are a matter of minutes, not of so
 def crowds() -> Iterator[Case]:
     """A15: exact laws up to ten thousand bodies, learned heads up to a hundred."""
     for count in COUNTS:
-        for system in LAWS:
-            for dtype in DTYPES:
-                if count == COUNTS[-1] and dtype == "float64":
-                    continue
-                run = partial(_summed, system, count, dtype)
-                yield _case(system, count, run, FIGURE[dtype], dtype, "forces")
-                if count <= MOST_LEARNED:
-                    run = partial(_stepped, system, count, dtype)
-                    yield _case(system, count, run, 1e-3, dtype, "rollout")
+        cell = partial(_cell, count)
+        for system, dtype in product(LAWS, DTYPES):
+            if count == COUNTS[-1] and dtype == "float64":
+                continue
+            run = partial(_summed, system, count, dtype)
+            yield cell(system, run=run, bound=FIGURE[dtype], dtype=dtype, path="forces")
+            if count <= MOST_LEARNED:
+                run = partial(_stepped, system, count, dtype)
+                yield cell(system, run=run, bound=1e-3, dtype=dtype)
+        learned = partial(cell, bound=1e-4, dtype="float32")
         for name in LEARNED if count <= MOST_LEARNED else ():
-            run = partial(_learned, name, count)
             must = (SOUND,) if count else (REFUSED,)
-            yield _case(name, count, run, 1e-4, "float32", "rollout", must)
+            yield learned(name, run=partial(_learned, name, count), must=must)
         if count <= 100:
-            yield _case("no force", count, partial(_straight, count), 1e-12, "float64", "rollout")
-            yield _case("hard disks", count, partial(_disks, count), 1e-9, "float64", "rollout")
+            yield cell("no force", run=partial(_straight, count), bound=1e-12)
+            yield cell("hard disks", run=partial(_disks, count), bound=1e-9)
     run = partial(_learned, "gns", COUNTS[-1])
-    yield _case("gns", COUNTS[-1], run, 0.0, "float32", "rollout", (REFUSED,))
+    yield _cell(COUNTS[-1], "gns", run=run, bound=0.0, dtype="float32", must=(REFUSED,))
 
 
-def _case(
-    system: str,
-    count: int,
-    run: Callable[[], float],
-    bound: float,
-    dtype: str,
-    path: str,
-    must: tuple[str, ...] = (SOUND,),
-) -> Case:
-    cell = partial(Case, "bodies", dtype=dtype, path=path, figure="A15", must=must)
-    return cell(system, f"N = {count:,}", max(count, 0.5), run, bound)
+def _cell(count: int, system: str, path: str = "rollout", **told: Any) -> Case:
+    told = {"must": (SOUND,), "figure": "A15", "path": path, **told}
+    return Case("bodies", system, f"N = {count:,}", max(count, 0.5), **told)
 
 
 def _crowd(count: int, dtype: str) -> tuple[PhaseState, Parameters]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -23,30 +24,18 @@ FIELDS = ("q", "p", "coupling", "mass", "charge", "electric", "dt")
 
 def inputs() -> Iterator[Case]:
     """A10 and A30."""
+    cell = partial(Case, "input", value=1.0, bound=0.0, dtype="any", must=(REFUSED,))
+    spoiled = partial(cell, integrator="leapfrog", figure="A30")
     for value in (math.nan, math.inf, -math.inf):
-        for field in FIELDS:
-            for batched in (False, True):
-                run = partial(_spoiled, field, value, batched)
-                path = "batched" if batched else "eager"
-                yield _case("rollout", f"{field} is {value}", run, path)
+        for field, path in product(FIELDS, ("eager", "batched")):
+            run = partial(_spoiled, field, value, path == "batched")
+            yield spoiled("rollout", f"{field} is {value}", run=run, path=path)
         for name, read in READERS.items():
-            yield _case(name, f"a number is {value}", partial(_run, read, value), "frames")
-    for dtype in (torch.float16, torch.bfloat16):
-        for integrator in ("leapfrog", "yoshida4", "rk4"):
-            run = partial(_coarse, dtype, integrator)
-            yield _case("rollout", f"state in {dtype}", run, "eager", "A10", integrator)
-
-
-def _case(
-    system: str,
-    extreme: str,
-    run: Callable[[], float],
-    path: str,
-    figure: str = "A30",
-    integrator: str = "leapfrog",
-) -> Case:
-    must = (REFUSED,)
-    return Case("input", system, extreme, 1.0, run, 0.0, integrator, "any", path, figure, must)
+            run = partial(_run, read, value)
+            yield spoiled(name, f"a number is {value}", run=run, path="frames")
+    for dtype, name in product((torch.float16, torch.bfloat16), ("leapfrog", "yoshida4", "rk4")):
+        run = partial(_coarse, dtype, name)
+        yield cell("rollout", f"state in {dtype}", run=run, integrator=name, figure="A10")
 
 
 def _run(read: Callable[[float], object], value: float) -> float:

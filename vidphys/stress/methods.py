@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -45,49 +46,33 @@ ORDERS = {  # method -> (figure, allowed distance from the declared order, steps
 
 def methods() -> Iterator[Case]:
     """A1 to A7, A23 to A26."""
+    cell = partial(Case, value=1.0, integrator="leapfrog", must=(SOUND,))
     for name, (figure, bound, counts) in ORDERS.items():
-        yield _case("order", "pendulum", name, partial(_order, name, counts), bound, figure, name)
+        order = partial(cell, "method: order", "pendulum", name, bound=bound, figure=figure)
+        yield order(run=partial(_order, name, counts), integrator=name)
+    three = partial(cell, system="three bodies", extreme="2000 steps")
     for dtype, bound in (("float64", 1e-11), ("float32", 1e-3)):
         run = partial(_retraced, dtype)
-        yield _case("retrace", "three bodies", "2000 steps", run, bound, "A4", dtype=dtype)
-    yield _case("momentum", "three bodies", "2000 steps", _momentum, 1e-12, "A5")
-    yield _case(
-        "gate", "known Hamiltonian", "0.002 s", lambda: tao_gate(STEP), TAO_GATE, "A6", "tao"
-    )
-    for name in ("exact", "factored", "factored-radial"):
-        for dtype in DTYPES:
-            run = partial(_odd, name, dtype)
-            yield _case("oddness", name, "G and -G", run, 0.0, "A7", dtype=dtype)
-    yield _case("energy zero", "episodes", "E0 = 0", _energy_zero, 0.0, "A23")
+        yield three("method: retrace", run=run, bound=bound, figure="A4", dtype=dtype)
+    yield three("method: momentum", run=_momentum, bound=1e-12, figure="A5")
+    gate = partial(cell, "method: gate", "known Hamiltonian", "0.002 s", figure="A6")
+    yield gate(run=lambda: tao_gate(STEP), bound=TAO_GATE, integrator="tao")
+    exact = partial(cell, bound=0.0)
+    for name, dtype in product(("exact", "factored", "factored-radial"), DTYPES):
+        run = partial(_odd, name, dtype)
+        yield exact("method: oddness", name, "G and -G", run=run, figure="A7", dtype=dtype)
+    yield exact("method: energy zero", "episodes", "E0 = 0", run=_energy_zero, figure="A23")
+    path = partial(cell, "method: path", bound=1e-5, figure="A24", dtype="float32")
     for name in ("exact", "factored", "gns", "unstructured"):
         run = partial(_compiled_differs, name)
-        yield _case(
-            "path", name, "traced against eager", run, 1e-5, "A24", dtype="float32", path="traced"
-        )
-        run = partial(_device_differs, name)
-        yield _case(
-            "path", name, "CUDA against CPU", run, 1e-5, "A24", dtype="float32", path="cuda"
-        )
+        yield path(name, "traced against eager", run=run, path="traced")
+        yield path(name, "CUDA against CPU", run=partial(_device_differs, name), path="cuda")
     for name in (*HEADS, "bath"):
-        yield _case("determinism", name, "one seed twice", partial(_twice, name), 0.0, "A25")
+        run = partial(_twice, name)
+        yield exact("method: determinism", name, "one seed twice", run=run, figure="A25")
     for name, (function, inputs) in differentiable().items():
         run = partial(_gradcheck, function, inputs)
-        yield _case("gradients", name, "first and second", run, 0.0, "A26")
-
-
-def _case(
-    axis: str,
-    system: str,
-    extreme: str,
-    run: Callable[[], float],
-    bound: float,
-    figure: str,
-    integrator: str = "leapfrog",
-    dtype: str = "float64",
-    path: str = "eager",
-) -> Case:
-    told = run, bound, integrator, dtype, path, figure, (SOUND,)
-    return Case(f"method: {axis}", system, extreme, 1.0, *told)
+        yield exact("method: gradients", name, "first and second", run=run, figure="A26")
 
 
 PENDULUM = VectorField(velocity=lambda q, p: p, force=lambda q, p: -q.sin())

@@ -24,6 +24,9 @@ PLACES: dict[str, list[list[float]]] = {
     "very far": [[1e12, -1e12]],
     "no body": [],
 }
+_case = partial(
+    Case, integrator="none", dtype="float32", path="frames", figure="A28", must=(SOUND,)
+)
 SURE = 0.5  # confidence from which on a position counts as claimed
 
 
@@ -42,20 +45,7 @@ def sizes() -> Iterator[Case]:
                 bound = 1e-3 if system == "channels" else 0.02
                 yield _case("image size", system, f"{height} x {width}, {place}", width, run, bound)
     run = partial(_too_large, 2**20)
-    yield _case("image size", "channels", "1,048,576 x 1,048,576", 2**20, run, 0.0, (REFUSED,))
-
-
-def _case(
-    axis: str,
-    system: str,
-    extreme: str,
-    value: float,
-    run: Callable[[], float],
-    bound: float,
-    must: tuple[str, ...] = (SOUND,),
-    figure: str = "A28",
-) -> Case:
-    return Case(axis, system, extreme, value, run, bound, "none", "float32", "frames", figure, must)
+    yield _case("image size", "channels", "1,048,576 x 1,048,576", 2**20, run, 0.0, must=(REFUSED,))
 
 
 def _bodies(place: str) -> Tensor:
@@ -140,7 +130,7 @@ def readings() -> Iterator[Case]:
             run = partial(_centroid, side, content)
             yield _case("reading", "centroid", extreme, side, run, SURE, figure="A29")
     run = partial(_palette, 8, "black", ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
-    yield _case("reading", "palette", "identical colours", 8, run, 0, (REFUSED,), "A27")
+    yield _case("reading", "palette", "identical colours", 8, run, 0, must=(REFUSED,), figure="A27")
     run = partial(_one_frame, 32)
     yield _case("reading", "detector", "one frame, one body", 32, run, 0.02, figure="A29")
 

@@ -235,7 +235,7 @@ def test_every_verb_that_computes_has_the_option(verb, capsys):
 def test_an_option_that_differs_from_the_profile_is_refused(tmp_path):
     profile = encoder_profile(tmp_path / "p.json", 0)
     config = ExtractConfig((Path("a.mp4"),), Path("o"), layer=16)
-    with pytest.raises(InputError, match="layer 8, and --layer 16 is given as well"):
+    with pytest.raises(InputError, match="layer 8, and `layer` 16 is given as well"):
         under_profile(config, profile, "extract")
 
 
