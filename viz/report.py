@@ -164,10 +164,11 @@ def _callout(items: list[str], none: str) -> str:
 def _ladder(run: Path, about: Mapping[str, Any], records: Records) -> str:
     if not records.couplings:
         return ""
+    told = (about.get("settings") or {}).get("tables", {}).get("ladder", {})
     picture = _drawn(
         run,
         "ladder",
-        figures.ladder_figure(records, about.get("references") or {}),
+        figures.ladder_figure(records, told.get("references")),
         "Error under the flipped coupling by rung and head",
         "Large mark: mean over seeds; small marks: seeds. Left is better. A mark right of the "
         "dotted line is worse than assuming that no force acts at all.",

@@ -13,7 +13,7 @@ from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
 from vidphys.perception import composed
 from vidphys.perception.base import FitTask
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.dreams import Dreams, light_spread
 from vidphys.perception.reconstruction import Reconstruction, told
 from vidphys.perception.slots import FrameTokens, SlotDetector, decided, fit_slots, mirrored
@@ -301,4 +301,4 @@ def test_another_world_is_refused(fit_rung, clips):
 
 
 def test_the_rungs_are_listed():
-    assert {"anonymous-slots", "composed-hiera"} <= set(GROUNDINGS)
+    assert {"anonymous-slots", "composed-hiera"} <= set(RUNGS)

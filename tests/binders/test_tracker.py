@@ -25,7 +25,8 @@ from renderers import AnonymousWorld, Camera
 from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
 from vidphys.experiments.core.scoring import Question
-from vidphys.experiments.pixels.seen import Seen, perceive, read_start
+from vidphys.experiments.pixels.momentum import MOMENTUM
+from vidphys.experiments.pixels.seen import Seen, perceive
 from vidphys.perception import detections
 from vidphys.perception.anonymous import (
     ANONYMOUS_GROUNDINGS,
@@ -492,7 +493,7 @@ def test_the_true_law_keeps_every_name(plain):
     seen = Seen(many.first(2), many, Question(scene, start, start, many.params))
     perceived = perceive(LearnedBinding(plain), seen)
     assert lost(perceived.under(scene.law)) <= by_hand / 4 < lost(perceived.test)
-    momentum = read_start("shooting", scene.law, seen, perceived).p.double()
+    momentum = MOMENTUM["shooting"].start(scene.law, perceived).p.double()
     assert int(((momentum - start.p).abs() > 1).flatten(1).any(1).sum()) <= by_hand / 4
 
 

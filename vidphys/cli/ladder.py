@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
-from vidphys.cli.study import StudyOptions, run_units
+from vidphys.cli.study import StudyOptions, option, run_units
 from vidphys.errors import InputError
 
 
@@ -35,25 +35,26 @@ def ladder(config: LadderConfig) -> int:
         0, or 1 if a unit of work failed; what others found is kept.
 
     Raises:
-        InputError: no worker or seed, a device that the ladder has no path for, what
-            :func:`vidphys.experiments.ladder.plan` refuses, or another run in the folder.
+        InputError: no worker or seed, a device that the ladder has no path for, an unknown rung or
+            head, or another run in the folder.
     """
     config = with_profile(config, "ladder")
-    from vidphys.experiments.ladder import plan, run_unit, settings_of
+    from vidphys.experiments.ladder import LADDER, cells_of
+    from vidphys.experiments.study import settings_of, units_of
     from vidphys.runs.folder import RunFolder
 
     sizes, seeds = config.sizes()
     if config.device == "cuda":
         raise InputError("--device cuda: the ladder computes on the CPU; use --device cpu")
-    asked = plan(config.cells, config.heads, seeds)
-    run = RunFolder.open(config.out, settings_of(config.preset, sizes, asked), config.overwrite)
-    with run.locked(), Console(config.quiet, len(asked.units), "ladder") as console:
-        tasks = [(run.path, unit, sizes) for unit in asked.units]
-        names = [f"{unit.grounding} seed {unit.seed}" for unit in asked.units]
-        failed = run_units(run, run_unit, tasks, names, config.workers, console)
+    with option("--cells, --heads"):
+        units = units_of([LADDER], seeds, cells_of(config.cells, config.heads))
+    settings = settings_of("ladder", config.preset, sizes, units, [LADDER])
+    run = RunFolder.open(config.out, settings, config.overwrite)
+    with run.locked(), Console(config.quiet, len(units), "ladder") as console:
+        failed = run_units(run, units, sizes, config, console)
         run.join()
         report = publish(run)
-        console.result(f"{len(asked.parts)} cells; report: {report}")
+        console.result(f"{sum(len(unit.cells) for unit in units)} cells; report: {report}")
     return 1 if failed else 0
 
 

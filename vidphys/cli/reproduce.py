@@ -11,7 +11,7 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
-from vidphys.cli.study import StudyOptions, run_units
+from vidphys.cli.study import StudyOptions, option, run_units
 from vidphys.errors import InputError
 
 
@@ -43,29 +43,24 @@ def reproduce(config: ReproduceConfig) -> int:
             folder that holds something else.
     """
     config = with_profile(config, "reproduce")
-    from vidphys.experiments.reproduce import (
-        choose,
-        run_unit,
-        settings_of,
-        units_of,
-        write_verdicts,
-    )
+    from vidphys.experiments.catalogue import TABLES
+    from vidphys.experiments.study import choose, settings_of, units_of, write_verdicts
     from vidphys.runs.folder import RunFolder
     from viz.results import write_results
 
     if not config.tables:
         raise InputError("reproduce: name a table, or all; `vidphys reproduce --help` shows how")
     sizes, seeds = config.sizes()
-    tables = choose(config.tables)
+    with option("reproduce"):
+        tables = choose(config.tables)
     if config.device == "cuda" and any(table.pixels for table in tables):
         raise InputError("--device cuda: tables with pixels compute on the CPU; use --device cpu")
-    units = units_of(tables, seeds, config.cells)
-    settings = settings_of(config.preset, sizes, units, seeds)
+    with option("--cells"):
+        units = units_of(tables, seeds, config.cells)
+    settings = settings_of("reproduce", config.preset, sizes, units, TABLES.values())
     run = RunFolder.open(config.out, settings, config.overwrite)
     with run.locked(), Console(config.quiet, len(units), "reproduce") as console:
-        tasks = [(run.path, unit, sizes, config.device) for unit in units]
-        names = [f"{unit.table}/{unit.cell}" for unit in units]
-        failed = run_units(run, run_unit, tasks, names, config.workers, console)
+        failed = run_units(run, units, sizes, config, console)
         verdicts = write_verdicts(run, tables)
         report = write_results(run.path)
         counts = Counter(row["verdict"] for table in verdicts.values() for row in table["rows"])

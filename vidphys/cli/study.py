@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
@@ -13,6 +14,7 @@ from vidphys.presets import Preset, preset
 
 if TYPE_CHECKING:
     from vidphys.cli.console import Console
+    from vidphys.experiments.core.cell import Unit
     from vidphys.runs.folder import RunFolder
 
 
@@ -54,19 +56,25 @@ class StudyOptions:
         return sizes, seeds
 
 
-def run_units(
-    run: RunFolder,
-    work: Callable[..., None],
-    tasks: Sequence[tuple[Any, ...]],
-    names: Sequence[str],
-    workers: int,
-    console: Console,
-) -> int:
-    """Run every task; one that fails is named in the run folder and the others go on.
+@contextmanager
+def option(name: str) -> Iterator[None]:
+    """Say of which option a name is unknown.
 
-    Args:
-        work, tasks: as :func:`vidphys.runs.pool.run_all` takes them.
-        names: of the tasks, for who reads why one has no result.
+    Raises:
+        InputError: in place of the library's error.
+    """
+    from registry import UnknownName
+
+    try:
+        yield
+    except UnknownName as error:
+        raise InputError(f"{name}: {error}") from error
+
+
+def run_units(
+    run: RunFolder, units: Sequence[Unit], sizes: Preset, config: StudyOptions, console: Console
+) -> int:
+    """Do every unit of a study; one that fails is named in the run folder and the others go on.
 
     Returns:
         How many failed. A unit whose encoder's weights are not on this machine is skipped, which
@@ -74,17 +82,21 @@ def run_units(
     """
     from dynamics.compiled.ahead import compile_ahead
     from encoders.release import WeightsMissing
+    from vidphys.experiments.study import run_unit
     from vidphys.runs.pool import run_all
 
-    if min(workers, len(tasks)) > 1:
+    if min(config.workers, len(units)) > 1:
         console.stage(("compiling", 0, 1))
         compile_ahead()
         console.stage(("compiling", 1, 1))
     failed = 0
-    for index, error in run_all(work, list(tasks), workers, console.stage, console.done):
-        absent = isinstance(error, WeightsMissing)
+    tasks = [(run.path, unit, sizes, config.device) for unit in units]
+    for index, error in run_all(run_unit, tasks, config.workers, console.stage, console.done):
+        unit, absent = units[index], isinstance(error, WeightsMissing)
         failed += not absent
         word = "skipped" if absent else f"failed: {type(error).__name__}"
-        run.skip(names[index], f"{word}: {error}")
-        console.warn(f"{names[index]} {word}: {error}")
+        for cell, part in zip(unit.cells, unit.parts, strict=True):
+            if not run.is_done(part):
+                run.skip(f"{unit.table}/{cell}", f"{word}: {error}")
+                console.warn(f"{part} {word}: {error}")
     return failed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from registry import Registry
 from vidphys.experiments.confusion import table as diagnose
 from vidphys.experiments.contacts import table as contacts
 from vidphys.experiments.core.cell import Table
@@ -10,6 +11,7 @@ from vidphys.experiments.friction import drag, engine
 from vidphys.experiments.gravity import families, planning, scale, sweeps, transport
 from vidphys.experiments.gravity import table as gravity
 from vidphys.experiments.heat import drive, thermostat
+from vidphys.experiments.ladder import LADDER
 from vidphys.experiments.linear import factorial, maps, necessity
 from vidphys.experiments.pixels import (
     consistency,
@@ -20,49 +22,49 @@ from vidphys.experiments.pixels import (
     readout_controls,
 )
 
-TABLES: dict[str, Table] = {
-    table.name: table
-    for table in (
-        gravity.STABILITY,
-        gravity.INVERSION,
-        gravity.DISSOCIATION,
-        gravity.GRAPH_NETS,
-        gravity.BASELINES,
-        gravity.EXTRAPOLATION,
-        sweeps.CAPACITY,
-        sweeps.DATA,
-        sweeps.SENSITIVITY,
-        contacts.CONTACTS,
-        families.COULOMB,
-        families.MIXED,
-        necessity.NECESSITY,
-        necessity.COMPOSITION,
-        scale.N_TRANSFER,
-        thermostat.THERMOSTAT,
-        thermostat.MEASUREMENT_NOISE,
-        drive.DRIVE,
-        drive.NO_STEADY_STATE,
-        factorial.FACTORIAL,
-        factorial.CURL_TABLE,
-        maps.MAPS,
-        misspecification.MISSPECIFICATION,
-        selection.SELECTION,
-        transport.TRANSPORT,
-        planning.PLANNING,
-        planning.NOISE,
-        engine.ENGINE,
-        engine.FORMALISMS,
-        engine.DISSIPATION,
-        engine.ANTI_FRICTION,
-        engine.REVERSAL,
-        drag.DRAG,
-        diagnose.DIAGNOSE,
-        probes.PROBES,
-        pixel_heads.PIXEL_HEADS,
-        perception_speed.PERCEPTION_SPEED,
-        readout_controls.OWN_CNN_READOUT,
-        readout_controls.POOLED_CONTROL,
-        consistency.CONSISTENCY,
-        encoder_scale.ENCODER_SCALE,
-    )
-}
+TABLES: Registry[Table] = Registry("table", "vidphys.tables")
+for table in (
+    LADDER,
+    gravity.STABILITY,
+    gravity.INVERSION,
+    gravity.DISSOCIATION,
+    gravity.GRAPH_NETS,
+    gravity.BASELINES,
+    gravity.EXTRAPOLATION,
+    sweeps.CAPACITY,
+    sweeps.DATA,
+    sweeps.SENSITIVITY,
+    contacts.CONTACTS,
+    families.COULOMB,
+    families.MIXED,
+    necessity.NECESSITY,
+    necessity.COMPOSITION,
+    scale.N_TRANSFER,
+    thermostat.THERMOSTAT,
+    thermostat.MEASUREMENT_NOISE,
+    drive.DRIVE,
+    drive.NO_STEADY_STATE,
+    factorial.FACTORIAL,
+    factorial.CURL_TABLE,
+    maps.MAPS,
+    misspecification.MISSPECIFICATION,
+    selection.SELECTION,
+    transport.TRANSPORT,
+    planning.PLANNING,
+    planning.NOISE,
+    engine.ENGINE,
+    engine.FORMALISMS,
+    engine.DISSIPATION,
+    engine.ANTI_FRICTION,
+    engine.REVERSAL,
+    drag.DRAG,
+    diagnose.DIAGNOSE,
+    probes.PROBES,
+    pixel_heads.PIXEL_HEADS,
+    perception_speed.PERCEPTION_SPEED,
+    readout_controls.OWN_CNN_READOUT,
+    readout_controls.POOLED_CONTROL,
+    consistency.CONSISTENCY,
+    encoder_scale.ENCODER_SCALE,
+):
+    TABLES.register(table.name, table)

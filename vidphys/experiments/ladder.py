@@ -1,39 +1,34 @@
-"""The grounding ladder: the same question to the same heads, from the oracle down to pixels."""
+"""The grounding ladder: the same question to the same heads, from the oracle down to pixels.
+
+It is a table whose cells are ``rung/head``. A worker does one rung and seed in one go, so that its
+heads share one perception.
+"""
 
 from __future__ import annotations
 
-import difflib
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import torch
-
+from binders import Tracks
 from dynamics import HEADS, Head, Rollout, to_config
-from vidphys.errors import InputError
-from vidphys.experiments.core.members import train_members
-from vidphys.experiments.core.oracle import OLDEST, held_out_question, score_oracle, true_examples
+from registry import unknown
+from vidphys.data.clips import Clips
+from vidphys.experiments.core.bars import rows_of
+from vidphys.experiments.core.cell import Cell, CellTask, Table, Unit
+from vidphys.experiments.core.oracle import OLDEST, held_out_question, score_oracle
 from vidphys.experiments.core.scoring import Question, score_lost
 from vidphys.experiments.core.showcase import write_showcase
-from vidphys.experiments.pixels.seen import (
-    TRAINERS,
-    draw,
-    fit_perception,
-    perceive,
-    train_and_score,
-)
-from vidphys.perception.catalogue import GROUNDINGS
-from vidphys.presets import Preset
+from vidphys.experiments.core.trained import train_cell
+from vidphys.experiments.pixels.momentum import MOMENTUM, MomentumReadout
+from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell, Scored
+from vidphys.experiments.pixels.seen import Perceived, pixel_scene
+from vidphys.perception.catalogue import ORACLE, RUNGS
 from vidphys.runs import checkpoint
-from vidphys.runs.folder import RunFolder
-from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import Scene, gravity
 
-EXPERIMENT = "ladder"
-ORACLE = "oracle"
+NAME = "ladder"
 ALL_HEADS = (
     "factored",
     "unstructured",
@@ -41,253 +36,163 @@ ALL_HEADS = (
     "factored-learned-kinetic",
     "symplectic",
 )
-TWINS = ("factored", "unstructured")
-FULL = (ORACLE, "renderer")  # rungs on which every head is compared
-RUNGS = (ORACLE, *GROUNDINGS)
-DTYPE = "float32"
-# The study's inversion nMSE at G = -1 (its Tables grounding, f36 and f38), drawn beside ours.
-STUDY = {
-    "oracle/factored": 0.067,
-    "renderer/factored": 0.12,
-    "cnn-supervised/factored": 0.06,
-    "cnn-discovered/factored": 0.075,
-    "jepa/factored": 1.46,
-    "jepa/unstructured": 0.99,
-    "jepa-centroid/factored": 0.40,
-    "jepa-centroid/unstructured": 0.68,
-    "jepa-exact/factored": 0.405,
-    "rgb-tracked/factored": 0.45,
-    "rgb-tracked/unstructured": 0.82,
-    "anonymous-hand/factored": 0.76,
-    "anonymous-hand/unstructured": 0.76,
-    "anonymous-tracker/factored": 0.15,
-    "anonymous-tracker/unstructured": 0.64,
-    "anonymous-tracker-twostage/factored": 0.16,
-    "anonymous-slots/factored": 0.92,
-    "anonymous-slots/unstructured": 0.93,
-    "composed/factored": 0.73,
-}
+FULL = (ORACLE.name, "renderer")  # rungs on which every head is compared
+SHOWN_SEED = 0  # whose arrays are kept for a recording
+
+
+def oracle_scene() -> Scene:
+    """Three bodies under gravity, by the headline generator."""
+    return gravity("gaussian")
+
+
+def oracle_cell(head: str) -> Cell:
+    """A cell that trains a head on true states and starts it from one."""
+
+    def run(task: CellTask) -> None:
+        scene, done = oracle_scene(), set()
+        try:
+            for seed, trained, recorder in train_cell(task, head, HEADS[head], scene):
+                asked = partial(held_out_question, scene, task.sizes.held_out, seed)
+                question = task.kept.once("question", seed, asked)
+                rolled = score_oracle(recorder, trained, question)
+                _keep(head, trained, question, task.folder)
+                _show(task, seed, trained, question, rolled)
+                done.add(seed)
+        except FloatingPointError:
+            pass  # counted below
+        for recorder in task.recorders:
+            if recorder.origin.seed not in done:
+                score_lost(recorder, task.sizes.held_out)
+
+    return run
 
 
 @dataclass(frozen=True)
-class Unit:
-    """What one worker does in one go: a rung and a seed, with all the heads asked of it."""
+class RungCell(PixelCell):
+    """One head on a rung's perception, under both readouts; what was trained is kept."""
 
-    grounding: str
-    heads: tuple[str, ...]
-    seed: int
+    readouts: Sequence[MomentumReadout] = tuple(MOMENTUM.values())
 
-    def part(self, head: str) -> str:
-        """Name of one cell's piece of work."""
-        return f"{self.grounding}-{head}-s{self.seed}"
+    def part(self, head: str, readout: MomentumReadout) -> str | None:
+        return None
+
+    def fit_folder(self, task: CellTask, seed: int, head: str) -> Path | None:
+        if task.folder is None or self.grounding.joint:
+            return task.folder
+        return task.folder.with_name(f"{self.grounding.name}-s{seed}")  # for all heads
+
+    def folder(self, task: CellTask, seed: int, head: str, readout: MomentumReadout) -> Path | None:
+        return None if task.folder is None else task.folder / readout.name
+
+    def also(
+        self, task: CellTask, seed: int, head: str, scored: Sequence[Scored], perceived: Perceived
+    ) -> None:
+        for one in scored:
+            _keep(head, one.head, one.question, one.folder)
+        for best in scored[-1:]:  # the last readout is the better one
+            clips, tracks = perceived.seen.test, perceived.test
+            _show(task, seed, best.head, best.question, best.rolled, clips, tracks)
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The ladder that was asked for."""
-
-    units: tuple[Unit, ...]
-
-    @property
-    def parts(self) -> list[str]:
-        return [unit.part(head) for unit in self.units for head in unit.heads]
+def _keep(name: str, head: Head, question: Question, folder: Path | None) -> None:
+    if folder is not None:
+        meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": question.scene.bodies}
+        checkpoint.save(folder / "head.json", dict(head.state_dict()), meta)
 
 
-def plan(rungs: Sequence[str], heads: Sequence[str], seeds: int) -> Plan:
-    """Cells by name: rungs or ``rung/head``; no name means all.
+def _show(
+    task: CellTask,
+    seed: int,
+    head: Head,
+    question: Question,
+    rolled: Rollout,
+    clips: Clips | None = None,
+    tracks: Tracks | None = None,
+) -> None:
+    """Keep the arrays of a cell's recording."""
+    if task.showcase is not None and seed == SHOWN_SEED:
+        meta = {"cell": task.cell, "seed": str(seed)}
+        write_showcase(task.showcase, head, question, rolled, meta, clips, tracks)
+
+
+class Rungs(Mapping[str, Cell]):
+    """The cells ``rung/head``: of any rung and head by name, and all that are compared in order."""
+
+    def __getitem__(self, name: str) -> Cell:
+        rung, _, head = name.partition("/")
+        if head not in HEADS:
+            raise unknown("head", head, HEADS)
+        grounding = RUNGS[rung]
+        return oracle_cell(head) if grounding is ORACLE else RungCell(grounding, (head,))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(cells_of())
+
+    def __len__(self) -> int:
+        return len(cells_of())
+
+
+CELLS = Rungs()
+
+
+def cells_of(names: Sequence[str] = (), heads: Sequence[str] = ()) -> tuple[str, ...]:
+    """Cells by name.
+
+    Args:
+        names: rungs or ``rung/head``; all rungs if none is named.
+        heads: of every rung named without one, instead of the rung's own.
 
     Raises:
-        InputError: an unknown rung or head (the nearest spelling is given), or no seed.
+        UnknownName: a rung or a head; the nearest spelling is given.
     """
-    if seeds < 1:
-        raise InputError(f"--seeds {seeds}: at least one seed is needed")
-    for head in heads:
-        _known(head, tuple(HEADS), "--heads")
-    chosen: dict[str, list[str]] = {}
-    for name in rungs or RUNGS:
+    found: list[str] = []
+    for name in names or RUNGS:
         rung, _, head = name.partition("/")
-        _known(rung, RUNGS, "--cells")
-        default = ALL_HEADS if rung in FULL else TWINS
-        if head:
-            _known(head, tuple(HEADS), "--cells")
-        asked = [head] if head else list(heads) or list(default)
-        chosen.setdefault(rung, []).extend(h for h in asked if h not in chosen.get(rung, []))
-    # Seeds outermost: an interrupted ladder has whole ladders of fewer seeds.
-    return Plan(tuple(Unit(r, tuple(h), seed) for seed in range(seeds) for r, h in chosen.items()))
+        own = ALL_HEADS if rung in FULL else TWINS
+        found += [f"{rung}/{h}" for h in ([head] if head else heads or own)]
+    if names or heads:
+        for name in found:
+            CELLS[name]
+    return tuple(dict.fromkeys(found))
 
 
-def _known(name: str, names: tuple[str, ...], option: str) -> None:
-    if name not in names:
-        near = difflib.get_close_matches(name, names, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise InputError(f"{option} {name}: unknown{hint} Known: {', '.join(names)}")
+@dataclass(frozen=True)
+class Ladder(Table):
+    """A table of which a worker does a rung and a seed in one go."""
+
+    def units(self, cells: Sequence[str], seeds: tuple[int, ...]) -> list[Unit]:
+        """Seeds outermost: an interrupted ladder has whole ladders of fewer seeds."""
+        rungs: dict[str, list[str]] = {}
+        for cell in cells:
+            rungs.setdefault(cell.partition("/")[0], []).append(cell)
+        return [
+            Unit(
+                self.name,
+                tuple(together),
+                (seed,),
+                tuple(f"{cell.replace('/', '-')}-s{seed}" for cell in together),
+            )
+            for seed in seeds
+            for together in rungs.values()
+        ]
 
 
-def settings_of(preset_name: str, preset: Preset, ladder: Plan) -> dict[str, Any]:
-    """The resolved configuration, as it stands in ``run.json``."""
-    return {
-        "experiment": EXPERIMENT,
-        "preset": preset_name,
-        "sizes": asdict(preset),
-        "seeds": sorted({unit.seed for unit in ladder.units}),
-        "cells": sorted({f"{u.grounding}/{h}" for u in ladder.units for h in u.heads}),
+LADDER = Ladder(
+    name=NAME,
+    title="The grounding ladder",
+    about=(
+        "The same heads on the same question, from true states down to pixels of bodies that "
+        "look alike. The study's figures are by differencing."
+    ),
+    ids="N58-N68",
+    cells=CELLS,
+    settings={
         "scene": oracle_scene().settings,
         "oldest_training_start_steps": OLDEST,
         "pixel_scene": pixel_scene().settings,
         "heads": {name: to_config(term) for name, term in HEADS.items()},
-        "device": "cpu",
-        "dtype": DTYPE,
-        "references": STUDY,
-    }
-
-
-def oracle_scene() -> Scene:
-    """S1 with the headline generator."""
-    return gravity("gaussian")
-
-
-def pixel_scene() -> Scene:
-    """S1 with unit masses: a disk's picture does not show its mass."""
-    return gravity("gaussian", mass=(1.0, 1.0))
-
-
-Report = Callable[[str, int, int], None]
-
-
-def run_unit(path: Path, unit: Unit, preset: Preset, report: Report) -> None:
-    """Do what is left of one unit and keep each cell's tables as it is finished.
-
-    Args:
-        path: the run folder.
-        unit: rung, heads and seed.
-        preset: sizes.
-        report: called as ``(stage, step, steps)``.
-    """
-    torch.set_num_threads(1)
-    run = RunFolder(path)
-    left = [head for head in unit.heads if not run.is_done(unit.part(head))]
-    if not left:
-        return
-    if unit.grounding == ORACLE:
-        _run_oracle(run, unit, left, preset, report)
-    else:
-        _run_pixels(run, unit, left, preset, report)
-
-
-def _run_oracle(
-    run: RunFolder, unit: Unit, heads: list[str], preset: Preset, report: Report
-) -> None:
-    scene = oracle_scene()
-    question = held_out_question(scene, preset.oracle.held_out, unit.seed)
-    examples = true_examples(scene, preset.oracle.trajectories, [unit.seed])
-    for name in heads:
-        recorder = Recorder(_origin(unit, name, scene, "none", "none"))
-        folder = run.checkpoints(unit.part(name))
-        began = time.perf_counter()
-        try:
-            progress = _stage(report, unit.part(name))
-            trained = train_members(
-                name,
-                partial(scene.build, HEADS[name]),
-                examples,
-                preset.oracle,
-                {unit.seed: recorder},
-                save_to=folder / "fit.json",
-                progress=progress,
-            )
-            if unit.seed not in trained:
-                raise FloatingPointError(f"{name}: the trained weights are not finite")
-            head = trained[unit.seed]
-            rolled = score_oracle(recorder, head, question)
-            _keep(name, head, question, folder)
-            _show(run, unit, name, head, question, rolled)
-        except FloatingPointError:
-            score_lost(recorder, preset.oracle.held_out)
-        recorder.took(time.perf_counter() - began)
-        run.finish(unit.part(name), *recorder.tables())
-
-
-def _run_pixels(
-    run: RunFolder, unit: Unit, heads: list[str], preset: Preset, report: Report
-) -> None:
-    scene, sizes = pixel_scene(), preset.pixel
-    grounding = GROUNDINGS[unit.grounding]
-    report(f"{unit.grounding} seed {unit.seed}: rendering", 0, 1)
-    seen = draw(scene, grounding, sizes, unit.seed)
-    perceived = None
-    for name in heads:
-        part = unit.part(name)
-        recorder = Recorder(_origin(unit, name, scene, grounding.encoder, grounding.binder))
-        if perceived is None or grounding.joint:
-            folder = run.checkpoints(part if grounding.joint else f"{unit.grounding}-s{unit.seed}")
-            progress = _stage(report, f"{part}: seeing")
-            perception = fit_perception(grounding, seen, sizes, unit.seed, name, folder, progress)
-            perceived = perceive(perception, seen)
-        shown = None
-        for readout in TRAINERS:
-            reading = recorder.reading(readout)
-            folder = run.checkpoints(part) / readout
-            began = time.perf_counter()
-            try:
-                head, question, rolled = train_and_score(
-                    readout,
-                    name,
-                    scene,
-                    seen,
-                    perceived,
-                    sizes,
-                    unit.seed,
-                    reading,
-                    folder,
-                    _stage(report, f"{part}: {readout}"),
-                )
-                _keep(name, head, question, folder)
-                shown = head, question, rolled  # the last readout is the better one
-            except FloatingPointError:
-                score_lost(reading, sizes.held_out)
-            reading.took(time.perf_counter() - began)
-        if shown is not None:
-            _show(run, unit, name, *shown, seen.test, perceived.test)
-        run.finish(part, *recorder.tables())
-
-
-def _origin(unit: Unit, head: str, scene: Scene, encoder: str, binder: str) -> Origin:
-    return Origin(
-        experiment=EXPERIMENT,
-        cell=f"{unit.grounding}/{head}",
-        system=scene.name,
-        grounding=unit.grounding,
-        encoder=encoder,
-        binder=binder,
-        readout="none",
-        head=head,
-        seed=unit.seed,
-        device="cpu",
-        dtype=DTYPE,
-    )
-
-
-def _stage(report: Report, name: str) -> Callable[[int, int, float], None]:
-    return lambda step, steps, _loss: report(name, step, steps)
-
-
-def _keep(name: str, head: Head, question: Question, folder: Path) -> None:
-    """Keep the trained head."""
-    meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": question.scene.bodies}
-    checkpoint.save(folder / "head.json", dict(head.state_dict()), meta)
-
-
-def _show(
-    run: RunFolder,
-    unit: Unit,
-    name: str,
-    head: Head,
-    question: Question,
-    rolled: Rollout,
-    *seen: Any,
-) -> None:
-    """For the first seed, keep the arrays of a cell's recording."""
-    if unit.seed == 0:
-        cell = f"{unit.grounding}/{name}"
-        meta = {"cell": cell, "seed": "0"}
-        write_showcase(run.showcase(cell), head, question, rolled, meta, *seen)
+        "references": {row.cell: float(row.paper) for row in rows_of(NAME)},
+    },
+    pixels=True,
+    apart=True,
+)

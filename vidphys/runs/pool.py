@@ -12,6 +12,8 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from typing import Any
 
+import torch
+
 from dynamics.findings import DynamicsWarning
 
 Message = tuple[str, int, int]
@@ -26,7 +28,7 @@ def run_all(
     show: Callable[[Message], None],
     finished: Callable[[int], None],
 ) -> list[tuple[int, Exception]]:
-    """Call ``work(*task, report)`` for each task in ``workers`` processes.
+    """Call ``work(*task, report)`` for each task in ``workers`` processes of one thread each.
 
     Args:
         work: a module-level function; ``report(stage, step, steps)`` is its last argument.
@@ -41,7 +43,7 @@ def run_all(
     context = multiprocessing.get_context("spawn")
     with context.Manager() as manager:
         messages = manager.Queue()
-        pool = ProcessPoolExecutor(workers, context, _end_with_parent)
+        pool = ProcessPoolExecutor(workers, context, _begin)
         try:
             pending = {pool.submit(_call, work, task, messages): i for i, task in enumerate(tasks)}
             failures = []
@@ -77,8 +79,9 @@ def _call(work: Callable[..., None], task: tuple[Any, ...], messages: Any) -> No
         os._exit(INTERRUPTED)  # else the pool would hand this worker the next task
 
 
-def _end_with_parent() -> None:
-    """Let this worker end, as on an interrupt, when the process that started it is gone."""
+def _begin() -> None:
+    """Give this worker one thread; let it end, as on an interrupt, when its parent is gone."""
+    torch.set_num_threads(1)
     parent = multiprocessing.parent_process()
 
     def watch() -> None:

@@ -5,16 +5,14 @@ from dataclasses import replace
 import pyarrow.parquet as pq
 import pytest
 
+from registry import UnknownName
+from vidphys.cli import ladder as verb
 from vidphys.errors import InputError
-from vidphys.experiments.ladder import (
-    ALL_HEADS,
-    RUNGS,
-    TWINS,
-    Unit,
-    plan,
-    run_unit,
-    settings_of,
-)
+from vidphys.experiments.core.bars import rows_of
+from vidphys.experiments.ladder import ALL_HEADS, LADDER, TWINS, cells_of
+from vidphys.experiments.pixels import pixel_cell
+from vidphys.experiments.study import run_unit, settings_of, units_of
+from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import OracleSizes, PixelSizes, Preset, preset
 from vidphys.runs.folder import RunFolder
 
@@ -60,28 +58,50 @@ LEFT_OUT = (
 )
 
 
+def plan(names, heads, seeds):
+    return units_of([LADDER], seeds, cells_of(names, heads))
+
+
+def opened(path):
+    units = plan((), (), 1)
+    return RunFolder.open(path, settings_of("ladder", "tiny", TINY, units, [LADDER]))
+
+
+def run_cell(run, cell, sizes=TINY, report=quiet):
+    (unit,) = plan((cell,), (), 1)
+    run_unit(run.path, unit, sizes, "cpu", report)
+
+
 @pytest.fixture
 def run(tmp_path):
-    return RunFolder.open(tmp_path / "run", settings_of("tiny", TINY, plan((), (), 1)))
+    return opened(tmp_path / "run")
+
+
+def heads_of(units):
+    return {
+        unit.cells[0].partition("/")[0]: tuple(cell.partition("/")[2] for cell in unit.cells)
+        for unit in units
+    }
 
 
 def test_the_whole_ladder_is_every_rung_and_the_twins():
-    units = plan((), (), 3).units
-    assert len(units) == 3 * len(RUNGS) and {u.grounding for u in units} == set(RUNGS)
-    heads = {u.grounding: u.heads for u in units}
+    units = plan((), (), 3)
+    heads = heads_of(units)
+    assert len(units) == 3 * len(RUNGS) and set(heads) == set(RUNGS)
     assert heads["oracle"] == heads["renderer"] == ALL_HEADS
     assert heads["jepa-centroid"] == TWINS
     # Whole ladders first: all of seed 0 before any of seed 1.
-    assert [u.seed for u in units] == sorted(u.seed for u in units)
+    assert [u.seeds for u in units] == sorted(u.seeds for u in units)
+    assert units[-1].parts[0] == units[-1].cells[0].replace("/", "-") + "-s2"
 
 
 def test_cells_and_heads_are_chosen_by_name():
-    units = plan(("oracle/factored", "oracle/symplectic", "jepa"), (), 1).units
-    assert {u.grounding: u.heads for u in units} == {
+    units = plan(("oracle/factored", "oracle/symplectic", "jepa"), (), 1)
+    assert heads_of(units) == {
         "oracle": ("factored", "symplectic"),
         "jepa": TWINS,
     }
-    assert plan(("oracle",), ("factored-radial",), 1).units[0].heads == ("factored-radial",)
+    assert plan(("oracle",), ("factored-radial",), 1)[0].cells == ("oracle/factored-radial",)
 
 
 @pytest.mark.parametrize(
@@ -94,8 +114,33 @@ def test_cells_and_heads_are_chosen_by_name():
     ],
 )
 def test_unknown_names_are_refused_with_the_nearest(cells, heads, seeds, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(ValueError, match=words):
         plan(cells, heads, seeds)
+
+
+def test_the_verb_says_which_option_is_wrong(tmp_path):
+    with pytest.raises(InputError, match="--cells.*unknown rung 'orcale'.*'oracle'"):
+        verb.ladder(verb.LadderConfig(out=tmp_path / "run", cells=("orcale",)))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_rung_from_an_import_path_is_a_cell_as_ours_are():
+    name = "vidphys.perception.palette:PALETTE_GROUNDING"
+    assert cells_of((name,)) == (f"{name}/factored", f"{name}/unstructured")
+    assert LADDER.cells[f"{name}/factored"].grounding is RUNGS["rgb-tracked"]
+    with pytest.raises(UnknownName):
+        LADDER.cells["oracle/fctored"]
+
+
+def test_what_the_rungs_are_set_to_stands_in_the_settings(run):
+    rungs = run.manifest()["settings"]["rungs"]
+    assert rungs.keys() == {*(rung.name for rung in RUNGS.values()), "shared"} - {"oracle"}
+
+
+def test_the_studys_figures_are_those_of_its_tables():
+    assert LADDER.settings["references"]["anonymous-tracker-twostage/factored"] == 0.16
+    for row in rows_of("ladder"):
+        assert (row.metric, row.coupling, row.bar) == ("inversion_nmse", -1.0, "")
 
 
 def test_unknown_preset_is_refused():
@@ -104,8 +149,7 @@ def test_unknown_preset_is_refused():
 
 
 def test_the_oracle_rung_writes_every_metric(run):
-    unit = Unit("oracle", ("factored",), 0)
-    run_unit(run.path, unit, TINY, quiet)
+    run_cell(run, "oracle/factored")
     rows = run.join().to_pylist()
     names = {r["metric"] for r in rows}
     assert {
@@ -141,23 +185,46 @@ def test_the_oracle_rung_writes_every_metric(run):
     [r for r in RUNGS if r not in LEFT_OUT],
 )
 def test_a_pixel_rung_writes_both_readouts_and_resumes(run, rung):
-    unit = Unit(rung, ("unstructured",), 0)
-    run_unit(run.path, unit, TINY, quiet)
+    run_cell(run, f"{rung}/unstructured")
     rows = run.join().to_pylist()
     scored = [r for r in rows if r["metric"] == "inversion_nmse" and r["coupling"] == -1.0]
     assert sorted(r["readout"] for r in scored) == ["differencing", "shooting"]
     assert {r["metric"] for r in rows} >= {"position_nmse", "momentum_nmse"}
     before = run.join()
     calls = []
-    run_unit(run.path, unit, TINY, lambda *message: calls.append(message))
+    run_cell(run, f"{rung}/unstructured", report=lambda *message: calls.append(message))
     assert not calls and run.join().equals(before)
+
+
+def test_a_rungs_heads_share_one_perception_but_for_a_joint_one(run, monkeypatch):
+    fitted = []
+    fit = pixel_cell.fit_perception
+
+    def counted(grounding, seen, sizes, seed, head, folder, progress):
+        fitted.append((head, folder.name))
+        return fit(grounding, seen, sizes, seed, head, folder, progress)
+
+    monkeypatch.setattr(pixel_cell, "fit_perception", counted)
+    for rung, expected in {
+        "cnn-supervised": [("factored", "cnn-supervised-s0")],
+        "jepa-centroid": [(h, f"jepa-centroid-{h}-s0") for h in TWINS],
+    }.items():
+        fitted.clear()
+        (unit,) = plan((rung,), (), 1)
+        run_unit(run.path, unit, TINY, "cpu", quiet)
+        assert fitted == expected
+        kept = sorted(p.parent.name for p in run.checkpoints(unit.parts[1]).rglob("head.json"))
+        assert kept == ["differencing", "shooting"]
+    assert run.showcase("jepa-centroid/factored").exists()
+    seeds = {row["seconds"] is None for row in run.join().to_pylist()}
+    assert seeds == {False}
 
 
 def test_the_same_seed_gives_the_same_numbers(tmp_path):
     values = []
     for name in ("a", "b"):
-        run = RunFolder.open(tmp_path / name, settings_of("tiny", TINY, plan((), (), 1)))
-        run_unit(run.path, Unit("renderer", ("factored",), 0), TINY, quiet)
+        run = opened(tmp_path / name)
+        run_cell(run, "renderer/factored")
         rows = run.join().to_pylist()
         values.append([(r["metric"], r["value"]) for r in rows if r["metric"] != "seconds"])
     assert values[0] == values[1]
@@ -165,17 +232,15 @@ def test_the_same_seed_gives_the_same_numbers(tmp_path):
 
 def test_a_diverged_training_is_counted_not_numbered(run):
     wild = replace(TINY, oracle=OracleSizes(32, 40, 64, (1e18,), 4))
-    run_unit(run.path, Unit("oracle", ("unstructured",), 0), wild, quiet)
+    run_cell(run, "oracle/unstructured", wild)
     rows = [r for r in run.join().to_pylist() if r["metric"] == "inversion_nmse"]
     assert rows and all(r["status"] == "failed" and r["value"] is None for r in rows)
     assert all(r["nonfinite"] > 0 for r in rows)
 
 
 def test_report_and_recordings_are_drawn_from_what_lies_there(run):
-    from vidphys.cli.ladder import publish
-
-    run_unit(run.path, Unit("oracle", ("factored",), 0), TINY, quiet)
+    run_cell(run, "oracle/factored")
     run.join()
-    report = publish(run)
+    report = verb.publish(run)
     assert "oracle" in report.read_text(encoding="utf-8")
     assert (run.path / "recordings" / "oracle-factored.rrd").stat().st_size > 1000

@@ -1,5 +1,7 @@
 """Tables that draw and see pictures, at tiny sizes."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 from torch import Generator
@@ -13,17 +15,17 @@ from renderers import Camera, ChannelWorld, RgbWorld
 from vidphys.cli import reproduce as verb
 from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
-from vidphys.experiments import reproduce
+from vidphys.experiments import study
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.scoring import Question
-from vidphys.experiments.ladder import pixel_scene
-from vidphys.experiments.pixels import seeing
+from vidphys.experiments.pixels import pixel_cell
 from vidphys.experiments.pixels.consistency import latent_states
 from vidphys.experiments.pixels.perception_speed import faster, score_rmse
 from vidphys.experiments.pixels.readout_controls import pooled
+from vidphys.experiments.pixels.seen import Perceived, Seen, pixel_scene
 from vidphys.perception.base import FitTask
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.cnn import CHUNK, CnnPerception
 from vidphys.perception.free_momentum import FreeMomentum
 from vidphys.perception.own_cnn import OwnCnn, fit_own_cnn
@@ -73,23 +75,25 @@ def test_one_perception_serves_all_heads_and_a_lost_head_stops_no_other(monkeypa
         fitted.append(head)
         return "perception"
 
-    def train(readout, head, *rest):
+    def train(head, readout, task, perceived, recorder):
         trained.append(head)
-        if head == "gns":
+        if recorder.origin.head == "gns":
             raise FloatingPointError("lost")
-        rest[5].add_value("inversion_nmse", 1.0)
-        return None, None, None
+        recorder.add_value("inversion_nmse", 1.0)
+        return None, None
 
-    monkeypatch.setattr(seeing, "draw", lambda *x: None)
-    monkeypatch.setattr(seeing, "fit_perception", fit)
-    monkeypatch.setattr(seeing, "perceive", lambda *x: "tracks")
-    monkeypatch.setattr(seeing, "train_and_score", train)
+    clips = SimpleNamespace(params=None, interval=1.0)
+    seen = Seen(clips, clips, Question(pixel_scene(), None, None, None))
+    monkeypatch.setattr(pixel_cell, "draw", lambda *x: seen)
+    monkeypatch.setattr(pixel_cell, "fit_perception", fit)
+    monkeypatch.setattr(pixel_cell, "perceive", lambda *x: Perceived(seen, None, None, None))
+    monkeypatch.setattr(pixel_cell, "train_and_score", train)
     rows = run_cell("pixel-heads", "renderer", (0, 1))
     assert len(fitted) == 2 and len(trained) == 12
     lost = {r["cell"] for r in rows if r["status"] == "failed"}
     assert lost == {"renderer/gns"}
     fitted.clear()
-    cell = seeing.seen_cell(GROUNDINGS["jepa"], ("factored", "gns"))
+    cell = pixel_cell.PixelCell(RUNGS["jepa"], ("factored", "gns"))
     cell(CellTask("pixel-heads", "jepa", (0,), OracleSizes(1, 1, 1, (1.0,), 1), SIZES))
     assert fitted == ["factored", "gns"]
 
@@ -114,7 +118,7 @@ def test_errors_of_the_start_are_in_world_units():
 
 
 def test_pixel_tables_are_asked_for_by_one_word():
-    names = {table.name for table in reproduce.choose(["pixels"])}
+    names = {table.name for table in study.choose(["pixels"])}
     assert {"probes", "pixel-heads", "perception-speed"} <= names
 
 
@@ -126,7 +130,7 @@ def test_pixel_tables_say_that_they_compute_on_the_cpu(monkeypatch, tmp_path):
 
 
 def test_the_pooled_control_differs_in_nothing_but_the_readout():
-    spatial = GROUNDINGS["hiera"]
+    spatial = RUNGS["hiera"]
     control = pooled(spatial)
     assert (control.name, control.world, control.share) == ("hiera-pooled", "rgb", spatial.share)
     assert control.fit.keywords == {**spatial.fit.keywords, "pooled": True}
@@ -163,7 +167,7 @@ def test_an_encoder_without_weights_is_skipped_with_the_command_that_gets_it(tmp
     run.skip("encoder-scale/vjepa2-g", "skipped: no weights")
     recorder = Recorder(Origin(*["encoder-scale", *["x"] * 7], 0, "cpu", "float32"))
     run.finish("x", *recorder.tables())
-    table = reproduce.write_verdicts(run, [TABLES["encoder-scale"]])["encoder-scale"]
+    table = study.write_verdicts(run, [TABLES["encoder-scale"]])["encoder-scale"]
     why = {row["row"]["cell"]: row["why"] for row in table["rows"]}
     assert why["vjepa2-g/factored"] == "skipped: no weights"
     assert why["dinov2-small/factored"] == "not recorded"

@@ -32,6 +32,11 @@ def test_another_start_shares_what_the_truth_answers_and_changes_nothing_of_it(m
     assert not torch.equal(moved.reference(params).states.q, first.states.q)
     longer = dataclasses.replace(asked, steps=40).reference(flipped)
     assert len(rolled) == 3 and longer.states.q.shape[1] == 9
+    # and so are other moments of it, and another scene's answer from the same start
+    assert dataclasses.replace(asked, every=10).reference(flipped).states.q.shape[1] == 3
+    finer = dataclasses.replace(scene, dt=scene.dt / 2)
+    assert dataclasses.replace(asked, scene=finer).reference(flipped).dt < first.dt
+    assert len(rolled) == 5
 
 
 def test_one_episode_alone_is_the_question_of_it_and_shares_the_truth():

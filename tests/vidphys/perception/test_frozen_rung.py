@@ -15,7 +15,7 @@ from vidphys.data.encounters import EncounterSettings, encounters
 from vidphys.errors import InputError
 from vidphys.perception import frozen
 from vidphys.perception.base import Attentive, FitTask
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import PixelSizes
 from vidphys.runs.folder import RunFolder
 from vidphys.scenes import gravity
@@ -84,7 +84,7 @@ def test_a_video_encoders_feature_frame_tells_where_bodies_are_in_each_of_its_fr
     tracks = perception.tracks(clips)
     error = (tracks.positions - clips.states.q).norm(dim=-1)
     assert float(error.median()) < 0.2 * float(clips.states.q.norm(dim=-1).median())
-    assert GROUNDINGS["i3d"].whole_context
+    assert RUNGS["i3d"].whole_context
 
 
 def test_what_is_read_of_a_feature_frame_goes_to_its_own_frames_and_bodies():
@@ -137,7 +137,7 @@ def test_one_clip_is_too_few(encoder, clips):
 def test_without_weights_the_rung_says_which_command_gets_them(clips, tmp_path, monkeypatch):
     monkeypatch.setenv("VIDPHYS_WEIGHTS", str(tmp_path))
     with pytest.raises(WeightsMissing, match="vidphys weights fetch hiera"):
-        GROUNDINGS["hiera"].fit(FitTask(clips, SIZES, 0, "factored"))
+        RUNGS["hiera"].fit(FitTask(clips, SIZES, 0, "factored"))
 
 
 def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypatch, capsys):

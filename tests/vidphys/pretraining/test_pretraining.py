@@ -20,7 +20,7 @@ from renderers import Camera, RgbWorld
 from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import PixelSizes
 from vidphys.pretraining import run
 from vidphys.pretraining.clips import Layout, RandomClips
@@ -55,7 +55,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_package_holds_all_that_it_can_make() -> None:
     assert {name for name, entry in KNOWN.items() if entry.packaged} == set(TINY)
-    assert set(TINY) <= set(GROUNDINGS)
+    assert set(TINY) <= set(RUNGS)
 
 
 @pytest.mark.parametrize("name", TINY)
@@ -137,10 +137,10 @@ def test_the_rung_runs_on_a_bare_machine(name: str, bare: None) -> None:
     sizes = PixelSizes(6, 8, 40, 7, 32, 2, 4, 0, 2)
     world = RgbWorld(Camera(height=32, width=32))
     clips = render_clips(gravity(mass=(1.0, 1.0)), world, 6, 8, 40, 0, "train")
-    tracks = GROUNDINGS[name].fit(FitTask(clips, sizes, 0, "factored")).tracks(clips)
+    tracks = RUNGS[name].fit(FitTask(clips, sizes, 0, "factored")).tracks(clips)
     assert tracks.positions.shape == clips.states.q.shape
     assert bool(torch.isfinite(tracks.positions).all())
-    assert GROUNDINGS[name].whole_context == (name != "dino-tiny")
+    assert RUNGS[name].whole_context == (name != "dino-tiny")
 
 
 def test_an_example_is_a_function_of_its_number() -> None:

@@ -6,6 +6,9 @@ import sys
 import time
 from pathlib import Path
 
+import torch
+
+from vidphys.runs.pool import run_all
 from vidphys.training.loop import _finish_step_on_signal
 
 PARENT = """
@@ -26,6 +29,15 @@ def stubborn(folder: Path, name: str, _report) -> None:
         interrupted.wait(60)
         (folder / f"{name}-kept").touch()
         raise KeyboardInterrupt
+
+
+def tell_threads(folder: Path, name: str, _report) -> None:
+    (folder / name).write_text(str(torch.get_num_threads()))
+
+
+def test_a_worker_has_one_thread(tmp_path: Path):
+    assert run_all(tell_threads, [(tmp_path, "a")], 1, print, lambda _: None) == []
+    assert (tmp_path / "a").read_text() == "1"
 
 
 def test_workers_keep_their_work_and_end_when_the_run_is_killed(tmp_path: Path):

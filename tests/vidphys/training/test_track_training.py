@@ -8,7 +8,7 @@ from torch import Generator
 
 from binders import Tracks
 from dynamics import HEADS, build
-from vidphys.experiments.pixels.seen import TRAINERS
+from vidphys.experiments.pixels.momentum import MOMENTUM
 from vidphys.scenes import gravity
 from vidphys.shooting.aim import surprise
 from vidphys.training.tracks import TrackTask, Windows, tell_scale, window_loss
@@ -88,7 +88,7 @@ def test_training_lowers_the_surprise(seen, readout):
     batch, loss = Windows(task)[torch.arange(144)], window_loss(head, task)
     with torch.no_grad():
         before = float(loss(batch))
-    TRAINERS[readout](head, task)
+    MOMENTUM[readout].train(head, task)
     with torch.no_grad():
         assert float(loss(batch)) < 0.7 * before
 
@@ -97,7 +97,7 @@ def test_training_goes_on_where_it_was(seen, tmp_path):
     torch.manual_seed(0)
     head = build(HEADS["factored"], 3, 0.01)
     whole, interrupted = copy.deepcopy(head), copy.deepcopy(head)
-    TRAINERS["shooting"](whole, task_of(seen, 6))
+    MOMENTUM["shooting"].train(whole, task_of(seen, 6))
 
     def stop(step, _steps, _loss):
         if step == 3:
@@ -107,8 +107,8 @@ def test_training_goes_on_where_it_was(seen, tmp_path):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        TRAINERS["shooting"](interrupted, task_of(seen, 6, save_to=tmp_path, progress=stop))
-    TRAINERS["shooting"](interrupted, task_of(seen, 6, save_to=tmp_path))
+        MOMENTUM["shooting"].train(interrupted, task_of(seen, 6, save_to=tmp_path, progress=stop))
+    MOMENTUM["shooting"].train(interrupted, task_of(seen, 6, save_to=tmp_path))
     for a, b in zip(whole.parameters(), interrupted.parameters(), strict=True):
         assert torch.equal(a, b)
 
@@ -118,6 +118,6 @@ def test_training_keeps_the_scale_that_a_map_was_told(seen):
     tell_scale(head, task_of(seen))
     kept = head.scale.clone()
     assert float(kept.max()) < 1
-    for trainer in TRAINERS.values():
-        trainer(head, task_of(seen, 2))
+    for readout in MOMENTUM.values():
+        readout.train(head, task_of(seen, 2))
         assert torch.equal(head.scale, kept)

@@ -24,7 +24,7 @@ from vidphys.experiments.confusion.scenes import (
     trapped,
 )
 from vidphys.experiments.core.cell import CellTask
-from vidphys.runs.records import Origin, Recorder
+from vidphys.runs.records import Recorder
 
 STUDY_RATE = 1.5  # per second (the study's video world)
 
@@ -38,22 +38,7 @@ def recorder(
     dtype: str = "float64",
 ) -> Recorder:
     """A recorder of this cell, or of a part of it, for one seed and method."""
-    name = task.cell if not part else f"{task.cell}/{part}"
-    origin = Origin(
-        experiment=task.table,
-        cell=name,
-        system="confusion",
-        grounding=grounding,
-        encoder="none",
-        binder="none",
-        readout="none",
-        head=method,
-        seed=seed,
-        device=task.device,
-        dtype=dtype,
-    )
-    task.recorders.append(Recorder(origin))
-    return task.recorders[-1]
+    return task.recorder(seed, "confusion", method, part or None, grounding, dtype=dtype)
 
 
 def add_share(rows: Recorder, metric: str, holds: list[bool]) -> None:

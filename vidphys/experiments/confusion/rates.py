@@ -1,4 +1,4 @@
-"""Rates of friction: their intervals on the confusion scenes, and the energy balance (X1-X5)."""
+"""Rates of friction: their intervals on the confusion scenes, and the energy balance."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def potential(q: np.ndarray) -> np.ndarray:
 
 
 def run_energy_balance(task: CellTask) -> None:
-    """X1-X5 in the study's world of three attracting bodies, over cadence and noise."""
+    """The balance of energy of three attracting bodies, over cadence and noise."""
     for seed in task.seeds:
         for interval in CADENCES:
             for sigma in NOISES:

@@ -1,4 +1,4 @@
-"""N80-N84: which rate is learned in both worlds, and what clips that run backwards cost."""
+"""Which rate is learned in both worlds, and what clips that run backwards cost."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _spread(head: Head, tracks: Tensor) -> float:
 
 
 def run_second_law(task: CellTask) -> None:
-    """N80-N84, and the energy balance on the same tracks: both worlds, both ways."""
+    """Rates, reversed clips, and the energy balance on the same tracks: both worlds, both ways."""
     for seed in task.seeds:
         still = film(attracted, seed)
         damped = film(total(attracted, drag(STUDY_RATE, 1)), seed)
@@ -137,7 +137,7 @@ class _Seed:
         self.rows("reversed", POSITIVE).add_value("contrast", contrast)
 
     def balance(self) -> None:
-        """X1 on what was read from the pixels."""
+        """The energy balance on what was read from the pixels."""
         rows = self.rows("balance", "energy-balance")
         still = corrected_rate(self.still.motion(), potential).value
         rows.add_value("rate_conservative", abs(still))

@@ -1,8 +1,9 @@
-"""Disks that touch softly, stiffly or without any give (N37, N38)."""
+"""Disks that touch softly, stiffly or without any give."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Generator
@@ -15,11 +16,9 @@ from vidphys.experiments.contacts.training import collision_loss, stretches
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.figures import DRIFT, INVERTED, Panel, Sweep
-from vidphys.experiments.core.members import train_members
 from vidphys.experiments.core.oracle import AGES, OLDEST
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
-from vidphys.experiments.core.trained import smaller_batch, train_cell
-from vidphys.experiments.core.truth import score_truth
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
 from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
@@ -37,57 +36,33 @@ HEADS: dict[str, HeadTerm] = {
 }
 EVENTS = terms.HardDisks(BOX)
 RETRACE_STEPS = 1000
-STEPS = DRIFT_STEPS[-1]
+FEW = Training(smaller_batch(4))  # for every model alike: there are many models
 SCALARS_FASTER = 10  # a single number is learned at so many times a network's rate
 UNDEFINED = "undefined"
 
 
 def cell(level: str, head: str) -> Cell:
     """A cell that trains one model on one level of stiffness and asks all questions of it."""
-
-    def run(task: CellTask) -> None:
-        scene = disks(level)
-        for seed, trained, recorder in train_cell(
-            task, head, HEADS[head], scene, _budget(task.sizes)
-        ):
-            _ask(task, level, aged_question(scene, task.sizes.held_out, seed), trained, recorder)
-
-    return run
+    return asked_cell(head, HEADS[head], partial(disks, level), _ask, FEW, aged_question)
 
 
-def event_cell(task: CellTask) -> None:
+def _ask_events(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+    assert isinstance(head, HardDisks)
+    recorder.add_value("diameter", float(head.diameter.detach()))
+    _ask(task, head, recorder, question)
+
+
+def event_cell() -> Cell:
     """Hard disks by their events: the only learned number is the diameter."""
-    scene = disks("impulsive")
-    recorders = {seed: task.recorder(seed, scene, "events") for seed in task.seeds}
-    sizes = _budget(task.sizes)
-    faster = tuple(SCALARS_FASTER * rate for rate in sizes.learning_rates)
-    heads = train_members(
-        "events",
-        lambda: scene.build(EVENTS),
-        {seed: stretches(scene, sizes.trajectories, seed) for seed in recorders},
-        replace(sizes, learning_rates=faster),
-        recorders,
-        collision_loss,
-        task.device,
-        task.checkpoint("fit"),
-        task.progress,
+
+    def faster(sizes: OracleSizes) -> OracleSizes:
+        rates = tuple(SCALARS_FASTER * rate for rate in sizes.learning_rates)
+        return replace(FEW.sizes(sizes), learning_rates=rates)
+
+    how = Training(faster, collision_loss, stretches)
+    return asked_cell(
+        "events", EVENTS, partial(disks, "impulsive"), _ask_events, how, aged_question
     )
-    for seed, head in heads.items():
-        assert isinstance(head, HardDisks)
-        recorders[seed].add_value("diameter", float(head.diameter.detach()))
-        _ask(task, "impulsive", aged_question(scene, sizes.held_out, seed), head, recorders[seed])
-
-
-def truth_cell(level: str) -> Cell:
-    """The reference itself."""
-
-    def run(task: CellTask) -> None:
-        scene = disks(level)
-        for seed in task.seeds:
-            question = aged_question(scene, task.sizes.held_out, seed)
-            score_truth(task.recorder(seed, scene, "truth"), question, STEPS)
-
-    return run
 
 
 def aged_question(scene: Scene, episodes: int, seed: int) -> Question:
@@ -100,12 +75,12 @@ def aged_question(scene: Scene, episodes: int, seed: int) -> Question:
     return Question(scene, start, start, params)
 
 
-def _ask(task: CellTask, level: str, question: Question, head: Head, recorder: Recorder) -> None:
+def _ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
     rolled = score_drift(recorder, head, question, DRIFT_STEPS)
     _score_momentum(recorder, rolled.states)
     score_retrace(recorder, head, replace(question, steps=RETRACE_STEPS))
     _score_held_law(recorder, head, question)
-    if level in STIFFNESS:
+    if task.cell.partition("/")[0] in STIFFNESS:
         flipped = question.params.with_coupling(-question.params.coupling)
         score_changed_law(recorder, head, question, flipped, question.params, -1.0)
     else:
@@ -132,20 +107,15 @@ def _score_momentum(recorder: Recorder, states: PhaseState) -> None:
     recorder.add("momentum_change_worst", metrics.worst(change))
 
 
-def _budget(sizes: OracleSizes) -> OracleSizes:
-    """A quarter of the preset's batch, for every model alike: there are many models."""
-    return smaller_batch(sizes, 4)
-
-
 def _cells() -> dict[str, Cell]:
     cells: dict[str, Cell] = {}
     for level in LEVELS:
-        cells[f"{level}/truth"] = truth_cell(level)
+        cells[f"{level}/truth"] = truth_cell(partial(disks, level), question=aged_question)
         for head in HEADS:
             # Without a stiffness there is no inversion that the non-factored twin could be asked.
             if head != "symplectic" or level in STIFFNESS:
                 cells[f"{level}/{head}"] = cell(level, head)
-    return cells | {"impulsive/events": event_cell}
+    return cells | {"impulsive/events": event_cell()}
 
 
 CONTACTS = Table(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import operator
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ class Row:
         id: of the study's result, for example ``N16``.
         what: in words.
         cell, metric, coupling, horizon: which records.
+        readout: which of a cell's records, where it has several readouts.
         over: how seeds are joined: mean, median, largest or smallest.
         divided_by: a cell whose value divides this one's, seed by seed; for patterns.
         paper: the study's figure as it stands there, or empty.
@@ -59,6 +60,7 @@ class Row:
     paper: str = ""
     bar: str = ""
     evidence: str = ""
+    readout: str = ""
 
     def holds(self, value: float) -> bool:
         """Whether a value meets the bar."""
@@ -120,11 +122,12 @@ def with_remark(table: str, verdict: Verdict) -> Verdict:
     return replace(verdict, remark=remarks.get(verdict.row.what, ""))
 
 
-def bars_hash() -> str:
-    """SHA-256 over all files of bars, in the order of their names."""
+def bars_hash(tables: Iterable[str]) -> str:
+    """SHA-256 over the tables' files of bars, in the order of their names."""
     digest = hashlib.sha256()
-    for path in sorted(FOLDER.glob("*.toml")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    for path in sorted(FOLDER / f"{table}.toml" for table in tables):
+        if path.exists():
+            digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -158,6 +161,7 @@ def _values(
             and record["metric"] == row.metric
             and record["coupling"] == row.coupling
             and record["horizon"] == row.horizon
+            and (not row.readout or record["readout"] == row.readout)
         )
         if same and record["status"] == OK:
             values[record["seed"]] = record["value"]

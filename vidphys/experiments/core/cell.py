@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeVar
 
 from vidphys.experiments.core.figures import Sweep
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes
 from vidphys.progress import Progress
 from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import Scene
+
+T = TypeVar("T")
+Report = Callable[[str, int, int], None]  # of a stage's name, step and steps
+
+
+class Kept:
+    """The last thing of each kind that a worker made, for the next cell that asks for the same."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[Hashable, Any]] = {}
+
+    def once(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
+        """What ``make`` gives; the last of its kind again, where that was made under this key."""
+        if kind not in self._last or self._last[kind][0] != key:
+            self._last[kind] = key, make()
+        return self._last[kind][1]
 
 
 @dataclass(frozen=True)
@@ -24,7 +41,9 @@ class CellTask:
         pixel: of the preset, for pictures; the quick one's where not given.
         device: where to train and roll.
         folder: for checkpoints, or ``None``.
-        progress: called as ``(step, steps, loss)``.
+        report: called as ``(stage, step, steps)``; a stage may have no name.
+        showcase: file for the arrays of a recording, or ``None``.
+        kept: what cells that one worker does in one go share.
         recorders: filled by :meth:`recorder`.
     """
 
@@ -35,32 +54,36 @@ class CellTask:
     pixel: PixelSizes = PRESETS["quick"].pixel
     device: str = "cpu"
     folder: Path | None = None
-    progress: Progress | None = None
+    report: Report | None = None
+    showcase: Path | None = None
+    kept: Kept = field(default_factory=Kept)
     recorders: list[Recorder] = field(default_factory=list)
 
     def recorder(
         self,
         seed: int,
-        scene: Scene,
+        scene: Scene | str,
         head: str,
         part: str | None = None,
         grounding: str = "oracle",
         encoder: str = "none",
         binder: str = "none",
+        dtype: str = "float32",
     ) -> Recorder:
         """A recorder of this cell, or of a named part of it, for one seed.
 
         Args:
             seed: of the run.
-            scene: gives the system's name.
+            scene: the system, or its name.
             head: name of the model.
             part: makes the cell ``cell/part``, for cells that compare several settings.
             grounding, encoder, binder: what the states were perceived by.
+            dtype: of the model.
         """
         origin = Origin(
             experiment=self.table,
             cell=self.cell if part is None else f"{self.cell}/{part}",
-            system=scene.name,
+            system=scene if isinstance(scene, str) else scene.name,
             grounding=grounding,
             encoder=encoder,
             binder=binder,
@@ -68,7 +91,7 @@ class CellTask:
             head=head,
             seed=seed,
             device=self.device,
-            dtype="float32",
+            dtype=dtype,
         )
         self.recorders.append(Recorder(origin))
         return self.recorders[-1]
@@ -76,8 +99,35 @@ class CellTask:
     def checkpoint(self, stage: str) -> Path | None:
         return None if self.folder is None else self.folder / f"{stage}.json"
 
+    @property
+    def progress(self) -> Progress | None:
+        """Called as ``(step, steps, loss)``."""
+        return self.stage("")
+
+    def stage(self, name: str) -> Progress | None:
+        """The progress of one stage of the work."""
+        report = self.report
+        return None if report is None else lambda step, steps, _loss: report(name, step, steps)
+
 
 Cell = Callable[[CellTask], None]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one worker does in one go.
+
+    Args:
+        table: name by which the catalogue gives it.
+        cells: done one after the other.
+        seeds: of each cell.
+        parts: the name under which each cell's work is kept; other seeds have other names.
+    """
+
+    table: str
+    cells: tuple[str, ...]
+    seeds: tuple[int, ...]
+    parts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -93,6 +143,7 @@ class Table:
         settings: scenes and terms, for ``run.json``.
         source: the table whose records are read, where it is not this one.
         pixels: whether its cells draw and see pictures; `all` leaves such tables out.
+        apart: whether nothing but its own name chooses it.
         sweeps: its figures, beside those that every table has.
     """
 
@@ -104,9 +155,16 @@ class Table:
     settings: Mapping[str, object] = field(default_factory=dict)
     source: str = ""
     pixels: bool = False
+    apart: bool = False
     sweeps: tuple[Sweep, ...] = ()
 
     @property
     def records_of(self) -> str:
         """Name of the table whose records its rows are read from."""
         return self.source or self.name
+
+    def units(self, cells: Sequence[str], seeds: tuple[int, ...]) -> list[Unit]:
+        """How cells are shared among workers: one each, with all its seeds."""
+        numbers = "-".join(map(str, seeds))
+        parts = {cell: f"{self.name}.{cell.replace('/', '-')}.s{numbers}" for cell in cells}
+        return [Unit(self.name, (cell,), seeds, (part,)) for cell, part in parts.items()]

@@ -18,7 +18,7 @@ from vidphys.experiments.core.scoring import Question
 from vidphys.metrics import FAILED, OK, Summary
 from vidphys.runs.records import Recorder
 
-RETRACE_BELOW = 0.1  # return error that counts as a match (inventory 12.31)
+RETRACE_BELOW = 0.1  # return error that counts as a match; the study names no threshold
 LOST_ENERGY = 1e6  # of the start's scale: an episode beyond it has diverged, finite or not
 
 
@@ -86,7 +86,7 @@ def score_shed(
     kind: str,
     fine: int = 1,
 ) -> None:
-    """The rate at which a rollout's energy changes, against the truth's (inventory N41-N43).
+    """The rate at which a rollout's energy changes, against the truth's.
 
     Args:
         recorder: gets ``KIND_rate``, ``true_KIND_rate``, ``KIND_ratio`` and ``KIND_error``.
@@ -153,7 +153,7 @@ def score_divergence(
 
 
 def score_retrace(recorder: Recorder, head: Head, question: Question) -> None:
-    """K9: go on, turn the momenta round, go on as long; is one back? For model and truth."""
+    """Go on, turn the momenta round, go on as long; is one back? For model and truth."""
     scene, params, steps, start = question.scene, question.params, question.steps, question.truth
     there = scene.simulate(start, params, steps, steps).at(-1)
     back = scene.simulate(there.reversed, params, steps, steps).at(-1).reversed

@@ -17,7 +17,7 @@ PENALTIES = ("squared", "absolute")  # the study states both; squared is its for
 
 
 def energy_penalised(scene: Scene, weight: float, form: str = "squared") -> MemberLoss:
-    """The one-step loss plus ``weight`` times the change of the scene's *true* energy (M2).
+    """The one-step loss plus ``weight`` times the change of the scene's *true* energy.
 
     Args:
         scene: whose exact energy is used; it is not learned.
@@ -42,7 +42,7 @@ def energy_penalised(scene: Scene, weight: float, form: str = "squared") -> Memb
 
 
 def noisy(fraction: float) -> MemberLoss:
-    """The one-step loss from a start with noise; the target stays the noise-free next state (T12).
+    """The one-step loss from a start with noise; the target stays the noise-free next state.
 
     Args:
         fraction: standard deviation of the noise, as a part of the batch's own in q and in p.
@@ -77,7 +77,7 @@ def floored(share: float) -> MemberLoss:
 
 
 def shortcut_penalised(weight: float, share: float) -> MemberLoss:
-    """:func:`floored` plus ``weight`` times the size of the shortcut's force (M14).
+    """:func:`floored` plus ``weight`` times the size of the shortcut's force.
 
     Args:
         weight: lambda, on the squared momentum that the shortcut adds in one step over the spread

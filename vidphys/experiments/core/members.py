@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,7 +17,13 @@ from vidphys.progress import Progress
 from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
 from vidphys.training.ensemble import Ensemble, Stacked, stack
-from vidphys.training.loop import FitSettings, choose_learning_rate, fit
+from vidphys.training.loop import (
+    Batches,
+    FitSettings,
+    LearningRateChoice,
+    choose_learning_rate,
+    fit,
+)
 from vidphys.training.segments import Scale, Segments, scale_of, segment_loss
 
 PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
@@ -25,8 +31,7 @@ PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is
 MemberLoss = Callable[[Head, Segments, Scale], Tensor]
 
 
-@dataclass(frozen=True)
-class Examples:
+class Examples(NamedTuple):
     """Training and held-out segments of one seed."""
 
     train: Segments
@@ -79,30 +84,19 @@ def train_members(
         head.see(examples[seed].train.start)
         heads.append(head)
     ensemble = Ensemble(heads).to(device)
-    train = Stacked([examples[seed].train.to(device) for seed in seeds])
+    train = [examples[seed].train.to(device) for seed in seeds]
     held_out = stack([examples[seed].held_out.to(device) for seed in seeds])
-    order = derive(seeds[0], "order", name)
 
     def member_loss(head: Head, batch: Segments) -> Tensor:
         return loss(head, batch, scale)
 
-    probe = FitSettings(max(1, int(PROBE * sizes.steps)), sizes.batch, 0.0)
-    choice = choose_learning_rate(
-        ensemble,
-        lambda candidate: candidate.loss(member_loss),
-        train,
-        held_out,
-        sizes.learning_rates,
-        probe,
-        order,
-    )
-    settings = FitSettings(sizes.steps, sizes.batch, choice.chosen)
-    fit(ensemble, ensemble.loss(member_loss), train, settings, order, save_to, progress)
+    order = derive(seeds[0], "order", name)
+    choice = fit_ensemble(ensemble, member_loss, train, held_out, sizes, order, save_to, progress)
     with torch.no_grad():
         errors = ensemble.map(member_loss, held_out).tolist()
     trained = {}
     for seed, head, error in zip(seeds, ensemble.to("cpu").members(), errors, strict=True):
-        lost = not all(bool(torch.isfinite(p).all()) for p in head.parameters())
+        lost = not is_finite(head)
         recorders[seed].add_value("learning_rate", choice.chosen)
         for rate, tried in choice.errors.items():
             failed = Summary(None, FAILED, 0, 0)
@@ -113,3 +107,41 @@ def train_members(
             recorders[seed].add_value("held_out_one_step_error", error)
             trained[seed] = head
     return trained
+
+
+def fit_ensemble(
+    ensemble: Ensemble[Head],
+    loss: Callable[[Head, Any], Tensor],
+    train: Sequence[Batches],
+    held_out: Any,
+    sizes: OracleSizes,
+    order: int,
+    save_to: Path | None = None,
+    progress: Progress | None = None,
+) -> LearningRateChoice:
+    """Train models side by side, at the learning rate whose short trial errs least.
+
+    Args:
+        ensemble: is trained.
+        loss: of one member and one batch of its.
+        train: by member.
+        held_out: stacked over members; a rate is chosen on it.
+        sizes: steps, batch and grid.
+        order: seed of the batches' order.
+        save_to: JSON path of the checkpoint; ``None`` keeps none.
+        progress: called as ``(step, steps, loss)``.
+    """
+    stacked = Stacked(train)
+    probe = FitSettings(max(1, int(PROBE * sizes.steps)), sizes.batch, 0.0)
+    rates = sizes.learning_rates
+    choice = choose_learning_rate(
+        ensemble, lambda tried: tried.loss(loss), stacked, held_out, rates, probe, order
+    )
+    settings = FitSettings(sizes.steps, sizes.batch, choice.chosen)
+    fit(ensemble, ensemble.loss(loss), stacked, settings, order, save_to, progress)
+    return choice
+
+
+def is_finite(head: Head) -> bool:
+    """Whether all of a head's weights are numbers."""
+    return all(bool(torch.isfinite(p).all()) for p in head.parameters())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import torch
 from torch import Generator
 
@@ -19,20 +17,20 @@ from vidphys.experiments.core.scoring import (
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.seeding import derive
-from vidphys.training.segments import Segments, from_trajectory
+from vidphys.training.segments import from_trajectory
 
-HORIZON = 20  # steps of a training trajectory (the study, C4)
+HORIZON = 20  # steps of a training trajectory, as in the study
 OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, and its grid
 
 
 def true_segments(
     scene: Scene, trajectories: int, seed: int, k: int = 1, both_signs: bool = False
-) -> tuple[Segments, Segments]:
-    """Examples of ``k`` steps from short reference trajectories: (train, held out)."""
+) -> Examples:
+    """Examples of ``k`` steps from short reference trajectories."""
     trajectory = true_trajectories(scene, trajectories, seed, both_signs)
     # Whole trajectories are held out, so that no held-out step has a neighbour in training.
     kept = HORIZON + 1 - k
-    return from_trajectory(trajectory, k).split(kept * max(1, trajectories // 16))
+    return Examples(*from_trajectory(trajectory, k).split(kept * max(1, trajectories // 16)))
 
 
 def true_trajectories(
@@ -40,7 +38,7 @@ def true_trajectories(
 ) -> Rollout:
     """Reference trajectories of ``HORIZON`` steps for training.
 
-    Only the forward law is sampled, G > 0 (C3), unless both signs are asked for (T11). Each
+    Only the forward law is sampled, G > 0, unless both signs are asked for. Each
     trajectory starts from a state that is up to ``OLDEST`` steps old, so that encounters and
     bodies that have flown apart are seen as often as rollouts meet them.
     """
@@ -55,15 +53,6 @@ def true_trajectories(
     age = torch.randint(AGES + 1, (trajectories,), generator=rng)
     start = past[torch.arange(trajectories), age]
     return scene.simulate(start, params, HORIZON)
-
-
-def true_examples(
-    scene: Scene, trajectories: int, seeds: Iterable[int], k: int = 1, both_signs: bool = False
-) -> dict[int, Examples]:
-    """What :func:`true_segments` gives for each seed, for all heads that train on it."""
-    return {
-        seed: Examples(*true_segments(scene, trajectories, seed, k, both_signs)) for seed in seeds
-    }
 
 
 def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:

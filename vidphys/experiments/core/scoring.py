@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -13,6 +14,7 @@ from vidphys import metrics
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene, lyapunov_time
 
+T = TypeVar("T")
 COUPLINGS = (-0.5, -1.0, -1.5)
 INVERSION_STEPS = 150
 DRIFT_STEPS = (100, 500, 1000, 2000)
@@ -30,6 +32,7 @@ class Question:
         params: the law that held until then (G > 0).
         steps: reference steps of an inversion.
         every: reference steps between compared states; a pixel head's own step.
+        known: what the truth has answered; shared by questions that are made from this one.
     """
 
     scene: Scene
@@ -38,30 +41,25 @@ class Question:
     params: Parameters
     steps: int = INVERSION_STEPS
     every: int = 5
+    known: dict[tuple[Hashable, ...], tuple[Scene, Any]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
-    @cached_property
-    def _known(self) -> dict[tuple[bytes, int], Rollout]:
-        """References that were asked for before, by true starts, law and steps."""
-        return {}
-
-    @cached_property
+    @property
     def lyapunov_time(self) -> Tensor:
         """Seconds in which a small error of each true start grows by e, ``(b,)``."""
-        return lyapunov_time(self.scene, self.truth, self.params)
+        key = "lyapunov", *self._asked(self.params)
+        return self._once(key, lambda: lyapunov_time(self.scene, self.truth, self.params))
 
     def starting(self, start: PhaseState) -> Question:
         """The same question from another start; what the truth answers is shared."""
-        return self._sharing(replace(self, start=start))
+        return replace(self, start=start)
 
     def alone(self, episode: int, steps: int) -> Question:
         """One of the episodes, for so many steps; what the truth answers is shared."""
         one = slice(episode, episode + 1)
         start, truth, params = self.start[one], self.truth[one], self.params[one]
-        return self._sharing(replace(self, start=start, truth=truth, params=params, steps=steps))
-
-    def _sharing(self, other: Question) -> Question:
-        other.__dict__["_known"] = self._known
-        return other
+        return replace(self, start=start, truth=truth, params=params, steps=steps)
 
     def ask(self, head: Head, steps: int, params: Parameters | None = None) -> Rollout:
         """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
@@ -74,11 +72,18 @@ class Question:
 
     def reference(self, params: Parameters) -> Rollout:
         """The truth under a law, from the true start; rolled once for each law."""
+        key = "reference", *self._asked(params), self.steps, self.every
+        simulate = self.scene.simulate
+        return self._once(key, lambda: simulate(self.truth, params, self.steps, self.every))
+
+    def _asked(self, params: Parameters) -> tuple[Hashable, ...]:
         numbers = torch.cat([self.truth.flat.flatten(), params.flat.flatten()])
-        key = numbers.numpy().tobytes(), self.steps
-        if key not in self._known:
-            self._known[key] = self.scene.simulate(self.truth, params, self.steps, self.every)
-        return self._known[key]
+        return id(self.scene), numbers.numpy().tobytes()
+
+    def _once(self, key: tuple[Hashable, ...], make: Callable[[], T]) -> T:
+        if key not in self.known:
+            self.known[key] = self.scene, make()  # the scene, so that no other has its id
+        return self.known[key][1]
 
     def straight_lines(self) -> Rollout:
         """The zero-force predictor from the *true* start, the stricter yardstick."""
@@ -94,7 +99,7 @@ def _to(dtype: torch.dtype):  # noqa: ANN202 (a tensor function)
 def score_inversion(
     recorder: Recorder, head: Head, question: Question, rolled: Rollout | None = None
 ) -> None:
-    """K3, K4, K25, K26 at each flipped coupling, with the truth-against-truth distance.
+    """What :func:`score_changed_law` records, at each flipped coupling; and the usual law's error.
 
     Args:
         recorder: gets the numbers.
@@ -158,7 +163,7 @@ def score_changed_law(
 
 
 def _force_cosine(head: Head, question: Question, params: Parameters) -> metrics.Summary:
-    """Model force against true force at the true states (K26)."""
+    """Model force against true force at the true states."""
     dtype = next((p.dtype for p in head.parameters()), torch.float64)
     with torch.no_grad():
         model = head.force(question.truth.map(_to(dtype)), params.map(_to(dtype)))
@@ -179,7 +184,7 @@ def score_drift(
     horizons: tuple[int, ...] = DRIFT_STEPS,
     rolled: Rollout | None = None,
 ) -> Rollout:
-    """K1 and K2 under the law that held; returns the rollout that was scored.
+    """Energy drift and latent growth under the law that held; returns the rollout that was scored.
 
     Args:
         recorder: gets the numbers.
@@ -202,7 +207,7 @@ def score_drift(
 
 
 def score_rollout_error(recorder: Recorder, question: Question, rolled: Rollout) -> None:
-    """K6: median over episodes of the error at each horizon, in units of the truth's spread."""
+    """Median over episodes of the error at each horizon, in units of the truth's spread."""
     steps = DRIFT_STEPS[-1]
     truth = question.scene.simulate(question.truth, question.params, steps, question.every)
     for horizon in DRIFT_STEPS:

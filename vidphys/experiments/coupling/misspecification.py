@@ -1,10 +1,10 @@
-"""Laws that a model is wrong about, and whether it can be told beforehand (N48)."""
+"""Laws that a model is wrong about, and whether it can be told beforehand."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from dynamics import terms, to_config
+from dynamics import Head, terms, to_config
 from vidphys.coupling_power import (
     CONTRADICTED,
     SUPPORTED,
@@ -14,9 +14,9 @@ from vidphys.coupling_power import (
 )
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import INVERTED, Panel, Sweep
-from vidphys.experiments.core.oracle import held_out_question, true_trajectories
-from vidphys.experiments.core.scoring import score_inversion
-from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.oracle import true_trajectories
+from vidphys.experiments.core.scoring import Question, score_inversion
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
@@ -47,17 +47,14 @@ SERIES = {
 def series_cell(world: str, prior: str) -> Cell:
     """A cell that trains one prior in one world, and asks what the training data support."""
 
-    def run(task: CellTask) -> None:
-        scene, assumed = WORLDS[world](), POTENTIALS[prior][0].coupling
-        sizes = smaller_batch(task.sizes, 2)
-        for seed, head, recorder in train_cell(task, prior, PRIORS[prior], scene, sizes):
-            ask_power(recorder, scene, assumed, task.sizes.trajectories, seed)
-            question = held_out_question(scene, task.sizes.held_out, seed)
-            score_inversion(recorder, head, question)
-            if prior == "factored":
-                score_truth(recorder, question)
+    def ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+        count, seed = task.sizes.trajectories, recorder.origin.seed
+        ask_power(recorder, question.scene, POTENTIALS[prior][0].coupling, count, seed)
+        score_inversion(recorder, head, question)
+        if prior == "factored":
+            score_truth(recorder, question)
 
-    return run
+    return asked_cell(prior, PRIORS[prior], WORLDS[world], ask, Training(smaller_batch(2)))
 
 
 def ask_power(recorder: Recorder, scene: Scene, assumed: str, trajectories: int, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""Which measurements leave exactly one power of the coupling (N49)."""
+"""Which measurements leave exactly one power of the coupling."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _part(forces: Forces, index: int, size: int = RECORDED) -> Forces:
 
 
 def _record(task: CellTask, seed: int, part: str, found: list[tuple[str, PowerVerdict]]) -> None:
-    """K21: shares of trials."""
+    """Shares of trials."""
 
     def share(metric: str, holds: list[bool]) -> None:
         values = torch.tensor(holds, dtype=torch.float64)

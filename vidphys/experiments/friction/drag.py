@@ -1,17 +1,19 @@
-"""Dragged gravity: what a port takes out, and what a conserving model cannot (N41)."""
+"""Dragged gravity: what a port takes out, and what a conserving model cannot."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
-from dynamics import HEADS, terms, to_config
+from dynamics import HEADS, Head, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import opposed, score_shed
 from vidphys.experiments.core.figures import SHED, Sweep
-from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.trained import train_cell
+from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.trained import asked_cell
 from vidphys.experiments.core.truth import score_truth
+from vidphys.runs.records import Recorder
 from vidphys.scenes.drag import STRENGTHS, dragged_gravity
 
 PORTS = {
@@ -24,28 +26,21 @@ HEADS_ASKED: dict[str, HeadTerm] = {
     "conserving": HEADS["factored"],
     "unstructured": HEADS["unstructured"],
 }
-CELLS = {
-    "weak": ("port", "conserving"),
-    "strong": tuple(HEADS_ASKED),
-}
+CELLS = {"weak": ("port", "conserving"), "strong": tuple(HEADS_ASKED)}
 STEPS = 2000
 
 
 def drag_cell(strength: str, head: str) -> Cell:
     """A cell that trains one head under drag and asks at which rate its energy falls."""
 
-    def run(task: CellTask) -> None:
-        world = dragged_gravity(strength)
-        for seed, trained, recorder in train_cell(task, head, HEADS_ASKED[head], world):
-            question = held_out_question(world, task.sizes.held_out, seed)
-            score_shed(recorder, trained, question, question.params, STEPS, "shed")
-            if head == "factored-port":
-                against = opposed(question.params)
-                score_shed(recorder, trained, question, against, STEPS, "anti_shed")
-            if head == "port":
-                score_truth(recorder, question, STEPS)
+    def ask(task: CellTask, trained: Head, recorder: Recorder, question: Question) -> None:
+        score_shed(recorder, trained, question, question.params, STEPS, "shed")
+        if head == "factored-port":
+            score_shed(recorder, trained, question, opposed(question.params), STEPS, "anti_shed")
+        if head == "port":
+            score_truth(recorder, question, STEPS)
 
-    return run
+    return asked_cell(head, HEADS_ASKED[head], partial(dragged_gravity, strength), ask)
 
 
 def _cells() -> Mapping[str, Cell]:
@@ -66,10 +61,5 @@ DRAG = Table(
         "scenes": {name: dragged_gravity(name).settings for name in STRENGTHS},
         "heads": {name: to_config(term) for name, term in HEADS_ASKED.items()},
     },
-    sweeps=(
-        Sweep(
-            (SHED,),
-            "How far the loss of energy is from the true loss.",
-        ),
-    ),
+    sweeps=(Sweep((SHED,), "How far the loss of energy is from the true loss."),),
 )

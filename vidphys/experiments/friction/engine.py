@@ -1,4 +1,4 @@
-"""The engine's double pendulum: formalisms, friction, its sign, and time reversal (N25, N39-N43).
+"""The engine's double pendulum: formalisms, friction, its sign, and time reversal.
 
 All tables read one set of trained models: seven without friction, and four for each law of
 friction.
@@ -23,10 +23,10 @@ from vidphys.experiments.core.dissipation import (
     score_shed,
 )
 from vidphys.experiments.core.figures import COSINE, DRIFT, SHED, Panel, Sweep
-from vidphys.experiments.core.members import Examples, one_step, train_members
-from vidphys.experiments.core.oracle import HORIZON, held_out_question
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
-from vidphys.experiments.core.trained import smaller_batch
+from vidphys.experiments.core.members import Examples, one_step
+from vidphys.experiments.core.oracle import HORIZON
+from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.experiments.friction.derivatives import derivative_segments, match_slopes
 from vidphys.presets import OracleSizes
@@ -71,7 +71,7 @@ FINE = 5  # steps of a field in a reference step, where anti-friction makes join
 SMALLER = 4  # a field is matched on small batches, as many examples in all
 
 
-def examples(scene: Scene, term: HeadTerm, trajectories: int, seed: int) -> Examples:
+def examples(term: HeadTerm, scene: Scene, trajectories: int, seed: int) -> Examples:
     """Short trajectories, the same for every model: derivatives for a field, steps for a map."""
     start, params = scene.sample(trajectories, Generator().manual_seed(derive(seed, "train")))
     trajectory = scene.simulate(start, params, HORIZON)
@@ -90,7 +90,7 @@ def sizes_for(term: HeadTerm, sizes: OracleSizes) -> OracleSizes:
         return sizes
     gentler = tuple(rate / SMALLER**0.5 for rate in sizes.learning_rates)
     steps = SMALLER * sizes.steps
-    return replace(smaller_batch(sizes, SMALLER), steps=steps, learning_rates=gentler)
+    return replace(smaller_batch(SMALLER)(sizes), steps=steps, learning_rates=gentler)
 
 
 Score = Callable[[Recorder, Head, Question], None]
@@ -109,28 +109,14 @@ def engine_cell(
             of the scene.
     """
 
-    def run(task: CellTask) -> None:
-        world = scene()
-        recorders = {seed: task.recorder(seed, world, task.cell) for seed in task.seeds}
-        count = task.sizes.trajectories
-        heads = train_members(
-            task.cell,
-            lambda: world.build(term),
-            {seed: examples(world, term, count, seed) for seed in task.seeds},
-            sizes_for(term, task.sizes),
-            recorders,
-            match_slopes if isinstance(term, Generalised) else one_step,
-            task.device,
-            task.checkpoint("fit"),
-            task.progress,
-        )
-        for seed, head in heads.items():
-            question = held_out_question(world, task.sizes.held_out, seed)
-            score(recorders[seed], head, question)
-            if certified:
-                score_truth(recorders[seed], question, DRIFT_STEPS[-1])
+    def ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+        score(recorder, head, question)
+        if certified:
+            score_truth(recorder, question)
 
-    return run
+    loss = match_slopes if isinstance(term, Generalised) else one_step
+    how = Training(partial(sizes_for, term), loss, partial(examples, term))
+    return asked_cell(None, term, scene, ask, how)
 
 
 def score_free(recorder: Recorder, head: Head, question: Question) -> None:
@@ -206,12 +192,7 @@ DISSIPATION = Table(
     ),
     ids="N42",
     source="engine",
-    sweeps=(
-        Sweep(
-            (SHED,),
-            "How far the loss of energy is from the engine's.",
-        ),
-    ),
+    sweeps=(Sweep((SHED,), "How far the loss of energy is from the engine's."),),
 )
 ANTI_FRICTION = Table(
     name="anti-friction",

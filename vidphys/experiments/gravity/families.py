@@ -1,25 +1,25 @@
-"""Other families of forces: charges with a held-out sign, and two laws at once (N32, N33)."""
+"""Other families of forces: charges with a held-out sign, and two laws at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from dynamics import HEADS, Parameters, ballistic, terms, to_config
+from dynamics import HEADS, Head, Parameters, ballistic, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.core.losses import floored
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import DRIFT_STEPS, score_changed_law, score_drift
-from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
+from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.coulomb import all_alike, coulomb, gravity_and_coulomb
 
 Change = Callable[[Parameters], Parameters]
 
 TWINS = {name: HEADS[name] for name in ("symplectic", "unstructured")}
-STEPS = DRIFT_STEPS[-1]
 FLOOR = 0.1  # of the momentum increments' spread: charges' forces often cancel
 
 
@@ -62,17 +62,11 @@ def family_cell(
 ) -> Cell:
     """A cell that trains one model and asks each changed law of it, each as a part."""
 
-    def run(task: CellTask) -> None:
-        world = scene()
-        sizes = smaller_batch(task.sizes, 2)
-        for seed, trained, recorder in train_cell(task, head, term, world, sizes, floored(FLOOR)):
-            question = held_out_question(world, task.sizes.held_out, seed)
-            score_drift(recorder, trained, question, DRIFT_STEPS)
-            for name, change in changes.items():
-                part = task.recorder(seed, world, head, name)
-                score_changed_law(part, trained, question, change(question.params), question.params)
+    def ask(task: CellTask, trained: Head, recorder: Recorder, question: Question) -> None:
+        score_drift(recorder, trained, question, DRIFT_STEPS)
+        _ask_changes(task, recorder.origin.seed, head, trained, question, changes)
 
-    return run
+    return asked_cell(head, term, scene, ask, Training(smaller_batch(2), floored(FLOOR)))
 
 
 def truth_cell(scene: Callable[[], Scene], changes: Mapping[str, Change]) -> Cell:
@@ -82,14 +76,23 @@ def truth_cell(scene: Callable[[], Scene], changes: Mapping[str, Change]) -> Cel
         world = scene()
         for seed in task.seeds:
             question = held_out_question(world, task.sizes.held_out, seed)
-            score_truth(task.recorder(seed, world, "truth"), question, STEPS)
-            for name, change in changes.items():
-                part = task.recorder(seed, world, "ballistic", name)
-                score_changed_law(
-                    part, ballistic(), question, change(question.params), question.params
-                )
+            score_truth(task.recorder(seed, world, "truth"), question)
+            _ask_changes(task, seed, "ballistic", ballistic(), question, changes)
 
     return run
+
+
+def _ask_changes(
+    task: CellTask,
+    seed: int,
+    name: str,
+    head: Head,
+    question: Question,
+    changes: Mapping[str, Change],
+) -> None:
+    for label, change in changes.items():
+        part = task.recorder(seed, question.scene, name, label)
+        score_changed_law(part, head, question, change(question.params), question.params)
 
 
 def _cells(

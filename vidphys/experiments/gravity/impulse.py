@@ -1,4 +1,4 @@
-"""Planning an impulse through a model, to be executed in the truth (S17, K22)."""
+"""Planning an impulse through a model, to be executed in the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planning through a model, and starts that are not known exactly (N34, N35)."""
+"""Planning through a model, and starts that are not known exactly."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from dynamics import HEADS, Head, Parameters, PhaseState, rollout, to_config
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import INVERTED, Panel, Sweep
-from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import Question, score_changed_law
-from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.experiments.gravity.impulse import KICKED, Plan, kicked, plan_impulse
 from vidphys.runs.records import Recorder
@@ -30,19 +29,16 @@ FLIPPED = -1.0
 def model_cell(name: str) -> Cell:
     """A cell that trains one model, plans through it, and starts it from noisy states."""
 
-    def run(task: CellTask) -> None:
-        scene = gravity()
-        sizes = smaller_batch(task.sizes, 2)
-        for seed, head, recorder in train_cell(task, name, HEADS[name], scene, sizes):
-            question = held_out_question(scene, task.sizes.held_out, seed)
-            score_plans(recorder, head, question, seed)
-            for noise in NOISES:
-                noisy = task.recorder(seed, scene, name, f"noise-{noise:g}")
-                score_noise(noisy, head, question, noise, seed)
-            if name == MODELS[0]:
-                score_truth(recorder, question)
+    def ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+        seed = recorder.origin.seed
+        score_plans(recorder, head, question, seed)
+        for noise in NOISES:
+            noisy = task.recorder(seed, question.scene, name, f"noise-{noise:g}")
+            score_noise(noisy, head, question, noise, seed)
+        if name == MODELS[0]:
+            score_truth(recorder, question)
 
-    return run
+    return asked_cell(name, HEADS[name], gravity, ask, Training(smaller_batch(2)))
 
 
 def final_position(head: Head, params: Parameters, dt: float, start: PhaseState) -> Tensor:
@@ -55,7 +51,7 @@ def final_position(head: Head, params: Parameters, dt: float, start: PhaseState)
 
 
 def score_plans(recorder: Recorder, head: Head, question: Question, seed: int) -> None:
-    """K22: the error that the model predicts for its plan, and the one that the truth makes."""
+    """The error that the model predicts for its plan, and the one that the truth makes."""
     scene, params, start = question.scene, question.params, question.truth
     rng = Generator().manual_seed(derive(seed, "targets"))
 

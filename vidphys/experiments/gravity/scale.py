@@ -1,4 +1,4 @@
-"""From three bodies to many: the same pair law, asked of more of them (N31)."""
+"""From three bodies to many: the same pair law, asked of more of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import DRIFT, Panel, Sweep
 from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import Question, score_changed_law, score_drift
-from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.trained import Training, smaller_batch, train_cell
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder
 from vidphys.scenes.crowd import FEW, crowd
@@ -40,8 +40,8 @@ def scale_cell(name: str) -> Cell:
 
     def run(task: CellTask) -> None:
         world = crowd(FEW)
-        sizes = smaller_batch(task.sizes, 2)
-        for seed, head, _ in train_cell(task, name, ASKED[name], world, sizes):
+        how = Training(smaller_batch(2))
+        for seed, head, _ in train_cell(task, name, ASKED[name], world, how):
             for bodies in LONG + (CURVE if name == FAR else ()):
                 scene = crowd(bodies)
                 episodes = episodes_of(bodies, task.sizes.held_out)
@@ -64,7 +64,7 @@ def _ask(recorder: Recorder, head: Head, question: Question, long: bool) -> None
 
 
 def score_force(recorder: Recorder, head: Head, question: Question) -> None:
-    """Force against the truth's at the starts: relative error, and direction (K26)."""
+    """Force against the truth's at the starts: relative error, and direction."""
     params = question.params
     with torch.no_grad():
         model = head.force(
@@ -103,10 +103,7 @@ N_TRANSFER = Table(
     },
     sweeps=(
         Sweep(
-            (
-                Panel("force_error_median", "relative error of the force"),
-                DRIFT,
-            ),
+            (Panel("force_error_median", "relative error of the force"), DRIFT),
             "Trained on three bodies only.",
             "cell",
             "bodies",

@@ -1,17 +1,18 @@
-"""What the claims depend on: capacity, data, and the generator (N27, N28, and the map)."""
+"""What the claims depend on: capacity, data, and the generator."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
-from dynamics import HEADS
+from dynamics import HEADS, Head
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import COSINE, DRIFT, INVERTED, MATCHED, Sweep
-from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import score_drift, score_inversion
-from vidphys.experiments.core.trained import train_cell
+from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.core.trained import Training, asked_cell
 from vidphys.presets import OracleSizes
+from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
 
 MODELS = ("factored", "symplectic", "unstructured")
@@ -27,20 +28,16 @@ def sweep_cell(
 ) -> Cell:
     """A cell that trains one model under one setting of the sweep."""
 
-    def run(task: CellTask) -> None:
-        scene = gravity(generator)
-        sizes = _sizes(task.sizes, trajectories)
-        for seed, head, recorder in train_cell(task, name, term, scene, sizes):
-            question = held_out_question(scene, sizes.held_out, seed)
-            score_inversion(recorder, head, question)
-            score_drift(recorder, head, question)
+    def sizes(preset: OracleSizes) -> OracleSizes:
+        count = preset.trajectories if trajectories is None else trajectories
+        return replace(preset, trajectories=count, steps=max(1, preset.steps // SHARE))
 
-    return run
+    return asked_cell(name, term, partial(gravity, generator), _ask, Training(sizes))
 
 
-def _sizes(sizes: OracleSizes, trajectories: int | None) -> OracleSizes:
-    count = sizes.trajectories if trajectories is None else trajectories
-    return replace(sizes, trajectories=count, steps=max(1, sizes.steps // SHARE))
+def _ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+    score_inversion(recorder, head, question)
+    score_drift(recorder, head, question)
 
 
 def _map_cells() -> dict[str, Cell]:

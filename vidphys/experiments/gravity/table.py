@@ -1,12 +1,13 @@
 """The oracle-state tables of three bodies under gravity: one set of trained models, many questions.
 
 Stability, inversion, their dissociation, graph networks, stronger baselines and parameter
-extrapolation (N1-N17, N26, N50) all ask the models of the ``stability`` table.
+extrapolation all ask the models of the ``stability`` table.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import torch
 
@@ -17,7 +18,7 @@ from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import COSINE, DRIFT, INVERTED, Panel, Sweep
 from vidphys.experiments.core.losses import energy_penalised, noisy
 from vidphys.experiments.core.members import MemberLoss, one_step
-from vidphys.experiments.core.oracle import held_out_question
+from vidphys.experiments.core.oracle import held_out_question, true_segments
 from vidphys.experiments.core.scoring import (
     DRIFT_STEPS,
     INVERSION_STEPS,
@@ -28,7 +29,7 @@ from vidphys.experiments.core.scoring import (
     score_long_drift,
     score_rollout_error,
 )
-from vidphys.experiments.core.trained import smaller_batch, train_cell
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
@@ -53,7 +54,7 @@ class Recipe:
     """
 
     term: HeadTerm
-    loss: MemberLoss = field(default=one_step)
+    loss: MemberLoss = one_step
     k: int = 1
     both_signs: bool = False
     long: bool = False
@@ -78,28 +79,23 @@ RECIPES = {
 }
 
 
-def recipe_cell(name: str, recipe: Recipe) -> Cell:
+def recipe_cell(recipe: Recipe) -> Cell:
     """A cell that trains one model on true states and asks all questions of it."""
 
-    def run(task: CellTask) -> None:
-        scene = gravity()
-        # As many force evaluations for k steps as for one.
-        sizes = smaller_batch(task.sizes, recipe.k)
-        trained = train_cell(
-            task, name, recipe.term, scene, sizes, recipe.loss, recipe.k, recipe.both_signs
-        )
-        for seed, head, recorder in trained:
-            question = held_out_question(scene, task.sizes.held_out, seed)
-            rolled = question.ask(head, LONG_STEPS if recipe.long else DRIFT_STEPS[-1])
-            score_inversion(recorder, head, question, rolled)
-            score_short_inversion(recorder, head, question)
-            score_drift(recorder, head, question, rolled=rolled)
-            score_rollout_error(recorder, question, rolled)
-            score_extrapolation(recorder, head, question)
-            if recipe.long:
-                score_long_drift(recorder, head, question, rolled)
+    def ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+        rolled = question.ask(head, LONG_STEPS if recipe.long else DRIFT_STEPS[-1])
+        score_inversion(recorder, head, question, rolled)
+        score_short_inversion(recorder, head, question)
+        score_drift(recorder, head, question, rolled=rolled)
+        score_rollout_error(recorder, question, rolled)
+        score_extrapolation(recorder, head, question)
+        if recipe.long:
+            score_long_drift(recorder, head, question, rolled)
 
-    return run
+    segments = partial(true_segments, k=recipe.k, both_signs=recipe.both_signs)
+    # As many force evaluations for k steps as for one.
+    how = Training(smaller_batch(recipe.k), recipe.loss, segments)
+    return asked_cell(None, recipe.term, gravity, ask, how)
 
 
 def truth(task: CellTask) -> None:
@@ -127,7 +123,7 @@ def score_short_inversion(recorder: Recorder, head: Head, question: Question) ->
 
 
 def score_extrapolation(recorder: Recorder, head: Head, question: Question) -> None:
-    """K15: error of one stored step at laws inside and outside the training band.
+    """Error of one stored step at laws inside and outside the training band.
 
     The error is that of the momentum gained over the step against the true gain's size, so that
     stronger laws are not worse for being stronger.
@@ -167,7 +163,7 @@ STABILITY = Table(
         "conserved energy."
     ),
     ids="N1-N9",
-    cells={"truth": truth, **{name: recipe_cell(name, r) for name, r in RECIPES.items()}},
+    cells={"truth": truth, **{name: recipe_cell(r) for name, r in RECIPES.items()}},
     settings={
         "scene": gravity().settings,
         "heads": {name: to_config(r.term) for name, r in RECIPES.items()},
@@ -175,12 +171,7 @@ STABILITY = Table(
         "multi_step": AHEAD,
         "inversion_steps": INVERSION_STEPS,
     },
-    sweeps=(
-        Sweep(
-            (DRIFT, INVERTED, COSINE),
-            "What holds and what inverts are different models.",
-        ),
-    ),
+    sweeps=(Sweep((DRIFT, INVERTED, COSINE), "What holds and what inverts are different models."),),
 )
 INVERSION = Table(
     name="inversion",

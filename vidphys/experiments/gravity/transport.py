@@ -1,4 +1,4 @@
-"""Whether the transport score says which model rolls out worst under the flip (N51)."""
+"""Whether the transport score says which model rolls out worst under the flip."""
 
 from __future__ import annotations
 
@@ -12,14 +12,7 @@ from vidphys import metrics
 from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.experiments.gravity.transport_score import flow, generator, linear_transport
 from vidphys.experiments.linear.candidates import REPRESENTATIONS, fit_stiffness
-from vidphys.experiments.linear.factorial import (
-    CURLS,
-    FAMILIES,
-    FLIPPED,
-    PAIRS,
-    Trial,
-    make_trial,
-)
+from vidphys.experiments.linear.factorial import CURLS, FAMILIES, FLIPPED, PAIRS, Trial, make_trial
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, coupling_stiffness, oscillators
 from vidphys.seeding import derive
 from vidphys.statistics import spearman

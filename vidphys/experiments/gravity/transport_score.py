@@ -1,4 +1,4 @@
-"""The finite-time transport bound and the score that it makes (P3, K20, X8), for linear fields.
+"""The finite-time transport bound and the score that it makes, for linear fields.
 
 |x(t) - x*(t)| <= e^{Lt} (|x(0) - x*(0)| + t (content + map)): a wrong start, a wrong content and a
 wrong parameter map, each carried by the model's own field. The terms need the truth; the score
@@ -45,7 +45,7 @@ class Transport:
     lipschitz: Tensor
 
     def log_score(self, time: Tensor) -> Tensor:
-        """Logarithm of K20 after ``time`` seconds, which large exponents do not overflow."""
+        """Logarithm of the score after ``time`` seconds, which large exponents do not overflow."""
         size = self.initial + time * (self.content + self.map_error)
         return self.lipschitz * time + size.log()
 

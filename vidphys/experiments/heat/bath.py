@@ -7,8 +7,6 @@ numbers; after the network's training they are set to their maximum likelihood o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import torch
 from torch import Generator, Tensor
 
@@ -17,8 +15,10 @@ from dynamics.bath import Bath, DiagonalBath
 from dynamics.stochastic import NeuralSDE, half_steps
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import CellTask
-from vidphys.experiments.core.members import Examples, train_members
+from vidphys.experiments.core.members import Examples
+from vidphys.experiments.core.trained import Training, train_cell
 from vidphys.runs.records import Recorder
+from vidphys.scenes import Scene
 from vidphys.scenes.langevin import BathScene
 from vidphys.seeding import derive
 from vidphys.training.segments import Scale, Segments, from_trajectory
@@ -115,14 +115,8 @@ def _squares(head: Hamiltonian, trajectory: Rollout) -> list[Tensor]:
 
 
 def train_stochastic(
-    name: str,
-    term: HeadTerm,
-    scene: BathScene,
-    task: CellTask,
-    recorders: Mapping[int, Recorder],
-    observed: int,
-    noise: float = 0.0,
-) -> dict[int, Head]:
+    name: str, term: HeadTerm, scene: BathScene, task: CellTask, observed: int, noise: float = 0.0
+) -> list[tuple[int, Head, Recorder]]:
     """Train a head of this term for each seed on the scene's trajectories.
 
     Args:
@@ -130,28 +124,23 @@ def train_stochastic(
         term: the model.
         scene: gives the data.
         task: gives sizes, device and the folder.
-        recorders: by seed.
         observed: steps of training data, see :func:`bath_trajectory`.
         noise: of what a sensor reports: standard deviation as a part of the state's own.
+
+    Returns:
+        Seed, head and recorder of each training that was not lost.
     """
-    seen = {
-        seed: blurred(bath_trajectory(scene, task.sizes.trajectories, seed, observed), noise, seed)
-        for seed in recorders
-    }
-    heads = train_members(
-        name,
-        lambda: scene.build(term),
-        {seed: bath_examples(trajectory) for seed, trajectory in seen.items()},
-        task.sizes,
-        recorders,
-        likelihood,
-        task.device,
-        task.checkpoint(f"fit-{name}-{noise:g}"),
-        task.progress,
-    )
-    for seed, head in heads.items():
+    seen: dict[int, Rollout] = {}
+
+    def examples(world: Scene, trajectories: int, seed: int) -> Examples:
+        seen[seed] = blurred(bath_trajectory(scene, trajectories, seed, observed), noise, seed)
+        return bath_examples(seen[seed])
+
+    how = Training(loss=likelihood, examples=examples, checkpoint=f"fit-{name}-{noise:g}")
+    trained = train_cell(task, name, term, scene, how)
+    for seed, head, _ in trained:
         refine(head, seen[seed])
-    return heads
+    return trained
 
 
 def blurred(trajectory: Rollout, noise: float, seed: int) -> Rollout:

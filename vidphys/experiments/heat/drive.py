@@ -51,14 +51,13 @@ def drive_cell(name: str) -> Cell:
 
     def run(task: CellTask) -> None:
         scene = driven()
-        recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
-        heads = train_stochastic(name, TERMS[name], scene, task, recorders, OBSERVED)
-        for seed, head in heads.items():
+        trained = train_stochastic(name, TERMS[name], scene, task, OBSERVED)
+        for seed, head, recorder in trained:
             steady, beyond = _crowds(task, scene, seed)
-            parts = [(recorders[seed], drive) for drive in ASKED]
+            parts = [(recorder, drive) for drive in ASKED]
             truth = simulated(scene, steady, seed)
-            score_temperatures(recorders[seed], parts, head, scene, steady, truth)
-            score_growth(recorders[seed], head, scene, beyond, steady)
+            score_temperatures(recorder, parts, head, scene, steady, truth)
+            score_growth(recorder, head, scene, beyond, steady)
 
     return run
 

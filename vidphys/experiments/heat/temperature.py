@@ -108,7 +108,7 @@ def score_temperatures(
     crowd: Walkers,
     truth: Sequence[Measured],
 ) -> None:
-    """K11 in each setting and the worst of them.
+    """The temperature's error in each setting and the worst of them.
 
     The error is relative to what the simulator itself shows; its standard error is that of both
     measurements.
@@ -162,7 +162,7 @@ INVERTED, INVERSION_STEPS = -0.5, 20  # friction per second, and one second of i
 
 
 def score_injection(recorder: Recorder, head: Head, scene: BathScene, crowd: Walkers) -> None:
-    """K12: energy gained at negative friction and temperature 0, where no noise is defined.
+    """Energy gained at negative friction and temperature 0, where no noise is defined.
 
     ``injection_rate`` is the mean gain over one second, per mean kinetic energy of the starts;
     they are steady states of the (single) setting. The rollouts are scored as any other changed
@@ -208,7 +208,7 @@ GROWN = 2.0  # the last quarter's temperature over the first's
 def score_growth(
     recorder: Recorder, head: Head, scene: BathScene, crowd: Walkers, stable: Walkers
 ) -> None:
-    """K13: does the energy grow without bound where no steady state exists, and is it said so?
+    """Does the energy grow without bound where no steady state exists, and is it said so?
 
     Args:
         recorder: gets ``diverged_fraction``, ``flagged_fraction`` and ``false_flag_fraction``.

@@ -1,4 +1,4 @@
-"""K11, X9: the kinetic temperature of a stationary run, and how well it is known."""
+"""The kinetic temperature of a stationary run, and how well it is known."""
 
 from __future__ import annotations
 

@@ -64,11 +64,10 @@ def bath_cell(name: str, noise: float = 0.0) -> Cell:
 
     def run(task: CellTask) -> None:
         scene = langevin()
-        recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
-        heads = train_stochastic(name, TERMS[name], scene, task, recorders, OBSERVED, noise)
-        for seed, head in heads.items():
+        trained = train_stochastic(name, TERMS[name], scene, task, OBSERVED, noise)
+        for seed, head, recorder in trained:
             truth = simulated(scene, _crowd(task, scene, seed), seed)
-            ask(task, recorders[seed], head, scene, truth)
+            ask(task, recorder, head, scene, truth)
 
     return run
 

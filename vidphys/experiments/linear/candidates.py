@@ -1,4 +1,4 @@
-"""The factorial's candidates: stiffness fitted by ridge regression to contaminated forces (M30)."""
+"""The factorial's candidates: stiffness fitted by ridge regression to contaminated forces."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def fit_ring(labels: ForceLabels) -> Tensor:
 def candidate(representation: str, content: Tensor, map_name: str, integrator: Integrator) -> Head:
     """The model of a fitted stiffness.
 
-    A Hamiltonian takes the orthogonal projection on the symmetric matrices (X10); an
+    A Hamiltonian takes the orthogonal projection on the symmetric matrices; an
     unrestricted field keeps the fit as it is.
     """
     if representation == "unrestricted":

@@ -1,4 +1,4 @@
-"""The matched factorial: representation, parameter map and integrator, one at a time (N18-N24)."""
+"""The matched factorial: representation, parameter map and integrator, one at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Families of parameter maps: capacity or the prior, what carries to an unseen sign? (N23)."""
+"""Families of parameter maps: capacity or the prior, what carries to an unseen sign?."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.figures import Panel, Sweep
+from vidphys.experiments.core.members import fit_ensemble, is_finite
 from vidphys.experiments.core.oracle import HORIZON, held_out_question
 from vidphys.experiments.core.scoring import Question, score_changed_law
 from vidphys.experiments.linear.candidates import (
@@ -28,8 +29,7 @@ from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
 from vidphys.seeding import derive
-from vidphys.training.ensemble import Ensemble, Stacked, stack
-from vidphys.training.loop import FitSettings, choose_learning_rate, fit
+from vidphys.training.ensemble import Ensemble, stack
 
 POTENTIALS: dict[str, PotentialTerm] = {
     "multiplicative": terms.Mapped("linear"),
@@ -43,7 +43,6 @@ NETWORKS: dict[str, HeadTerm] = {
 }
 SCALARS = "eight-scalars"
 HELD_OUT = 64  # trajectories' worth of labels that are scored
-PROBE = 0.1  # share of the optimiser steps that each candidate learning rate is tried for
 
 
 def _labels(scene: Scene, kind: str, count: int, seed: int) -> ForceLabels:
@@ -64,7 +63,7 @@ def fit_networks(
         labels = _labels(scene, kind, task.sizes.trajectories, seed)
         data.append(pytree.tree_map(lambda x: x.float().to(task.device), labels))
     count = HORIZON * max(1, task.sizes.trajectories // 16)
-    train = Stacked([d[slice(count, None)] for d in data])
+    train = [d[slice(count, None)] for d in data]
     held_out = stack([d[slice(0, count)] for d in data])
     size = data[0].force.square().mean()
 
@@ -72,20 +71,13 @@ def fit_networks(
         return (response(head, batch.q, batch.params) - _coupled(batch)).square().mean() / size
 
     ensemble, order = Ensemble(heads).to(task.device), derive(task.seeds[0], "order", name)
-    probe = FitSettings(max(1, int(PROBE * task.sizes.steps)), task.sizes.batch, 0.0)
-    rates = task.sizes.learning_rates
-    choice = choose_learning_rate(
-        ensemble, lambda e: e.loss(loss), train, held_out, rates, probe, order
-    )
-    settings = FitSettings(task.sizes.steps, task.sizes.batch, choice.chosen)
     save_to, progress = task.checkpoint("fit"), task.progress
-    fit(ensemble, ensemble.loss(loss), train, settings, order, save_to, progress)
+    choice = fit_ensemble(ensemble, loss, train, held_out, task.sizes, order, save_to, progress)
     fitted: dict[int, Head] = {}
     for seed, head in zip(task.seeds, ensemble.to("cpu").members(), strict=True):
-        lost = not all(bool(torch.isfinite(p).all()) for p in head.parameters())
         recorders[seed].add_value("learning_rate", choice.chosen)
-        recorders[seed].add_value("training_failed", float(lost))
-        if not lost:
+        recorders[seed].add_value("training_failed", float(not is_finite(head)))
+        if is_finite(head):
             fitted[seed] = head
     return fitted
 

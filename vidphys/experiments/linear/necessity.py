@@ -1,4 +1,4 @@
-"""A free force beside the factored one: is it taken, and does a penalty send it back (N29, N30)?"""
+"""A free force beside the factored one: is it taken, and does a penalty send it back?"""
 
 from __future__ import annotations
 
@@ -15,10 +15,8 @@ from vidphys.experiments.core.dissipation import score_shed
 from vidphys.experiments.core.figures import INVERTED, SHED, Panel, Sweep
 from vidphys.experiments.core.losses import floored, shortcut_penalised
 from vidphys.experiments.core.members import MemberLoss
-from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
-from vidphys.experiments.core.trained import smaller_batch, train_cell
-from vidphys.experiments.core.truth import score_truth
+from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.drag import dragged_gravity
@@ -98,17 +96,12 @@ UNDER_DRAG = {
 def hybrid_cell(recipe: Recipe) -> Cell:
     """A cell that trains one model and asks for its shortcut's share and the flipped coupling."""
 
-    def run(task: CellTask) -> None:
-        scene = recipe.scene()
-        # There are two networks in a model; and the models of a table start alike.
-        sizes = smaller_batch(task.sizes, 2)
-        for seed, head, recorder in train_cell(
-            task, task.cell, recipe.term, scene, sizes, recipe.loss, start="hybrid"
-        ):
-            question = held_out_question(scene, task.sizes.held_out, seed)
-            _ask(recorder, head, recipe, question)
+    def ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
+        _ask(recorder, head, recipe, question)
 
-    return run
+    # There are two networks in a model; and the models of a table start alike.
+    how = Training(smaller_batch(2), recipe.loss, start="hybrid")
+    return asked_cell(None, recipe.term, recipe.scene, ask, how)
 
 
 def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> None:
@@ -123,18 +116,6 @@ def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> 
         state, law = question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
         with torch.no_grad():
             recorder.add_value("shortcut_share", float(shortcut_share(head, state, law)))
-
-
-def truth_cell(scene: Callable[[], Scene]) -> Cell:
-    """The reference itself."""
-
-    def run(task: CellTask) -> None:
-        world = scene()
-        for seed in task.seeds:
-            question = held_out_question(world, task.sizes.held_out, seed)
-            score_truth(task.recorder(seed, world, "truth"), question, STEPS)
-
-    return run
 
 
 NECESSITY = Table(
@@ -179,10 +160,5 @@ COMPOSITION = Table(
         "heads": {name: to_config(recipe.term) for name, recipe in UNDER_DRAG.items()},
         "weights": {name: recipe.weight for name, recipe in UNDER_DRAG.items()},
     },
-    sweeps=(
-        Sweep(
-            (SHED, INVERTED),
-            "Terms together: the loss of energy and the flip.",
-        ),
-    ),
+    sweeps=(Sweep((SHED, INVERTED), "Terms together: the loss of energy and the flip."),),
 )

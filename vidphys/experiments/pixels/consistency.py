@@ -1,4 +1,4 @@
-"""Symplectic consistency: what a discovered momentum is without it, and with it (N54)."""
+"""Symplectic consistency: what a discovered momentum is without it, and with it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from vidphys import metrics
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.scoring import Question, score_drift, score_inversion, score_lost
-from vidphys.experiments.ladder import pixel_scene
-from vidphys.experiments.pixels.seen import Seen, draw, score_state
+from vidphys.experiments.pixels.seen import Seen, draw, pixel_scene, score_state
 from vidphys.perception.base import FitTask
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.cnn import CHUNK
 from vidphys.perception.discovered import SEEN
 from vidphys.perception.free_momentum import FreeMomentum, fit_free_momentum
@@ -24,7 +23,7 @@ from vidphys.seeding import derive
 
 WEIGHTS = {"free": 0.0, "consistent": 1.0}
 HEADS = ("factored", "factored-learned-kinetic")
-DISCOVERED = GROUNDINGS["cnn-discovered"]
+DISCOVERED = RUNGS["cnn-discovered"]
 
 
 def latent_cell(weight: float, heads: Sequence[str]) -> Cell:

@@ -1,12 +1,12 @@
-"""Whether a larger frozen encoder reads better: the same rung over several sizes (N73)."""
+"""Whether a larger frozen encoder reads better: the same rung over several sizes."""
 
 from __future__ import annotations
 
 from functools import partial
 
 from vidphys.experiments.core.cell import Table
-from vidphys.experiments.ladder import TWINS, pixel_scene
-from vidphys.experiments.pixels.seeing import seen_cell
+from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell
+from vidphys.experiments.pixels.seen import pixel_scene
 from vidphys.perception.base import Grounding
 from vidphys.perception.frozen import SHARE, fit_frozen
 
@@ -28,7 +28,7 @@ ENCODER_SCALE = Table(
         "ViT-g, DINOv2 from small to large. An encoder whose weights are not here is skipped."
     ),
     ids="N73",
-    cells={name: seen_cell(rung(name, name in VIDEO), TWINS) for name in (*VIDEO, *IMAGE)},
+    cells={name: PixelCell(rung(name, name in VIDEO), TWINS) for name in (*VIDEO, *IMAGE)},
     settings={"scene": pixel_scene().settings, "share": SHARE},
     pixels=True,
 )

@@ -1,4 +1,4 @@
-"""Does a predictor of the next frame foresee more than that nothing will change (N77)?"""
+"""Does a predictor of the next frame foresee more than that nothing will change?"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Supervised perception of ever faster bodies: positions hold, momenta are what suffers (N52)."""
+"""Supervised perception of ever faster bodies: positions hold, momenta are what suffers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -9,12 +10,12 @@ import torch
 from torch import Generator
 
 from dynamics import Parameters, PhaseState
-from vidphys.experiments.core.cell import Table
+from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.experiments.core.scoring import Question
-from vidphys.experiments.ladder import pixel_scene
-from vidphys.experiments.pixels.seeing import seen_cell
-from vidphys.experiments.pixels.seen import TRAINERS
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.experiments.pixels.momentum import MOMENTUM
+from vidphys.experiments.pixels.pixel_cell import PixelCell, Scored
+from vidphys.experiments.pixels.seen import Perceived, pixel_scene
+from vidphys.perception.catalogue import RUNGS
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 
@@ -43,6 +44,16 @@ def score_rmse(recorder: Recorder, question: Question) -> None:
     recorder.add_value("mean_speed", float(speed.mean()))
 
 
+class SpeedCell(PixelCell):
+    """A pixel cell that records errors of the start in world units too."""
+
+    def also(
+        self, task: CellTask, seed: int, head: str, scored: Sequence[Scored], perceived: Perceived
+    ) -> None:
+        for one in scored:
+            score_rmse(one.recorder, one.question)
+
+
 PERCEPTION_SPEED = Table(
     name="perception-speed",
     title="Supervised perception and the speed of the bodies",
@@ -52,12 +63,11 @@ PERCEPTION_SPEED = Table(
     ),
     ids="N52",
     cells={
-        f"speed-{factor:g}": seen_cell(
-            GROUNDINGS["cnn-supervised"],
+        f"speed-{factor:g}": SpeedCell(
+            RUNGS["cnn-supervised"],
             ("factored",),
             partial(faster, pixel_scene(), factor),
-            tuple(TRAINERS),
-            score_rmse,
+            tuple(MOMENTUM.values()),
         )
         for factor in SPEEDS
     },

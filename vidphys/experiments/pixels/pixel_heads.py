@@ -1,12 +1,12 @@
-"""Seven kinds of dynamics on the same pictures (f28, N56)."""
+"""Seven kinds of dynamics on the same pictures (the study, figure f28)."""
 
 from __future__ import annotations
 
 from dynamics import HEADS, to_config
 from vidphys.experiments.core.cell import Table
-from vidphys.experiments.ladder import pixel_scene
-from vidphys.experiments.pixels.seeing import seen_cell
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.experiments.pixels.pixel_cell import PixelCell
+from vidphys.experiments.pixels.seen import pixel_scene
+from vidphys.perception.catalogue import RUNGS
 
 ON_TRACKS = (
     "unstructured",
@@ -27,8 +27,8 @@ PIXEL_HEADS = Table(
     ),
     ids="N56, f28",
     cells={
-        "renderer": seen_cell(GROUNDINGS["renderer"], ON_TRACKS),
-        "jepa": seen_cell(GROUNDINGS["jepa"], OWN_LATENT),
+        "renderer": PixelCell(RUNGS["renderer"], ON_TRACKS),
+        "jepa": PixelCell(RUNGS["jepa"], OWN_LATENT),
     },
     settings={
         "scene": pixel_scene().settings,

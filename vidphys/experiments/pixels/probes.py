@@ -1,4 +1,4 @@
-"""Whether reading momentum needs a temporal channel, and whoever provides it (N76, Q3, Q4).
+"""Whether reading momentum needs a temporal channel, and whoever provides it.
 
 One probe, one budget, one labelled frame a clip. A video encoder's feature frame is read from the
 clip as it is, from as many copies of the labelled frame (no temporal channel), and from the clip
@@ -26,9 +26,8 @@ from renderers import Camera, RgbWorld
 from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.scoring import Question
-from vidphys.experiments.ladder import pixel_scene
 from vidphys.experiments.pixels.foresight import BETTER, Foreseeing, foresight
-from vidphys.experiments.pixels.seen import score_state
+from vidphys.experiments.pixels.seen import pixel_scene, score_state
 from vidphys.experiments.pixels.temporal_views import VIEWS, OneFrame
 from vidphys.perception.frozen import encode_clips
 from vidphys.training.loop import FitSettings
@@ -198,7 +197,7 @@ def study_images(study: Study) -> None:
 
 
 def _differenced(study: Study, probe: StateProbe, features: FeatureMap, clips: Clips) -> PhaseState:
-    """The middle frame's state from one-frame positions of three frames (E10)."""
+    """The middle frame's state from one-frame positions of three frames."""
     values, centres = features.values, features.cell_centres()
     positions = [study.units.read(probe, values[:, t], centres).q for t in range(3)]
     mass = clips.params.mass

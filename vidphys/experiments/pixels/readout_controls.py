@@ -1,4 +1,4 @@
-"""Where a readout looks: our own CNN under the same readouts, and the pooled control (N74, N75)."""
+"""Where a readout looks: our own CNN under the same readouts, and the pooled control."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import partial
 from typing import Any, cast
 
 from vidphys.experiments.core.cell import Cell, Table
-from vidphys.experiments.ladder import TWINS, pixel_scene
-from vidphys.experiments.pixels.seeing import seen_cell
+from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell
+from vidphys.experiments.pixels.seen import pixel_scene
 from vidphys.perception.base import Grounding
-from vidphys.perception.catalogue import GROUNDINGS
+from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.frozen import SHARE
 from vidphys.perception.own_cnn import NAME, fit_own_cnn
 
@@ -26,7 +26,7 @@ def pooled(grounding: Grounding) -> Grounding:
 
 def _cells(*groundings: Grounding) -> dict[str, Cell]:
     each = [g for spatial in groundings for g in (spatial, pooled(spatial))]
-    return {g.name: seen_cell(g, TWINS) for g in each}
+    return {g.name: PixelCell(g, TWINS) for g in each}
 
 
 OWN_CNN_READOUT = Table(
@@ -49,7 +49,7 @@ POOLED_CONTROL = Table(
         "Pooled features do not say where bodies are, so nothing downstream can be right."
     ),
     ids="N75",
-    cells=_cells(*(GROUNDINGS[name] for name in FROZEN)),
+    cells=_cells(*(RUNGS[name] for name in FROZEN)),
     settings={"scene": pixel_scene().settings, "share": SHARE},
     pixels=True,
 )

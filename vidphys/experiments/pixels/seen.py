@@ -1,7 +1,4 @@
-"""The rungs with pictures: clips are perceived, a head is trained on the tracks, both are scored.
-
-Each rung is scored with both readouts, on the same tracks and with a head trained under each.
-"""
+"""The rungs with pictures: clips are rendered and perceived, and the perceived start is scored."""
 
 from __future__ import annotations
 
@@ -12,28 +9,23 @@ from pathlib import Path
 import torch
 
 from binders import Tracks
-from dynamics import HEADS, Head, PhaseState, Rollout, build
+from dynamics import Head
 from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_drift, score_inversion
+from vidphys.experiments.core.scoring import Question
 from vidphys.perception.base import Attentive, FitTask, Foreseeing, Grounding, Perception
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.progress import Progress
 from vidphys.runs.records import Recorder
-from vidphys.scenes import Scene
+from vidphys.scenes import Scene, gravity
 from vidphys.seeding import derive
-from vidphys.shooting.initial_state import by_differencing, by_shooting, choose_slack
-from vidphys.shooting.step import HEAD_DT
-from vidphys.training.tracks import (
-    TrackTask,
-    tell_scale,
-    train_by_differencing,
-    train_by_shooting,
-)
 
-TRAINERS = {"differencing": train_by_differencing, "shooting": train_by_shooting}
+
+def pixel_scene() -> Scene:
+    """Three bodies under gravity, of unit masses: a disk's picture does not show its mass."""
+    return gravity("gaussian", mass=(1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -61,12 +53,13 @@ def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Se
 
 @dataclass(frozen=True)
 class Perceived:
-    """Tracks of both sets of clips; the held-out ones are relabelled to the true bodies.
+    """Tracks of both sets of ``seen`` clips; the held-out ones are relabelled to the true bodies.
 
     ``under`` follows the held-out clips anew with a trained head, which foresees where bodies
     that look alike go; a perception that knows who is who has nothing to gain by it.
     """
 
+    seen: Seen
     train: Tracks
     test: Tracks
     under: Callable[[Head], Tracks]
@@ -83,7 +76,7 @@ def perceive(perception: Perception, seen: Seen) -> Perceived:
             return test
         return relabel(perception.under(head).tracks(seen.test), truth)
 
-    return Perceived(perception.tracks(seen.train), test, under)
+    return Perceived(seen, perception.tracks(seen.train), test, under)
 
 
 def fit_perception(
@@ -101,56 +94,8 @@ def fit_perception(
     return grounding.fit(FitTask(seen.train, sizes, task_seed, head, folder, progress))
 
 
-def train_and_score(
-    readout: str,
-    head_name: str,
-    scene: Scene,
-    seen: Seen,
-    perceived: Perceived,
-    sizes: PixelSizes,
-    seed: int,
-    recorder: Recorder,
-    folder: Path | None,
-    progress: Progress | None,
-) -> tuple[Head, Question, Rollout]:
-    """One readout of one cell: train the head on the tracks, read the start at t0, score.
-
-    Returns:
-        The head, what it was asked, and its rollout under the law that held.
-    """
-    torch.manual_seed(derive(seed, "init", head_name))
-    head = build(HEADS[head_name], scene.bodies, HEAD_DT)
-    task = TrackTask(
-        perceived.train,
-        seen.train.params,
-        seen.train.interval,
-        sizes.track_steps,
-        derive(seed, "order", head_name, readout),
-        save_to=folder,
-        progress=progress,
-    )
-    tell_scale(head, task)
-    result = TRAINERS[readout](head, task)
-    recorder.add_value("training_loss", result.final_loss)
-    question = seen.asked.starting(read_start(readout, head, seen, perceived))
-    score_state(recorder, question)
-    rolled = question.ask(head, DRIFT_STEPS[-1])
-    score_inversion(recorder, head, question, rolled)
-    score_drift(recorder, head, question, rolled=rolled)
-    return head, question, rolled
-
-
-def read_start(readout: str, head: Head, seen: Seen, perceived: Perceived) -> PhaseState:
-    """The states at t0 of the held-out clips; training clips say how far the head is trusted."""
-    law, interval = seen.test.params, seen.test.interval
-    if readout == "differencing":
-        return by_differencing(head, perceived.test, law, interval)
-    slack = choose_slack(head, perceived.train, seen.train.params, interval)
-    return by_shooting(head, perceived.under(head), law, interval, slack)
-
-
 def score_state(recorder: Recorder, question: Question) -> None:
-    """Errors of the perceived state at t0, position and momentum apart, and K5."""
+    """Errors of the perceived state at t0, position and momentum apart, and the affine residual."""
     start, truth = question.start, question.truth
     pairs = {"position_nmse": (start.q, truth.q), "momentum_nmse": (start.p, truth.p)}
     for name, (seen, true) in pairs.items():
