@@ -22,6 +22,7 @@ from vidphys.runs.recordings import recordings_of
 from vidphys.shooting.step import HEAD_DT
 
 SHOOTING = "shooting"  # of the two readouts of a ladder's cell, the better one
+FITTED = "tracks/specified"
 TRUE_STATES = "oracle"  # the grounding whose heads step by the scene's own step
 
 
@@ -118,7 +119,8 @@ class Run:
 
         Args:
             cell: of a ladder, such as ``oracle/factored``; of ``vidphys train``, the name of one
-                of the pipeline's heads.
+                of the pipeline's heads; of ``vidphys fit``, ``tracks/specified``, whose head counts
+                in its own units of length and time.
             seed: of the training.
             readout: by which a ladder's head of seen clips was trained; ``shooting`` by default.
 
@@ -127,18 +129,17 @@ class Run:
         """
         if self.has_pipeline:
             return self._one(cell, self.pipeline().dynamics.heads, "head")
+        if cell == FITTED and "heads/specified" in self.parts:
+            return _head(self.parts["heads/specified"], HEAD_DT)
         start = f"{cell.replace('/', '-')}-s{seed}/"
         heads = {part: file for part, file in self.parts.items() if part.endswith("/head")}
         of_cell = {part[len(start) :]: f for part, f in heads.items() if part.startswith(start)}
         if not of_cell:
             self._one(f"{start}head", heads, "head")
         name = "head" if "head" in of_cell and readout is None else f"{readout or SHOOTING}/head"
-        tensors, meta = checkpoint.load(self._one(name, of_cell, f"head of {cell}"))
         told = self.settings["scene"]["dt_seconds"]
         dt = told if cell.split("/")[0] == TRUE_STATES else HEAD_DT
-        head = build(from_config(meta["terms"]), meta["bodies"], dt)
-        head.load_state_dict(tensors)
-        return head.eval()
+        return _head(self._one(name, of_cell, f"head of {cell}"), dt)
 
     @property
     def has_pipeline(self) -> bool:
@@ -168,6 +169,16 @@ class Run:
             has = ", ".join(known) or "none"
             raise InputError(f"run folder {self.path}: no {what} '{name}'; there are: {has}")
         return known[name]
+
+
+def _head(file: Path, dt: float) -> Head:
+    tensors, meta = checkpoint.load(file)
+    term = from_config(meta["terms"])
+    if "units" in meta:
+        term = term.counted_in(meta["units"]["length"], meta["units"]["seconds"])
+    head = build(term, meta["bodies"], dt, meta.get("space", 2))
+    head.load_state_dict(tensors)
+    return head.eval()
 
 
 def open_run(path: Path | str) -> Run:

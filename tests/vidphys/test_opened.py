@@ -4,8 +4,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from dynamics import HEADS, build
-from dynamics.terms import to_config
+from dynamics import HEADS, Parameters, PhaseState, build, terms, to_config
 from vidphys.errors import InputError
 from vidphys.opened import open_run
 from vidphys.runs import checkpoint
@@ -65,6 +64,18 @@ def test_a_head_is_rebuilt_with_its_step(folder, cell, where, readout):
     assert all(torch.equal(a, b) for a, b in zip(kept.parameters(), head.parameters(), strict=True))
     tensors = open_run(folder.path).tensors(f"{where}/head")
     assert tensors.keys() == kept.state_dict().keys()
+
+
+def test_a_fitted_head_counts_in_its_own_units(folder):
+    term = terms.Hamiltonian(potentials=(terms.Trap(3.0),))
+    kept = build(term.counted_in(2.0, 0.5), 2, 0.01, space=3)
+    about = {"terms": to_config(term), "bodies": 2, "space": 3}
+    meta = {"step": 0, **about, "units": {"length": 2.0, "seconds": 0.5}}
+    checkpoint.save(folder.checkpoints("heads") / "specified.json", kept.state_dict(), meta)
+    state = PhaseState(torch.ones(1, 2, 3), torch.ones(1, 2, 3))
+    law = Parameters(torch.ones(1), torch.ones(1, 2))
+    head = open_run(folder.path).head("tracks/specified")
+    assert torch.equal(head.force(state, law), kept.force(state, law))
 
 
 def test_what_is_not_there_is_said_with_what_is(folder):
