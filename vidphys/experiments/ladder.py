@@ -177,14 +177,8 @@ class Ladder(Table):
         ]
 
 
-LADDER = Ladder(
-    name=NAME,
-    title="The grounding ladder",
-    about=(
-        "The same heads on the same question, from true states down to pixels of bodies that "
-        "look alike. The study's figures are by differencing."
-    ),
-    ids="N58-N68",
+LADDER = Ladder.told(
+    NAME,
     cells=CELLS,
     settings={
         "scene": oracle_scene().settings,
@@ -193,6 +187,5 @@ LADDER = Ladder(
         "heads": {name: to_config(term) for name, term in HEADS.items()},
         "references": {row.cell: float(row.paper) for row in rows_of(NAME)},
     },
-    pixels=True,
     apart=True,
 )

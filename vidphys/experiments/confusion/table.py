@@ -26,7 +26,6 @@ from vidphys.experiments.confusion.scores import (
 )
 from vidphys.experiments.confusion.second_law_questions import run_second_law
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.metrics import Summary
 
 # (noise in world units, seconds between frames); a preset takes as many as it has episodes for
@@ -115,16 +114,8 @@ def _record(task: CellTask, seed: int, group: str, by_method: dict[str, list[Mar
         rows.add("exact_structure", Summary(None, "skipped", 0, 0))
 
 
-DIAGNOSE = Table(
-    name="diagnose",
-    title="Diagnosis: only what the scene requires",
-    about=(
-        "Clips of bodies whose law is known, as noisy tracks: which terms are found, which are "
-        "added or missed, and is what the menu lacks refused? Beside it the full menu always, a "
-        "Hamiltonian always, and PySINDy with our columns. Then the second law from video: the "
-        "rate of friction by the balance of energy, and by a port that learns it."
-    ),
-    ids="X1-X6, N80-N85",
+DIAGNOSE = Table.told(
+    "diagnose",
     cells={
         "scenes": run_scenes,
         "nulls": run_nulls,
@@ -144,17 +135,4 @@ DIAGNOSE = Table(
         },
         "settings": [list(s) for s in SETTINGS],
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("rate_plain", "rate per second, as the study has it", logarithmic=False),
-                Panel("rate_corrected", "rate per second, corrected for noise", logarithmic=False),
-            ),
-            "Rate of friction by the balance of energy (truth 1.5 per second), over the frame "
-            "interval, for three noises of the positions in world units.",
-            "cell",
-            "seconds between frames",
-            logarithmic=True,
-        ),
-    ),
 )

@@ -15,7 +15,6 @@ from vidphys import metrics
 from vidphys.experiments.contacts.training import collision_loss, stretches
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace
-from vidphys.experiments.core.figures import DRIFT, INVERTED, Panel, Sweep
 from vidphys.experiments.core.oracle import AGES, OLDEST
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
@@ -118,25 +117,11 @@ def _cells() -> dict[str, Cell]:
     return cells | {"impulsive/events": event_cell()}
 
 
-CONTACTS = Table(
-    name="contacts",
-    title="Contacts: soft, stiff and impulsive",
-    about=(
-        "Four disks on a periodic torus. Drift of the true energy, retrace under reversed "
-        "momenta, and the stiffness with its sign changed; a model that sees no contact at all "
-        "drifts little too, so each row stands beside the skill over straight lines. Hard disks "
-        "are moved from collision to collision, with a learned diameter."
-    ),
-    ids="N37, N38",
+CONTACTS = Table.told(
+    "contacts",
     cells=_cells(),
     settings={
         "scenes": {level: disks(level).settings for level in LEVELS},
         "heads": {name: to_config(term) for name, term in {**HEADS, "events": EVENTS}.items()},
     },
-    sweeps=(
-        Sweep(
-            (DRIFT, Panel("retrace_nmse", "error of the way back (nMSE)"), INVERTED),
-            "Hardness from soft to impulsive, by model.",
-        ),
-    ),
 )

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
-from vidphys.experiments.core.figures import Sweep
+from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes
 from vidphys.progress import Progress
 from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import Scene
 
 T = TypeVar("T")
+TEXT = Path(__file__).parents[1].joinpath("tables.toml").read_text(encoding="utf-8")
+WORDS: Mapping[str, Any] = tomllib.loads(TEXT)
 Report = Callable[[str, int, int], None]  # of a stage's name, step and steps
 
 
@@ -157,6 +160,16 @@ class Table:
     pixels: bool = False
     apart: bool = False
     sweeps: tuple[Sweep, ...] = ()
+
+    @classmethod
+    def told(cls, name: str, **work: Any) -> Self:
+        """A table whose words and figures stand in ``tables.toml``; ``work`` is the rest of it."""
+        words = dict(WORDS[name])
+        figures = [
+            Sweep(**{**figure, "panels": tuple(Panel(**panel) for panel in figure["panels"])})
+            for figure in words.pop("sweeps", ())
+        ]
+        return cls(name, sweeps=tuple(figures), **words, **work)
 
     @property
     def records_of(self) -> str:

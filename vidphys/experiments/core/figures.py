@@ -1,4 +1,4 @@
-"""Figures that a table asks for, as data; the report draws them from the records."""
+"""Figures that a table asks for in ``tables.toml``; the report draws them from the records."""
 
 from __future__ import annotations
 
@@ -44,10 +44,3 @@ class Sweep:
     along: Literal["coupling", "horizon", "cell", ""] = ""
     label: str = ""
     logarithmic: bool = False
-
-
-INVERTED = Panel("inversion_nmse", "error at G = -1, 150 steps (nMSE)", -1.0, 150)
-MATCHED = Panel("regime_match_gated", "share that inverts at G = -1", -1.0, 150, logarithmic=False)
-COSINE = Panel("force_cosine", "cosine of the force at G = -1", -1.0, logarithmic=False)
-DRIFT = Panel("energy_drift_median", "energy drift, 2,000 steps", horizon=2000)
-SHED = Panel("shed_error", "error of the shed rate")

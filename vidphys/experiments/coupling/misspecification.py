@@ -13,7 +13,6 @@ from vidphys.coupling_power import (
     measured_forces,
 )
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import INVERTED, Panel, Sweep
 from vidphys.experiments.core.oracle import true_trajectories
 from vidphys.experiments.core.scoring import Question, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
@@ -80,25 +79,12 @@ def _settings() -> dict[str, object]:
     }
 
 
-MISSPECIFICATION = Table(
-    name="misspecification",
-    title="Misspecification: a law that the model's form is wrong about",
-    about=(
-        "Three bodies whose coupling is not linear, or whose force is not one of pairs. A wrong "
-        "power fits what was seen and misleads about what was not; whether the data support the "
-        "power is asked before the counterfactual."
-    ),
-    ids="N48",
+MISSPECIFICATION = Table.told(
+    "misspecification",
     cells={
         f"{world}-{prior}": series_cell(world, prior)
         for world, priors in SERIES.items()
         for prior in priors
     },
     settings=_settings(),
-    sweeps=(
-        Sweep(
-            (Panel("in_distribution_nmse", "error under the trained law (nMSE)"), INVERTED),
-            "A wrong power is silent until the law changes.",
-        ),
-    ),
 )

@@ -19,7 +19,6 @@ from vidphys.coupling_power import (
     measured_forces,
 )
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.scenes import certify
 from vidphys.scenes.changed_laws import gravity_of_power
 from vidphys.seeding import derive
@@ -133,24 +132,8 @@ def _record(task: CellTask, seed: int, part: str, found: list[tuple[str, PowerVe
     share("query_named", [verdict.query is not None for verdict in pair])
 
 
-SELECTION = Table(
-    name="selection",
-    title="Selection: what data can decide the power of a coupling?",
-    about=(
-        "Worlds whose force goes with G, |G|, G^2 or G^3, recorded at G > 0. The coupling-power "
-        "test says which powers the records support, before and after one more episode: at "
-        "G = -1, at a G drawn from the whole domain, or at the G that the test itself names."
-    ),
-    ids="N49",
+SELECTION = Table.told(
+    "selection",
     cells={"gravity": run_selection},
     settings={"trials": TRIALS * len(CANDIDATES), "recorded": RECORDED, "noises": NOISES},
-    sweeps=(
-        Sweep(
-            (
-                Panel("unique_selection", "decided, share", logarithmic=False),
-                Panel("wrong_selection", "decided wrongly, share", logarithmic=False),
-            ),
-            "Before and after the query that decides.",
-        ),
-    ),
 )

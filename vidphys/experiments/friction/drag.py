@@ -9,7 +9,6 @@ from dynamics import HEADS, Head, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import opposed, score_shed
-from vidphys.experiments.core.figures import SHED, Sweep
 from vidphys.experiments.core.scoring import Question
 from vidphys.experiments.core.trained import asked_cell
 from vidphys.experiments.core.truth import score_truth
@@ -48,18 +47,11 @@ def _cells() -> Mapping[str, Cell]:
     return {f"{strength}/{head}": drag_cell(strength, head) for strength, head in asked}
 
 
-DRAG = Table(
-    name="drag",
-    title="Drag: a conserving model cannot lose energy",
-    about=(
-        "Three bodies under gravity with weak and strong linear drag. The rate at which the true "
-        "energy of a rollout falls over 2,000 steps, for models with and without a port."
-    ),
-    ids="N41",
+DRAG = Table.told(
+    "drag",
     cells=_cells(),
     settings={
         "scenes": {name: dragged_gravity(name).settings for name in STRENGTHS},
         "heads": {name: to_config(term) for name, term in HEADS_ASKED.items()},
     },
-    sweeps=(Sweep((SHED,), "How far the loss of energy is from the true loss."),),
 )

@@ -22,7 +22,6 @@ from vidphys.experiments.core.dissipation import (
     score_retrace,
     score_shed,
 )
-from vidphys.experiments.core.figures import COSINE, DRIFT, SHED, Panel, Sweep
 from vidphys.experiments.core.members import Examples, one_step
 from vidphys.experiments.core.oracle import HORIZON
 from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
@@ -151,73 +150,16 @@ def _cells() -> Mapping[str, Cell]:
     return {**free, **damped}
 
 
-ENGINE = Table(
-    name="engine",
-    title="A physics engine's double pendulum: a learned metric",
-    about=(
-        "Joint angles of a double pendulum in MuJoCo, with momenta by the engine's own mass "
-        "matrix. The mass matrix is learned; the drift over 2,000 steps of 0.01 s, and gravity "
-        "turned round."
-    ),
-    ids="N39",
+ENGINE = Table.told(
+    "engine",
     cells=_cells(),
     settings={
         "scenes": {"free": pendulum().settings}
         | {law: pendulum(law, SPREAD).settings for law in LAWS},
         "heads": {name: to_config(term) for name, term in (FREE | DAMPED).items()},
     },
-    sweeps=(
-        Sweep(
-            (DRIFT, Panel("inversion_nmse", "error at -g, 150 steps (nMSE)", -1.0, 150), COSINE),
-            "A learned metric on the engine's double pendulum.",
-        ),
-    ),
 )
-FORMALISMS = Table(
-    name="formalisms",
-    title="DeLaN, SymODEN and HNN: is it the formalism or the factoring?",
-    about=(
-        "Three formalisms on the engine's pendulum, each with a factored potential G U(q) and "
-        "with a free one V(q, G), asked what happens when gravity changes sign."
-    ),
-    ids="N25",
-    source="engine",
-)
-DISSIPATION = Table(
-    name="engine-dissipation",
-    title="Joint friction: does a port take out the energy that it should?",
-    about=(
-        "Linear and squared friction in the engine's joints. The rate at which the energy of a "
-        "rollout falls, for a model with a port of that law and for one that conserves."
-    ),
-    ids="N42",
-    source="engine",
-    sweeps=(Sweep((SHED,), "How far the loss of energy is from the engine's."),),
-)
-ANTI_FRICTION = Table(
-    name="anti-friction",
-    title="Anti-friction: what a negative coefficient does",
-    about=(
-        "The same models told a friction of the opposite sign. Under squared anti-friction the "
-        "law itself reaches infinite speed in finite time, so the truth's own divergence stands "
-        "beside the model's."
-    ),
-    ids="N43",
-    source="engine",
-)
-REVERSAL = Table(
-    name="reversal",
-    title="Time reversal: does the way back lead back?",
-    about=(
-        "150 steps on, the momenta turned round, 150 steps on. A conserving law returns to its "
-        "start; a dissipating one must not, and a model should miss by as much as the truth."
-    ),
-    ids="N40",
-    source="engine",
-    sweeps=(
-        Sweep(
-            (Panel("retrace_nmse", "error of the way back (nMSE)"),),
-            "Who comes back when momenta are turned round.",
-        ),
-    ),
-)
+FORMALISMS = Table.told("formalisms")
+DISSIPATION = Table.told("engine-dissipation")
+ANTI_FRICTION = Table.told("anti-friction")
+REVERSAL = Table.told("reversal")

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dynamics import HEADS, Head, Parameters, ballistic, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.core.losses import floored
 from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
@@ -104,40 +103,19 @@ def _cells(
     }
 
 
-EACH = Sweep(
-    (
-        Panel("inversion_nmse", "error under the changed law (nMSE)"),
-        Panel("force_cosine", "cosine of the force", logarithmic=False),
-    ),
-    "Each model under each change of the law.",
-)
-COULOMB = Table(
-    name="coulomb",
-    title="Charges: a held-out set of signs",
-    about=(
-        "Three charges of both signs; all charges alike, where every pair repels, is never "
-        "trained on. Both kinds of model read the charges and the strength of the law."
-    ),
-    ids="N32",
+COULOMB = Table.told(
+    "coulomb",
     cells=_cells(coulomb, CHARGES, HELD_OUT),
     settings={
         "scene": coulomb().settings,
         "heads": {name: to_config(term) for name, term in CHARGES.items()},
     },
-    sweeps=(EACH,),
 )
-MIXED = Table(
-    name="mixed",
-    title="Gravity and charges at once",
-    about=(
-        "Each body has a mass and a charge, each law its own strength, both positive in "
-        "training. Either is flipped, then both; one factored model answers for both laws."
-    ),
-    ids="N33",
+MIXED = Table.told(
+    "mixed",
     cells=_cells(gravity_and_coulomb, TWO_LAWS, FLIPS),
     settings={
         "scene": gravity_and_coulomb().settings,
         "heads": {name: to_config(term) for name, term in TWO_LAWS.items()},
     },
-    sweeps=(EACH,),
 )

@@ -8,7 +8,6 @@ from torch import Generator, Tensor
 from dynamics import HEADS, Head, Parameters, PhaseState, rollout, to_config
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import INVERTED, Panel, Sweep
 from vidphys.experiments.core.scoring import Question, score_changed_law
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
@@ -114,14 +113,8 @@ def score_noise(
     recorder.add("over_exact_law", metrics.ratio(error, floor), FLIPPED, unsure.steps)
 
 
-PLANNING = Table(
-    name="planning",
-    title="Planning: does a plan made in the model hold in the world?",
-    about=(
-        "An impulse for one of three bodies is planned through the model, so that the body is at "
-        "its target a second later, and executed in the truth. Predicted against executed error."
-    ),
-    ids="N35",
+PLANNING = Table.told(
+    "planning",
     cells={name: model_cell(name) for name in MODELS},
     settings={
         "scene": gravity().settings,
@@ -130,31 +123,5 @@ PLANNING = Table(
         "reach": REACH,
         "budget": BUDGET,
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("predicted_error_median", "distance to the target, as planned"),
-                Panel("executed_error_median", "as executed"),
-            ),
-            "A plan is worth what it is in the world.",
-        ),
-    ),
 )
-NOISE = Table(
-    name="noise",
-    title="Noise: a start that is not known exactly",
-    about=(
-        "The same models, asked for the flip at G = -1 from starts with independent errors of up "
-        "to 30 % of the states' standard deviation, next to the exact law from the same starts."
-    ),
-    ids="N34",
-    source="planning",
-    sweeps=(
-        Sweep(
-            (INVERTED, Panel("over_exact_law", "over the exact law's error", -1.0)),
-            "Starts that are not known exactly.",
-            "cell",
-            "error of the start over the spread of the states",
-        ),
-    ),
-)
+NOISE = Table.told("noise")

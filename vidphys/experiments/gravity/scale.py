@@ -10,7 +10,6 @@ from dynamics import HEADS, Head, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import DRIFT, Panel, Sweep
 from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import Question, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, smaller_batch, train_cell
@@ -87,27 +86,11 @@ def truth(task: CellTask) -> None:
             score_truth(recorder, question, LONG_STEPS)
 
 
-N_TRANSFER = Table(
-    name="n-transfer",
-    title="From three bodies to a thousand",
-    about=(
-        "A model of three bodies is asked about up to 32 for 2,000 steps, with the law that held "
-        "and with its sign changed, and about up to 1,024 for a few steps. Its twin has the same "
-        "pair function and reads only the size of the coupling."
-    ),
-    ids="N31",
+N_TRANSFER = Table.told(
+    "n-transfer",
     cells={"truth": truth, **{name: scale_cell(name) for name in ASKED}},
     settings={
         "scenes": {str(n): crowd(n).settings for n in (*LONG, *CURVE)},
         "heads": {name: to_config(term) for name, term in ASKED.items()},
     },
-    sweeps=(
-        Sweep(
-            (Panel("force_error_median", "relative error of the force"), DRIFT),
-            "Trained on three bodies only.",
-            "cell",
-            "bodies",
-            logarithmic=True,
-        ),
-    ),
 )

@@ -8,7 +8,6 @@ from functools import partial
 from dynamics import HEADS, Head
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import COSINE, DRIFT, INVERTED, MATCHED, Sweep
 from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell
 from vidphys.presets import OracleSizes
@@ -53,56 +52,20 @@ def _map_cells() -> dict[str, Cell]:
     return cells
 
 
-CAPACITY = Table(
-    name="capacity",
-    title="Capacity: does width change the pattern?",
-    about="Each model at widths 32, 128 and 512, half the optimiser steps of the other tables.",
-    ids="N27",
+CAPACITY = Table.told(
+    "capacity",
     cells={
         f"{name}/{width}": sweep_cell(name, HEADS[name].throughout(width=width))
         for name in MODELS
         for width in WIDTHS
     },
-    sweeps=(
-        Sweep(
-            (INVERTED, DRIFT, COSINE), "The pattern over widths.", "cell", "width", logarithmic=True
-        ),
-    ),
 )
-DATA = Table(
-    name="data",
-    title="Data: how many trajectories does the pattern need?",
-    about="Each model on 32, 128 and 512 training trajectories of 20 steps.",
-    ids="N28",
+DATA = Table.told(
+    "data",
     cells={
         f"{name}/{count}": sweep_cell(name, HEADS[name], trajectories=count)
         for name in MODELS
         for count in TRAJECTORIES
     },
-    sweeps=(
-        Sweep(
-            (INVERTED, DRIFT, COSINE),
-            "The pattern over data.",
-            "cell",
-            "training trajectories",
-            logarithmic=True,
-        ),
-    ),
 )
-SENSITIVITY = Table(
-    name="sensitivity",
-    title="What the claim depends on: generator, activation and data",
-    about=(
-        "The study finds that a model without factoring never inverts. Whether that holds is "
-        "asked here for two generators, two activations and two data sizes; the force cosine "
-        "tells what a small error over 150 steps cannot."
-    ),
-    ids="N10, N11",
-    cells=_map_cells(),
-    sweeps=(
-        Sweep(
-            (INVERTED, MATCHED, COSINE, DRIFT),
-            "Where the claim holds, and where a model without factoring learns part of the sign.",
-        ),
-    ),
-)
+SENSITIVITY = Table.told("sensitivity", cells=_map_cells())

@@ -15,7 +15,6 @@ from dynamics import HEADS, Head, PhaseState, ballistic, to_config
 from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import COSINE, DRIFT, INVERTED, Panel, Sweep
 from vidphys.experiments.core.losses import energy_penalised, noisy
 from vidphys.experiments.core.members import MemberLoss, one_step
 from vidphys.experiments.core.oracle import held_out_question, true_segments
@@ -153,16 +152,8 @@ def _step_error(head: Head, question: Question, params) -> metrics.Summary:  # n
     return metrics.median((error / gained).sqrt())
 
 
-SHOWN = "^(factored|factored-radial|symplectic|unstructured|factored-gns|neural-ode)$"  # in curves
-STABILITY = Table(
-    name="stability",
-    title="Stability: does the energy of a long rollout hold?",
-    about=(
-        "Three bodies under softened gravity, trained one step ahead on G > 0. The drift of the "
-        "true energy along 2,000 and 10,000 predicted steps, for models with and without a "
-        "conserved energy."
-    ),
-    ids="N1-N9",
+STABILITY = Table.told(
+    "stability",
     cells={"truth": truth, **{name: recipe_cell(r) for name, r in RECIPES.items()}},
     settings={
         "scene": gravity().settings,
@@ -171,81 +162,9 @@ STABILITY = Table(
         "multi_step": AHEAD,
         "inversion_steps": INVERSION_STEPS,
     },
-    sweeps=(Sweep((DRIFT, INVERTED, COSINE), "What holds and what inverts are different models."),),
 )
-INVERSION = Table(
-    name="inversion",
-    title="Inversion: is a changed law answered?",
-    about=(
-        "The same trained models, asked what happens when the coupling changes sign, which no "
-        "training trajectory shows. A model with no force at all stands beside them: over 150 "
-        "steps it matches the flipped regime too, which is why each row carries the error over "
-        "its error and the cosine of the force."
-    ),
-    ids="N10-N12",
-    source="stability",
-    sweeps=(
-        Sweep(
-            (
-                Panel("inversion_nmse", "error, 150 steps (nMSE)", horizon=150, cells=SHOWN),
-                Panel("force_cosine", "cosine of the force", logarithmic=False, cells=SHOWN),
-                Panel("regime_match_gated", "share that inverts", logarithmic=False, cells=SHOWN),
-            ),
-            "Couplings of the other sign, none of which was trained on.",
-            "coupling",
-            "coupling G",
-        ),
-    ),
-)
-DISSOCIATION = Table(
-    name="dissociation",
-    title="Dissociation: stability and inversion come from different ingredients",
-    about=(
-        "Conservation without factoring holds and does not invert; factoring without "
-        "conservation inverts and does not hold; the factored symplectic model does both."
-    ),
-    ids="N13-N16",
-    source="stability",
-)
-GRAPH_NETS = Table(
-    name="graph-nets",
-    title="Graph networks: relational structure is not conservation",
-    about=(
-        "Message passing between bodies, with and without G outside the messages, with and "
-        "without training noise."
-    ),
-    ids="N26",
-    source="stability",
-)
-BASELINES = Table(
-    name="baselines",
-    title="Stronger baselines: attention and domain randomisation",
-    about=(
-        "A set transformer, and a black box that sees both signs of G in training, against the "
-        "factored model that sees one."
-    ),
-    ids="N50",
-    source="stability",
-)
-EXTRAPOLATION = Table(
-    name="extrapolation",
-    title="Parameter extrapolation: outside the training band",
-    about=(
-        "The error of 5 steps' momentum gain at couplings and masses inside and outside 0.5 to "
-        "1.5, relative to the true gain."
-    ),
-    ids="N17",
-    source="stability",
-    sweeps=(
-        Sweep(
-            (
-                Panel("step_error_coupling", "error of the gain, by coupling", cells=SHOWN),
-                Panel("step_error_mass", "error of the gain, by mass", cells=SHOWN),
-            ),
-            "Trained between 0.5 and 1.5.",
-            "coupling",
-            "coupling, or mass",
-            logarithmic=True,
-        ),
-    ),
-)
+INVERSION = Table.told("inversion")
+DISSOCIATION = Table.told("dissociation")
+GRAPH_NETS = Table.told("graph-nets")
+BASELINES = Table.told("baselines")
+EXTRAPOLATION = Table.told("extrapolation")

@@ -100,15 +100,8 @@ def _record(
     recorder.add_episodes("initial", starts)
 
 
-TRANSPORT = Table(
-    name="transport",
-    title="Transport: which model rolls out worst under the flip?",
-    about=(
-        "The factorial's candidates at G = -1, from starts that are a little off. The score is "
-        "the bound of the transport proposition, whose terms need the truth; it is ranked against "
-        "the error that was made, pooled over systems, candidates and runs."
-    ),
-    ids="N51",
+TRANSPORT = Table.told(
+    "transport",
     cells={"oscillators": run_transport},
     settings={"seconds": SECONDS, "initial": INITIAL, "curls": CURLS},
 )

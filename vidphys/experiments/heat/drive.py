@@ -8,7 +8,6 @@ from dynamics import terms, to_config
 from dynamics.bath import steady_temperature
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.heat.bath import train_stochastic
 from vidphys.experiments.heat.temperature import (
     WALKERS,
@@ -75,15 +74,8 @@ def simulator(task: CellTask) -> None:
         certify_bath(recorder, scene, walkers(scene, _settings(ASKED[:1]), task.sizes.held_out, 0))
 
 
-DRIVE = Table(
-    name="drive",
-    title="Drive: is the driven steady state found, at strengths and a sign never seen?",
-    about=(
-        "The bath at friction 2 and temperature 1 with a linear drive A against the friction, "
-        "trained at A = 0, 0.5 and 1. The temperature of the steady state at six drives against "
-        "the simulator's own."
-    ),
-    ids="N46",
+DRIVE = Table.told(
+    "drive",
     cells={"simulator": simulator, **{name: drive_cell(name) for name in TERMS}},
     settings={
         "scene": driven().settings,
@@ -92,26 +84,5 @@ DRIVE = Table(
         "asked": list(ASKED),
         "beyond": list(BEYOND),
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("kinetic_temperature", "temperature of the steady state"),
-                Panel("temperature_error", "its error"),
-            ),
-            "Trained at A = 0, 0.5 and 1; the simulator beside the models.",
-            "coupling",
-            "drive A",
-        ),
-    ),
 )
-NO_STEADY_STATE = Table(
-    name="no-steady-state",
-    title="Where the drive is at least the friction",
-    about=(
-        "The same models at A = 2, 2.5 and 3, where no steady state exists: whether the "
-        "temperature grows without bound (the last quarter of 40 s twice as hot as the first), "
-        "and whether the model says by name that there is none."
-    ),
-    ids="N47",
-    source="drive",
-)
+NO_STEADY_STATE = Table.told("no-steady-state")

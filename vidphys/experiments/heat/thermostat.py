@@ -10,7 +10,6 @@ from dynamics.hamiltonian import Hamiltonian
 from dynamics.terms import HeadTerm, PortTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.heat.bath import bath_of, train_stochastic
 from vidphys.experiments.heat.temperature import (
     WALKERS,
@@ -128,56 +127,21 @@ def certify_bath(recorder: Recorder, scene: BathScene, crowd: Walkers) -> None:
     recorder.add_value("lyapunov_time", float(time.median()))
 
 
-THERMOSTAT = Table(
-    name="thermostat",
-    title="Thermostat: which structures come to the right temperature, and which can inject?",
-    about=(
-        "Three bodies that attract each other in a trap, in four heat baths, started hot. The "
-        "temperature that a long rollout settles at, against the simulator's own, and the energy "
-        "that a model gains when the friction it is told turns negative. Baths are told friction "
-        "and temperature; the energy is not conserved, so there is no drift column."
-    ),
-    ids="N44",
+THERMOSTAT = Table.told(
+    "thermostat",
     cells={"simulator": simulator, **{name: bath_cell(name) for name in TERMS}},
     settings={
         "scene": langevin().settings,
         "heads": {name: to_config(term) for name, term in TERMS.items()},
         "observed_steps": OBSERVED,
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("worst_temperature_error", "temperature error, worst bath"),
-                Panel("inversion_nmse", "error at negative friction (nMSE)", -0.5),
-                Panel("injection_share", "share that injects", -0.5, logarithmic=False),
-            ),
-            "A guarantee to cool excludes being asked about the opposite.",
-        ),
-    ),
 )
-MEASUREMENT_NOISE = Table(
-    name="measurement-noise",
-    title="Thermostat trained on noisy states",
-    about=(
-        "The same baths, learned from states that a sensor reports with noise of a part of their "
-        "spread. Beside the temperature stands what it hides: the friction that was learned."
-    ),
-    ids="N45",
+MEASUREMENT_NOISE = Table.told(
+    "measurement-noise",
     cells={
         f"{name}/noise{level:g}": bath_cell(name, level)
         for name in ("guarantee", "untied")
         for level in NOISES
     },
     settings={"observed_steps": OBSERVED},
-    sweeps=(
-        Sweep(
-            (
-                Panel("worst_temperature_error", "temperature error, worst bath"),
-                Panel("friction_ratio", "friction over the truth's", logarithmic=False),
-            ),
-            "The temperature hides what noise does to the friction.",
-            "cell",
-            "sensor noise over the spread of the states",
-        ),
-    ),
 )

@@ -12,7 +12,6 @@ from torch import Generator, Tensor
 from dynamics import INTEGRATORS, Head, Parameters, PhaseState, ballistic
 from vidphys import metrics
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.truth import score_truth
 from vidphys.experiments.linear.candidates import (
@@ -243,44 +242,7 @@ SETTINGS = {
     "rollout_seconds": SECONDS,
     "curl": CURL,
 }
-FACTORIAL = Table(
-    name="factorial",
-    title="Factorial: is it the factoring, the energy, or the integrator?",
-    about=(
-        "Two systems of coupled oscillators whose truth is exact. Stiffness is fitted by ridge "
-        "regression to forces with a little curl; a Hamiltonian keeps the symmetric part, an "
-        "unrestricted field all of it. Two parameter maps, three integrators, three steps, "
-        "twelve paired runs."
-    ),
-    ids="N18-N21, N24",
-    cells={"oscillators": run_factorial},
-    settings=SETTINGS,
-    sweeps=(
-        Sweep(
-            (
-                Panel("fit_nmse", "error of the fit"),
-                Panel("response_nmse", "error of the response at G = -1", -1.0),
-            ),
-            "The map decides what carries to the other sign, not the energy.",
-        ),
-    ),
-)
-CURL_TABLE = Table(
-    name="curl",
-    title="Curl: what a force without potential does to the energy",
-    about="The same fits with more and more curl in the force labels, leapfrog at 0.05 s.",
-    ids="N22",
-    cells={"oscillators": run_curl},
-    settings={**SETTINGS, "curl": CURLS},
-    sweeps=(
-        Sweep(
-            (
-                Panel("energy_error", "error of the energy"),
-                Panel("trajectory_nmse", "error of the trajectory (nMSE)"),
-            ),
-            "A Hamiltonian fit leaves the curl out.",
-            "cell",
-            "curl in the force labels",
-        ),
-    ),
+FACTORIAL = Table.told("factorial", cells={"oscillators": run_factorial}, settings=SETTINGS)
+CURL_TABLE = Table.told(
+    "curl", cells={"oscillators": run_curl}, settings={**SETTINGS, "curl": CURLS}
 )

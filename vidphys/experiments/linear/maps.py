@@ -13,7 +13,6 @@ from dynamics.build import parameter_count
 from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.experiments.core.members import fit_ensemble, is_finite
 from vidphys.experiments.core.oracle import HORIZON, held_out_question
 from vidphys.experiments.core.scoring import Question, score_changed_law
@@ -142,15 +141,8 @@ def _still(q: Tensor) -> PhaseState:
     return PhaseState(q, torch.zeros_like(q))
 
 
-MAPS = Table(
-    name="maps",
-    title="Parameter maps: what carries to a sign never seen?",
-    about=(
-        "Families fitted to the same forces at G > 0: eight scalars or a network, times G; a "
-        "network times a learned function of G; a network that is given G; and one that is given "
-        "features localised on G > 0."
-    ),
-    ids="N23",
+MAPS = Table.told(
+    "maps",
     cells={
         f"{kind}-{name}": maps_cell(name, kind)
         for kind in GROUNDED
@@ -161,13 +153,4 @@ MAPS = Table(
         "heads": {name: to_config(term) for name, term in NETWORKS.items()},
         "curl": CURL,
     },
-    sweeps=(
-        Sweep(
-            (
-                Panel("fit_nmse", "error of the fit, G > 0"),
-                Panel("response_nmse", "error of the response at G = -1", -1.0),
-            ),
-            "All fit what was observed; not all carry over.",
-        ),
-    ),
 )

@@ -12,7 +12,6 @@ from dynamics.hybrid import shortcut_share
 from dynamics.terms import HeadTerm, PortTerm, PotentialTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_shed
-from vidphys.experiments.core.figures import INVERTED, SHED, Panel, Sweep
 from vidphys.experiments.core.losses import floored, shortcut_penalised
 from vidphys.experiments.core.members import MemberLoss
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
@@ -118,15 +117,8 @@ def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> 
             recorder.add_value("shortcut_share", float(shortcut_share(head, state, law)))
 
 
-NECESSITY = Table(
-    name="necessity",
-    title="Necessity: a shortcut beside the factored force",
-    about=(
-        "Springs with a cutoff. A free force between pairs stands beside the factored one. "
-        "Where training shows one stiffness only, either may do the work; a penalty on "
-        "the free one decides."
-    ),
-    ids="N29",
+NECESSITY = Table.told(
+    "necessity",
     cells={
         "truth": truth_cell(one_stiffness),
         **{name: hybrid_cell(recipe) for name, recipe in SCREEN.items()},
@@ -136,21 +128,9 @@ NECESSITY = Table(
         "heads": {name: to_config(recipe.term) for name, recipe in SCREEN.items()},
         "weights": {name: recipe.weight for name, recipe in SCREEN.items()},
     },
-    sweeps=(
-        Sweep(
-            (Panel("shortcut_share", "share of the shortcut"), INVERTED),
-            "What a shortcut beside the law takes from it.",
-        ),
-    ),
 )
-COMPOSITION = Table(
-    name="composition",
-    title="Composition: factored force, port and penalty at once",
-    about=(
-        "Gravity with strong drag. A friction port, a free force and a penalty on it stand in "
-        "one model: is the energy shed at the true rate, and is a flipped coupling answered?"
-    ),
-    ids="N30",
+COMPOSITION = Table.told(
+    "composition",
     cells={
         "truth": truth_cell(strong_drag),
         **{name: hybrid_cell(recipe) for name, recipe in UNDER_DRAG.items()},
@@ -160,5 +140,4 @@ COMPOSITION = Table(
         "heads": {name: to_config(recipe.term) for name, recipe in UNDER_DRAG.items()},
         "weights": {name: recipe.weight for name, recipe in UNDER_DRAG.items()},
     },
-    sweeps=(Sweep((SHED, INVERTED), "Terms together: the loss of energy and the flip."),),
 )

@@ -83,16 +83,8 @@ def latent_states(trained: FreeMomentum, clips: Clips) -> PhaseState:
     return PhaseState(q, p)
 
 
-CONSISTENCY = Table(
-    name="symplectic-consistency",
-    title="Symplectic consistency of a discovered latent",
-    about=(
-        "Both halves of the state are said by the encoder and learned from predicting frames "
-        "alone; then with a term that asks the momentum over the mass to be the velocity that is "
-        "observed. Residuals are what an affine map of the latent leaves of the true state."
-    ),
-    ids="N54",
+CONSISTENCY = Table.told(
+    "symplectic-consistency",
     cells={name: latent_cell(weight, HEADS) for name, weight in WEIGHTS.items()},
     settings={"scene": pixel_scene().settings, "weights": WEIGHTS},
-    pixels=True,
 )

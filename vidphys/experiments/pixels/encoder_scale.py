@@ -20,15 +20,8 @@ def rung(encoder: str, video: bool) -> Grounding:
     return Grounding(encoder, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
 
 
-ENCODER_SCALE = Table(
-    name="encoder-scale",
-    title="The size of a frozen encoder",
-    about=(
-        "One rung, one budget, encoders of one family in three sizes: V-JEPA 2 from ViT-L to "
-        "ViT-g, DINOv2 from small to large. An encoder whose weights are not here is skipped."
-    ),
-    ids="N73",
+ENCODER_SCALE = Table.told(
+    "encoder-scale",
     cells={name: PixelCell(rung(name, name in VIDEO), TWINS) for name in (*VIDEO, *IMAGE)},
     settings={"scene": pixel_scene().settings, "share": SHARE},
-    pixels=True,
 )

@@ -54,14 +54,8 @@ class SpeedCell(PixelCell):
             score_rmse(one.recorder, one.question)
 
 
-PERCEPTION_SPEED = Table(
-    name="perception-speed",
-    title="Supervised perception and the speed of the bodies",
-    about=(
-        "A CNN told true positions sees ever faster bodies. Momentum is read by differencing "
-        "frames, as in the study, and by shooting through the head; both start the flip."
-    ),
-    ids="N52",
+PERCEPTION_SPEED = Table.told(
+    "perception-speed",
     cells={
         f"speed-{factor:g}": SpeedCell(
             RUNGS["cnn-supervised"],
@@ -72,5 +66,4 @@ PERCEPTION_SPEED = Table(
         for factor in SPEEDS
     },
     settings={"scene": pixel_scene().settings, "speeds": SPEEDS},
-    pixels=True,
 )

@@ -18,14 +18,8 @@ ON_TRACKS = (
 )
 OWN_LATENT = ("factored",)  # the head through which the latent is trained
 
-PIXEL_HEADS = Table(
-    name="pixel-heads",
-    title="Seven dynamics on the same pictures",
-    about=(
-        "Positions are found by drawing them with the fixed renderer; only the dynamics differ. "
-        "The seventh has a latent of its own: a decode-free predictor without any anchor."
-    ),
-    ids="N56, f28",
+PIXEL_HEADS = Table.told(
+    "pixel-heads",
     cells={
         "renderer": PixelCell(RUNGS["renderer"], ON_TRACKS),
         "jepa": PixelCell(RUNGS["jepa"], OWN_LATENT),
@@ -34,5 +28,4 @@ PIXEL_HEADS = Table(
         "scene": pixel_scene().settings,
         "heads": {name: to_config(HEADS[name]) for name in ON_TRACKS},
     },
-    pixels=True,
 )

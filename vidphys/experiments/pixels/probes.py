@@ -210,16 +210,8 @@ def _mean(states: list[PhaseState]) -> PhaseState:
     )
 
 
-PROBES = Table(
-    name="probes",
-    title="Probes: does momentum need a temporal channel, whoever provides it?",
-    about=(
-        "Positions and momenta read by one supervised probe from frozen encoders' features of one "
-        "frame: in the moving clip, in a clip of copies of that frame, in a clip in disorder; from "
-        "an image encoder's single frame, and from its neighbours' differences. Seeds are the "
-        "probes'; all see the same clips."
-    ),
-    ids="N76, N77, Q3, Q4, E10",
+PROBES = Table.told(
+    "probes",
     cells={
         **{name: encoder_cell(name, options) for name, options in ENCODERS.items()},
         FORESEEING: foreseeing_cell,
@@ -231,5 +223,4 @@ PROBES = Table(
         "batch": BATCH,
         "learning_rate": LEARNING_RATE,
     },
-    pixels=True,
 )

@@ -29,27 +29,13 @@ def _cells(*groundings: Grounding) -> dict[str, Cell]:
     return {g.name: PixelCell(g, TWINS) for g in each}
 
 
-OWN_CNN_READOUT = Table(
-    name="own-cnn-readout",
-    title="Our own CNN under the same readouts",
-    about=(
-        "A CNN is trained on true positions and frozen; fresh readouts are trained over its "
-        "features as over a public encoder's: spatial attention, and the mean over all cells."
-    ),
-    ids="N74",
+OWN_CNN_READOUT = Table.told(
+    "own-cnn-readout",
     cells=_cells(OWN_CNN),
     settings={"scene": pixel_scene().settings, "share": SHARE},
-    pixels=True,
 )
-POOLED_CONTROL = Table(
-    name="pooled-control",
-    title="Frozen encoders read by their mean over all cells",
-    about=(
-        "The same frozen features and budget, once with spatial attention and once pooled. "
-        "Pooled features do not say where bodies are, so nothing downstream can be right."
-    ),
-    ids="N75",
+POOLED_CONTROL = Table.told(
+    "pooled-control",
     cells=_cells(*(RUNGS[name] for name in FROZEN)),
     settings={"scene": pixel_scene().settings, "share": SHARE},
-    pixels=True,
 )
