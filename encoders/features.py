@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -50,6 +50,7 @@ class FeatureMap:
         return torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)
 
 
+@runtime_checkable
 class Encoder(Protocol):
     """Frames in, feature map out. Implementations own their preprocessing."""
 

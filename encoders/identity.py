@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from torch import Tensor
+
+from encoders.features import FeatureMap
 
 
 @dataclass(frozen=True)
@@ -26,3 +32,24 @@ class EncoderIdentity:
     layer: str
     resolution: int
     dtype: str
+
+
+@runtime_checkable
+class IdentifiedEncoder(Protocol):
+    """An encoder that can say what its features depend on.
+
+    It is called with bytes, which it turns into floats a pass at a time, and reports its progress
+    as ``(frames done, frames)``.
+    """
+
+    @property
+    def identity(self) -> EncoderIdentity: ...
+
+    @property
+    def frames_per_feature(self) -> int:
+        """Frames of the clip from a feature frame to the next one."""
+        ...
+
+    def __call__(
+        self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
+    ) -> FeatureMap: ...

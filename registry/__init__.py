@@ -1,6 +1,6 @@
 """Parts under names: ours, those of installed packages, and those at an import path."""
 
 from registry.lazy import lazily
-from registry.registry import Registry, Source, UnknownName, unknown
+from registry.registry import Registry, RegistryError, Source, UnknownName, unknown
 
-__all__ = ["Registry", "Source", "UnknownName", "lazily", "unknown"]
+__all__ = ["Registry", "RegistryError", "Source", "UnknownName", "lazily", "unknown"]

@@ -7,18 +7,24 @@ installed distributions, and at last, where it has a colon, as an import path.
 from __future__ import annotations
 
 import difflib
+import hashlib
 import importlib
 import importlib.metadata
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
 
 T = TypeVar("T")
 HOME = "vidphys"  # the distribution that the stages themselves belong to
 
 
-class UnknownName(KeyError, ValueError):
+class RegistryError(ValueError):
+    """A part cannot be had: no such name, two that give it, or an import that fails."""
+
+
+class UnknownName(RegistryError, KeyError):
     """There is no part of this name; says which there are, and the nearest spelling."""
 
     def __str__(self) -> str:
@@ -27,7 +33,7 @@ class UnknownName(KeyError, ValueError):
 
 @dataclass(frozen=True)
 class Source:
-    """Where a part comes from: a distribution and its version, or a module of none."""
+    """Where a part comes from: a distribution and its version, or a module and its file's hash."""
 
     distribution: str
     version: str
@@ -73,13 +79,13 @@ class Registry(Mapping[str, T], Generic[T]):
         """Add a part, or decorate what is to be added.
 
         Raises:
-            ValueError: another part has this name.
+            RegistryError: another part has this name.
         """
         module = sys._getframe(1).f_globals["__name__"]
 
         def add(part: T) -> T:
             if self._parts.get(name, part) is not part:
-                raise ValueError(
+                raise RegistryError(
                     f"{self.what} '{name}': {module} would replace the one of "
                     f"{self._modules[name]}; choose another name"
                 )
@@ -94,7 +100,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
         Raises:
             UnknownName: there is none.
-            ValueError: two distributions have this name, or what it names cannot be imported.
+            RegistryError: two distributions have this name, or what it names cannot be imported.
         """
         entries = self._entries(name)
         if name not in self._parts:
@@ -107,7 +113,7 @@ class Registry(Mapping[str, T], Generic[T]):
         strange = [entry for entry in entries if _top(entry.module) != _top(self._modules[name])]
         if strange or len(entries) > 1:
             givers = {str(_of(entry)) for entry in entries} | {str(_of_module(self._modules[name]))}
-            raise ValueError(
+            raise RegistryError(
                 f"{self.what} '{name}': given by {' and by '.join(sorted(givers))}; "
                 "uninstall one, or name it as package.module:attribute"
             )
@@ -146,7 +152,18 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def foreign(self) -> tuple[str, ...]:
         """Names of the parts that are not ours."""
-        return tuple(name for name in self if not self.source(name).ours)
+        tops = {_top(module) for module in self._modules.values()}
+        ours = {top for top in tops if _of_module(top).ours}  # each looked up once: it takes long
+        return tuple(
+            name
+            for name in self
+            if _top(self._modules.get(name, "")) not in ours and not self.source(name).ours
+        )
+
+    def sources(self, *names: str) -> dict[str, str]:
+        """Where those of these parts come from that are not ours, for a record."""
+        found = {f"{self.what} {name}": self.source(name) for name in names}
+        return {name: str(source) for name, source in found.items() if not source.ours}
 
     def _entries(self, name: str) -> list[importlib.metadata.EntryPoint]:
         return list(importlib.metadata.entry_points(group=self.group, name=name))
@@ -158,7 +175,9 @@ class Registry(Mapping[str, T], Generic[T]):
             for step in attribute.split("."):
                 part = getattr(part, step)
         except (ImportError, AttributeError) as error:
-            raise ValueError(f"{self.what} '{name}': {path} cannot be imported: {error}") from error
+            raise RegistryError(
+                f"{self.what} '{name}': {path} cannot be imported: {error}"
+            ) from error
         self._parts.setdefault(name, part)
         self._modules.setdefault(name, module)
 
@@ -182,7 +201,9 @@ def _of_module(module: str) -> Source:
     top = _top(module)
     names = importlib.metadata.packages_distributions().get(top, ())
     if not names:
-        return Source(module, "")
+        file = getattr(sys.modules.get(module), "__file__", None)
+        code = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12] if file else ""
+        return Source(module, code)
     return Source(names[0], importlib.metadata.version(names[0]))
 
 

@@ -90,7 +90,7 @@ class FrozenEncoder(ABC):
         Raises:
             ValueError: no frames, times that are not theirs, or values out of range.
         """
-        _check(self.identity.name, frames, times)
+        check_frames(self.identity.name, frames, times)
         height, width = frames.shape[-2:]
         count = frames.shape[0] * frames.shape[1]
         frames, times = frames[:, :: self.frame_stride], times[:: self.frame_stride]
@@ -121,7 +121,8 @@ def computed_in(dtype: str, runtime: Runtime) -> str:
     return dtype if runtime == "torch" else f"{dtype} by {runtime}"
 
 
-def _check(name: str, frames: Tensor, times: Tensor) -> None:
+def check_frames(name: str, frames: Tensor, times: Tensor) -> None:
+    """Refuse frames that are none, see :meth:`FrozenEncoder.__call__`."""
     if frames.shape[0] * frames.shape[1] == 0:
         raise ValueError(f"{name}: needs at least one frame, got shape {tuple(frames.shape)}")
     if len(times) != frames.shape[1]:

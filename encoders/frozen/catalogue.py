@@ -2,30 +2,55 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.dinov2 import ARCHITECTURES, DINOTinySettings, DINOv2Settings, load_dinov2
+from encoders.frozen.foreign import as_ours
 from encoders.frozen.hiera import HieraSettings, load_hiera
 from encoders.frozen.i3d import I3DSettings, load_i3d
 from encoders.frozen.videomae import VideoMAESettings, load_videomae
 from encoders.frozen.vjepa2 import VJEPA2Settings, VJEPA2TinySettings, load_vjepa2
 from encoders.frozen.vjepa2_ac import VJEPA2ACSettings, load_vjepa2_ac
+from encoders.identity import IdentifiedEncoder
+from registry import Registry
 
 
 @dataclass(frozen=True)
 class Adapter:
-    """What an encoder is set by, and what loads it from settings, place of weights and device."""
+    """A factory of encoders: what they are set by, and what loads one.
+
+    Args:
+        settings: a dataclass; its fields are the options.
+        load: from settings, place of the weights and device.
+    """
 
     settings: type[Any]
     load: Callable[[Any, Path | None, str], FrozenEncoder]
 
+    def __call__(
+        self, *, weights: Path | None = None, device: str = "cpu", **options: Any
+    ) -> FrozenEncoder:
+        return self.load(self.settings(**options), weights, device)
 
-CATALOGUE = {
+    @property
+    def __signature__(self) -> inspect.Signature:
+        named = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in WHERE]
+        own = inspect.signature(self.settings).parameters.values()
+        return inspect.Signature([*own, *named])
+
+
+WHERE = ("weights", "device")  # what a factory may be told beside its encoder's options
+# A factory takes its encoder's options by name, and ``weights`` (a path) and ``device`` if it has a
+# use for them; it returns a FrozenEncoder, or anything that is called like an Encoder.
+ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders")
+
+for _name, _factory in {
     "hiera": Adapter(HieraSettings, load_hiera),
     "i3d": Adapter(I3DSettings, load_i3d),
     **{name: Adapter(DINOv2Settings, partial(load_dinov2, name)) for name in ARCHITECTURES},
@@ -38,17 +63,23 @@ CATALOGUE = {
     "vjepa2-h": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-h")),
     "vjepa2-g": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-g")),
     "vjepa2-ac": Adapter(VJEPA2ACSettings, load_vjepa2_ac),
-}
+}.items():
+    ENCODERS.register(_name, _factory)
+
+
+def options_of(name: str) -> tuple[str, ...]:
+    """Names of the options that an encoder takes."""
+    return tuple(inspect.signature(ENCODERS[name]).parameters)
 
 
 def load_encoder(
     name: str, options: dict[str, Any], where: Path | None = None, device: str = "cpu"
-) -> FrozenEncoder:
+) -> IdentifiedEncoder:
     """The encoder ``name``.
 
     Args:
-        name: a key of ``CATALOGUE``.
-        options: fields of the encoder's settings; those that are ``None`` keep their default.
+        name: of ``ENCODERS``.
+        options: of the encoder; those that are ``None`` keep their default.
         where: where its weights lie; see :func:`encoders.weights.find_weights`.
         device: where the network runs and the features are left.
 
@@ -56,12 +87,12 @@ def load_encoder(
         ValueError: unknown name or option, an option's value that the encoder does not take, or
             weights that are missing or wrong.
     """
-    if name not in CATALOGUE:
-        raise ValueError(f"encoder: unknown name {name!r}; known are {', '.join(CATALOGUE)}")
-    adapter = CATALOGUE[name]
-    given = {key: value for key, value in options.items() if value is not None}
-    taken = [field.name for field in fields(adapter.settings)]
+    factory, taken = ENCODERS[name], options_of(name)
+    told = {"weights": where, "device": None if device == "cpu" else device}
+    given = {key: value for key, value in (options | told).items() if value is not None}
     for key in given:
         if key not in taken:
-            raise ValueError(f"{name}: takes no {key}; it takes {', '.join(taken)}")
-    return adapter.load(adapter.settings(**given), where, device)
+            known = ", ".join(option for option in taken if option not in WHERE)
+            raise ValueError(f"{name}: takes no {key}; it takes {known or 'nothing'}")
+    source, made = ENCODERS.source(name), factory(**given)
+    return made if source.ours else as_ours(made, name, str(source), given)

@@ -19,7 +19,7 @@ from torch.nn import functional
 
 from encoders import weights as weights_module
 from encoders.frozen import (
-    CATALOGUE,
+    ENCODERS,
     FrozenEncoder,
     I3DEncoder,
     I3DSettings,
@@ -399,7 +399,7 @@ def test_bad_frames(encoder: FrozenEncoder, unchecked: None) -> None:
         ("i3d", {"frames": 6}, "windows of 6 frames do not fit tubelets of 4"),
         ("i3d", {"shown": 3}, "Mixed_4f strides over 4 frames, so that each can be shown 1 to 4 "),
         ("i3d", {"shown": 0}, "a number that divides it; got 0"),
-        ("i3", {}, "unknown name 'i3'; known are hiera, i3d"),
+        ("i3", {}, "unknown encoder 'i3'; did you mean 'i3d'"),
     ],
 )
 def test_bad_settings(
@@ -411,7 +411,7 @@ def test_bad_settings(
 
 
 def test_every_known_set_of_weights_has_an_encoder() -> None:
-    assert set(CATALOGUE) == set(KNOWN)
+    assert set(ENCODERS) - set(ENCODERS.foreign()) == set(KNOWN)
 
 
 def copy_release(folder: Path, name: str, target: Path) -> Path:
@@ -549,7 +549,7 @@ def test_the_hub_cache_is_read_at_the_pinned_revision_only(
 def test_weights_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     weights(WeightsConfig("list", weights=folder))
     listed = capsys.readouterr().out
-    assert all(f"{name}: " in listed for name in CATALOGUE)
+    assert all(f"{name}: " in listed for name in KNOWN)
     assert f"Apache-2.0; {folder / 'dinov2-small'}\n" in listed
     assert "dinov2-large" in listed and "get it by `vidphys weights fetch dinov2-large`" in listed
     weights(WeightsConfig("check", ("vjepa2-l",), weights=folder))

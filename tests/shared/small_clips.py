@@ -10,9 +10,8 @@ import pytest
 from torch import Tensor, nn
 from torch.nn import functional
 
-from encoders.frozen import catalogue
 from encoders.frozen.base import FrozenEncoder
-from encoders.frozen.catalogue import Adapter
+from encoders.frozen.catalogue import ENCODERS, Adapter
 from encoders.frozen.windows import Windowing
 from encoders.identity import EncoderIdentity
 from vidphys.data.rendered import write_video
@@ -44,7 +43,8 @@ def know_cells(patch: pytest.MonkeyPatch) -> dict[str, str]:
     """Put ``cells`` into the catalogue; the hash of its weights can be changed."""
     hashes = {"sha256": "0" * 64}
     adapter = Adapter(CellsSettings, lambda s, where, device: Cells(s, hashes["sha256"]))
-    patch.setitem(catalogue.CATALOGUE, "cells", adapter)
+    patch.setitem(ENCODERS._parts, "cells", adapter)
+    patch.setitem(ENCODERS._modules, "cells", __name__)
     return hashes
 
 

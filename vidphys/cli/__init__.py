@@ -59,6 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(verb: str, rest: list[str]) -> int:
     import tyro
 
+    from registry import RegistryError
     from vidphys.errors import InputError
 
     module = importlib.import_module(f"vidphys.cli.{verb}")
@@ -68,7 +69,7 @@ def _run(verb: str, rest: list[str]) -> int:
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         return getattr(module, verb)(config) or OK
-    except InputError as error:
+    except (InputError, RegistryError) as error:
         return _error(in_options(str(error), config_type))
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)

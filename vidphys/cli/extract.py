@@ -17,7 +17,7 @@ from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from encoders.frozen import FrozenEncoder
+    from encoders.identity import IdentifiedEncoder
     from vidphys.progress import Progress
 
 
@@ -74,7 +74,7 @@ def extract(config: ExtractConfig) -> None:
         raise InputError(str(error)) from error
 
 
-def frozen_encoder(config: ExtractConfig) -> FrozenEncoder:
+def frozen_encoder(config: ExtractConfig) -> IdentifiedEncoder:
     """The encoder that a configuration names.
 
     Raises:
@@ -88,7 +88,7 @@ def frozen_encoder(config: ExtractConfig) -> FrozenEncoder:
     return load_encoder(config.encoder, config.encoder_options, config.weights, config.device)
 
 
-def _extract_all(config: ExtractConfig, encoder: FrozenEncoder) -> None:
+def _extract_all(config: ExtractConfig, encoder: IdentifiedEncoder) -> None:
     from encoders.store import FeatureStore
     from vidphys.data import extraction
 

@@ -18,7 +18,8 @@ class RenderConfig:
 
     Args:
         out: the folder; the same command again goes on where it was.
-        scene: the law and its generator.
+        scene: the law and its generator; `vidphys parts` names them, and package.module:factory is
+            one too.
         world: a channel for each body, coloured disks that hide one another, or bodies that look
             alike.
         preset: how many clips, how long and how large.
@@ -32,7 +33,7 @@ class RenderConfig:
     """
 
     out: Path
-    scene: Literal["gravity", "gravity-ring", "springs"] = "gravity"
+    scene: str = "gravity"
     world: Literal["rgb", "channels", "anonymous"] = "rgb"
     preset: Literal["quick", "standard", "paper"] = "quick"
     clips: int | None = None
@@ -54,6 +55,7 @@ def render(config: RenderConfig) -> None:
     from vidphys.data.rendered import RenderSettings, render_folder
     from vidphys.presets import preset
     from vidphys.runs.folder import RunFolder
+    from vidphys.scenes import SCENES
 
     sizes = preset(config.preset).pixel
     settings = RenderSettings(
@@ -66,6 +68,7 @@ def render(config: RenderConfig) -> None:
         config.seed,
     )
     about = {"experiment": "render", "cells": [], "seeds": [], **asdict(settings)}
+    about["sources"] = SCENES.sources(config.scene)
     run = RunFolder.open(config.out, about, config.overwrite)
     with run.locked(), Console(config.quiet, 1, "render") as console:
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from vidphys.data.video import ClipSelection
+from vidphys.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,13 +16,14 @@ class SeeingOptions:
     """How a verb sees its clips. An encoder's option that is not given keeps its own default.
 
     Args:
-        encoder: the frozen encoder; `vidphys weights list` names them. An option that it does not
-            take is refused.
+        encoder: the frozen encoder; `vidphys parts` names them, and package.module:factory is one
+            too. An option that it does not take is refused.
         weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
         resolution: network pixels of the longer image side.
         frames: in a window of a video encoder.
         hop: frames from a window's start to the next one's.
         frame_stride: let the encoder take each so-many-th of the frames.
+        options: further ones of the encoder, NAME=VALUE, such as shown=2 for i3d.
         predictor: read the predictor of V-JEPA 2 in place of its encoder.
         dtype: of the encoder's computation.
         device: where the encoder runs.
@@ -37,6 +40,7 @@ class SeeingOptions:
     frames: int | None = None
     hop: int | None = None
     frame_stride: int | None = None
+    options: tuple[str, ...] = ()
     predictor: bool = False
     dtype: Literal["float32", "bfloat16", "float16"] | None = None
     device: Literal["cpu", "cuda"] = "cpu"
@@ -53,9 +57,24 @@ class SeeingOptions:
 
     @property
     def encoder_options(self) -> dict[str, Any]:
-        """What the encoder is set to; ``None`` is its own default."""
+        """What the encoder is set to; ``None`` is its own default.
+
+        Raises:
+            InputError: a further option that is not NAME=VALUE.
+        """
         names = ("resolution", "frames", "hop", "frame_stride", "dtype")
         return {
             **{name: getattr(self, name) for name in names},
             "predictor": self.predictor or None,
+            **dict(map(_option, self.options)),
         }
+
+
+def _option(text: str) -> tuple[str, int | float | bool | str]:
+    name, sign, value = text.partition("=")
+    if not (name and sign):
+        raise InputError(f"--options {text}: write NAME=VALUE, for example shown=2")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value

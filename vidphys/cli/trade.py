@@ -36,6 +36,7 @@ class TradeConfig:
             than 5 % in time or 2 % in error.
         threads: of torch; with 1 on a CPU the time of the process counts, else the wall clock.
         weights: folder of encoders' weights; else VIDPHYS_WEIGHTS, else the user's cache.
+        encoders: measured beside ours and those of installed packages, as package.module:factory.
         seed: of all that is drawn.
         device: where networks run.
         overwrite: give up another run that lies in the folder.
@@ -51,6 +52,7 @@ class TradeConfig:
     compare: Path | None = None
     threads: int = 1
     weights: Path | None = None
+    encoders: tuple[str, ...] = ()
     seed: int = 0
     device: Literal["cpu", "cuda"] = "cpu"
     overwrite: bool = False
@@ -80,6 +82,7 @@ def trade(config: TradeConfig) -> int:
 def _measure(config: TradeConfig) -> int:
     import torch
 
+    from encoders.frozen import ENCODERS
     from vidphys.runs.folder import RunFolder
     from vidphys.trade.context import SIZES
     from vidphys.trade.session import choose, measure_fronts, surroundings
@@ -90,6 +93,7 @@ def _measure(config: TradeConfig) -> int:
         raise InputError(f"--threads {config.threads}: at least one is needed")
     torch.set_num_threads(config.threads)
     fronts, sizes = choose(config.fronts), SIZES[config.preset]
+    encoders = tuple(dict.fromkeys((*ENCODERS.foreign(), *config.encoders)))
     settings = {
         "experiment": "trade",
         "preset": config.preset,
@@ -97,6 +101,7 @@ def _measure(config: TradeConfig) -> int:
         "cells": list(fronts),
         "seeds": [config.seed],
         "surroundings": surroundings(config.device),
+        "sources": ENCODERS.sources(*encoders),
     }
     run = RunFolder.open(config.out, settings, config.overwrite)
     with run.locked(), Console(config.quiet, len(fronts), "trade") as console:
@@ -106,9 +111,8 @@ def _measure(config: TradeConfig) -> int:
             if done == total:
                 console.done(0)
 
-        points = measure_fronts(
-            run, fronts, sizes, config.seed, config.device, config.weights, told
-        )
+        where = config.device, config.weights
+        points = measure_fronts(run, fronts, sizes, config.seed, *where, encoders, told)
         report = write_trade(run.path)
         console.result(
             f"{len(points)} points; profile {run.path / 'profile.json'}; report {report}"

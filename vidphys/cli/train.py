@@ -152,6 +152,7 @@ def _about(
     config: TrainConfig, dataset: Dataset, encoders: dict[Layer, LoadedEncoder]
 ) -> dict[str, Any]:
     """What makes the run this run, for ``run.json``."""
+    from encoders.frozen import ENCODERS
     from vidphys.reading.clip_dynamics import FACTORED, UNSTRUCTURED
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
@@ -163,6 +164,7 @@ def _about(
         "seeds": [config.seed],
         "identities": [asdict(encoder.network.identity) for encoder in encoders.values()],
         "sha256": dataset.hashes,
+        "sources": ENCODERS.sources(config.encoder),
     }
 
 

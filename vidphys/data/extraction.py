@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import torch
-from torch import Tensor
 
 from encoders.features import FeatureMap
-from encoders.identity import EncoderIdentity
+from encoders.identity import IdentifiedEncoder
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.video import Video
 from vidphys.progress import Progress
 
 StoredDtype = Literal["float16", "bfloat16", "float32"]
-
-
-class FrozenEncoder(Protocol):
-    """An encoder that can say what its features depend on.
-
-    It is called with bytes, which it turns into floats a pass at a time, and reports its progress
-    as ``(frames done, frames)``.
-    """
-
-    identity: EncoderIdentity
-
-    @property
-    def frames_per_feature(self) -> int:
-        """Frames of the clip from a feature frame to the next one."""
-        ...
-
-    def __call__(
-        self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
-    ) -> FeatureMap: ...
 
 
 @dataclass(frozen=True)
@@ -54,7 +33,7 @@ class Extraction:
 
 def extract(
     video: Video,
-    encoder: FrozenEncoder,
+    encoder: IdentifiedEncoder,
     store: FeatureStore,
     dtype: StoredDtype = "float16",
     progress: Progress | None = None,
@@ -81,7 +60,7 @@ def extract(
     return Extraction(features, request.key, store.hits > before)
 
 
-def _encode(video: Video, encoder: FrozenEncoder, progress: Progress | None) -> FeatureMap:
+def _encode(video: Video, encoder: IdentifiedEncoder, progress: Progress | None) -> FeatureMap:
     # bytes until a pass of the encoder: a long clip never exists in floats as a whole
     frames = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None]
     times = torch.from_numpy(video.times)

@@ -10,9 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +25,8 @@ from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.runs.atomic import sha256, write_json, write_with
 from vidphys.runs.folder import RunFolder
-from vidphys.scenes import Scene, gravity
-from vidphys.scenes.springs import springs
+from vidphys.scenes import SCENES, Scene
 
-SCENES: dict[str, Callable[[], Scene]] = {
-    # a disk's picture does not show its mass
-    "gravity": partial(gravity, mass=(1.0, 1.0)),
-    "gravity-ring": partial(gravity, "ring", mass=(1.0, 1.0)),
-    "springs": springs,
-}
 LOOKS = {"channels": "channel", "rgb": "rgb", "anonymous": "anonymous"}
 AT_ONCE = 16  # clips that are simulated side by side and come from one random stream
 CODEC = "FFV1"
@@ -46,7 +37,7 @@ class RenderSettings:
     """What is drawn.
 
     Args:
-        scene: of :data:`SCENES`.
+        scene: of :data:`vidphys.scenes.SCENES`.
         world: of :data:`LOOKS`: a channel for each body (up to three: red, green and blue),
             coloured disks that hide one another, or bodies that look alike.
         clips, frames: how many, and how long.
@@ -72,6 +63,8 @@ class RenderSettings:
         ):
             if value < least:
                 raise InputError(f"--{name} {value}: must be at least {least}")
+        if SCENES[self.scene]().space != 2:
+            raise InputError(f"--scene {self.scene}: only bodies in a plane can be drawn")
         if self.image % 2:
             raise InputError(f"--image {self.image}: must be even; use {self.image + 1}")
 
@@ -107,7 +100,7 @@ def render_folder(
         "half_extent": drawn.world.camera.half_extent,
         "interval_seconds": drawn.interval,
         "identical": settings.world == "anonymous",
-        "conserving": True,
+        "conserving": getattr(scene.law, "conserves", True),
         "clips": entries,
     }
     write_json(run.path / MANIFEST, manifest)

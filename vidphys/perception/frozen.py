@@ -19,13 +19,13 @@ from torch import Tensor
 from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
+from encoders.identity import IdentifiedEncoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
 from readouts.attention import confidence_at, distance_at
 from readouts.local import RefinedReadout
 from readouts.pooled import PooledReadout, pooled_twin
 from vidphys.data.clips import Clips
 from vidphys.data.encounters import encounters
-from vidphys.data.extraction import FrozenEncoder
 from vidphys.data.labelled import LabelledFrames, joined, labelled_frames
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
@@ -56,7 +56,7 @@ class FrozenPerception:
         folder: where features are kept; ``None`` keeps none.
     """
 
-    encoder: FrozenEncoder
+    encoder: IdentifiedEncoder
     readout: RefinedReadout | PooledReadout
     half_extent: float
     folder: Path | None
@@ -90,7 +90,7 @@ class FrozenPerception:
         return Tracks(world.double(), sure.double(), clips.times)
 
 
-def encode_clips(encoder: FrozenEncoder, clips: Clips, folder: Path | None) -> FeatureMap:
+def encode_clips(encoder: IdentifiedEncoder, clips: Clips, folder: Path | None) -> FeatureMap:
     """Features of every clip, ``(b, t, c, h, w)``, from the folder's store where they lie there."""
     b, t = clips.frames.shape[:2]
     request = FeatureRequest(
@@ -141,7 +141,7 @@ def fit_frozen(
 
 
 def fit_readout(
-    encoder: FrozenEncoder,
+    encoder: IdentifiedEncoder,
     encoder_name: str,
     task: FitTask,
     pooled: bool = False,
@@ -191,7 +191,7 @@ def labelled(clips: Clips, features: FeatureMap) -> LabelledFrames:
 
 
 def meeting(
-    encoder: FrozenEncoder, clips: Clips, length: int, task: FitTask
+    encoder: IdentifiedEncoder, clips: Clips, length: int, task: FitTask
 ) -> list[LabelledFrames]:
     """Frames of encounters beside those of the clips, none where the preset asks for none.
 

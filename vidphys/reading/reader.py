@@ -15,8 +15,8 @@ from binders.motion import camera_path
 from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
+from encoders.identity import IdentifiedEncoder
 from readouts.attention import AttentionReadout
-from vidphys.data.extraction import FrozenEncoder
 from vidphys.data.feature_frames import frame_tracks
 from vidphys.training.readouts import read_all
 
@@ -30,7 +30,7 @@ class LoadedEncoder:
 
     name: str
     options: dict[str, Any]
-    network: FrozenEncoder
+    network: IdentifiedEncoder
 
 
 def load_layers(

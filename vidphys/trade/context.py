@@ -74,6 +74,7 @@ class Context:
         device: where networks run.
         weights: folder of encoders' weights; ``None`` for the usual places.
         scratch: a folder for files that are measured on.
+        encoders: that are measured beside ours.
         skipped: what could not be measured, and why.
     """
 
@@ -82,6 +83,7 @@ class Context:
     device: str
     weights: Path | None
     scratch: Path
+    encoders: tuple[str, ...] = ()
     skipped: dict[str, str] = field(default_factory=dict)
 
     def skip(self, what: str, why: str) -> None:

@@ -55,6 +55,7 @@ def measure_fronts(
     seed: int,
     device: str,
     weights: Path | None,
+    encoders: Sequence[str],
     told: Told,
 ) -> list[Point]:
     """Measure what is not in the run yet; write all points and the profile of their fronts.
@@ -66,10 +67,11 @@ def measure_fronts(
         seed: of all that is drawn.
         device: where networks run.
         weights: folder of encoders' weights.
+        encoders: that are measured beside ours.
         told: called as ``(front, calls done, calls)``.
     """
     with tempfile.TemporaryDirectory() as scratch:
-        context = Context(sizes, seed, device, weights, Path(scratch))
+        context = Context(sizes, seed, device, weights, Path(scratch), tuple(encoders))
         for name in fronts:
             part = run.path / "parts" / f"{name}.points.parquet"
             if not part.exists():

@@ -321,7 +321,7 @@ class TestWrongInput:
             (["--seeds", "0"], "--seeds 0: must be at least 1"),
             (["--patience", "-1"], "--patience -1: must be at least 0"),
             (["--train-share", "1"], "leaves 3 of 3 clips"),
-            (["--encoder", "cels"], "unknown name 'cels'"),
+            (["--encoder", "cels"], "unknown encoder 'cels'; did you mean 'cells'"),
             (["--encoder", "hiera"], "vidphys weights fetch hiera"),
             (["--hop", "2"], "cells: takes no hop"),
             (["--frames", "50"], "20 frames, but a feature frame of cells stands for 50"),

@@ -130,7 +130,7 @@ def encoder_cell(name: str, options: Mapping[str, Any]) -> Cell:
     """A cell that encodes one encoder's clips once, and trains all seeds' probes over them."""
 
     def run(task: CellTask) -> None:
-        encoder = load_encoder(name, dict(options))
+        encoder = cast(FrozenEncoder, load_encoder(name, dict(options)))
         study = Study(task, name, encoder, *draw_clips(task))
         (study_video if encoder.windowing.frames > 1 else study_images)(study)
 
@@ -144,7 +144,7 @@ def foreseeing_cell(task: CellTask) -> None:
     """
     clips = draw_clips(task)
     for state in NO_OPS:
-        encoder = load_encoder(FORESEEING, {"state": state})
+        encoder = cast(FrozenEncoder, load_encoder(FORESEEING, {"state": state}))
         found = foresight(cast(Foreseeing, encoder), clips[1].frames)
         name = f"{FORESEEING}-{state}"
         recorder = task.recorder(task.seeds[0], pixel_scene(), "none", state, name, FORESEEING)

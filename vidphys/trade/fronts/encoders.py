@@ -13,7 +13,8 @@ from typing import Any
 from torch import Tensor
 
 from encoders.features import FeatureMap
-from encoders.frozen import FrozenEncoder, load_encoder
+from encoders.frozen import load_encoder
+from encoders.identity import IdentifiedEncoder
 from encoders.release import WeightsMissing
 from vidphys.data.clips import Clips
 from vidphys.trade.context import Context
@@ -45,7 +46,8 @@ CHOICES: dict[str, list[dict[str, Any]]] = {
 def jobs(context: Context) -> Iterator[Job]:
     """Each encoder whose weights are here, under each choice and pooling."""
     clips = coloured_clips(context)
-    for name, options in available(context).items():
+    more: dict[str, list[dict[str, Any]]] = {name: [{}] for name in context.encoders}
+    for name, options in available(context, CHOICES | more).items():
         for chosen in options:
             encoder = load_encoder(name, chosen, context.weights, context.device)
             features = encoded(encoder, clips)
@@ -54,10 +56,12 @@ def jobs(context: Context) -> Iterator[Job]:
                     yield _Look(clips, name, chosen, encoder, features).job(pooling)
 
 
-def available(context: Context) -> dict[str, list[dict[str, Any]]]:
+def available(
+    context: Context, choices: dict[str, list[dict[str, Any]]] = CHOICES
+) -> dict[str, list[dict[str, Any]]]:
     """The choices whose weights are on this machine; the others are noted as skipped."""
     found = {}
-    for name, options in CHOICES.items():
+    for name, options in choices.items():
         try:
             load_encoder(name, {}, context.weights, context.device)
             found[name] = options
@@ -71,7 +75,7 @@ class _Look:
     clips: Clips
     name: str
     chosen: dict[str, Any]
-    encoder: FrozenEncoder
+    encoder: IdentifiedEncoder
     features: FeatureMap
 
     def job(self, pooling: int) -> Job:

@@ -13,8 +13,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from encoders.frozen import load_encoder
-from encoders.frozen.catalogue import CATALOGUE
+from encoders.frozen import load_encoder, options_of
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.clips import Clips
@@ -50,7 +49,7 @@ def jobs(context: Context) -> Iterator[Job]:
 def runtimes_of(name: str, context: Context) -> Iterator[tuple[str, str]]:
     """(runtime, dtype) pairs that an encoder can be computed by on this machine."""
     yield from (("torch", "float32"), ("torch", "bfloat16"))
-    if not hasattr(CATALOGUE[name].settings, "runtime"):
+    if "runtime" not in options_of(name):
         return
     for runtime in context.sizes.runtimes:
         if runtime == "openvino" and importlib.util.find_spec("openvino") is None:
