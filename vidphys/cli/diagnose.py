@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
 
-VIDEOS = (".mp4", ".avi", ".ogv", ".mov", ".mkv", ".webm")
 WRITTEN = (
     "summary.txt",
     "diagnosis.json",
@@ -139,9 +138,10 @@ def _given(columns: tuple[str, ...]) -> dict[str, str]:
 
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
     """The tracks, and the pictures where there are any."""
-    from vidphys.diagnose.recordings.tables import SUFFIXES, Loaded, read_tracks
+    from vidphys.data.formats import FORMATS
+    from vidphys.diagnose.recordings.tables import Loaded, read_tracks
 
-    if config.input.suffix.lower() in VIDEOS:
+    if _is_clip(config.input):
         from vidphys.cli.binder import binder_settings
         from vidphys.data.video import ClipSelection
         from vidphys.diagnose.recordings.clips import follow_clip
@@ -150,8 +150,8 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
         binder = binder_settings(config.bodies, config.shadow)
         motion, video, notes = follow_clip(config.input, selection, binder)
         return Loaded(motion, False, notes), video.frames
-    if config.input.suffix not in SUFFIXES and config.input.is_file():
-        known = ", ".join((*SUFFIXES, *VIDEOS))
+    if config.input.is_file() and not any(f.sniff(config.input) for f in FORMATS.values()):
+        known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
         raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
     loaded = read_tracks(config.input, given, config.interval)
     try:
@@ -159,6 +159,12 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
     return Loaded(motion, loaded.angles, loaded.notes), None
+
+
+def _is_clip(path: Path) -> bool:
+    from vidphys.data.formats import ClipFormat, format_of
+
+    return format_of(path, ClipFormat) is not None
 
 
 def _about(config: DiagnoseConfig) -> dict[str, Any]:
@@ -186,7 +192,7 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     write_json(run.path / "diagnosis.json", found.data)
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
-    if config.input.suffix.lower() in VIDEOS:
+    if _is_clip(config.input):
         write_with(run.path / "tracks.csv", lambda path: write_tracks(path, loaded.motion))
     run.finish("diagnosis", *_record(config, found).tables())
     run.join()
@@ -205,7 +211,7 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
         system=config.input.name,
         grounding="tracks",
         encoder="none",
-        binder="motion" if config.input.suffix.lower() in VIDEOS else "none",
+        binder="motion" if _is_clip(config.input) else "none",
         readout="none",
         head="diagnosed",
         seed=0,

@@ -17,13 +17,13 @@ from typing import Any
 import torch
 
 from dynamics import Parameters
+from vidphys.data.formats import ClipFormat, format_of, suffixes_of
 from vidphys.data.labels import labels_beside
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
 MANIFEST = "dataset.json"
 SCHEMA_VERSION = 1
-VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v")
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,14 @@ def find_dataset(path: Path) -> Dataset:
         files = [_listed(path, entry) for entry in about["clips"]]
     else:
         about = {}
-        videos = (p for p in path.iterdir() if p.suffix.lower() in VIDEOS)
+        videos = (p for p in path.iterdir() if format_of(p, ClipFormat) is not None)
         files = [ClipFile(p, labels_beside(p)) for p in sorted(videos)]
     if not files:
         unfinished = (path / "clips").is_dir()
         hint = "; its rendering is not finished: run that command again" if unfinished else ""
-        raise InputError(f"{path}: no clips ({', '.join(VIDEOS)}) in this folder{hint}")
+        raise InputError(
+            f"{path}: no clips ({', '.join(suffixes_of(ClipFormat))}) in this folder{hint}"
+        )
     bare = [f.path.name for f in files if f.labels is None]
     if 0 < len(bare) < len(files):
         raise InputError(

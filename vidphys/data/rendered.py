@@ -19,8 +19,8 @@ import numpy as np
 from renderers import WORLDS, Camera
 from vidphys.data.clips import Clips, render_clips
 from vidphys.data.dataset import MANIFEST, SCHEMA_VERSION
+from vidphys.data.formats.opencv import opencv
 from vidphys.data.labels import write_labels
-from vidphys.data.video import opencv
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.runs.atomic import sha256, write_json, write_with

@@ -6,14 +6,13 @@ them and times are the presentation stamps.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
+from vidphys.data.formats import VIDEO, ClipFormat, format_of
+from vidphys.data.formats.opencv import opencv
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
@@ -80,7 +79,7 @@ class Video:
 
 
 def read_video(path: Path, selection: ClipSelection) -> Video:
-    """Decode a clip with OpenCV (FFmpeg).
+    """Decode a clip by the format that it is of; by OpenCV (FFmpeg) where none is known.
 
     Raises:
         InputError: a selection that makes no sense, a missing file, not a video, no frame that can
@@ -89,7 +88,13 @@ def read_video(path: Path, selection: ClipSelection) -> Video:
     _check(selection)
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a video")
-    declared_rate, declared_count, decoded = _declared(path)
+    clip = format_of(path, ClipFormat) or VIDEO
+    try:
+        declared_rate, declared_count, decoded = clip.read(path)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
     frames, stamps, indices = [], [], []
     count = 0
     for frame, stamp in decoded:
@@ -145,37 +150,6 @@ def _check_memory(path: Path, frames: list[np.ndarray]) -> None:
             f"{path}: the first {len(frames)} frames already fill {MAX_BYTES >> 30} GiB; shrink "
             "them with --side, or take fewer with --stop and --stride"
         )
-
-
-def _declared(path: Path) -> tuple[float, int, Iterator[tuple[np.ndarray, float]]]:
-    """The container's rate and frame count, and the decoded frames with their stamps (seconds)."""
-    cv2 = opencv()
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    if not capture.isOpened():
-        raise InputError(f"{path}: not a video that OpenCV can read; convert it (mp4, avi, ogv)")
-
-    def decode() -> Iterator[tuple[np.ndarray, float]]:
-        try:
-            while True:
-                good, frame = capture.read()
-                if not good:
-                    return
-                stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), stamp
-        finally:
-            capture.release()
-
-    rate, count = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    return float(rate), int(count), decode()
-
-
-def opencv() -> ModuleType:
-    """OpenCV, told not to write its own lines beside ours."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    import cv2
-
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    return cv2
 
 
 def _shrink(frame: np.ndarray, side: int | None) -> np.ndarray:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from dynamics import from_config, terms
 from tests.shared import small_clips
 from vidphys.cli import main
+from vidphys.data.formats.columns import detect_columns
 from vidphys.data.rendered import write_video
-from vidphys.diagnose.recordings.columns import detect_columns
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.tables import read_tracks, write_tracks
 from vidphys.diagnose.weak.energy_balance import (

@@ -1,0 +1,125 @@
+"""What a file format is: which files are of it, and what it reads them as."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from registry import Registry
+from vidphys.errors import InputError
+
+Unit = Literal["world", "pixels", "angles"]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file of tracks says.
+
+    Args:
+        positions: ``(e, t, n, d)``, e clips of n bodies; NaN where a body was not seen.
+        times: seconds of each frame, ``(e, t)``; ``None`` where the file has none.
+        unit: of the positions: ``world`` (any length, y upwards), ``pixels`` (from the top left
+            corner, the second coordinate downwards) or ``angles`` (radians).
+        mass: of the bodies, ``(e, n)``; ``None`` where nothing is said.
+        coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
+        notes: how the file was understood, a line each.
+    """
+
+    positions: np.ndarray
+    times: np.ndarray | None
+    unit: Unit = "world"
+    mass: np.ndarray | None = None
+    coupling: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of files.
+
+    Args:
+        suffixes: of its files, in lower case, with the dot.
+        read: see the subclasses.
+        looks: whether the content of a file with such a suffix is of this format, where the
+            suffix alone does not say.
+    """
+
+    suffixes: tuple[str, ...]
+    read: Callable[..., object]
+    looks: Callable[[Path], bool] | None = None
+
+    def sniff(self, path: Path) -> bool:
+        """Whether a file that is there is of this format."""
+        return path.suffix.lower() in self.suffixes and (self.looks is None or self.looks(path))
+
+
+@dataclass(frozen=True)
+class TrackFormat(Format):
+    """Positions of bodies through time.
+
+    ``read(path, columns, interval)`` gives a :class:`Recording`: ``columns`` says what some of
+    its columns are, where their names do not tell, and ``interval`` (seconds between frames, or
+    ``None``) stands in for times that it does not have. It raises ``ValueError`` with one line.
+    """
+
+    read: Callable[[Path, Mapping[str, str], float | None], Recording]
+
+
+Frames = Iterator[tuple[np.ndarray, float]]
+
+
+@dataclass(frozen=True)
+class ClipFormat(Format):
+    """Pictures through time.
+
+    ``read(path)`` gives the frames per second and the number of frames that the file declares (0
+    where it says nothing), and an iterator over its frames: RGB bytes ``(H, W, 3)``, row 0 on top,
+    and the seconds of each. It raises ``ValueError`` with one line.
+    """
+
+    read: Callable[[Path], tuple[float, int, Frames]]
+
+
+FORMATS: Registry[Format] = Registry("format", "vidphys.formats")
+Kind = TypeVar("Kind", bound=Format)
+
+
+def format_of(path: Path, kind: type[Kind]) -> Kind | None:
+    """The first format of this kind that a file is of."""
+    return next((f for f in FORMATS.values() if isinstance(f, kind) and f.sniff(path)), None)
+
+
+def suffixes_of(kind: type[Format]) -> tuple[str, ...]:
+    """Of all formats of a kind."""
+    every = (f.suffixes for f in FORMATS.values() if isinstance(f, kind))
+    return tuple(suffix for suffixes in every for suffix in suffixes)
+
+
+def read_recording(
+    path: Path, columns: Mapping[str, str] | None = None, interval: float | None = None
+) -> Recording:
+    """Read a file of tracks by the format that it is of.
+
+    Args:
+        path: of the file.
+        columns, interval: see :class:`TrackFormat`.
+
+    Raises:
+        InputError: no such file, no format that is known, or a file that holds no tracks.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give a table of tracks or a clip")
+    format = format_of(path, TrackFormat)
+    if format is None:
+        known = ", ".join(suffixes_of(TrackFormat))
+        raise InputError(
+            f"{path}: not a table that is known ({known}); a text begins with a line like '% x v'"
+        )
+    try:
+        return format.read(path, columns or {}, interval)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
