@@ -13,7 +13,6 @@ from torch.nn import functional
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.catalogue import ENCODERS, Adapter
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 from vidphys.data.rendered import write_video
 
 RATE, SIDE = 25.0, 32
@@ -23,6 +22,8 @@ RATE, SIDE = 25.0, 32
 class CellsSettings:
     layer: int = 4
     frames: int = 1
+    batch: int = 8
+    dtype: str = "float32"
 
 
 class Cells(FrozenEncoder):
@@ -30,9 +31,18 @@ class Cells(FrozenEncoder):
 
     def __init__(self, settings: CellsSettings, sha256: str) -> None:
         self.cell = settings.layer
-        identity = EncoderIdentity("cells", 1, sha256, "none", str(self.cell), SIDE, "float32")
         windowing = Windowing(settings.frames, tubelet=settings.frames)
-        super().__init__(nn.Linear(1, 1), windowing, 1, 8, identity)
+        super().__init__(
+            nn.Linear(1, 1),
+            settings,
+            windowing,
+            name="cells",
+            code_version=1,
+            weights_sha256=sha256,
+            preprocessing="none",
+            layer=str(self.cell),
+            resolution=SIDE,
+        )
 
     def encode(self, clips: Tensor) -> Tensor:
         light = functional.avg_pool2d(clips.flatten(0, 1), self.cell)

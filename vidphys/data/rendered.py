@@ -62,11 +62,11 @@ class RenderSettings:
             ("image", self.image, 2),
         ):
             if value < least:
-                raise InputError(f"--{name} {value}: must be at least {least}")
+                raise InputError(f"`{name}` {value}: must be at least {least}")
         if SCENES[self.scene]().space != 2:
-            raise InputError(f"--scene {self.scene}: only bodies in a plane can be drawn")
+            raise InputError(f"`scene` {self.scene}: only bodies in a plane can be drawn")
         if self.image % 2:
-            raise InputError(f"--image {self.image}: must be even; use {self.image + 1}")
+            raise InputError(f"`image` {self.image}: must be even; use {self.image + 1}")
 
 
 def render_folder(

@@ -1,5 +1,7 @@
 """Probes: they find momentum where features hold it, and nowhere else; the table's views."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 
@@ -7,7 +9,6 @@ from dynamics import PhaseState
 from encoders.features import FeatureMap
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 from readouts.attention import AttentionReadout
 from readouts.probes import StateProbe, side_by_side
 from readouts.scale import FeatureScale
@@ -132,9 +133,17 @@ class Colours(FrozenEncoder):
     """Mean colours of cells of four pixels; of pairs of frames, for a video encoder."""
 
     def __init__(self, tubelet):
-        identity = EncoderIdentity("colours", 1, "0" * 64, "none", "0", 32, "float32")
+        identity = {
+            "name": "colours",
+            "code_version": 1,
+            "weights_sha256": "0" * 64,
+            "preprocessing": "none",
+            "layer": "0",
+            "resolution": 32,
+        }
+        settings = SimpleNamespace(batch=4, dtype="float32")
         windowing = Windowing(16 if tubelet > 1 else 1, tubelet=tubelet, shortens=True)
-        super().__init__(torch.nn.Linear(1, 1), windowing, 1, 4, identity)
+        super().__init__(torch.nn.Linear(1, 1), settings, windowing, **identity)
 
     def encode(self, clips):
         each = torch.nn.functional.avg_pool2d(clips.flatten(0, 1), 4)

@@ -59,7 +59,7 @@ def detect_columns(names: Sequence[str], given: Mapping[str, str] | None = None)
     for role, name in given.items():
         if name not in names:
             raise InputError(
-                f"--columns {role}={name}: no such column; the table has {', '.join(names)}"
+                f"`columns` {role}={name}: no such column; the table has {', '.join(names)}"
             )
     told = {name: role for role, name in given.items()}
     called = {name: told.get(name, name.strip().lower()) for name in names}
@@ -71,7 +71,7 @@ def detect_columns(names: Sequence[str], given: Mapping[str, str] | None = None)
     if not bodies:
         raise InputError(
             f"no coordinates among the columns {', '.join(names)}; name them x, y or x1, y1, x2, "
-            "..., or say which they are with --columns x=NAME y=NAME"
+            "..., or say which they are with `columns` x=NAME y=NAME"
         )
     kinds = {_axis(match) for match in places.values()}
     return Columns(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None)
     try:
         with np.load(path) as held:
             arrays = {name: held[name] for name in held.files}
-    except (OSError, ValueError) as error:
+    except (OSError, EOFError, ValueError, BadZipFile) as error:
         raise InputError(f"not an npz file of numbers ({error})") from error
     found = [name for name in NAMES if name in arrays]
     if len(found) != 1:
@@ -120,7 +121,7 @@ def _recording(table: Table, given: Mapping[str, str], interval: float | None) -
         "angles" if columns.angles else "pixels" if columns.pixels else "world",
         _of_bodies(table, columns, names, len(parts)),
         _of_clips(table, columns.coupling, clip),
-        (f"{kind} {read}; time {columns.time or columns.frame or 'by --interval'}",),
+        (f"{kind} {read}; time {columns.time or columns.frame or 'by the interval'}",),
     )
 
 
@@ -142,7 +143,9 @@ def _order(table: Table, columns: Columns, interval: float | None) -> tuple[np.n
     if columns.frame is not None:
         numbers = _numbers(table, columns.frame)
     elif columns.body is not None or columns.clip is not None:
-        raise InputError("no column of times; name it t or frame, or give --columns time=NAME")
+        raise InputError(
+            "no column of times; name it t or frame, or say which with `columns` time=NAME"
+        )
     else:
         numbers = np.arange(len(next(iter(table.values()))))
     return (numbers, False) if interval is None else (numbers * interval, True)

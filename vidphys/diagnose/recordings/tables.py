@@ -51,7 +51,7 @@ def read_tracks(
     found = read_recording(path, columns, interval)
     if found.times is None:
         raise InputError(
-            f"{path}: no times in seconds; give the seconds between frames with --interval"
+            f"{path}: no times in seconds; give the seconds between frames as `interval`"
         )
     positions = found.positions
     if found.unit == "pixels":
