@@ -116,7 +116,7 @@ class Recorder:
 
     def add_value(self, metric: str, value: float, seconds: float | None = None) -> None:
         """Record a plain number that is not a summary of episodes."""
-        self.add(metric, Summary(value, OK, 0, 0), seconds=seconds)
+        self.add(metric, Summary(float(value), OK, 0, 0), seconds=seconds)
 
     def add_episodes(
         self,

@@ -349,8 +349,11 @@ class TestWrongInput:
         table = (folder / "clip1.csv").read_text()
         for text, words in (
             (table.rsplit("\n", 2)[0], "19 rows, but clip1.avi has frames up to number 19"),
-            ("a,b\n1,2\n", "its first line is a,b"),
-            (table.replace("u1,v1", "u1,v1,time"), "a row is not 3 numbers"),
+            ("a,b\n1,2\n", "no coordinates among the columns a, b"),
+            (
+                table.replace("u1,v1", "u1,v1,time"),
+                "not a table (CSV parse error: Expected 3 columns, got 2",
+            ),
             ("u1,v1,u2,v2\n" + "1,2,3,4\n" * FRAMES, "number of bodies 2, but clip0.avi has 1"),
             ("u1,v1\n" + ",\n" * FRAMES, "body 1 is seen in no frame"),
         ):
