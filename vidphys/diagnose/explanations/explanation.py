@@ -27,7 +27,10 @@ class Oscillation:
 
 
 class Explanation(Protocol):
-    """An explanation of one recording, whose tail after a frame ``end`` nothing was fitted to."""
+    """An explanation of one recording, whose tail after a frame ``end`` nothing was fitted to.
+
+    A class that derives from it says what it has; the rest is nothing.
+    """
 
     @property
     def kinds(self) -> list[str]:
@@ -36,6 +39,7 @@ class Explanation(Protocol):
     @property
     def explained(self) -> bool:
         """Whether nothing above the noise is left over."""
+        return True
 
     @property
     def fastest(self) -> float:
@@ -44,21 +48,25 @@ class Explanation(Protocol):
     @property
     def follows(self) -> float | None:
         """Seconds for which it follows the recording at a time; ``None``: for all of it."""
+        return None
 
     def lines(self) -> list[str]:
         """For a person, a sentence each."""
 
     def data(self) -> dict[str, Any]:
         """Its own entries of ``diagnosis.json``."""
+        return {}
 
     def numbers(self) -> dict[str, float]:
         """Its own entries of the records, by metric."""
+        return {}
 
     def forecast(self) -> Validation | None:
         """The tail beside simple forecasts; ``None`` where it cannot be rolled on."""
 
     def oscillations(self) -> list[Oscillation]:
         """The model's beside the recording's own, slowest first."""
+        return []
 
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Times and positions ``(t, n, d)`` after ``end`` under laws that were never recorded."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
-from vidphys.diagnose.explanations.explanation import Oscillation
+from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import (
     SAMPLES,
     State,
@@ -55,8 +55,8 @@ WORDS = {
 
 
 @dataclass(frozen=True)
-class ByMenu:
-    """What the menu says of a recording; see :class:`~.explanation.Explanation`.
+class ByMenu(Explanation):
+    """What the menu says of a recording.
 
     Args:
         found: of the part before ``end``.
@@ -111,12 +111,6 @@ class ByMenu:
         if found.power is not None:
             lines.append(f"Power of the coupling: {found.power.why}.")
         return lines
-
-    def data(self) -> dict[str, Any]:
-        return {}
-
-    def numbers(self) -> dict[str, float]:
-        return {}
 
     def forecast(self) -> Validation | None:
         if self.found.look is None:

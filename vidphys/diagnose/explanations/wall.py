@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynamics import terms
-from vidphys.diagnose.explanations.explanation import Oscillation
+from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
 from vidphys.diagnose.explanations.specification import PORTS, as_specification
 from vidphys.diagnose.recordings.motion import Motion
@@ -19,8 +19,8 @@ OF_THE_SCENE = ("restitution", "stiffness", "pull", "rate")  # a wall's numbers 
 
 
 @dataclass(frozen=True)
-class ByWall:
-    """A wall's fit to a recording before ``end``; see :class:`~.explanation.Explanation`.
+class ByWall(Explanation):
+    """A wall's fit to a recording before ``end``.
 
     Args:
         fit: the wall and the swing beside it.
@@ -50,17 +50,9 @@ class ByWall:
         return sorted([*held, *(["linear"] if wall.rate else []), "wall"])
 
     @property
-    def explained(self) -> bool:
-        return True
-
-    @property
     def fastest(self) -> float:
         """Of the swing between bounces."""
         return float(np.sqrt(max(self.fit.wall.stiffness, 0.0)))
-
-    @property
-    def follows(self) -> None:
-        return None
 
     def lines(self) -> list[str]:
         wall = self.fit.wall
@@ -105,9 +97,6 @@ class ByWall:
         time = float(self.motion.times[0, end - 1])
         start = State(time, path[end - 1], v, self.motion.mass[0])
         return beside_simple(path[end:], self.motion.cut(end), start, a)
-
-    def oscillations(self) -> list[Oscillation]:
-        return []
 
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         begin, last = self.times[self.end - 1], self.times[-1]

@@ -11,7 +11,7 @@ from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, Term, field_of
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.search import NUMERICAL
-from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.inference.structures import PRICE, Structure
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.weak.paths import Paths, integrated, smooth
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
@@ -19,7 +19,6 @@ from vidphys.diagnose.weak.windows import Windows, cut_windows, windows_at
 
 PIECES = (8, 16)  # frames of the windows, at least and at most
 AT_FIRST, AROUND = 48, 2  # splits that are tried over the clip; on each side of the best, after it
-PRICE = 1.5  # as for terms: of each number, over Schwarz's half logarithm of the rows
 PICARD = 3
 APART = 4.0  # standard errors between the numbers of the two parts
 MATERIAL = 0.05  # share of the usual acceleration that a change of a number must make

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -55,8 +57,7 @@ def _stiffest(field: Field, structure: Structure) -> float:
         for axis in range(space):
             q = field.q.copy()
             q[:, :, body, axis] += step
-            moved = Field(q, field.v, field.t, field.mass, field.strength)
-            change = (structure.accelerations(moved) - a) / step
+            change = (structure.accelerations(replace(field, q=q)) - a) / step
             slopes[..., body * space + axis] = change.reshape(count, nodes, -1)
     if not np.isfinite(slopes).all():
         return 0.0

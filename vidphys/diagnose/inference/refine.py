@@ -176,20 +176,16 @@ def _derivatives(field: Field, structure: Structure) -> tuple[np.ndarray, np.nda
         # Friction acts on each body by itself: all bodies can be nudged at once.
         v = field.v.copy()
         v[..., axis] += speed
-        moved = structure.accelerations(_moved(field, field.q, v)) - a
+        moved = structure.accelerations(replace(field, v=v)) - a
         for body in range(bodies):
             column = by_v[..., body * space + axis].reshape(count, nodes, bodies, space)
             column[:, :, body] = moved[:, :, body] / speed
             by_v[..., body * space + axis] = column.reshape(count, nodes, size)
             q = field.q.copy()
             q[:, :, body, axis] += place
-            change = structure.accelerations(_moved(field, q, field.v)) - a
+            change = structure.accelerations(replace(field, q=q)) - a
             by_q[..., body * space + axis] = change.reshape(count, nodes, size) / place
     return a, by_q, by_v
-
-
-def _moved(field: Field, q: np.ndarray, v: np.ndarray) -> Field:
-    return Field(q, v, field.t, field.mass, field.strength)
 
 
 def _by_values(field: Field, structure: Structure) -> np.ndarray:

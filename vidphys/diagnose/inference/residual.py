@@ -10,12 +10,11 @@ from scipy.optimize import minimize_scalar
 
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
 from vidphys.diagnose.inference.refine import Fitted
-from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.inference.structures import PRICE, Structure
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
 from vidphys.statistics import NORMAL_95
 
-PRICE = 1.5  # of each number of a probe, over Schwarz's half logarithm of the rows
 EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
 SPREADS = 5.0  # and standard deviations of a mean square
 BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree

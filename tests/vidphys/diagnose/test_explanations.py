@@ -1,0 +1,71 @@
+"""What explains a motion is chosen at one place, and one more is a class and an entry there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.vidphys.diagnose.test_diagnose import seen
+from tests.vidphys.diagnose.test_wall import thrown
+from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.explanations import choice
+from vidphys.diagnose.explanations.explanation import Explanation
+from vidphys.diagnose.explanations.forecast import State, beside_simple
+from vidphys.diagnose.explanations.menu import ByMenu
+from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.telling.answers import answer
+
+
+@dataclass(frozen=True)
+class Oracle(Explanation):
+    """One that knows the recording by heart."""
+
+    motion: Motion
+    end: int
+
+    kinds = ["miracle"]
+    fastest = 2.0
+
+    def lines(self):
+        return ["It was foreseen."]
+
+    def data(self):
+        return {"miracle": {"since": self.end}}
+
+    def numbers(self):
+        return {"miracles": 1.0}
+
+    def forecast(self):
+        tail, still = self.motion.cut(self.end), np.zeros((1, 2))
+        start = State(0.0, still, still, np.ones(1))
+        return beside_simple(tail.positions[0], tail, start, still)
+
+    def changed(self):
+        return {"no miracle": (self.motion.times[0], self.motion.positions[0])}
+
+    def specification(self):
+        return as_specification(
+            terms_of(frozenset()), 1, [0.0, 0.0], {}, True, self.motion.interval
+        )
+
+
+def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch):
+    monkeypatch.setattr(choice, "BEYOND_THE_MENU", (lambda *_: None, Oracle))
+    given = answer(thrown(), False, 0.3)
+    at = given.lines.index("It was foreseen.")
+    assert given.lines[at + 1].startswith("The menu's terms alone would show")
+    assert "steps of 0.05 s" in given.lines[at + 2] and "is off by 0 (" in given.lines[at + 3]
+    assert given.data["miracle"] == {"since": 84}
+    assert (given.data["terms"], given.data["explained"]) == (["miracle"], True)
+    assert given.data["forecast_error"]["model"] == given.numbers["forecast_rmse_model"] == 0
+    assert given.numbers["miracles"] == 1 and "modes" not in given.data
+    assert list(given.rolled) == ["model", "no miracle"]
+    assert given.specification["explained"] and given.specification["mass"] == [1.0]
+
+
+def test_where_the_menu_explains_all_nothing_else_is_asked(monkeypatch):
+    monkeypatch.setattr(choice, "BEYOND_THE_MENU", (Oracle,))
+    motion = seen("trap-drag", clips=1, bodies=1)
+    found = diagnose_motion(motion)
+    assert found.explained and not found.inference.kicks
+    assert isinstance(choice.explain(found, motion, 48), ByMenu)
