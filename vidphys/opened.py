@@ -137,9 +137,10 @@ class Run:
         if not of_cell:
             self._one(f"{start}head", heads, "head")
         name = "head" if "head" in of_cell and readout is None else f"{readout or SHOOTING}/head"
-        told = self.settings["scene"]["dt_seconds"]
-        dt = told if cell.split("/")[0] == TRUE_STATES else HEAD_DT
-        return _head(self._one(name, of_cell, f"head of {cell}"), dt)
+        before = {"dt_seconds": HEAD_DT}  # the step of heads that were kept without theirs
+        if cell.startswith(f"{TRUE_STATES}/"):
+            before = self.settings.get("scene", before)
+        return _head(self._one(name, of_cell, f"head of {cell}"), before["dt_seconds"])
 
     @property
     def has_pipeline(self) -> bool:
@@ -176,7 +177,7 @@ def _head(file: Path, dt: float) -> Head:
     term = from_config(meta["terms"])
     if "units" in meta:
         term = term.counted_in(meta["units"]["length"], meta["units"]["seconds"])
-    head = build(term, meta["bodies"], dt, meta.get("space", 2))
+    head = build(term, meta["bodies"], meta.get("dt") or dt, meta.get("space", 2))
     head.load_state_dict(tensors)
     return head.eval()
 

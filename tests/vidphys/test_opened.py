@@ -14,10 +14,10 @@ from vidphys.runs.records import Origin, Recorder
 STEPS = {"oracle/unstructured": 0.002, "renderer/unstructured": 0.01}  # seconds
 
 
-def keep_head(folder, where, name="unstructured"):
+def keep_head(folder, where, name="unstructured", **told):
     torch.manual_seed(len(where))
     head = build(HEADS[name], 3, 1.0)
-    meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": 3}
+    meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": 3, **told}
     checkpoint.save(folder.path / "checkpoints" / where / "head.json", head.state_dict(), meta)
     return head
 
@@ -64,6 +64,11 @@ def test_a_head_is_rebuilt_with_its_step(folder, cell, where, readout):
     assert all(torch.equal(a, b) for a, b in zip(kept.parameters(), head.parameters(), strict=True))
     tensors = open_run(folder.path).tensors(f"{where}/head")
     assert tensors.keys() == kept.state_dict().keys()
+
+
+def test_a_head_that_was_kept_with_its_step_has_it(folder):
+    keep_head(folder, "oracle-unstructured-s0", dt=0.125)
+    assert open_run(folder.path).head("oracle/unstructured").dt == 0.125
 
 
 def test_a_fitted_head_counts_in_its_own_units(folder):

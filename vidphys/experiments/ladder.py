@@ -96,7 +96,8 @@ class RungCell(PixelCell):
 
 def _keep(name: str, head: Head, question: Question, folder: Path | None) -> None:
     if folder is not None:
-        meta = {"step": 0, "terms": to_config(HEADS[name]), "bodies": question.scene.bodies}
+        terms, bodies = to_config(HEADS[name]), question.scene.bodies
+        meta = {"step": 0, "terms": terms, "bodies": bodies, "dt": head.dt}
         checkpoint.save(folder / "head.json", dict(head.state_dict()), meta)
 
 
