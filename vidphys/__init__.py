@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from vidphys.errors import InputError as InputError
     from vidphys.opened import Run as Run
     from vidphys.opened import open_run as open_run
+    from vidphys.scenes import SCENES as SCENES
     from vidphys.scenes import gravity as gravity
     from vidphys.training.loop import FitSettings as FitSettings
     from vidphys.training.loop import fit as fit
@@ -32,6 +33,7 @@ HOMES = {
     "Parameters": "dynamics",
     "PhaseState": "dynamics",
     "Run": "vidphys.opened",
+    "SCENES": "vidphys.scenes",
     "build": "dynamics",
     "diagnose_motion": "vidphys.diagnose.diagnosis",
     "fit": "vidphys.training.loop",

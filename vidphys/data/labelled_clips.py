@@ -92,5 +92,5 @@ def _check_alike(first: LabelledClip, clip: LabelledClip) -> None:
     if abs(b / a - 1) > SAME_RATE:
         raise InputError(
             f"{clip.file.path}: {1 / b:.4g} frames per second, but {first.file.path.name} has "
-            f"{1 / a:.4g}; convert it, or give the rate of all with --rate"
+            f"{1 / a:.4g}; convert it, or give the rate of all as `rate`"
         )

@@ -101,7 +101,7 @@ def _check_times(path: Path, table: Recording, video: Video) -> None:
     if not off <= HALF * video.interval:
         raise InputError(
             f"{path}: its times differ from those of {video.path.name} by up to {off:.3g} s; "
-            "correct them, or give the clip's frames per second with --rate"
+            "correct them, or give the clip's frames per second as `rate`"
         )
 
 

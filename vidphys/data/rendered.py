@@ -139,7 +139,7 @@ def _pictures(frames: np.ndarray) -> np.ndarray:
     if channels == 1:
         return frames.repeat(3, -1)
     if channels > 3:
-        raise InputError(f"render: {channels} channels do not fit into a video; use --world rgb")
+        raise InputError(f"render: {channels} channels do not fit into a video; use the world rgb")
     return np.pad(frames, [(0, 0)] * 3 + [(0, 3 - channels)])
 
 

@@ -109,7 +109,7 @@ def read_video(path: Path, selection: ClipSelection) -> Video:
     if not frames:
         raise InputError(
             f"{path}: no frame could be decoded in the selection (frames {selection.start} to "
-            f"{selection.stop or 'the end'}; {count} were decoded); check the file and --start"
+            f"{selection.stop or 'the end'}; {count} were decoded); check the file and `start`"
         )
     times, notes = _times(path, np.array(stamps), selection.rate)
     notes += _count_note(declared_count, count, ended=selection.stop is None)
@@ -148,7 +148,7 @@ def _check_memory(path: Path, frames: list[np.ndarray]) -> None:
     if len(frames) * frames[0].nbytes > MAX_BYTES:
         raise InputError(
             f"{path}: the first {len(frames)} frames already fill {MAX_BYTES >> 30} GiB; shrink "
-            "them with --side, or take fewer with --stop and --stride"
+            "them by `side`, or take fewer by `stop` and `stride`"
         )
 
 
@@ -173,7 +173,7 @@ def _times(path: Path, stamps: np.ndarray, rate: float | None) -> tuple[np.ndarr
     if 2 * good.sum() < len(steps):
         raise InputError(
             f"{path}: {int((~good).sum())} of {len(stamps)} presentation stamps do not increase; "
-            "give the frame rate with --rate"
+            "give the frame rate as `rate`"
         )
     if good.all():
         return stamps, []

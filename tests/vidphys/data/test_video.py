@@ -107,7 +107,7 @@ def test_stamps_that_do_not_increase_are_replaced() -> None:
     times, notes = _times(Path("clip"), stamps, None)
     np.testing.assert_allclose(times, np.arange(6) * 0.1)
     assert "1 presentation stamps do not increase" in notes[0]
-    with pytest.raises(InputError, match="give the frame rate with --rate"):
+    with pytest.raises(InputError, match="give the frame rate as `rate`"):
         _times(Path("clip"), np.zeros(5), None)
 
 
