@@ -13,6 +13,7 @@ import importlib.metadata
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
 
@@ -121,8 +122,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __iter__(self) -> Iterator[str]:
         """Names: registered ones in their order, then those of installed packages."""
-        entries = importlib.metadata.entry_points(group=self.group)
-        return iter(dict.fromkeys([*self._parts, *sorted(entry.name for entry in entries)]))
+        return iter(dict.fromkeys([*self._parts, *sorted(self._installed.names)]))
 
     def __contains__(self, name: object) -> bool:
         return any(name == known for known in self)
@@ -145,8 +145,7 @@ class Registry(Mapping[str, T], Generic[T]):
     def name_of(self, part: Any) -> str:
         """The name of a part that a module defines; its import path where it has no other."""
         path = f"{part.__module__}:{part.__qualname__}"
-        entries = importlib.metadata.entry_points(group=self.group)
-        given = {entry.value: entry.name for entry in entries}
+        given = {entry.value: entry.name for entry in self._installed}
         known = {id(each): name for name, each in self._parts.items()}
         return given.get(path) or known.get(id(part), path)
 
@@ -165,8 +164,13 @@ class Registry(Mapping[str, T], Generic[T]):
         found = {f"{self.what} {name}": self.source(name) for name in names}
         return {name: str(source) for name, source in found.items() if not source.ours}
 
+    @cached_property
+    def _installed(self) -> importlib.metadata.EntryPoints:
+        """Of installed packages; read once, for it takes milliseconds."""
+        return importlib.metadata.entry_points(group=self.group)
+
     def _entries(self, name: str) -> list[importlib.metadata.EntryPoint]:
-        return list(importlib.metadata.entry_points(group=self.group, name=name))
+        return list(self._installed.select(name=name))
 
     def _load(self, name: str, path: str) -> None:
         module, _, attribute = path.partition(":")
