@@ -86,6 +86,14 @@ def load_encoder(
     Raises:
         ValueError: unknown name or option, an option's value that the encoder does not take, or
             weights that are missing or wrong.
+
+    Example:
+        >>> import torch
+        >>> encoder = load_encoder("dino-tiny", {})
+        >>> clip = torch.zeros(1, 2, 3, 64, 64, dtype=torch.uint8)
+        >>> features = encoder(clip, torch.tensor([0.0, 0.1]))
+        >>> tuple(features.values.shape), features.stride
+        ((1, 2, 96, 16, 16), (4.0, 4.0))
     """
     factory, taken = ENCODERS[name], options_of(name)
     told = {"weights": where, "device": None if device == "cpu" else device}
