@@ -14,7 +14,6 @@ WORKERS = {"vidphys/runs/pool.py"}  # beside verbs and ``__main__``: where a pro
 ALLOWED = {
     "writes a frozen object": {
         "vidphys/training/ensemble.py",  # makes one of mapped leaves, which no check may see
-        "vidphys/experiments/core/scoring.py",
     },
     "caches on module level": {
         "dynamics/pairs.py",  # numbers of pairs, a few integers for each count of bodies
@@ -22,7 +21,7 @@ ALLOWED = {
         "dynamics/engines.py",  # what this machine has, which no run changes
         "dynamics/compiled/head.py",  # compiled code, as numba keeps it
     },
-    "sets threads": {"vidphys/experiments/ladder.py", "vidphys/experiments/reproduce.py"},
+    "sets threads": set(),
     "changes a recorder's origin": set(),
 }
 
