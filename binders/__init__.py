@@ -1,16 +1,19 @@
 """Detections and features to tracks that keep identity."""
 
+from binders.base import BINDERS, Binder, MotionTracks
 from binders.detect import detect
 from binders.hand import assign, bind_by_acceleration
-from binders.motion import MotionSettings, MotionTracks, bind_motion, camera_path
+from binders.motion import MotionBinder, camera_path
 from binders.palette import track_by_palette
 from binders.slots import SlotAttention, Slots
 from binders.tracker import SoftTracks, Tracker, extrapolate, follow_softly
 from binders.tracks import Detections, Tracks
 
 __all__ = [
+    "BINDERS",
+    "Binder",
     "Detections",
-    "MotionSettings",
+    "MotionBinder",
     "MotionTracks",
     "SlotAttention",
     "Slots",
@@ -19,7 +22,6 @@ __all__ = [
     "Tracks",
     "assign",
     "bind_by_acceleration",
-    "bind_motion",
     "camera_path",
     "detect",
     "extrapolate",

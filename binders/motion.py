@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float, UInt8
 from scipy import ndimage
 
+from binders.base import BINDERS, MotionTracks
 from binders.camera import background_of, camera_drift, undo_drift
 from binders.follow import Blobs, Path, follow
 from binders.tracks import Tracks
@@ -28,9 +29,10 @@ HIDING = 2.5
 PASSES = 2
 
 
+@BINDERS.register("motion")
 @dataclass(frozen=True)
-class MotionSettings:
-    """What the binder is told about the clip.
+class MotionBinder:
+    """Follows the moving bodies of a clip before a background that stands (nearly) still.
 
     Args:
         bodies: how many bodies to follow.
@@ -42,6 +44,15 @@ class MotionSettings:
 
     Raises:
         ValueError: numbers outside these ranges.
+
+    Example:
+        >>> frames = np.zeros((12, 48, 64, 3), np.uint8)
+        >>> for t in range(12):
+        ...     frames[t, 20:28, 4 + 4 * t : 12 + 4 * t] = 255
+        ...
+        >>> found = MotionBinder(bodies=1, shadow=1.0)(frames, np.arange(12) / 30)
+        >>> [round(x, 2) for x in found.tracks.positions[0, [0, 11], 0, 0].tolist()]  # half sides
+        [-0.75, 0.62]
     """
 
     bodies: int = 1
@@ -54,63 +65,29 @@ class MotionSettings:
         if not 0 < self.shadow <= 1:
             raise ValueError(f"shadow {self.shadow}: must be above 0 and at most 1")
 
+    def __call__(
+        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
+    ) -> MotionTracks:
+        """See :class:`binders.base.Binder`.
 
-@dataclass(frozen=True)
-class MotionTracks:
-    """Tracks of a real clip, and what the camera did meanwhile.
-
-    Args:
-        tracks: normalised image units, one episode; where a body was not seen its position is
-            interpolated and its confidence 0.
-        camera: displacement of the still background in each frame, normalised image units,
-            y upwards; subtract it from the positions to have them before a still camera.
-        others: share of the frames in which something else moves that is as strong as a body.
-    """
-
-    tracks: Tracks
-    camera: Float[torch.Tensor, "t 2"]
-    others: float
-
-
-def bind_motion(
-    frames: UInt8[np.ndarray, "t h w 3"],
-    times: Float[np.ndarray, " t"],
-    settings: MotionSettings,
-) -> MotionTracks:
-    """Follow the moving bodies of a clip before a background that stands (nearly) still.
-
-    Args:
-        frames: RGB, row 0 on top.
-        times: seconds.
-        settings: see :class:`MotionSettings`.
-
-    Raises:
-        ValueError: fewer than three frames, or no frame in which all bodies are seen.
-
-    Example:
-        >>> frames = np.zeros((12, 48, 64, 3), np.uint8)
-        >>> for t in range(12):
-        ...     frames[t, 20:28, 4 + 4 * t : 12 + 4 * t] = 255
-        ...
-        >>> found = bind_motion(frames, np.arange(12) / 30, MotionSettings(bodies=1, shadow=1.0))
-        >>> [round(x, 2) for x in found.tracks.positions[0, [0, 11], 0, 0].tolist()]  # half sides
-        [-0.75, 0.62]
-    """
-    if len(frames) < 3:
-        raise ValueError(f"bind_motion: motion needs at least 3 frames, got {len(frames)}")
-    small, factor = _working_copy(frames)
-    sample, drift = _drift(small)
-    path = _follow_before_background(_steady(small, drift), sample, settings)
-    half = max(frames.shape[1:3]) / 2 / factor
-    centre = np.array([frames.shape[2], frames.shape[1]]) / 2 / factor
-    up = np.array([1.0, -1.0])
-    positions = (path.positions + drift[:, None] + 0.5 - centre) / half * up
-    tracks = Tracks(
-        torch.from_numpy(positions)[None].float(),
-        torch.from_numpy(path.confidence)[None].float(),
-        torch.from_numpy(times),
-    )
-    return MotionTracks(tracks, torch.from_numpy(drift / half * up).float(), path.others)
+        Raises:
+            ValueError: fewer than three frames, or no frame in which all bodies are seen.
+        """
+        if len(frames) < 3:
+            raise ValueError(f"MotionBinder: motion needs at least 3 frames, got {len(frames)}")
+        small, factor = _working_copy(frames)
+        sample, drift = _drift(small)
+        path = _follow_before_background(_steady(small, drift), sample, self)
+        half = max(frames.shape[1:3]) / 2 / factor
+        centre = np.array([frames.shape[2], frames.shape[1]]) / 2 / factor
+        up = np.array([1.0, -1.0])
+        positions = (path.positions + drift[:, None] + 0.5 - centre) / half * up
+        tracks = Tracks(
+            torch.from_numpy(positions)[None].float(),
+            torch.from_numpy(path.confidence)[None].float(),
+            torch.from_numpy(times),
+        )
+        return MotionTracks(tracks, torch.from_numpy(drift / half * up).float(), path.others)
 
 
 def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:
@@ -133,9 +110,7 @@ def _drift(small: np.ndarray) -> tuple[list[int], np.ndarray]:
     return sample, camera_drift(small.mean(-1, dtype=np.float32), sample)
 
 
-def _follow_before_background(
-    still: np.ndarray, sample: list[int], settings: MotionSettings
-) -> Path:
+def _follow_before_background(still: np.ndarray, sample: list[int], settings: MotionBinder) -> Path:
     """Tracks before the background, which is cleaned of the bodies' ghosts once they are known."""
     sampled = still[sample].astype(np.float32)
     hidden = None
@@ -198,7 +173,7 @@ def _threshold(change: np.ndarray) -> float:
     return max(LEAST_CHANGE, middle + NOISE_SIGMAS * spread)
 
 
-def _blobs(change: np.ndarray, threshold: float, settings: MotionSettings) -> Blobs:
+def _blobs(change: np.ndarray, threshold: float, settings: MotionBinder) -> Blobs:
     """The compact regions of a frame that changed most, with their weighted centroids.
 
     One that the picture's edge cuts is left out: the middle of what is seen of it is not its own,

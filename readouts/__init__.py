@@ -1,8 +1,9 @@
 """Tracks and feature maps to phase-space states: attention, differencing, smoothing."""
 
 from readouts.attention import AttentionReadout, confidence_at, distance_at
+from readouts.base import FrameReadout, Readout
 from readouts.differencing import backward_difference, central_difference
-from readouts.frames import FrameReadout
+from readouts.kinds import READOUTS, MapShape, ReadoutKind, Recipe
 from readouts.local import CellReader, LocalReadout, RefinedReadout
 from readouts.pooled import PooledReadout, pooled_twin
 from readouts.probes import StateProbe
@@ -16,7 +17,12 @@ __all__ = [
     "FeatureScale",
     "FrameReadout",
     "LocalReadout",
+    "MapShape",
     "PooledReadout",
+    "READOUTS",
+    "Readout",
+    "ReadoutKind",
+    "Recipe",
     "RefinedReadout",
     "SoftArgmax",
     "Smoothed",

@@ -9,7 +9,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from readouts.frames import FrameReadout
+from readouts.base import FrameReadout
 from readouts.scale import FeatureScale
 
 FREQUENCIES = 6
@@ -84,7 +84,7 @@ class AttentionReadout(FrameReadout):
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
-        """As :meth:`forward`, on frames without their clip.
+        """See :class:`readouts.base.Readout`.
 
         The confidence is :func:`confidence_at` the distance from the truth that is expected of
         the position, judged by what is attended to and by how near the next body was found: bodies

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from readouts.attention import UNSURE, AttentionReadout, confidence_at, nearest
-from readouts.frames import FrameReadout
+from readouts.base import FrameReadout
 from readouts.scale import FeatureScale
 
 SIGHT = 0.125  # normalised image units that cells are read on each side, if not less than a cell
@@ -163,7 +163,7 @@ class RefinedReadout(FrameReadout):
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
-        """As :meth:`forward`, on frames without their clip."""
+        """See :class:`readouts.base.Readout`."""
         position, evidence = self.look(values, centres)
         return position, confidence_at(self.expected(evidence))
 

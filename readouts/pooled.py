@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from readouts.frames import FrameReadout
+from readouts.base import FrameReadout
 from readouts.scale import FeatureScale
 
 
@@ -40,7 +40,7 @@ class PooledReadout(FrameReadout):
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
     ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
-        """As :meth:`forward`; the cell centres are not used, and nothing measures a confidence."""
+        """See :class:`readouts.base.Readout`; here the confidence is 1, centres are not used."""
         pooled = self.scale(values.float().mean((-2, -1)))
         positions = self.network(pooled).unflatten(-1, (self.bodies, 2))
         return positions, torch.ones_like(positions[..., 0])

@@ -8,12 +8,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from encoders.features import FeatureMap
+from readouts.base import FrameReadout
 
 TEMPERATURE = 0.1
 
 
-class SoftArgmax(nn.Module):
+class SoftArgmax(FrameReadout):
     """A 1x1 convolution gives N heatmaps; a body is at the mean cell of its softmax.
 
     Args:
@@ -29,15 +29,11 @@ class SoftArgmax(nn.Module):
         self.project = nn.Conv2d(channels, bodies, 1)
         self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
 
-    def forward(
-        self, features: FeatureMap
-    ) -> tuple[Float[Tensor, "b t n 2"], Float[Tensor, "b t n"]]:
-        """Positions in normalised image units and their confidence in [0, 1]."""
-        logits = self.project(features.values.flatten(0, 1)) * (-self.log_temperature).exp()
-        centres = features.cell_centres().to(logits)
-        positions, confidence = soft_argmax(logits, centres)
-        clips = features.values.shape[:2]
-        return positions.unflatten(0, clips), confidence.unflatten(0, clips)
+    def read(
+        self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]
+    ) -> tuple[Float[Tensor, "f n 2"], Float[Tensor, "f n"]]:
+        """See :class:`readouts.base.Readout`."""
+        return soft_argmax(self.project(values) * (-self.log_temperature).exp(), centres)
 
 
 def soft_argmax(

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from binders.base import MotionTracks
 from binders.camera import background_of, camera_drift, undo_drift
 from binders.follow import Blobs, follow
-from binders.motion import MotionSettings, MotionTracks, bind_motion
+from binders.motion import MotionBinder
 
 FRAMES, HEIGHT, WIDTH = 60, 96, 128
 WALL = np.array([150.0, 130.0, 110.0])
@@ -82,7 +83,7 @@ def times() -> np.ndarray:
 @pytest.mark.parametrize("drift", [still(), wobble()], ids=["still", "hand-held"])
 def test_follows_the_body_and_neither_shadow_nor_string(drift: np.ndarray) -> None:
     path = swing()[:, None]
-    found = bind_motion(draw(path, drift), times(), MotionSettings())
+    found = MotionBinder()(draw(path, drift), times())
     error = np.linalg.norm(pixels(found) - (path + drift[:, None]), axis=-1)
     assert np.sqrt((error**2).mean()) < 0.35
     assert error.max() < 1.0
@@ -98,9 +99,9 @@ def test_two_bodies_keep_their_identity() -> None:
     two = np.stack([112 - 95 * t, 65 + 8 * np.sin(6 * t)], 1)
     paths = np.stack([one, two], 1)
     frames = draw(paths, still(), strings=False)
-    bound = bind_motion(frames, times(), MotionSettings(bodies=2))
+    bound = MotionBinder(bodies=2)(frames, times())
     assert bound.others == 0
-    assert bind_motion(frames, times(), MotionSettings(bodies=1)).others > 0.8
+    assert MotionBinder(bodies=1)(frames, times()).others > 0.8
     found = pixels(bound)
     error = min(
         np.abs(found - paths).max(),
@@ -112,19 +113,19 @@ def test_two_bodies_keep_their_identity() -> None:
 def test_grey_body_needs_brightness() -> None:
     frames = draw(swing()[:, None], still(), shade=0.0)
     grey = np.repeat(frames.mean(-1, keepdims=True), 3, -1).astype(np.uint8)
-    found = bind_motion(grey, times(), MotionSettings(shadow=1.0))
+    found = MotionBinder(shadow=1.0)(grey, times())
     error = np.linalg.norm(pixels(found)[:, 0] - swing(), axis=-1)
     assert np.sqrt((error**2).mean()) < 1.0
     with pytest.raises(ValueError, match=r"keep changes of brightness \(shadow 1\)"):
-        bind_motion(grey, times(), MotionSettings())
+        MotionBinder()(grey, times())
 
 
 def test_refuses_what_it_cannot_follow() -> None:
     frames = draw(np.zeros((FRAMES, 0, 2)), still())
     with pytest.raises(ValueError, match="no frame shows 1 moving bodies"):
-        bind_motion(frames, times(), MotionSettings())
+        MotionBinder()(frames, times())
     with pytest.raises(ValueError, match="at least 3 frames, got 2"):
-        bind_motion(frames[:2], times()[:2], MotionSettings())
+        MotionBinder()(frames[:2], times()[:2])
 
 
 def test_drift_needs_structure() -> None:
@@ -199,7 +200,7 @@ def test_a_hand_that_reaches_into_the_picture_is_no_body() -> None:
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     for frame, when in zip(frames, t, strict=True):
         frame[(np.abs(x - 100) < 8) & (y > HEIGHT - 40 + 2 * when)] = (90, 160, 60)
-    found = bind_motion(frames, times(), MotionSettings())
+    found = MotionBinder()(frames, times())
     error = np.linalg.norm(pixels(found)[:, 0] - ball, axis=-1)
     assert (found.tracks.confidence > 0.3).all() and error.max() < 1.0
     assert found.others == 0
@@ -208,7 +209,7 @@ def test_a_hand_that_reaches_into_the_picture_is_no_body() -> None:
 def test_a_body_that_the_edge_cuts_is_not_seen() -> None:
     t = np.arange(FRAMES)
     path = np.stack([-10 + 3.0 * t, 30 + 0 * t], 1)
-    found = bind_motion(draw(path[:, None], still(), 0, False), times(), MotionSettings())
+    found = MotionBinder()(draw(path[:, None], still(), 0, False), times())
     seen = found.tracks.confidence[0, :, 0].numpy() > 0
     whole = (path[:, 0] > 5) & (path[:, 0] < WIDTH - 6)
     assert (seen == whole).mean() > 0.95 and not seen[~whole & (path[:, 0] < 3)].any()

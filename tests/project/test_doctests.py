@@ -22,7 +22,7 @@ PACKAGES = (
 MAIN_ROADS = {
     "renderers": {"Camera", "gaussians", "disks", "RgbWorld", "centroids"},
     "encoders": {"FeatureMap", "FeatureStore", "ConvEncoder", "load_encoder"},
-    "binders": {"Tracks", "bind_motion", "bind_by_acceleration", "follow"},
+    "binders": {"Tracks", "MotionBinder", "bind_by_acceleration", "follow"},
     "readouts": {"AttentionReadout", "soft_argmax", "central_difference", "smooth"},
     "dynamics": {"PhaseState", "Parameters", "build", "rollout", "Integrator", "Hamiltonian"},
     "vidphys": {"Run", "gravity", "fit", "aim", "by_shooting", "diagnose_motion", "pick", "nmse"},

@@ -11,8 +11,9 @@ from readouts.attention import distance_at
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
 from readouts.scale import FeatureScale
 from vidphys.data.labelled import LabelledFrames, joined
+from vidphys.training.early_stopping import StopSettings
 from vidphys.training.learner import FitSettings
-from vidphys.training.readouts import mean_distance, read_all
+from vidphys.training.readouts import ReadoutSettings, mean_distance, read_all
 from vidphys.training.refinement import Glances, train_refined
 
 CHANNELS, GRID = 4, (10, 8)
@@ -74,8 +75,8 @@ def test_a_second_reading_is_nearer_and_knows_how_near() -> None:
     torch.manual_seed(0)
     train, held_out, unseen = labelled(512), labelled(128), labelled(256)
     readout = RefinedReadout(CHANNELS, 2, GRID)
-    coarse, fine = FitSettings(150, 64, 1e-2, 1.0), FitSettings(200, 64, 3e-3, 1.0)
-    fit = train_refined(readout, train, held_out, coarse, fine, 0)
+    settings = ReadoutSettings(FitSettings(900, 64, 1e-2, 1.0), stop=StopSettings(10))
+    fit = train_refined(readout, train, held_out, settings, 0)
     assert fit.held_out_error == pytest.approx(mean_distance(readout, held_out))
     assert mean_distance(readout, unseen) < 0.5 * mean_distance(readout.coarse, unseen)
     positions, confidence = read_all(readout, unseen.values, unseen.centres)
@@ -120,7 +121,7 @@ def test_a_glance_reads_what_the_whole_map_gives_there() -> None:
     local, frames = LocalReadout(FeatureScale(CHANNELS), 2, reach=1), labelled(6)
     found = torch.full_like(frames.targets, -0.5)
     chosen = torch.tensor([4, 1] * 20)
-    glance = Glances(local, frames, found)[chosen]
+    glance = Glances(local, frames, found, torch.Generator())[chosen]
     middle = frames.centres[glance.cells[..., 0], glance.cells[..., 1]]
     near = ((middle - glance.targets).abs() / frames.cell).amax((-2, -1)) <= 1.0
     lost = (nearest_cells(found[chosen], frames.centres) == glance.cells).flatten(1).all(1)
@@ -134,8 +135,8 @@ def test_readers_that_learned_apart_are_nearer_together_and_their_spread_tells()
     torch.manual_seed(0)
     train, held_out, unseen = labelled(128), labelled(128), labelled(256)
     readout = RefinedReadout(CHANNELS, 2, GRID, readers=3)
-    coarse, fine = FitSettings(100, 64, 1e-2, 1.0), FitSettings(200, 64, 3e-3, 1.0)
-    train_refined(readout, train, held_out, coarse, fine, 0)
+    settings = ReadoutSettings(FitSettings(900, 64, 1e-2, 1.0), stop=StopSettings(10))
+    train_refined(readout, train, held_out, settings, 0)
     local = readout.local
     cells = nearest_cells(unseen.targets, unseen.centres)
     with torch.no_grad():

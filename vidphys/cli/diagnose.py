@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.options import MOTION, make_binder, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
@@ -51,9 +52,10 @@ class DiagnoseConfig:
         angles: the coordinates are joint angles in radians; told by names like theta otherwise.
         hold_out: share of one long recording, at its end, that nothing is fitted to and the
             forecast is scored on.
-        bodies: that the binder follows in a clip.
-        shadow: darkening, as a factor of the background's brightness, that the binder takes for a
-            shadow rather than a body; 1 where bodies differ from it in brightness alone.
+        binder: what follows the bodies of a clip: motion, or package.module:name.
+        bodies: that it follows; 1.
+        shadow: darkening, as a factor of the background's brightness, that motion takes for a
+            shadow rather than a body; 0.6, and 1 where bodies differ from it in brightness alone.
         start: first frame that is used.
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
@@ -70,8 +72,9 @@ class DiagnoseConfig:
     interval: float | None = None
     angles: bool = False
     hold_out: float = 0.3
-    bodies: int = 1
-    shadow: float = 0.6
+    binder: str | None = None
+    bodies: int | None = None
+    shadow: float | None = None
     start: int = 0
     stop: int | None = None
     rate: float | None = None
@@ -142,17 +145,18 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
     from vidphys.diagnose.recordings.tables import Loaded, read_tracks
 
     if _is_clip(config.input):
-        from vidphys.cli.binder import binder_settings
         from vidphys.data.video import ClipSelection
         from vidphys.diagnose.recordings.clips import follow_clip
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
-        binder = binder_settings(config.bodies, config.shadow)
+        refuse(config, ("columns", "interval", "angles"), f"{config.input} is a clip, not a table")
+        binder = make_binder(config.binder, config.bodies, config.shadow)
         motion, video, notes = follow_clip(config.input, selection, binder)
         return Loaded(motion, False, notes), video.frames
     if config.input.is_file() and not any(f.sniff(config.input) for f in FORMATS.values()):
         known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
         raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
+    refuse(config, ("binder", "bodies", "shadow", "rate"), f"{config.input} is not a clip")
     loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)
@@ -211,7 +215,7 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
         system=config.input.name,
         grounding="tracks",
         encoder="none",
-        binder="motion" if _is_clip(config.input) else "none",
+        binder=config.binder or MOTION if _is_clip(config.input) else "none",
         readout="none",
         head="diagnosed",
         seed=0,

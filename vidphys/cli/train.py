@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.options import MOTION, make_binder, option, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from binders.motion import MotionSettings
+    from binders.base import Binder
     from vidphys.data.dataset import Dataset
     from vidphys.progress import Progress
     from vidphys.reading.reader import Layer, LoadedEncoder
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from vidphys.runs.records import Recorder
 
 HEADS = 4  # by which the width of a readout's attention is divided
+SIZES = {"widths": "width", "readers": "readers"}  # option: what a kind of readout calls it
 # where things lie and what is shown make no other run
 ELSEWHERE = ("data", "store", "out", "weights", "profile", "overwrite", "quiet")
 
@@ -32,7 +34,7 @@ ELSEWHERE = ("data", "store", "out", "weights", "profile", "overwrite", "quiet")
 class TrainConfig(SeeingOptions):
     """Train readouts and dynamics on a clip, a folder of clips, or a rendered folder.
 
-    Example: vidphys train clips --encoder hiera --widths 64 128 --seeds 3 --out runs/clips
+    Example: vidphys train clips --encoder hiera --seeds 3 --out runs/clips
 
     Positions are learned from a table beside each clip (NAME.csv with columns x1,y1,... or
     u1,v1,...), or else from a hand-made binder that follows what moves. Interrupted, the same
@@ -42,19 +44,29 @@ class TrainConfig(SeeingOptions):
         data: a video file, a folder of them, or a folder of `vidphys render`.
         store: folder of the feature store; what is missing in it is extracted.
         out: the run folder.
-        layers: of the encoder that are read, its own default if none is named.
-        widths: of the readouts, multiples of 4; every combination of layer, width, learning rate
-            and seed is trained, and the best on what is held out is kept.
+        readout: what reads positions from features: refined (attention says about where, several
+            readers of the cells around it say where exactly, and how sure that is), attention
+            alone, pooled, or package.module:name. An option that it does not take is refused.
+        layers: of the encoder that are read, its own default if none is named. Every combination
+            of layer, width, readers, learning rate and seed is trained beside a pooled control of
+            as many parameters, and the best on what is held out is kept.
+        widths: of the attention, multiples of 4, or of the pooled network; 128.
+        readers: of the cells around a body, whose mean is taken; 3.
+        mirrors: read the clips that are scored, and later ones, with their mirror images: four
+            times the cost, for a smaller error.
         learning_rates: of the readouts.
         seeds: initial weights that are tried, counted from seed.
-        steps: optimiser steps of each readout.
-        batch: feature frames a step.
+        steps: optimiser steps of each readout; 5400 refined, else 1200.
+        batch: feature frames a step; 128 refined, else 16.
         patience: evaluations (of 40) without a smaller held-out error that end a readout's
             training; 0 ends none early.
-        shift: move training features by up to so many cells, so that few labels show more places.
-        bodies: that the hand-made binder follows.
-        shadow: darkening, as a factor of the background's brightness, that it takes for a shadow
-            rather than a body; 1 where bodies differ from it in brightness alone.
+        shift: move training features by up to so many cells, so that few labels show more places;
+            4, and none of the pooled ones.
+        binder: what follows the bodies where no table tells the positions: motion, or
+            package.module:name.
+        bodies: that it follows; 1.
+        shadow: darkening, as a factor of the background's brightness, that motion takes for a
+            shadow rather than a body; 0.6, and 1 where bodies differ from it in brightness alone.
         train_share: of the clips that is trained on; of a single clip, its first part.
         head_steps: optimiser steps of each dynamics head.
         friction: whether the factored head has friction; auto leaves it out where the data set
@@ -69,16 +81,20 @@ class TrainConfig(SeeingOptions):
     data: Annotated[Path, tyro.conf.Positional]
     store: Path = Path("features")
     out: Path = Path("runs/clip")
+    readout: str = "refined"
     layers: tuple[int | str, ...] = ()
-    widths: tuple[int, ...] = (128,)
+    widths: tuple[int, ...] = ()
+    readers: tuple[int, ...] = ()
+    mirrors: bool = True
     learning_rates: tuple[float, ...] = (3e-3,)
     seeds: int = 1
-    steps: int = 1200
-    batch: int = 16
+    steps: int | None = None
+    batch: int | None = None
     patience: int = 20
-    shift: int = 4
-    bodies: int = 1
-    shadow: float = 0.6
+    shift: int | None = None
+    binder: str | None = None
+    bodies: int | None = None
+    shadow: float | None = None
     train_share: float = 0.6
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
@@ -100,15 +116,17 @@ def train(config: TrainConfig) -> int:
             that are missing or wrong, a device that is not there, or another run in the folder.
     """
     config = with_profile(config, "train")
-    from vidphys.cli.binder import binder_settings
     from vidphys.data.dataset import find_dataset
     from vidphys.reading.reader import load_layers
     from vidphys.runs.folder import RunFolder
 
     _check(config)
-    binder = binder_settings(config.bodies, config.shadow)
+    binder = make_binder(config.binder, config.bodies, config.shadow)
     check_cuda(config.device)
     dataset = find_dataset(config.data)
+    if dataset.labelled:
+        why = f"the tables of {config.data} tell the positions"
+        refuse(config, ("binder", "bodies", "shadow"), why)
     layers, options = config.layers or (None,), config.encoder_options
     try:
         encoders = load_layers(config.encoder, options, layers, config.weights, config.device)
@@ -131,19 +149,31 @@ def train(config: TrainConfig) -> int:
 
 
 def _check(config: TrainConfig) -> None:
-    counts = ("seeds", "steps", "batch", "head_steps")
+    from readouts.kinds import READOUTS, ReadoutKind
+
+    try:
+        kind = READOUTS[config.readout]
+    except ValueError as error:
+        raise InputError(f"--readout {config.readout}: {error}") from error
+    if not isinstance(kind, ReadoutKind):
+        raise InputError(f"--readout {config.readout}: must be a ReadoutKind, is {kind!r}")
+    why = f"--readout {config.readout} takes none"
+    refuse(config, [option for option, size in SIZES.items() if size not in kind.sizes], why)
+    refuse(config, ("shift",) if kind.shift is None else (), why)
+    counts = ("seeds", "steps", "batch", "head_steps", "readers", "widths")
     for name, least in (*((name, 1) for name in counts), ("patience", 0), ("shift", 0)):
-        if getattr(config, name) < least:
-            option = name.replace("_", "-")
-            raise InputError(f"--{option} {getattr(config, name)}: must be at least {least}")
-    for width in config.widths:
-        if width < HEADS or width % HEADS:
+        given = getattr(config, name)
+        for value in given if isinstance(given, tuple) else (given,):
+            if value is not None and value < least:
+                raise InputError(f"{option(name)} {value}: must be at least {least}")
+    for width in config.widths if config.readout == "attention" else ():
+        if width % HEADS:
             raise InputError(f"--widths {width}: must be a multiple of {HEADS}")
     for rate in config.learning_rates:
         if not 0 < rate < float("inf"):
             raise InputError(f"--learning-rates {rate}: must be above 0")
-    if not config.widths or not config.learning_rates:
-        raise InputError("--widths, --learning-rates: name at least one of each")
+    if not config.learning_rates:
+        raise InputError("--learning-rates: name at least one")
     if not config.beyond >= 0:
         raise InputError(f"--beyond {config.beyond}: must be at least 0 seconds")
 
@@ -152,7 +182,9 @@ def _about(
     config: TrainConfig, dataset: Dataset, encoders: dict[Layer, LoadedEncoder]
 ) -> dict[str, Any]:
     """What makes the run this run, for ``run.json``."""
+    from binders import BINDERS
     from encoders.frozen import ENCODERS
+    from readouts import READOUTS
     from vidphys.reading.clip_dynamics import FACTORED, UNSTRUCTURED
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
@@ -164,31 +196,40 @@ def _about(
         "seeds": [config.seed],
         "identities": [asdict(encoder.network.identity) for encoder in encoders.values()],
         "sha256": dataset.hashes,
-        "sources": ENCODERS.sources(config.encoder),
+        "sources": {
+            **ENCODERS.sources(config.encoder),
+            **READOUTS.sources(config.readout),
+            **BINDERS.sources(config.binder or MOTION),
+        },
     }
 
 
 def _settings(config: TrainConfig) -> TrainSettings:
+    from readouts.kinds import READOUTS
     from vidphys.reading.training import TrainSettings
     from vidphys.training.candidates import Grid
     from vidphys.training.early_stopping import StopSettings
     from vidphys.training.learner import FitSettings
     from vidphys.training.readouts import ReadoutSettings
 
-    fit = FitSettings(config.steps, config.batch, config.learning_rates[0])
-    readout = ReadoutSettings(fit, config.shift, StopSettings(patience=config.patience))
+    kind = READOUTS[config.readout]
+    steps, batch = config.steps or kind.steps, config.batch or kind.batch
+    shift = (kind.shift or 0) if config.shift is None else config.shift
+    fit = FitSettings(steps, batch, config.learning_rates[0], kind.clip)
+    readout = ReadoutSettings(fit, shift, StopSettings(patience=config.patience))
     seeds = tuple(range(config.seed, config.seed + config.seeds))
-    grid = Grid(config.widths, config.learning_rates, seeds)
-    return TrainSettings(
-        readout, grid, config.selection, config.train_share, config.head_steps, config.seed
-    )
+    sizes = {size: getattr(config, option) for option, size in SIZES.items()}
+    tried = {size: values for size, values in sizes.items() if values}
+    grid = Grid(config.readout, tried, config.learning_rates, seeds)
+    how = config.mirrors, config.selection, config.train_share, config.head_steps, config.seed
+    return TrainSettings(readout, grid, *how)
 
 
 def _train(
     config: TrainConfig,
     dataset: Dataset,
     encoders: dict[Layer, LoadedEncoder],
-    binder: MotionSettings,
+    binder: Binder,
     run: RunFolder,
     console: Console,
 ) -> None:
@@ -205,9 +246,10 @@ def _train(
     settings, checkpoints = _settings(config), run.checkpoints("training")
     selection = settings.selection
     try:
-        clips = see(dataset, encoders, FeatureStore(config.store), selection, binder, stage)
+        store = FeatureStore(config.store)
+        clips = see(dataset, encoders, store, selection, binder, stage)
         console.done(0)
-        perceived = perceive(clips, dataset, encoders, settings, checkpoints, stage)
+        perceived = perceive(clips, dataset, encoders, store, settings, checkpoints, stage)
         console.done(1)
         friction = config.friction == "yes" or (
             config.friction == "auto" and not dataset.conserving
@@ -238,8 +280,8 @@ def _recorder(config: TrainConfig, dataset: Dataset) -> Recorder:
             system=config.data.name,
             grounding=config.encoder,
             encoder=config.encoder,
-            binder="table" if dataset.labelled else "motion",
-            readout="attention",
+            binder="table" if dataset.labelled else config.binder or MOTION,
+            readout=config.readout,
             head="none",
             seed=config.seed,
             device=config.device,

@@ -28,16 +28,3 @@ def frame_targets(tracks: Tracks, features: int, each: int) -> tuple[Tensor, Ten
     weight = tracks.confidence[0, at] * inside[:, None]
     positions = tracks.positions[0, at].unflatten(0, (features, each))
     return positions.flatten(1, 2), weight.unflatten(0, (features, each)).flatten(1, 2)
-
-
-def frame_tracks(positions: Tensor, confidence: Tensor, times: Tensor, each: int) -> Tracks:
-    """Inverse of :func:`frame_targets`: what a readout said, as a track of the clip.
-
-    Args:
-        positions, confidence: ``(f, each * n, 2)`` and ``(f, each * n)``.
-        times: seconds of each frame of the clip, ``(t,)``.
-        each: frames that a feature frame stands for.
-    """
-    whole = positions.unflatten(1, (each, -1)).flatten(0, 1)[: len(times)]
-    sure = confidence.unflatten(1, (each, -1)).flatten(0, 1)[: len(times)]
-    return Tracks(whole[None], sure[None], times)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from binders.motion import MotionSettings, bind_motion
+from binders.base import Binder, MotionTracks
 from binders.tracks import Tracks
 from vidphys.data.dataset import ClipFile, Dataset
 from vidphys.data.labels import read_labels
@@ -26,25 +26,26 @@ class LabelledClip:
         file: on disk.
         video: its frames.
         tracks: normalised image units, one episode.
-        camera: displacement of the background ``(t, 2)``, normalised image units; zero where
-            tables tell the positions.
+        camera: displacement of the background ``(t, 2)``, normalised image units.
+        follows_camera: whether it was looked for; else it is zero.
     """
 
     file: ClipFile
     video: Video
     tracks: Tracks
     camera: Tensor
+    follows_camera: bool
 
 
 def read_clips(
-    dataset: Dataset, selection: ClipSelection, motion: MotionSettings
+    dataset: Dataset, selection: ClipSelection, binder: Binder
 ) -> Iterator[LabelledClip]:
     """The clips one after the other, so that only one is in memory at a time.
 
     Args:
         dataset: from :func:`find_dataset`.
         selection: the frames of each clip.
-        motion: of the binder that follows what moves, where there are no tables.
+        binder: follows the bodies where there are no tables.
 
     Raises:
         InputError: a clip that cannot be read or is too short, one of another size, frame rate or
@@ -54,7 +55,7 @@ def read_clips(
     for file in dataset.files:
         video = read_video(file.path, selection)
         require_frames(video)
-        clip = _labelled(file, video, dataset, selection, motion)
+        clip = _labelled(file, video, dataset, selection, binder)
         if first is not None:
             _check_alike(first, clip)
         first = first or clip
@@ -66,16 +67,19 @@ def _labelled(
     video: Video,
     dataset: Dataset,
     selection: ClipSelection,
-    motion: MotionSettings,
+    binder: Binder,
 ) -> LabelledClip:
+    still = torch.zeros(len(video.times), 2)
     if file.labels is not None:
         tracks = read_labels(file.labels, video, selection, dataset.half_extent)
-        return LabelledClip(file, video, tracks, torch.zeros(len(video.times), 2))
+        return LabelledClip(file, video, tracks, still, False)
     try:
-        found = bind_motion(video.frames, video.times, motion)
+        found = binder(video.frames, video.times)
     except ValueError as error:
         raise InputError(f"{video.path}: {error}") from error
-    return LabelledClip(file, video, found.tracks, found.camera)
+    if isinstance(found, MotionTracks):
+        return LabelledClip(file, video, found.tracks, found.camera, True)
+    return LabelledClip(file, video, found, still, False)
 
 
 def _check_alike(first: LabelledClip, clip: LabelledClip) -> None:

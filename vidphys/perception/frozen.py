@@ -1,7 +1,7 @@
 """Rungs over frozen encoders: features once, and a trained readout that says where bodies are.
 
 The readout is trained on true positions, as the supervised CNN is; only the encoder differs, and
-it is never trained (inventory E7-E10, Q1). A rung whose weights are not on the machine is skipped.
+it is never trained. A rung whose weights are not on the machine is skipped.
 """
 
 from __future__ import annotations
@@ -14,80 +14,85 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from encoders.identity import IdentifiedEncoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
-from readouts.attention import confidence_at, distance_at
+from readouts.base import FrameReadout
+from readouts.kinds import MapShape
 from readouts.local import RefinedReadout
-from readouts.pooled import PooledReadout, pooled_twin
+from readouts.pooled import pooled_twin
 from vidphys.data.clips import Clips
 from vidphys.data.encounters import encounters
+from vidphys.data.extraction import Axes, mirrored
 from vidphys.data.labelled import LabelledFrames, joined, labelled_frames
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.reading.reader import LoadedEncoder, Reader
 from vidphys.seeding import derive
 from vidphys.training.candidates import Examples
+from vidphys.training.early_stopping import StopSettings
 from vidphys.training.loop import FitSettings
-from vidphys.training.readouts import ReadoutSettings, read_all, train_readout
+from vidphys.training.readouts import ReadoutSettings, train_readout
 from vidphys.training.refinement import train_refined
 
-SHARE = 2  # a frozen rung sees the preset's clips over this: each frame costs tens of milliseconds
-HELD_OUT = 8  # one clip in so many decides which weights of the readout are kept
-LEARNING_RATE, CLIP = 3e-3, 1.0
-AT_ONCE = 16  # clips that are encoded before their features are put by
-ALONG_X, ALONG_Y = -1, -2  # axes of frames, (..., H, W)
-MIRRORS = ((), (ALONG_X,), (ALONG_Y,), (ALONG_X, ALONG_Y))
-COARSE, FINE = 1, 8  # steps of the readout's two parts, over the preset's for a perception
+
+@dataclass(frozen=True)
+class FrozenSettings:
+    """How the frozen rungs are trained.
+
+    Args:
+        share: a frozen rung sees the preset's clips over this: each frame costs tens of
+            milliseconds.
+        held_out: one clip in so many decides which weights of the readout are kept.
+        learning_rate: peak.
+        clip: largest gradient norm.
+        steps: of the readout, over the preset's for a perception.
+        looks: at what is held out, in each part of the readout's training.
+        at_once: clips that are encoded before their features are put by.
+    """
+
+    share: int = 2
+    held_out: int = 8
+    learning_rate: float = 3e-3
+    clip: float = 1.0
+    steps: int = 9
+    looks: int = 10
+    at_once: int = 16
+
+
+SETTINGS = FrozenSettings()
 
 
 @dataclass(frozen=True)
 class FrozenPerception:
-    """A frozen encoder and the readout that was trained over it.
+    """A rung that reads rendered clips.
 
     Args:
-        encoder: of images or of video. A feature frame of a video encoder stands for several
-            frames of the clip; the readout has a query for each body in each of them.
-        readout: positions in normalised image units.
-        half_extent: world units of one such unit.
+        reader: over the rung's encoder.
         folder: where features are kept; ``None`` keeps none.
     """
 
-    encoder: IdentifiedEncoder
-    readout: RefinedReadout | PooledReadout
-    half_extent: float
+    reader: Reader
     folder: Path | None
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame, and how sure the readout is of them."""
-        return self._tracks(clips, *self._read(clips, ()))
+        return _precise(self.reader.tracks(self._see(clips, ()), clips.times))
 
     def closely(self, clips: Clips) -> Tracks:
-        """As :meth:`tracks`, averaged over the frames and their mirror images.
+        """As :meth:`tracks`, averaged over the frames and their mirror images."""
+        return _precise(self.reader.closely(partial(self._see, clips), clips.times))
 
-        To the readout these are other pictures, so that much of its error averages out. The
-        confidence is that of one of them: the mean deserves somewhat more.
-        """
-        positions, distance = zip(*(self._read(clips, axes) for axes in MIRRORS), strict=True)
-        return self._tracks(clips, torch.stack(positions).mean(0), torch.stack(distance).mean(0))
+    def _see(self, clips: Clips, axes: Axes) -> FeatureMap:
+        seen = replace(clips, frames=mirrored(clips.frames, axes))
+        return encode_clips(self.reader.encoder.network, seen, self.folder)
 
-    def _read(self, clips: Clips, axes: tuple[int, ...]) -> tuple[Tensor, Tensor]:
-        """Positions, and the error expected of them, of frames mirrored along some axes."""
-        seen = replace(clips, frames=clips.frames.flip(axes))
-        features = encode_clips(self.encoder, seen, self.folder)
-        values = features.values.flatten(0, 1)
-        positions, confidence = read_all(self.readout, values, features.cell_centres())
-        sign = torch.tensor([-1.0 if axis in axes else 1.0 for axis in (ALONG_X, ALONG_Y)])
-        return sign * positions, distance_at(confidence)
 
-    def _tracks(self, clips: Clips, positions: Tensor, distance: Tensor) -> Tracks:
-        shape = clips.states.q.shape
-        world = self.half_extent * positions.reshape(shape)
-        sure = confidence_at(distance).reshape(shape[:-1])
-        return Tracks(world.double(), sure.double(), clips.times)
+def _precise(tracks: Tracks) -> Tracks:
+    return Tracks(tracks.positions.double(), tracks.confidence.double(), tracks.times)
 
 
 def encode_clips(encoder: IdentifiedEncoder, clips: Clips, folder: Path | None) -> FeatureMap:
@@ -104,7 +109,7 @@ def encode_clips(encoder: IdentifiedEncoder, clips: Clips, folder: Path | None) 
     def encode() -> FeatureMap:
         """All clips as one long episode, which is what a store holds; halved as they come."""
         values = []
-        for frames in clips.frames.split(AT_ONCE):
+        for frames in clips.frames.split(SETTINGS.at_once):
             found = encoder(frames, clips.times)
             values.append(found.values.flatten(0, 1).to(DTYPES[request.dtype]))
         return FeatureMap(torch.cat(values)[None], found.stride, found.times.repeat(b))
@@ -122,64 +127,67 @@ def fit_frozen(
     task: FitTask,
     pooled: bool = False,
     together: int | None = None,
+    how: FrozenSettings = SETTINGS,
 ) -> Perception:
-    """Load an encoder and train a readout over it; see :func:`fit_readout`.
+    """Load an encoder and train a readout over it.
 
     Args:
         encoder_name: of ``encoders.frozen.catalogue``.
         options: of its settings.
-        task: see :class:`FitTask`.
-        pooled: the control in place of spatial attention.
-        together: see :func:`fit_readout`.
+        task, pooled, together, how: see :func:`fit_readout`.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
         InputError: see :func:`fit_readout`.
     """
-    encoder = load_encoder(encoder_name, options)
-    return fit_readout(encoder, encoder_name, task, pooled, together)
+    encoder = LoadedEncoder(encoder_name, options, load_encoder(encoder_name, options))
+    return fit_readout(encoder, task, pooled, together, how)
 
 
 def fit_readout(
-    encoder: IdentifiedEncoder,
-    encoder_name: str,
+    encoder: LoadedEncoder,
     task: FitTask,
     pooled: bool = False,
     together: int | None = None,
+    how: FrozenSettings = SETTINGS,
 ) -> Perception:
     """Encode the training clips, and train a readout on their true positions.
 
     Args:
-        encoder: frozen.
-        encoder_name: of the random streams and of what is said to the user.
+        encoder: frozen; its name is that of the random streams, too.
         task: see :class:`FitTask`.
         pooled: read the mean over the cells, with as many parameters, in place of attending.
         together: frames that the encoder is to see together, for made encounters: 1 for one that
             sees each by itself; those of whole clips where not given.
+        how: see :class:`FrozenSettings`.
 
     Raises:
         InputError: too few clips to hold one out, or a number of frames that its feature frames
             do not divide.
     """
     clips, count = task.clips, len(task.clips)
-    held_out = max(1, count // HELD_OUT)
+    held_out = max(1, count // how.held_out)
     if count < 2:
         raise InputError(
-            f"{encoder_name}: {count} training clips; one is held out, use two or more"
+            f"{encoder.name}: {count} training clips; one is held out, use two or more"
         )
-    features = encode_clips(encoder, clips, task.folder)
+    features = encode_clips(encoder.network, clips, task.folder)
     frames, seen = clips.frames.shape[1], features.values.shape[1]
     if frames % seen:
         raise InputError(
-            f"{encoder_name}: {frames} frames a clip give {seen} feature frames, which do not "
+            f"{encoder.name}: {frames} frames a clip give {seen} feature frames, which do not "
             "divide them; use another number of frames"
         )
     every, last = labelled(clips, features), (count - held_out) * seen
     train, kept = every[:last], every[last:]
-    more = meeting(encoder, clips.first(count - held_out), together or frames, task)
-    train = joined([train, *more])
-    readout = _train(encoder_name, Examples(train, kept), frames // seen, task, pooled)
-    return FrozenPerception(encoder, readout.eval(), clips.world.camera.half_extent, task.folder)
+    more = meeting(encoder.network, clips.first(count - held_out), together or frames, task)
+    examples = Examples(joined([train, *more]), kept)
+    bodies = clips.states.q.shape[2]
+    shape = MapShape(features.values.shape[2], features.grid, bodies, frames // seen)
+    readout = _train(encoder.name, examples, shape, task, pooled, how).eval()
+    return FrozenPerception(
+        Reader(encoder, readout, bodies, clips.world.camera.half_extent), task.folder
+    )
 
 
 def labelled(clips: Clips, features: FeatureMap) -> LabelledFrames:
@@ -210,26 +218,27 @@ def meeting(
 
 
 def _train(
-    encoder_name: str, examples: Examples, frames: int, task: FitTask, pooled: bool
-) -> RefinedReadout | PooledReadout:
-    """A readout of feature frames that stand for so many ``frames`` of the clip."""
+    encoder_name: str,
+    examples: Examples,
+    shape: MapShape,
+    task: FitTask,
+    pooled: bool,
+    how: FrozenSettings,
+) -> FrameReadout:
     torch.manual_seed(derive(task.seed, "init", encoder_name))
-    train, kept = examples.train, examples.held_out
-    channels, bodies = train.values.shape[1], train.targets.shape[1]
-    refined = RefinedReadout(channels, bodies, train.grid, frames, task.sizes.readers)
-    order = derive(task.seed, "order", encoder_name)
-    coarse, fine = (
-        FitSettings(
-            part * task.sizes.perception_steps, task.sizes.perception_batch, LEARNING_RATE, CLIP
-        )
-        for part in (COARSE, FINE)
+    refined = RefinedReadout(
+        shape.channels, shape.positions, shape.grid, shape.frames, task.sizes.readers
     )
+    steps, batch = how.steps * task.sizes.perception_steps, task.sizes.perception_batch
+    settings = ReadoutSettings(FitSettings(steps, batch, how.learning_rate, how.clip))
+    data = examples.train, examples.held_out
+    order = derive(task.seed, "order", encoder_name)
     if pooled:
-        control = pooled_twin(refined, channels, bodies)
-        whole = replace(fine, steps=coarse.steps + fine.steps)
-        train_readout(control, train, kept, ReadoutSettings(whole), order, task.progress)
+        control = pooled_twin(refined, shape.channels, shape.positions)
+        train_readout(control, *data, settings, order, progress=task.progress)
         return control
-    train_refined(refined, train, kept, coarse, fine, order, task.progress)
+    looking = replace(settings, stop=StopSettings(how.looks))
+    train_refined(refined, *data, looking, order, progress=task.progress)
     return refined
 
 
@@ -244,7 +253,9 @@ def _rung(
     """A rung of coloured disks over one frozen encoder, of images or of video."""
     together = together if video else 1
     fit = partial(fit_frozen, encoder, options, pooled=pooled, together=together)
-    return Grounding(name, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
+    return Grounding(
+        name, "rgb", encoder, "none", False, fit, share=SETTINGS.share, whole_context=video
+    )
 
 
 FROZEN_GROUNDINGS = [

@@ -14,6 +14,7 @@ from encoders.identity import EncoderIdentity
 from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.cnn import CHUNK, CnnPerception, fit_supervised
 from vidphys.perception.frozen import fit_readout
+from vidphys.reading.reader import LoadedEncoder
 
 NAME = "cnn-frozen"
 CODE_VERSION = 1
@@ -59,7 +60,7 @@ def fit_own_cnn(task: FitTask, pooled: bool = False) -> Perception:
     trained = fit_supervised(task)
     assert isinstance(trained, CnnPerception)
     encoder = OwnCnn(trained.encoder, max(task.clips.frames.shape[-2:]))
-    return fit_readout(encoder, NAME, task, pooled, together=1)
+    return fit_readout(LoadedEncoder(NAME, {}, encoder), task, pooled, together=1)
 
 
 def _digest(network: ConvEncoder) -> str:

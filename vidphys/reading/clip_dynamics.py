@@ -207,7 +207,7 @@ def without_friction(dynamics: Dynamics, name: str, bodies: int) -> Head:
     """
     head, term = dynamics.heads[name], dynamics.terms[name]
     if not isinstance(term, terms.Hamiltonian) or FRICTION not in term.ports:
-        raise InputError(f"--no-friction: the {name} head of this run has no friction term")
+        raise InputError(f"the {name} head of this run has no friction term")
     left = tuple(port for port in term.ports if port != FRICTION)
     bare = build(replace(term, ports=left), bodies, dynamics.dt, dynamics.chart.space)
     weights = {k: v for k, v in head.state_dict().items() if not k.startswith("ports.")}

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from binders.tracks import Tracks
 from dynamics import Parameters, PhaseState, build, from_config, to_config
 from encoders.frozen.catalogue import load_encoder
-from readouts.attention import AttentionReadout
+from readouts.kinds import MapShape, Recipe
 from vidphys.data.charts import chart_from_config
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed, without_friction
@@ -50,9 +50,16 @@ class Reading:
 
 @dataclass(frozen=True)
 class Pipeline:
-    """What sees, and the dynamics of what it sees."""
+    """What sees, and the dynamics of what it sees.
+
+    Args:
+        reader: frames to tracks.
+        recipe: of its readout.
+        dynamics: of the tracks.
+    """
 
     reader: Reader
+    recipe: Recipe
     dynamics: Dynamics
 
     def __call__(
@@ -77,8 +84,7 @@ class Pipeline:
         """
         self._check_head(head)
         law = law or Parameters(torch.ones(1), torch.ones(1, self.reader.bodies))
-        features = self.reader.features(frames, times)
-        tracks = self.reader.tracks(features, torch.from_numpy(times))
+        tracks = self.reader.read(frames, times)
         camera = self.reader.camera(frames)
         clip = Followed(steady(tracks, camera), law)
         state = state_at(self.dynamics.heads[head], clip, len(times), self.dynamics)
@@ -117,17 +123,18 @@ class Pipeline:
     def _check_head(self, head: str) -> None:
         if head not in self.dynamics.heads:
             known = ", ".join(self.dynamics.heads)
-            raise InputError(f"--head {head}: this run has {known}")
+            raise InputError(f"`head` {head}: this run has {known}")
 
 
 def save_pipeline(folder: Path, pipeline: Pipeline) -> None:
     """Write a pipeline into a folder of checkpoints, whole or not at all."""
     reader, dynamics = pipeline.reader, pipeline.dynamics
     encoder, readout = reader.encoder, reader.readout
+    assert isinstance(readout, nn.Module)
     parts: dict[str, nn.Module] = {"readout": readout}
     parts |= {f"heads/{name}": head for name, head in dynamics.heads.items()}
     tensors = {
-        f"{part}/{key}": value
+        f"{part}/{key}": value.clone()  # parts of a readout may share theirs, files may not
         for part, module in parts.items()
         for key, value in module.state_dict().items()
     }
@@ -138,16 +145,13 @@ def save_pipeline(folder: Path, pipeline: Pipeline) -> None:
             "options": encoder.options,
             "identity": asdict(encoder.network.identity),
         },
-        "readout": {
-            "channels": readout.key.in_features,
-            "bodies": len(readout.query),
-            "width": readout.query.shape[-1],
-        },
+        "readout": asdict(pipeline.recipe),
         "bodies": reader.bodies,
         "half_extent": reader.half_extent,
         "follows_camera": reader.follows_camera,
         "stride": reader.stride,
         "side": reader.side,
+        "mirrors": reader.mirrors,
         "chart": dynamics.chart.to_config(),
         "interval": dynamics.interval,
         "heads": {name: to_config(term) for name, term in dynamics.terms.items()},
@@ -179,15 +183,16 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
         if value != about["identity"][key]:
             raise InputError(
                 f"{run}: trained over {about['name']} with {key} {about['identity'][key]}, but "
-                f"this one has {value}; give the same weights with --weights, or train again"
+                f"this one has {value}; give the same `weights`, or train again"
             )
     try:
-        readout = AttentionReadout(**meta["readout"])
+        recipe = _recipe(meta["readout"])
+        readout = recipe.build()
         readout.load_state_dict(checkpoint.under("readout", tensors))
         dynamics = _dynamics(tensors, meta)
     except (RuntimeError, TypeError) as error:
         raise InputError(
-            f"{run}: its models are of another version of vidphys; train again in another --out"
+            f"{run}: its models are of another version of vidphys; train again in another folder"
         ) from error
     reader = Reader(
         LoadedEncoder(about["name"], about["options"], encoder),
@@ -197,8 +202,17 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
         meta["follows_camera"],
         meta["stride"],
         meta["side"],
+        meta.get("mirrors", False),
     )
-    return Pipeline(reader, dynamics)
+    return Pipeline(reader, recipe, dynamics)
+
+
+def _recipe(meta: dict[str, Any]) -> Recipe:
+    if "kind" not in meta:  # of before there were several kinds
+        shape = MapShape(meta["channels"], (0, 0), meta["bodies"])
+        return Recipe("attention", shape, {"width": meta["width"]})
+    shape = MapShape(**{**meta["shape"], "grid": tuple(meta["shape"]["grid"])})
+    return Recipe(meta["kind"], shape, meta["sizes"])
 
 
 def _dynamics(tensors: dict[str, Tensor], meta: dict[str, Any]) -> Dynamics:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,15 @@ from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from encoders.identity import IdentifiedEncoder
-from readouts.attention import AttentionReadout
-from vidphys.data.feature_frames import frame_tracks
+from readouts.attention import confidence_at, distance_at
+from readouts.base import Readout
+from vidphys.data.extraction import Axes, mirrored
 from vidphys.training.readouts import read_all
 
 Layer = int | str | None
 STORED = torch.float16  # what `extract` stores unless told otherwise
+ALONG_X, ALONG_Y = -1, -2  # axes of frames, (..., H, W)
+MIRRORS: tuple[Axes, ...] = ((), (ALONG_X,), (ALONG_Y,), (ALONG_X, ALONG_Y))
 
 
 @dataclass(frozen=True)
@@ -60,47 +63,87 @@ def load_layers(
 
 @dataclass(frozen=True)
 class Reader:
-    """Frames to tracks.
+    """Frames to tracks, for any frozen encoder and any readout.
 
     Args:
-        encoder: frozen.
-        readout: positions in normalised image units; a query for each body in each frame that a
-            feature frame stands for.
+        encoder: of images or of video. A feature frame of a video encoder stands for several
+            frames of the clip; the readout tells each body's position in each of them.
+        readout: positions in normalised image units.
         bodies: number of bodies.
         half_extent: world units in half of the longer image side.
         follows_camera: whether the drift of a camera is to be taken out of the tracks.
         stride, side: of the frames that are read; see :class:`vidphys.data.video.ClipSelection`.
+        mirrors: whether :meth:`closely` reads the mirror images of the frames as well. To the
+            readout these are other pictures, so that much of its error averages out, at four
+            times the cost.
     """
 
     encoder: LoadedEncoder
-    readout: AttentionReadout
+    readout: Readout
     bodies: int
     half_extent: float
-    follows_camera: bool
+    follows_camera: bool = False
     stride: int = 1
     side: int | None = None
+    mirrors: bool = True
 
-    def features(self, frames: np.ndarray, times: np.ndarray) -> FeatureMap:
-        """Of RGB bytes ``(t, H, W, 3)``, row 0 on top, at ``times`` (seconds).
+    def read(self, frames: np.ndarray, times: np.ndarray) -> Tracks:
+        """Tracks of a clip as it is seen, world units, as :meth:`closely` as the reader reads.
 
-        They are rounded as in a store, so that a clip is read as it was in training.
+        Args:
+            frames: RGB bytes ``(t, H, W, 3)``, row 0 on top.
+            times: seconds of each.
         """
-        moving = torch.from_numpy(frames).permute(0, 3, 1, 2)[None]
-        found = self.encoder.network(moving, torch.from_numpy(times))
-        return FeatureMap(found.values.to(STORED), found.stride, found.times)
+        moving, seconds = torch.from_numpy(frames).permute(0, 3, 1, 2)[None], torch.tensor(times)
+
+        def see(axes: Axes) -> FeatureMap:
+            # rounded as in a store, so that a clip is read as it was in training
+            found = self.encoder.network(mirrored(moving, axes), seconds)
+            return FeatureMap(found.values.to(STORED), found.stride, found.times)
+
+        return self.closely(see, seconds)
 
     def tracks(self, features: FeatureMap, times: Tensor) -> Tracks:
-        """Positions as they are seen, world units, of one clip whose frames are at ``times``."""
-        values = features.values[0].cpu()
-        positions, sure = read_all(self.readout, values, features.cell_centres().cpu())
-        found = frame_tracks(positions, sure, times, self.encoder.network.frames_per_feature)
-        return Tracks(self.half_extent * found.positions, found.confidence, times)
+        """Positions as they are seen, world units, of clips whose frames are at ``times``.
+
+        Args:
+            features: of ``b`` clips.
+            times: seconds of each frame, ``(t,)``.
+        """
+        return self._averaged([self._look(features, ())], times)
+
+    def closely(self, see: Callable[[Axes], FeatureMap], times: Tensor) -> Tracks:
+        """As :meth:`tracks`, averaged over the frames and their mirror images.
+
+        The confidence is that of one of them: the mean deserves somewhat more.
+
+        Args:
+            see: gives the features of the frames mirrored along some of their axes.
+            times: seconds of each frame, ``(t,)``.
+        """
+        images = MIRRORS if self.mirrors else MIRRORS[:1]
+        return self._averaged([self._look(see(axes), axes) for axes in images], times)
 
     def camera(self, frames: np.ndarray) -> Tensor:
         """Displacement of the background in each frame ``(t, 2)``, world units."""
         if not self.follows_camera:
             return torch.zeros(len(frames), 2)
         return self.half_extent * camera_path(frames)
+
+    def _look(self, features: FeatureMap, axes: Axes) -> tuple[Tensor, Tensor]:
+        """Positions ``(b, t, n, 2)``, and the error expected of them, of mirrored frames."""
+        values, centres = features.values.flatten(0, 1).cpu(), features.cell_centres().cpu()
+        positions, confidence = read_all(self.readout, values, centres)
+        sign = torch.tensor([-1.0 if axis in axes else 1.0 for axis in (ALONG_X, ALONG_Y)])
+        whole = (len(features.values), -1, self.bodies)
+        return (sign * positions).reshape(*whole, 2), distance_at(confidence).reshape(whole)
+
+    def _averaged(self, looks: Sequence[tuple[Tensor, Tensor]], times: Tensor) -> Tracks:
+        positions, distance = (torch.stack(each).mean(0) for each in zip(*looks, strict=True))
+        sure = confidence_at(distance)
+        # the last feature frame of a video encoder may stand for frames beyond the clip's end
+        inside = slice(len(times))
+        return Tracks(self.half_extent * positions[:, inside], sure[:, inside], times)
 
 
 def steady(tracks: Tracks, camera: Tensor) -> Tracks:

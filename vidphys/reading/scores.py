@@ -16,7 +16,7 @@ from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import steady
 from vidphys.reading.training import Perceived, labelled
 from vidphys.runs.records import Recorder
-from vidphys.training.candidates import ATTENTION, POOLED, TrainedReadout, best_of
+from vidphys.training.candidates import TrainedReadout, best_of
 from vidphys.training.readouts import position_rmse, read_all
 
 CONSTANT = "constant"
@@ -70,7 +70,8 @@ def record_readouts(recorder: Recorder, perceived: Perceived) -> None:
         own.add("held_out_error_normalised", found)
         own.add_value("kept_step", each.fit.kept_step)
         own.add_value("steps", each.fit.steps)
-    best = {kind: best_of(kind, perceived.readouts) for kind in (ATTENTION, POOLED)}
+    kinds = dict.fromkeys(each.candidate.kind for each in perceived.readouts)
+    best = {kind: best_of(kind, perceived.readouts) for kind in kinds}
     for name, readout in {**best, CONSTANT: None}.items():
         own, rmse = _of_readout(recorder, name, name), _scored_rmse(perceived, readout)
         own.add_value("readout_rmse_normalised", rmse)

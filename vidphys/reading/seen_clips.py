@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
-from binders.motion import MotionSettings
+from binders.base import Binder
 from binders.tracks import Tracks
 from dynamics import Parameters
 from encoders.features import FeatureMap
@@ -16,7 +15,7 @@ from encoders.store import FeatureStore
 from vidphys.data.dataset import ClipFile, Dataset
 from vidphys.data.extraction import extract
 from vidphys.data.feature_frames import frame_targets
-from vidphys.data.labelled import LabelledFrames
+from vidphys.data.labelled import LabelledFrames, joined
 from vidphys.data.labelled_clips import LabelledClip, read_clips
 from vidphys.data.splits import Split, split_clips, split_frames
 from vidphys.data.video import ClipSelection
@@ -36,6 +35,7 @@ class SeenClip:
         size: of its frames, (height, width).
         labels: what readouts are taught and all are judged by, normalised image units.
         camera: displacement of the background ``(t, 2)``, normalised image units.
+        follows_camera: whether that was looked for.
         features: by layer, memory-mapped.
     """
 
@@ -43,6 +43,7 @@ class SeenClip:
     size: tuple[int, int]
     labels: Tracks
     camera: Tensor
+    follows_camera: bool
     features: Mapping[Layer, FeatureMap]
 
     @property
@@ -56,7 +57,7 @@ def see(
     encoders: Mapping[Layer, LoadedEncoder],
     store: FeatureStore,
     selection: ClipSelection,
-    motion: MotionSettings,
+    binder: Binder,
     stage: Stage,
 ) -> tuple[SeenClip, ...]:
     """Labels and features of every clip; only one clip's frames are in memory at a time.
@@ -66,7 +67,7 @@ def see(
         encoders: by layer.
         store: of the features.
         selection: frames of each clip.
-        motion: of the hand binder, where no table tells the positions.
+        binder: follows the bodies where no table tells the positions.
         stage: gives a stage's progress its name.
 
     Raises:
@@ -77,22 +78,27 @@ def see(
     if dataset.identical:
         raise InputError(
             "train: the bodies of this data set look alike, and a readout that sees frame by frame "
-            "cannot keep them apart; render another --world, or use the ladder's anonymous rungs"
-        )
-    if len(dataset.files) > 1 and not dataset.labelled and motion.bodies > 1:
-        raise InputError(
-            "train: several clips of several bodies need labels beside them: following what moves "
-            "does not tell which body of one clip is which of another"
+            "cannot keep them apart; render another world, or use the ladder's anonymous rungs"
         )
     seen = []
-    for clip in read_clips(dataset, selection, motion):
+    several = len(dataset.files) > 1 and not dataset.labelled
+    for clip in read_clips(dataset, selection, binder):
+        if several and clip.tracks.positions.shape[2] > 1:
+            raise InputError(
+                "train: several clips of several bodies need labels beside them: following what "
+                "moves does not tell which body of one clip is which of another"
+            )
         _check_frames(clip, encoders)
         progress = stage(f"{clip.file.path.name}: features")
         features = {
             layer: extract(clip.video, encoder.network, store, progress=progress).features
             for layer, encoder in encoders.items()
         }
-        seen.append(SeenClip(clip.file, clip.video.size, clip.tracks, clip.camera, features))
+        seen.append(
+            SeenClip(
+                clip.file, clip.video.size, clip.tracks, clip.camera, clip.follows_camera, features
+            )
+        )
     return tuple(seen)
 
 
@@ -133,12 +139,10 @@ def labelled(
         frames: numbers of the wanted feature frames of each clip.
         each: frames that a feature frame stands for.
     """
-    parts = []
+    parts, centres = [], clips[0].features[layer].cell_centres()
     for clip, wanted in zip(clips, frames, strict=True):
         values = clip.features[layer].values[0]
         targets, weight = frame_targets(clip.labels, len(values), each)
         if len(wanted):
-            parts.append((values[wanted], targets[wanted], weight[wanted]))
-    centres = clips[0].features[layer].cell_centres()
-    values, targets, weight = (torch.cat(column) for column in zip(*parts, strict=True))
-    return LabelledFrames(values, centres, targets, weight)
+            parts.append(LabelledFrames(values[wanted], centres, targets[wanted], weight[wanted]))
+    return joined(parts)

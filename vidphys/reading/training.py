@@ -9,22 +9,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import torch
 
 from binders.tracks import Tracks
-from readouts.attention import AttentionReadout
+from encoders.features import FeatureMap
+from encoders.store import FeatureStore
+from readouts.kinds import MapShape
 from vidphys.data.charts import chart_of
 from vidphys.data.dataset import Dataset
+from vidphys.data.extraction import Axes, extract
 from vidphys.data.splits import Split
-from vidphys.data.video import ClipSelection
+from vidphys.data.video import ClipSelection, read_video
 from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import Layer, LoadedEncoder, Reader, steady
 from vidphys.reading.seen_clips import SeenClip, Stage, labelled, split_of
 from vidphys.training.candidates import (
-    ATTENTION,
     Examples,
     Grid,
     TrainedReadout,
@@ -41,6 +42,7 @@ class TrainSettings:
     Args:
         readout: of the readouts' training.
         grid: the readouts that are tried.
+        mirrors: read the clips that are scored, and later ones, with their mirror images.
         selection: frames of each clip.
         share: of the clips (of a single clip's frames) that is trained on.
         head_steps: of each head's optimiser.
@@ -49,6 +51,7 @@ class TrainSettings:
 
     readout: ReadoutSettings
     grid: Grid
+    mirrors: bool = True
     selection: ClipSelection = ClipSelection()
     share: float = 0.6
     head_steps: int = 400
@@ -90,45 +93,65 @@ def perceive(
     clips: tuple[SeenClip, ...],
     dataset: Dataset,
     encoders: Mapping[Layer, LoadedEncoder],
+    store: FeatureStore,
     settings: TrainSettings,
     folder: Path | None,
     stage: Stage,
 ) -> Perceived:
     """Train all readouts, each layer's in one pass, and read every clip with the best.
 
+    Those that something is asked about are read closely; see :meth:`Reader.closely`.
+
     Args:
         clips: from :func:`see`.
-        dataset, encoders, settings, stage: see there.
+        dataset, encoders, store, settings, stage: see there.
         folder: for checkpoints.
 
     Raises:
         InputError: too few clips or frames.
     """
     readouts: list[TrainedReadout] = []
-    splits = {}
+    splits, bodies = {}, clips[0].labels.positions.shape[2]
     for layer, encoder in encoders.items():
         each = encoder.network.frames_per_feature
         split = splits[layer] = split_of(clips, layer, each, settings.share)
         examples = Examples(
             labelled(clips, layer, split.train, each), labelled(clips, layer, split.held_out, each)
         )
+        shape = MapShape(examples.train.values.shape[1], examples.train.grid, bodies, each)
         name = "readouts" if layer is None else f"readouts, layer {layer}"
         how = settings.readout, settings.seed, folder, stage(name)
-        readouts += train_grid(settings.grid, layer, examples, *how)
-    chosen = best_of(ATTENTION, readouts)
+        readouts += train_grid(settings.grid, layer, shape, examples, *how)
+    chosen = best_of(settings.grid.kind, readouts)
     layer = chosen.candidate.layer
-    bodies = clips[0].labels.positions.shape[2]
     reader = Reader(
         encoders[layer],
-        cast(AttentionReadout, chosen.module),
+        chosen.module,
         bodies,
         dataset.half_extent,
-        not dataset.labelled,
+        clips[0].follows_camera,
         settings.selection.stride,
         settings.selection.side,
+        settings.mirrors,
     )
-    tracks = tuple(reader.tracks(clip.features[layer], clip.labels.times) for clip in clips)
+    tracks = tuple(
+        reader.tracks(clip.features[layer], clip.labels.times)
+        if asked is None
+        else _closely(reader, clip, store, settings.selection)
+        for clip, asked in zip(clips, splits[layer].asked, strict=True)
+    )
     return Perceived(clips, splits, tuple(readouts), chosen, reader, tracks)
+
+
+def _closely(
+    reader: Reader, clip: SeenClip, store: FeatureStore, selection: ClipSelection
+) -> Tracks:
+    video, network = read_video(clip.file.path, selection), reader.encoder.network
+
+    def see(axes: Axes) -> FeatureMap:
+        return extract(video, network, store, axes=axes).features
+
+    return reader.closely(see, clip.labels.times)
 
 
 def understand(
@@ -161,4 +184,5 @@ def understand(
         save_to = None if folder is None else folder / name
         how = settings.head_steps, settings.seed, save_to, stage(f"{name} head")
         heads[name] = fit_head(each, samples, chart, *how)
-    return Pipeline(perceived.reader, Dynamics(chart, samples.interval, terms, heads))
+    dynamics = Dynamics(chart, samples.interval, terms, heads)
+    return Pipeline(perceived.reader, perceived.chosen.candidate.recipe, dynamics)

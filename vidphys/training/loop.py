@@ -6,11 +6,11 @@ import copy
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import torch
 from torch import Generator, Tensor, nn
@@ -39,6 +39,13 @@ class Batches(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: Tensor) -> Any: ...
+
+
+@runtime_checkable
+class Drawing(Protocol):
+    """Batches that are drawn by chance, whose generator belongs into a checkpoint."""
+
+    rng: Generator
 
 
 @dataclass(frozen=True)
@@ -115,8 +122,9 @@ def fit_together(
         raise ValueError(f"fit_together: needs one (steps, batch, save_every), got {sorted(plan)}")
     ((steps, size, save_every),) = plan
     rng = Generator().manual_seed(seed)
+    rngs = {"rng": rng} | ({"data_rng": data.rng} if isinstance(data, Drawing) else {})
     if save_to is not None and save_to.exists():
-        _load(save_to, learners, rng)
+        _load(save_to, learners, rngs)
     with _finish_step_on_signal() as interrupted:
         while live := [each for each in learners if not each.done]:
             batch = data[torch.randint(len(data), (size,), generator=rng)]
@@ -131,20 +139,20 @@ def fit_together(
                 progress(step, steps, sum(kept) / len(kept) if kept else math.nan)
             due = step % save_every == 0 or all(each.done for each in learners)
             if save_to is not None and (due or interrupted.is_set()):
-                _save(save_to, learners, rng)
+                _save(save_to, learners, rngs)
             if interrupted.is_set():
                 raise KeyboardInterrupt
 
 
-def _save(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
-    tensors = {"rng": rng.get_state()}
+def _save(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]) -> None:
+    tensors = {name: rng.get_state() for name, rng in rngs.items()}
     for i, learner in enumerate(learners):
         tensors |= {f"{i}/{k}": v for k, v in learner.tensors().items()}
     step = max(each.step for each in learners)
     checkpoint.save(path, tensors, {"step": step, "learners": [each.meta() for each in learners]})
 
 
-def _load(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
+def _load(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]) -> None:
     tensors, meta = checkpoint.load(path)
     made = len(meta.get("learners", ()))  # none in a checkpoint of before there were several
     if made != len(learners):
@@ -157,7 +165,8 @@ def _load(path: Path, learners: Sequence[Learner], rng: Generator) -> None:
             learner.load(checkpoint.under(str(i), tensors), about)
         except InputError as error:
             raise InputError(f"checkpoint {path}: {error}") from error
-    rng.set_state(tensors["rng"])
+    for name, rng in rngs.items():
+        rng.set_state(tensors[name])
 
 
 @contextmanager

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol, cast
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from readouts.attention import distance_at
+from readouts.base import FrameReadout, Readout
 from vidphys.data.labelled import LabelledFrames, Shifted
 from vidphys.progress import Progress
 from vidphys.training.early_stopping import BestWeights, StopSettings
@@ -21,14 +21,6 @@ from vidphys.training.loop import fit_together
 SCORED_AT_ONCE = 64
 SOFTENING = 0.003  # normalised image units; the loss is quadratic below and linear above
 ROOT_SOFTENING = 1e-4  # normalised image units; a root has no slope at zero
-
-
-class PositionReadout(Protocol):
-    """What can be trained here: :mod:`readouts.attention`, :mod:`readouts.pooled`."""
-
-    def fit_scale(self, values: Tensor) -> None: ...
-
-    def read(self, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]: ...
 
 
 @dataclass(frozen=True)
@@ -65,7 +57,7 @@ class ReadoutSettings:
 
 
 def train_readouts(
-    readouts: Mapping[str, nn.Module],
+    readouts: Mapping[str, FrameReadout],
     learning_rates: Mapping[str, float],
     train: LabelledFrames,
     held_out: LabelledFrames,
@@ -80,7 +72,7 @@ def train_readouts(
     have become alone.
 
     Args:
-        readouts: modules that are a :class:`PositionReadout`, by name.
+        readouts: by name.
         learning_rates: of each, in place of the settings'.
         train: frames to learn from; see :class:`LabelledFrames`.
         held_out: frames that decide which weights are kept.
@@ -100,12 +92,11 @@ def train_readouts(
         )
     learners = {}
     for name, readout in readouts.items():
-        reader = cast(PositionReadout, readout)
-        reader.fit_scale(train.values)
+        readout.fit_scale(train.values)
         error = partial(mean_distance, readout, held_out)
         best = BestWeights(readout, error, settings.fit.steps, settings.stop)
         own = replace(settings.fit, learning_rate=learning_rates[name])
-        learners[name] = Learner(readout, _loss(reader), own, best)
+        learners[name] = Learner(readout, _loss(readout), own, best)
     data = Shifted(train, settings.cells)
     fit_together(list(learners.values()), data, seed, save_to, progress)
     found = {}
@@ -117,32 +108,31 @@ def train_readouts(
 
 
 def train_readout(
-    readout: nn.Module,
+    readout: FrameReadout,
     train: LabelledFrames,
     held_out: LabelledFrames,
     settings: ReadoutSettings,
     seed: int,
+    save_to: Path | None = None,
     progress: Progress | None = None,
 ) -> ReadoutFit:
     """Fit one readout in place; see :func:`train_readouts`."""
     rate = {"": settings.fit.learning_rate}
-    return train_readouts({"": readout}, rate, train, held_out, settings, seed, progress=progress)[
-        ""
-    ]
+    how = settings, seed, save_to, progress
+    return train_readouts({"": readout}, rate, train, held_out, *how)[""]
 
 
-def mean_distance(readout: nn.Module, data: LabelledFrames) -> float:
+def mean_distance(readout: Readout, data: LabelledFrames) -> float:
     """Mean weighted distance of a readout's positions from the targets, normalised image units."""
     positions, _ = read_all(readout, data.values, data.centres)
     distance = (positions - data.targets).norm(dim=-1)
     return float((data.weight * distance).sum() / data.weight.sum())
 
 
-def read_all(readout: nn.Module, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
+def read_all(readout: Readout, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
     """Positions ``(f, n, 2)`` and confidence ``(f, n)`` of many frames, a few at a time."""
-    reader = cast(PositionReadout, readout)
     with torch.no_grad():
-        parts = [reader.read(v, centres) for v in values.split(SCORED_AT_ONCE)]
+        parts = [readout.read(v, centres) for v in values.split(SCORED_AT_ONCE)]
     return torch.cat([p for p, _ in parts]), torch.cat([c for _, c in parts])
 
 
@@ -163,9 +153,9 @@ def doubt_error(expected: Tensor, distance: Tensor) -> Tensor:
     return ((expected + ROOT_SOFTENING).sqrt() - root).square()
 
 
-def _loss(reader: PositionReadout) -> Callable[[LabelledFrames], Tensor]:
+def _loss(readout: Readout) -> Callable[[LabelledFrames], Tensor]:
     def loss(batch: LabelledFrames) -> Tensor:
-        positions, confidence = reader.read(batch.values, batch.centres)
+        positions, confidence = readout.read(batch.values, batch.centres)
         square = (positions - batch.targets).square().sum(-1)
         # what is expected of a position must not bend it
         doubt = doubt_error(distance_at(confidence), square.detach().sqrt())

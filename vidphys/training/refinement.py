@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Generator, Tensor
 
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
 from vidphys.data.labelled import LabelledFrames
 from vidphys.progress import Progress
-from vidphys.training.early_stopping import BestWeights, StopSettings
+from vidphys.training.early_stopping import BestWeights
 from vidphys.training.learner import FitSettings, Learner
 from vidphys.training.loop import fit, fit_together
 from vidphys.training.readouts import (
@@ -25,7 +26,7 @@ from vidphys.training.readouts import (
     train_readout,
 )
 
-LOOKS = StopSettings(evaluations=10)
+PARTS = 9  # one of so many parts of the steps trains the attention, the others what reads near by
 DOUBT = FitSettings(300, 512, 3e-3, 1.0)
 
 
@@ -33,9 +34,9 @@ def train_refined(
     readout: RefinedReadout,
     train: LabelledFrames,
     held_out: LabelledFrames,
-    coarse: FitSettings,
-    fine: FitSettings,
+    settings: ReadoutSettings,
     seed: int,
+    folder: Path | None = None,
     progress: Progress | None = None,
 ) -> ReadoutFit:
     """Fit a readout in place; the part near by looks from where attention does, or else beside it.
@@ -46,23 +47,29 @@ def train_refined(
     Args:
         readout: see :class:`RefinedReadout`.
         train, held_out: see :func:`vidphys.training.readouts.train_readouts`.
-        coarse: of the attention's training.
-        fine: of the training of the part that reads near by.
+        settings: of the whole training; see :data:`PARTS`. The attention's maps are moved.
         seed: of the batch order and of where is looked.
+        folder: for the checkpoints of its parts.
         progress: called as ``(step, steps, loss)``.
+
+    Raises:
+        FloatingPointError: the training was lost.
     """
+    fit_, block = settings.fit, readout.block
+    save = {name: folder and folder / f"{name}.json" for name in ("coarse", "fine", "doubt")}
+    coarse = replace(fit_, steps=max(1, fit_.steps // PARTS))
+    fine = replace(fit_, steps=max(1, fit_.steps - coarse.steps))
     rough = _rough(readout, train), _rough(readout, held_out)
-    train_readout(readout.coarse, *rough, ReadoutSettings(coarse, stop=LOOKS), seed, progress)
+    moved = replace(settings, fit=coarse, cells=settings.cells // block)
+    train_readout(readout.coarse, *rough, moved, seed, save["coarse"], progress)
     found, _ = read_all(readout.coarse, rough[0].values, rough[0].centres)
     error = partial(mean_distance, readout, held_out)
-    best = BestWeights(readout.local, error, fine.steps, LOOKS)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        learner = Learner(readout.local, partial(_missed, readout.local), fine, best)
-        glances = Glances(readout.local, train, found)
-        fit_together([learner], glances, seed, progress=progress)
+    best = BestWeights(readout.local, error, fine.steps, settings.stop)
+    learner = Learner(readout.local, partial(_missed, readout.local), fine, best)
+    glances = Glances(readout.local, train, found, Generator().manual_seed(seed))
+    fit_together([learner], glances, seed, save["fine"], progress)
     best.restore()
-    _fit_doubt(readout, held_out, seed)
+    _fit_doubt(readout, held_out, seed, save["doubt"])
     return ReadoutFit(best.error, best.step, learner.step, learner.loss)
 
 
@@ -104,10 +111,13 @@ class Glances:
         local: whose cells are cut out.
         frames: channels last in memory are cut many times faster.
         found: where attention finds the bodies, ``(f, n, 2)``, normalised image units.
+        rng: of where is looked.
     """
 
-    def __init__(self, local: LocalReadout, frames: LabelledFrames, found: Tensor) -> None:
-        self.local, self.frames, self.found = local, frames, found
+    def __init__(
+        self, local: LocalReadout, frames: LabelledFrames, found: Tensor, rng: Generator
+    ) -> None:
+        self.local, self.frames, self.found, self.rng = local, frames, found, rng
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -115,8 +125,10 @@ class Glances:
     def __getitem__(self, index: Tensor) -> Glance:
         whole = self.frames
         targets = whole.targets[index]
-        beside = targets + whole.cell * (torch.rand_like(targets) - 0.5)
-        near = torch.where(torch.rand(len(index), 1, 1) < 0.5, self.found[index], beside)
+        noise = torch.rand(targets.shape, generator=self.rng, dtype=targets.dtype)
+        beside = targets + whole.cell * (noise - 0.5)
+        either = torch.rand(len(index), 1, 1, generator=self.rng) < 0.5
+        near = torch.where(either, self.found[index], beside)
         cells = nearest_cells(near, whole.centres)
         seen = self.local.cut(whole.values, index, cells)
         return Glance(seen, cells, whole.centres, targets, whole.weight[index])
@@ -144,7 +156,9 @@ class Judged:
         return Judged(self.evidence[index], self.distance[index], self.weight[index])
 
 
-def _fit_doubt(readout: RefinedReadout, frames: LabelledFrames, seed: int) -> None:
+def _fit_doubt(
+    readout: RefinedReadout, frames: LabelledFrames, seed: int, save_to: Path | None
+) -> None:
     with torch.no_grad():
         looks = [readout.look(v, frames.centres) for v in frames.values.split(SCORED_AT_ONCE)]
     positions, evidence = (torch.cat(each) for each in zip(*looks, strict=True))
@@ -155,4 +169,4 @@ def _fit_doubt(readout: RefinedReadout, frames: LabelledFrames, seed: int) -> No
         wrong = doubt_error(readout.expected(batch.evidence), batch.distance)
         return (batch.weight * wrong).sum() / batch.weight.sum().clamp_min(1e-12)
 
-    fit(readout.doubt, loss, judged, DOUBT, seed)
+    fit(readout.doubt, loss, judged, DOUBT, seed, save_to)

@@ -5,15 +5,23 @@ from __future__ import annotations
 import json
 import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from torch import Tensor
 
+from binders.base import Binder
+from binders.tracks import Tracks
+from readouts.base import FrameReadout
+from readouts.kinds import MapShape, ReadoutKind
+from readouts.local import RefinedReadout
 from tests.shared.small_clips import (
     RATE,
+    SIDE,
     cells,  # noqa: F401
     know_cells,
     pictures,
@@ -26,13 +34,15 @@ from vidphys.data.video import ClipSelection, read_video
 from vidphys.reading import clip_dynamics
 from vidphys.reading import pipeline as pipeline_module
 from vidphys.reading.pipeline import load_pipeline
+from vidphys.reading.reader import Reader
 from vidphys.runs import checkpoint
 from vidphys.shooting import step
 from vidphys.training import learner
 
 CLIPS, FRAMES = 3, 20
 QUICK = ["--encoder", "cells", "--steps", "12", "--head-steps", "4", "--shift", "1"]
-LEARN = ["--steps", "250", "--learning-rates", "0.01", "--widths", "32"]
+PLAIN = ["--readout", "attention"]
+LEARN = [*PLAIN, "--steps", "250", "--learning-rates", "0.01", "--widths", "32"]
 
 
 def coarse(patch: pytest.MonkeyPatch) -> None:
@@ -88,6 +98,45 @@ def records(run: Path) -> dict[tuple[str, str], float]:
     return {(row["cell"], row["metric"]): row["value"] for row in rows}
 
 
+def missed(reader: Reader, clip: Path) -> float:
+    """Root mean squared distance, pixels, in the third clip of a folder."""
+    video = read_video(clip, ClipSelection())
+    seen = reader.read(video.frames, video.times).positions[0, :, 0].numpy()
+    truth = (swing(FRAMES, 2)[:, 0] + 0.5 - 16) / 16 * [1, -1]
+    return float(np.sqrt(((seen - truth) ** 2).sum(-1).mean())) * 16
+
+
+class Brightest(FrameReadout):
+    """Somebody's: the middle of the redness, whose contrast is learned."""
+
+    def __init__(self, shape: MapShape) -> None:
+        super().__init__()
+        self.contrast = torch.nn.Parameter(torch.tensor(30.0))
+
+    def read(self, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
+        heat = (self.contrast * (values[:, 0] - values[:, 1]).float()).flatten(1).softmax(-1)
+        place = (heat @ centres.flatten(0, 1))[:, None]
+        return place, torch.full_like(place[..., 0], 0.5)
+
+
+BRIGHTEST = ReadoutKind(Brightest)
+
+
+def reddest(bodies: int) -> Binder:
+    """Somebody's: the middle of what is redder than it is green, of one body."""
+    assert bodies == 1
+    up = np.array([1.0, -1.0])
+    places = (np.mgrid[:SIDE, :SIDE][::-1].transpose(1, 2, 0) + 0.5 - SIDE / 2) / (SIDE / 2) * up
+
+    def follow(frames: np.ndarray, times: np.ndarray) -> Tracks:
+        red = np.clip(frames[..., 0].astype(float) - frames[..., 1], 0, None)
+        middle = np.einsum("thw,hwd->td", red, places) / red.sum((1, 2))[:, None]
+        positions = torch.from_numpy(middle)[None, :, None].float()
+        return Tracks(positions, torch.ones(positions.shape[:-1]), torch.from_numpy(times))
+
+    return follow
+
+
 def one_line(capsys: pytest.CaptureFixture[str]) -> str:
     err = capsys.readouterr().err.strip()
     assert err.startswith("error: ") and "\n" not in err
@@ -107,16 +156,40 @@ class TestTraining:
         assert found["readout/attention", "readout_rmse_pixels"] < pooled / 2
         reader = load_pipeline(run).reader
         assert not reader.follows_camera and reader.bodies == 1
-        video = read_video(folder / "clip2.avi", ClipSelection())
-        features = reader.features(video.frames, video.times)
-        seen = reader.tracks(features, torch.from_numpy(video.times)).positions[0, :, 0].numpy()
-        truth = (swing(FRAMES, 2)[:, 0] + 0.5 - 16) / 16 * [1, -1]
-        assert np.sqrt(((seen - truth) ** 2).sum(-1).mean()) * 16 < 1.3
+        assert missed(reader, folder / "clip2.avi") < 1.3
         episodes = pq.read_table(run / "episodes.parquet").to_pylist()
         assert {row["episode"] for row in episodes} == {0}  # the last of the clips is scored
         assert (run / "recordings" / "clip.rrd").is_file()
 
-    @pytest.mark.parametrize("cut", [5, 17, 28])
+    def test_by_default_positions_are_read_twice_and_in_mirrors(
+        self, folder: Path, tmp_path: Path
+    ) -> None:
+        run = tmp_path / "run"
+        assert train(folder, run, "--steps", "540", "--batch", "32", "--readers", "1", "2") == 0
+        found = records(run)
+        errors = {cell for cell, metric in found if metric == "held_out_error_normalised"}
+        kinds = [f"readout/{kind}-readers{n}" for kind in ("pooled", "refined") for n in (1, 2)]
+        assert errors == {f"{kind}-rate0.003-seed0" for kind in kinds}
+        twice = found["readout/refined", "readout_rmse_pixels"]
+        assert twice < 0.7 and twice < found["readout/pooled", "readout_rmse_pixels"] / 3
+        reader = load_pipeline(run).reader
+        assert isinstance(reader.readout, RefinedReadout) and reader.mirrors
+        once = missed(replace(reader, mirrors=False), folder / "clip2.avi")
+        assert missed(reader, folder / "clip2.avi") < once < 0.7
+
+    def test_a_readout_from_outside_is_trained_and_rebuilt_by_its_path(
+        self, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        run, kind = tmp_path / "run", f"{__name__}:BRIGHTEST"
+        assert train(folder, run, "--readout", kind, "--steps", "100") == 0
+        assert records(run)[f"readout/{kind}", "readout_rmse_pixels"] < 2.0
+        assert type(load_pipeline(run).reader.readout) is Brightest
+        sources = json.loads((run / "run.json").read_text())["settings"]["sources"]
+        assert sources[f"readout {kind}"].split()[0] == __name__
+        assert train(folder, tmp_path / "no", "--readout", kind, "--readers", "2") == 2
+        assert f"--readers: would have no effect: --readout {kind} takes none" in one_line(capsys)
+
+    @pytest.mark.parametrize("cut", [1, 5, 100, 317, 326])
     def test_an_interrupted_training_ends_with_the_same_bits(
         self,
         trained: tuple[Path, Path],
@@ -124,7 +197,7 @@ class TestTraining:
         monkeypatch: pytest.MonkeyPatch,
         cut: int,
     ) -> None:
-        """Cut in the attention readouts, in the pooled ones, and in a head."""
+        """Cut in the parts of the readout, in the pooled one, and in a head."""
         whole, folder = trained[0], trained[0].parent / "mine"
         real, count = learner.Learner.update, [0]
 
@@ -151,7 +224,7 @@ class TestTraining:
         shutil.copytree(trained[0].parent / "mine", folder)
         pipeline = (run / "checkpoints" / "pipeline.json").stat().st_mtime_ns
         assert train(folder, run) == 0
-        assert "readout/attention" in capsys.readouterr().out
+        assert "readout/refined" in capsys.readouterr().out
         assert (run / "checkpoints" / "pipeline.json").stat().st_mtime_ns == pipeline
         assert train(folder, run, "--seed", "1") == 2
         assert "--overwrite" in one_line(capsys)
@@ -164,7 +237,7 @@ class TestTraining:
     ) -> None:
         run = tmp_path / "run"
         grid = ["--widths", "8", "16", "--learning-rates", "0.01", "0.0001", "--seeds", "2"]
-        assert train(folder, run, *grid, "--layers", "4", "8") == 0
+        assert train(folder, run, *PLAIN, *grid, "--layers", "4", "8") == 0
         errors = {
             cell.removeprefix("readout/"): value
             for (cell, metric), value in records(run).items()
@@ -174,7 +247,7 @@ class TestTraining:
         assert len(errors) == 2 * 16 and len(attention) == 16
         best = min(attention, key=attention.__getitem__)
         meta = checkpoint.load(run / "checkpoints" / "pipeline.json")[1]
-        assert f"-width{meta['readout']['width']}-" in best
+        assert f"-width{meta['readout']['sizes']['width']}-" in best
         assert f"-layer{meta['encoder']['options']['layer']}-" in best
         manifest = json.loads((run / "run.json").read_text())
         assert len(manifest["settings"]["identities"]) == 2
@@ -183,7 +256,7 @@ class TestTraining:
         run = tmp_path / "run"
         # a rate at which nothing gets better
         more = ["--patience", "3", "--learning-rates", "3", "--steps", "30"]
-        assert train(folder, run, *more) == 0
+        assert train(folder, run, *PLAIN, *more) == 0
         name = "readout/attention-width128-rate3-seed0"
         found = records(run)
         assert found[name, "steps"] == found[name, "kept_step"] + 3 < 30
@@ -198,13 +271,31 @@ class TestTraining:
         assert pipeline.reader.follows_camera and pipeline.dynamics.chart.kind == "curve"
         assert found["clip/factored", "friction_per_second"] > 0
 
+    def test_a_binder_from_outside_labels_a_clip_and_takes_no_shadow(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        clip, run, more = (
+            tmp_path / "one.avi",
+            tmp_path / "run",
+            ("--binder", f"{__name__}:reddest"),
+        )
+        write_clip(clip, 80, table=False)
+        assert train(clip, tmp_path / "no", *more, "--shadow", "1") == 2
+        assert "--shadow: would have no effect: --binder" in one_line(capsys)
+        assert train(clip, run, *more, *LEARN) == 0
+        assert records(run)["readout/attention", "readout_rmse_pixels"] < 0.8
+        rows = pq.read_table(run / "records.parquet").to_pylist()
+        assert {row["binder"] for row in rows} == {more[1]}
+        assert not load_pipeline(run).reader.follows_camera
+
     def test_a_video_encoders_feature_frame_is_read_at_each_of_its_frames(
         self, folder: Path, tmp_path: Path
     ) -> None:
         run = tmp_path / "run"  # 20 frames are no multiple of 3
         assert train(folder, run, "--frames", "3", *LEARN) == 0
         assert records(run)["readout/attention", "readout_rmse_pixels"] < 2.0
-        assert checkpoint.load(run / "checkpoints" / "pipeline.json")[1]["readout"]["bodies"] == 3
+        shape = checkpoint.load(run / "checkpoints" / "pipeline.json")[1]["readout"]["shape"]
+        assert (shape["bodies"], shape["frames"]) == (1, 3)
 
     def test_rendered_clips_have_a_pair_law_and_no_friction(self, tmp_path: Path) -> None:
         data, run = tmp_path / "gravity", tmp_path / "run"
@@ -244,6 +335,22 @@ class TestRollout:
             assert torch.equal(one.state.flat, two.state.flat)
             assert torch.equal(one.rollout.positions, two.rollout.positions)
             assert one.rollout.positions.shape[1:] == (1, 2)
+
+    def test_a_pipeline_of_an_older_version_reads_as_it_did(
+        self, folder: Path, tmp_path: Path
+    ) -> None:
+        """Its readout was attention, without a word of that, and it read no mirrors."""
+        run, clip = tmp_path / "run", read_video(folder / "clip0.avi", ClipSelection())
+        assert train(folder, run, *PLAIN, "--widths", "8", "--no-mirrors") == 0
+        now = load_pipeline(run).reader.read(clip.frames, clip.times)
+        path = run / "checkpoints" / "pipeline.json"
+        tensors, meta = checkpoint.load(path)
+        del meta["mirrors"]
+        old = {**meta, "readout": {"channels": 3, "bodies": 1, "width": 8}}
+        checkpoint.save(path, tensors, old)
+        reader = load_pipeline(run).reader
+        assert torch.equal(reader.read(clip.frames, clip.times).positions, now.positions)
+        assert not reader.mirrors
 
     def test_a_changed_law_changes_the_rollout(
         self, trained: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -316,7 +423,15 @@ class TestWrongInput:
     @pytest.mark.parametrize(
         ("more", "words"),
         [
-            (["--widths", "30"], "--widths 30: must be a multiple of 4"),
+            ([*PLAIN, "--widths", "30"], "--widths 30: must be a multiple of 4"),
+            (["--widths", "32"], "--widths: would have no effect: --readout refined takes none"),
+            ([*PLAIN, "--readers", "2"], "--readers: would have no effect: --readout attention"),
+            (["--readers", "0"], "--readers 0: must be at least 1"),
+            (["--readout", "pooled"], "--shift: would have no effect: --readout pooled"),
+            (["--readout", "refind"], "did you mean 'refined'"),
+            (["--readout", "nobody:x"], "--readout nobody:x: readout 'nobody:x'"),
+            (["--bodies", "2"], "--bodies: would have no effect: the tables of"),
+            (["--shadow", "0.6"], "--shadow: would have no effect: the tables of"),
             (["--learning-rates", "0"], "--learning-rates 0.0: must be above 0"),
             (["--seeds", "0"], "--seeds 0: must be at least 1"),
             (["--patience", "-1"], "--patience -1: must be at least 0"),

@@ -9,19 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from binders.tracks import Tracks
+from encoders.features import FeatureMap
 from encoders.known_weights import KNOWN
 from encoders.store import FeatureStore
 from tests.shared.small_clips import Cells, CellsSettings, write_clip
 from vidphys.cli import main
 from vidphys.data.dataset import clip_file, find_dataset
 from vidphys.data.extraction import extract
-from vidphys.data.feature_frames import frame_targets, frame_tracks
+from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labels import read_labels, write_labels
 from vidphys.data.splits import split_clips, split_frames
 from vidphys.data.video import ClipSelection, Video, read_video
 from vidphys.errors import InputError
+from vidphys.reading.reader import LoadedEncoder, Reader
 
 WHOLE = ClipSelection()
 
@@ -135,9 +138,15 @@ def test_feature_frames_and_frames_are_each_others_inverse() -> None:
     assert targets.shape == (4, 6, 2) and weight.shape == (4, 6)
     assert torch.equal(targets[1, 2:4], tracks.positions[0, 4])
     assert weight[3].tolist()[2:] == [0, 0, 0, 0]  # frames 10 and 11 are not there
-    back = frame_tracks(targets, weight, times, 3)
+
+    class Telling:
+        def read(self, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
+            return targets, weight
+
+    reader = Reader(LoadedEncoder("none", {}, Cells(CellsSettings(), "0" * 64)), Telling(), 2, 1.0)
+    back = reader.tracks(FeatureMap(torch.zeros(1, 4, 1, 1, 1), (1.0, 1.0), times[::3]), times)
     assert torch.equal(back.positions, tracks.positions)
-    assert torch.equal(back.confidence, tracks.confidence)
+    torch.testing.assert_close(back.confidence, tracks.confidence)
 
 
 def test_extraction_is_cached(tmp_path: Path) -> None:
@@ -162,7 +171,7 @@ def test_real_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     out = ["--store", str(tmp_path / "f"), "--out", str(tmp_path / "r"), "--quiet"]
     size = ["--side", "320", "--start", "10", "--steps", "600", "--shift", "2"]
     clip = str(Path(clips) / "pendulum_string.mp4")
-    assert main(["train", clip, *size, "--head-steps", "20", *out]) == 0
+    assert main(["train", clip, "--readout", "attention", *size, "--head-steps", "20", *out]) == 0
     said = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines()}
     rmse = {name: float(said[f"readout/{name}"][2]) for name in ("attention", "pooled", "constant")}
     pixels = 320 / 2

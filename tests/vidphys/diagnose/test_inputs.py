@@ -172,7 +172,8 @@ def test_a_table_is_diagnosed_and_everything_is_written(tmp_path, capsys):
     assert term.ports == (terms.Drag("linear", "positive"),)
     assert term.potentials[1].stiffness == pytest.approx(1.5, rel=0.02)
     assert "a trap" in capsys.readouterr().out
-    assert main(["diagnose", str(tmp_path / "t.csv"), "--out", str(out), "--bodies", "2"]) == 2
+    assert main(["diagnose", str(tmp_path / "t.csv"), "--out", str(out), "--hold-out", "0.2"]) == 2
+    assert "--overwrite" in capsys.readouterr().err
 
 
 def test_inputs_that_are_not_there_or_not_known(tmp_path, capsys):
@@ -182,6 +183,9 @@ def test_inputs_that_are_not_there_or_not_known(tmp_path, capsys):
         ([str(tmp_path / "a.doc")], "neither a table nor a clip"),
         (["nowhere.csv", "--hold-out", "1.5"], "--hold-out 1.5"),
         (["nowhere.csv", "--columns", "x"], "write ROLE=NAME"),
+        (["nowhere.csv", "--bodies", "2"], "--bodies: would have no effect: nowhere.csv is not"),
+        (["nowhere.mp4", "--angles"], "--angles: would have no effect: nowhere.mp4 is a clip"),
+        (["nowhere.mp4", "--binder", "motoin"], "did you mean 'motion'"),
         (["nowhere.mp4", "--shadow", "1.5"], "--shadow 1.5: must be above 0 and at most 1"),
         (["nowhere.mp4", "--bodies", "0"], "--bodies 0: follow at least 1"),
     ):

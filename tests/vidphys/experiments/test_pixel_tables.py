@@ -154,7 +154,7 @@ def test_own_cnns_features_are_read_by_either_readout(tmp_path):
     clips = render_clips(pixel_scene(), world, 16, 4, 40, 0, "train")
     for control, kind in ((False, RefinedReadout), (True, PooledReadout)):
         perception = fit_own_cnn(FitTask(clips, sizes, 0, "factored"), control)
-        assert isinstance(perception.readout, kind)
+        assert isinstance(perception.reader.readout, kind)
         assert perception.tracks(clips).positions.shape == clips.states.q.shape
 
 

@@ -17,6 +17,7 @@ from vidphys.perception import frozen
 from vidphys.perception.base import Attentive, FitTask
 from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import PixelSizes
+from vidphys.reading.reader import LoadedEncoder, Reader
 from vidphys.runs.folder import RunFolder
 from vidphys.scenes import gravity
 
@@ -37,6 +38,12 @@ class Blocks:
         light = frames.float().flatten(0, 1) / 255
         values = torch.nn.functional.avg_pool2d(light, 4)
         return FeatureMap(values.unflatten(0, frames.shape[:2]), (4.0, 4.0), times)
+
+
+def perceiving(encoder, readout):
+    """Three bodies, read from clips of eight world units."""
+    reader = Reader(LoadedEncoder("blocks", {}, encoder), readout, 3, 4.0)
+    return frozen.FrozenPerception(reader, None)
 
 
 class Pairs(Blocks):
@@ -102,7 +109,7 @@ def test_what_is_read_of_a_feature_frame_goes_to_its_own_frames_and_bodies():
             positions = values.float().reshape(len(values), 6, 2)
             return positions, positions[..., 0].sigmoid()
 
-    tracks = frozen.FrozenPerception(Telling(), Reading(), 4.0, None).tracks(clips)
+    tracks = perceiving(Telling(), Reading()).tracks(clips)
     torch.testing.assert_close(tracks.positions, clips.states.q, atol=4e-3, rtol=0)
     sure = (clips.states.q[..., 0] / 4).sigmoid()
     torch.testing.assert_close(tracks.confidence, sure, atol=1e-3, rtol=0)
@@ -193,7 +200,7 @@ def test_encounters_are_as_long_as_the_encoder_needs(monkeypatch, clips):
             frozen, "_train", lambda name, x, *rest, t=trained: t.append(x) or Still()
         )
         task = FitTask(few, sizes, 0, "factored")
-        frozen.fit_readout(encoder, "blocks", task, together=together)
+        frozen.fit_readout(LoadedEncoder("blocks", {}, encoder), task, together=together)
         assert encoder.clips == len(clips) + extra
         frames = 8 * 3 // trained[0].train.targets.shape[1]
         assert len(trained[0].train) == (21 + 5) * frames
@@ -215,7 +222,7 @@ def test_mirror_images_are_read_where_they_are_and_their_errors_average_out():
             middle = torch.einsum("fhw,hwd->fd", light, centres) / light.sum((1, 2))[:, None]
             return (middle + 0.1)[:, None].expand(-1, 3, -1), torch.full((len(values), 3), 0.25)
 
-    perception = frozen.FrozenPerception(Blocks(), Leaning(), 4.0, None)
+    perception = perceiving(Blocks(), Leaning())
     assert isinstance(perception, Attentive)
     once, closely = perception.tracks(clips), perception.closely(clips)
     torch.testing.assert_close(closely.positions, once.positions - 0.4, atol=1e-3, rtol=0)

@@ -1,12 +1,14 @@
-"""Tracks of a clip, by the hand-made binder that follows what moves."""
+"""Tracks of a clip, by a binder that follows its bodies."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from binders.motion import MotionSettings, bind_motion
+from binders.base import Binder, MotionTracks
+from binders.motion import MotionBinder
 from vidphys.data.video import ClipSelection, Video, read_video, require_frames
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.errors import InputError
@@ -16,14 +18,14 @@ MANY = 0.1  # share of the frames in which something else moves, from which it i
 
 
 def follow_clip(
-    path: Path, selection: ClipSelection, settings: MotionSettings
+    path: Path, selection: ClipSelection, binder: Binder
 ) -> tuple[Motion, Video, tuple[str, ...]]:
     """The motion of a clip's bodies before a still background, in normalised image units.
 
     Args:
         path: the video.
         selection: which of its frames are used.
-        settings: of the binder.
+        binder: follows the bodies.
 
     Returns:
         The motion, the pictures, and what a person should know of how it was followed.
@@ -36,9 +38,11 @@ def follow_clip(
     video = read_video(path, selection)
     require_frames(video, LEAST_FRAMES)
     try:
-        bound = bind_motion(video.frames, video.times, settings)
+        bound = binder(video.frames, video.times)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
+    if not isinstance(bound, MotionTracks):
+        bound = MotionTracks(bound, torch.zeros(len(video.times), 2))
     positions = (bound.tracks.positions - bound.camera[None, :, None]).double().numpy()
     unseen = bound.tracks.confidence.numpy() <= 0
     motion = Motion(
@@ -50,9 +54,10 @@ def follow_clip(
     if bound.others > MANY:
         notes.append(
             f"in {bound.others:.0%} of them something else moves as strongly; if it is a body of "
-            f"the scene, follow more bodies than {settings.bodies}, else leave its frames out"
+            f"the scene, follow more bodies than {positions.shape[2]}, else leave its frames out"
         )
-    if unseen.mean((0, 1)).max() > SELDOM and settings.shadow < 1:
+    lit = isinstance(binder, MotionBinder) and binder.shadow < 1
+    if lit and unseen.mean((0, 1)).max() > SELDOM:
         notes.append(
             "a body is often not seen; if it differs from what is behind it in brightness alone, "
             "like a grey one, follow it with a shadow of 1"

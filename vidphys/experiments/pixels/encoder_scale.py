@@ -8,7 +8,7 @@ from vidphys.experiments.core.cell import Table
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell
 from vidphys.experiments.pixels.seen import pixel_scene
 from vidphys.perception.base import Grounding
-from vidphys.perception.frozen import SHARE, fit_frozen
+from vidphys.perception.frozen import SETTINGS, fit_frozen
 
 VIDEO = ("vjepa2-l", "vjepa2-h", "vjepa2-g")  # 300, 600 and 1,000 million parameters
 IMAGE = ("dinov2-small", "dinov2-base", "dinov2-large")  # 22, 86 and 300 million
@@ -17,11 +17,13 @@ IMAGE = ("dinov2-small", "dinov2-base", "dinov2-large")  # 22, 86 and 300 millio
 def rung(encoder: str, video: bool) -> Grounding:
     """A frozen rung of the encoder at its own settings; one of video sees whole clips."""
     fit = partial(fit_frozen, encoder, {}, together=None if video else 1)
-    return Grounding(encoder, "rgb", encoder, "none", False, fit, share=SHARE, whole_context=video)
+    return Grounding(
+        encoder, "rgb", encoder, "none", False, fit, share=SETTINGS.share, whole_context=video
+    )
 
 
 ENCODER_SCALE = Table.told(
     "encoder-scale",
     cells={name: PixelCell(rung(name, name in VIDEO), TWINS) for name in (*VIDEO, *IMAGE)},
-    settings={"scene": pixel_scene().settings, "share": SHARE},
+    settings={"scene": pixel_scene().settings, "share": SETTINGS.share},
 )

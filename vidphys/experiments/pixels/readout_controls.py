@@ -11,10 +11,10 @@ from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell
 from vidphys.experiments.pixels.seen import pixel_scene
 from vidphys.perception.base import Grounding
 from vidphys.perception.catalogue import RUNGS
-from vidphys.perception.frozen import SHARE
+from vidphys.perception.frozen import SETTINGS
 from vidphys.perception.own_cnn import NAME, fit_own_cnn
 
-OWN_CNN = Grounding(NAME, "rgb", "cnn", "none", False, fit_own_cnn, share=SHARE)
+OWN_CNN = Grounding(NAME, "rgb", "cnn", "none", False, fit_own_cnn, share=SETTINGS.share)
 FROZEN = ("hiera", "i3d")  # rungs of the ladder that are read with the pooled control too
 
 
@@ -32,10 +32,10 @@ def _cells(*groundings: Grounding) -> dict[str, Cell]:
 OWN_CNN_READOUT = Table.told(
     "own-cnn-readout",
     cells=_cells(OWN_CNN),
-    settings={"scene": pixel_scene().settings, "share": SHARE},
+    settings={"scene": pixel_scene().settings, "share": SETTINGS.share},
 )
 POOLED_CONTROL = Table.told(
     "pooled-control",
     cells=_cells(*(RUNGS[name] for name in FROZEN)),
-    settings={"scene": pixel_scene().settings, "share": SHARE},
+    settings={"scene": pixel_scene().settings, "share": SETTINGS.share},
 )

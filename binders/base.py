@@ -1,0 +1,53 @@
+"""What follows the bodies of a real clip, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+
+from binders.tracks import Tracks
+from registry import Registry
+
+
+@dataclass(frozen=True)
+class MotionTracks:
+    """Tracks of a real clip, and what the camera did meanwhile.
+
+    Args:
+        tracks: normalised image units, y upwards, one episode; where a body was not seen its
+            position is interpolated and its confidence 0.
+        camera: displacement of the still background in each frame, normalised image units,
+            y upwards; subtract it from the positions to have them before a still camera.
+        others: share of the frames in which something else moves that is as strong as a body.
+    """
+
+    tracks: Tracks
+    camera: Float[torch.Tensor, "t 2"]
+    others: float = 0.0
+
+
+class Binder(Protocol):
+    """Follows the bodies of a clip."""
+
+    def __call__(
+        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
+    ) -> Tracks | MotionTracks:
+        """The tracks of a clip, and the camera's where the binder follows it too.
+
+        Args:
+            frames: RGB, row 0 on top.
+            times: seconds.
+
+        Raises:
+            ValueError: frames in which no body can be followed.
+        """
+        ...
+
+
+# of factories, which are called with bodies=NUMBER and by name with what else they are told
+BINDERS: Registry[Callable[..., Binder]] = Registry("binder", "vidphys.binders")

@@ -1,0 +1,55 @@
+"""What verbs that share options do with them: refuse those without effect, make the binder."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    from binders.base import Binder
+
+MOTION = "motion"  # the binder unless another is named
+
+
+def option(name: str) -> str:
+    """As it is written on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
+def refuse(config: Any, names: Iterable[str], why: str) -> None:
+    """Refuse options that were given and would have no effect; none are ``None``, () or False.
+
+    Raises:
+        InputError: one was given.
+    """
+    for name in names:
+        if getattr(config, name) not in (None, (), False):
+            raise InputError(f"{option(name)}: would have no effect: {why}; leave it away")
+
+
+def make_binder(name: str | None, bodies: int | None, shadow: float | None) -> Binder:
+    """The binder of a name, told what was given.
+
+    Raises:
+        InputError: an unknown name, numbers that make no sense, or one that it does not take.
+    """
+    from binders import BINDERS
+
+    name = name or MOTION
+    try:
+        factory = BINDERS[name]
+    except ValueError as error:
+        raise InputError(f"--binder {name}: {error}") from error
+    given = {"bodies": 1 if bodies is None else bodies} | (
+        {} if shadow is None else {"shadow": shadow}
+    )
+    for each in given:
+        if each not in inspect.signature(factory).parameters:
+            raise InputError(f"--{each}: would have no effect: --binder {name} takes none")
+    try:
+        return factory(**given)
+    except ValueError as error:
+        raise InputError(f"--{error}") from error
