@@ -15,11 +15,13 @@ The loops need numba, or Triton: they are imported here alone, when they are fir
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, cast
 
 import torch
 from torch import Tensor
+from torch.nn import Linear
 
 from dynamics.compiled.episodes import Episodes, told
 from dynamics.compiled.head import PARTS, Backend, CompiledHead, refusal
@@ -59,7 +61,7 @@ def compiled_model(
         ValueError: the backend cannot run this model here; why is said.
     """
     name, packed = _ready(head, start.q)
-    if name == "torch" or not start.q.numel() or start.q.shape[-2] < 2:
+    if name == "torch" or not start.q.numel():
         return None
     found = _fused(head, start, params, steps, dt, every, name, packed)
     return None if found.fallbacks and name == "triton" else found  # its kernel has no network
@@ -149,16 +151,18 @@ def _differentiable(x: Tensor) -> bool:
 
 def _weights(network: MLP, rows: Tensor) -> tuple[Tensor, ...] | None:
     """What loops are given of a network; ``None`` where they know no such network or rows."""
-    if not _two_tanh_layers(network) or len(rows) < FEWEST_ROWS or not _differentiable(rows):
+    if len(rows) < FEWEST_ROWS or not _differentiable(rows):
         return None
-    (low, top), last = network.split()
-    known = low.weight, low.bias, top.weight, top.bias, last.weight
-    return known if last.out_features == 1 else None
+    hidden, last = network.split()
+    if not _two_tanh_layers(network, hidden) or last.out_features != 1:
+        return None
+    low, top = hidden
+    return low.weight, low.bias, top.weight, top.bias, last.weight
 
 
-def _two_tanh_layers(network: MLP) -> bool:
+def _two_tanh_layers(network: MLP, hidden: Sequence[Linear]) -> bool:
     """Whether the hidden layers are two, of one width, and tanh."""
-    sizes = [layer.out_features for layer in network.split()[0]]
+    sizes = [layer.out_features for layer in hidden]
     return network.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
 
 
@@ -169,7 +173,7 @@ def _unrolls(head: Hamiltonian, states: Tensor) -> bool:
         return False
     bodies = 2 <= states.shape[-2] <= MOST_BODIES
     plain = head.integrator == leapfrog and refusal(head, "numba", states) is None
-    return _two_tanh_layers(law.phi) and bodies and plain
+    return _two_tanh_layers(law.phi, law.phi.split()[0]) and bodies and plain
 
 
 def _unrolled(
@@ -198,27 +202,27 @@ def _fused(
 ) -> Trajectory:
     """All steps of a model that the backend can roll; ``packed``: its pair function, if at hand."""
     kernels, potential = kernels_of(backend), cast(PairPotential, head.potential)
-    batch, stored = start.q.shape[:-2], steps // every
     law = kernels.packed(potential, start.q) if packed is None else packed
     episodes = Episodes.of(potential.law, start, params)
-    parts = [part * dt for part in PARTS[head.integrator.name]]
+    parts, stored = [part * dt for part in PARTS[head.integrator.name]], steps // every
     q, p, asked, reached = kernels.roll(law, potential.law.box, episodes, parts, stored, every)
-    if len(batch) != 1:
-        q, p = (x.reshape(*batch, *x.shape[1:]) for x in (q, p))
+    if start.q.ndim != 3:
+        q, p = (x.reshape(*start.q.shape[:-2], *x.shape[1:]) for x in (q, p))
     return Trajectory(PhaseState(q, p), backend, asked, reached)
 
 
 def _ready(head: CompiledHead, states: Tensor) -> tuple[Backend, Any]:
     """The backend for such states and the pair function as it takes it, found once."""
     key = head.backend, states.dtype, states.device, states.shape[-2:]
-    if key not in head.packed:
-        fastest: Backend = "triton" if states.device.type == "cuda" else "numba"
-        name = head.backend or ("torch" if refusal(head, fastest, states) else fastest)
-        if trouble := refusal(head, name, states):
-            raise ValueError(f"compiled model: backend '{name}' {trouble}")
-        packed = None if name == "torch" else kernels_of(name).packed(head.potential, states)
-        head.packed[key] = name, packed
-    return head.packed[key]
+    if known := head.packed.get(key):
+        return known
+    fastest: Backend = "triton" if states.device.type == "cuda" else "numba"
+    name = head.backend or ("torch" if refusal(head, fastest, states) else fastest)
+    if trouble := refusal(head, name, states):
+        raise ValueError(f"compiled model: backend '{name}' {trouble}")
+    name = "torch" if states.shape[-2] < 2 else name
+    packed = None if name == "torch" else kernels_of(name).packed(head.potential, states)
+    return head.packed.setdefault(key, (name, packed))
 
 
 @lru_cache

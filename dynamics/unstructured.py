@@ -27,13 +27,7 @@ class ResidualMap(TransitionMap):
     """
 
     def __init__(
-        self,
-        bodies: int,
-        space: int,
-        conditions: int,
-        width: int,
-        dt: float,
-        angles: bool = False,
+        self, bodies: int, space: int, conditions: int, width: int, dt: float, angles: bool = False
     ) -> None:
         super().__init__(dt)
         self.harmonics = Harmonics(bodies * space) if angles else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -54,8 +55,10 @@ def pair_spline(
     real = dtype_of(network)
     exact = copy.deepcopy(network).double()
     sample = Sample.of(exact, reach)
-    for resolution in _resolutions(network):
-        spline = _spline(exact, resolution, reach).to(real)
+    radial = isinstance(network, RadialPotential)
+    kind: Any = RadialSpline if radial else PlaneSpline
+    for resolution in RADIAL_RESOLUTIONS if radial else PLANE_RESOLUTIONS:
+        spline: PairSpline = kind(exact, resolution, reach).to(real)
         error = sample.error(spline)
         if error <= tolerance:
             return spline, Report(tolerance, error, resolution, reach, spline.table.nbytes)
@@ -64,19 +67,6 @@ def pair_spline(
         f"compile_head: the finest spline ({resolution}) has a force error of {error:.1e} in "
         f"{name}, not {tolerance:.1e}; ask for a larger tolerance, or for None to keep the network"
     )
-
-
-def _resolutions(network: PairPotential) -> tuple[int, ...]:
-    radial = isinstance(network, RadialPotential)
-    return RADIAL_RESOLUTIONS if radial else PLANE_RESOLUTIONS
-
-
-def _spline(
-    network: RadialPotential | DisplacementPotential, resolution: int, reach: float
-) -> PairSpline:
-    if isinstance(network, RadialPotential):
-        return RadialSpline(network, resolution, reach)
-    return PlaneSpline(network, resolution, reach)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from dynamics.compiled.lanes import (
     transposed,
     weights_of,
 )
-from dynamics.compiled.pairs import LANES, RADIAL, ROWS, SPLINE
+from dynamics.compiled.pairs import LANES, RADIAL, ROWS, SPLINE, PairFunction
 from dynamics.compiled.spline import PairSpline
 from dynamics.compiled.steps import steps, sum_of
 from dynamics.domain import FARTHEST, NEAREST
@@ -54,7 +54,9 @@ def _roll(
     """Leapfrog steps of some episodes, in blocks.
 
     Args:
-        kind, resolution, reach, table, weights, back, dts, box, every, out: see :func:`steps`.
+        kind, resolution, reach, table, weights, back: see :class:`PairFunction`, which as one
+            argument would cost a microsecond a call.
+        dts, box, every, out: see :func:`steps`.
         start: q and p, ``(episodes, bodies, 2)`` each.
         mass, strength, amount: see :class:`dynamics.compiled.episodes.Episodes`.
         which: the first episode, and the one after the last.
@@ -65,6 +67,7 @@ def _roll(
     """
     bodies = mass.shape[1]
     pairs = bodies * (bodies - 1) // 2
+    law = PairFunction(kind, resolution, reach, table, weights, back)
     asked, one = 0, reach.dtype.type(1)
     layers, units = weights.biases.shape
     shape, total = (bodies, 2, LANES), 0.0
@@ -97,27 +100,25 @@ def _roll(
                     weight[pair, lane] = strength[source] * product
                     pair += 1
         asked += steps(
-            kind, resolution, reach, table, weights, back, (q, p, force, loose),
-            (of_q, of_p, of_force), weight, work, room, dts, box, every, out, begin, count, seen,
+            law, (q, p, force, loose), (of_q, of_p, of_force), weight, work, room, dts, box, every,
+            out, begin, count, seen,
         )  # fmt: skip
         total += sum_of(q, p)
     return asked, seen[0].max(), seen[1].min(), total
 
 
-PairFunction = PairSpline | RadialPotential | DisplacementPotential
-Packed = tuple[int, int, Array, Array, Weights, Transposed]
-
-
-def packed(potential: PairFunction, like: Tensor) -> Packed:
+def packed(
+    potential: PairSpline | RadialPotential | DisplacementPotential, like: Tensor
+) -> PairFunction:
     """A pair function as :func:`_roll` takes it, in the floating type of ``like``."""
     real: Any = {torch.float32: np.float32, torch.float64: np.float64}[like.dtype]
     network = potential.network if isinstance(potential, PairSpline) else potential
     weights, back = weights_of(network.phi, real), transposed(network.phi, real)
     kind = RADIAL if isinstance(network, RadialPotential) else 0
     if not isinstance(potential, PairSpline):
-        return kind, 0, np.zeros(1, real), np.zeros(0, real), weights, back
+        return PairFunction(kind, 0, np.zeros(1, real), np.zeros(0, real), weights, back)
     reach, table = np.array([potential.reach], real), potential.table.numpy().astype(real).ravel()
-    return kind + SPLINE, potential.resolution, reach, table, weights, back
+    return PairFunction(kind + SPLINE, potential.resolution, reach, table, weights, back)
 
 
 def states(shape: tuple[int, ...], real: Any) -> Array:
@@ -131,7 +132,7 @@ def states(shape: tuple[int, ...], real: Any) -> Array:
 
 
 def roll(
-    law: Packed,
+    law: PairFunction,
     box: float | None,
     episodes: Episodes,
     dts: list[float],
@@ -158,7 +159,7 @@ def roll(
     out = states((stored + 1, 2, bodies, 2, count), real)
     parts, side = np.array(dts, real), real(box or 0)
     # A network's time is that of the lanes in use, a spline's that of whole blocks.
-    unit = LANES if law[0] & SPLINE else PART
+    unit = LANES if law.kind & SPLINE else PART
 
     def part(which: tuple[int, int]) -> tuple[int, float, float, float]:
         some = which[0] * unit, min(which[1] * unit, count)

@@ -60,10 +60,7 @@ class CompiledHead(Hamiltonian):
 
 
 def compile_head(
-    head: Head,
-    tolerance: float | None = 1e-4,
-    reach: float = REACH,
-    backend: Backend | None = None,
+    head: Head, tolerance: float | None = 1e-4, reach: float = REACH, backend: Backend | None = None
 ) -> CompiledHead:
     """A trained model in a form that rolls fast, with frozen copies of all that it has learned.
 

@@ -230,28 +230,6 @@ def activate(flat: Array, flat_slopes: Array, activation: int, lanes: int) -> No
 
 
 @kernel
-def values_only(flat: Array, activation: int, lanes: int) -> None:
-    """:func:`activate` without slopes."""
-    values = flat.reshape((-1, PART))
-    one, half = values.dtype.type(1), values.dtype.type(0.5)
-    for k in range(values.shape[0]):
-        if k * PART % TILE >= lanes:
-            continue
-        if activation == _TANH:
-            for lane in range(PART):
-                values[k, lane] = tanh(values[k, lane], values)
-        elif activation == _SOFTPLUS:
-            for lane in range(PART):
-                x = values[k, lane]
-                large = x if x > values.dtype.type(0) else values.dtype.type(0)
-                values[k, lane] = large + values.dtype.type(np.log1p(np.exp(-abs(x))))
-        else:
-            for lane in range(PART):
-                x = half * values[k, lane]
-                values[k, lane] = x * (one + tanh(x, values))
-
-
-@kernel
 def _scale(flat: Array, flat_slopes: Array, lanes: int) -> None:
     values, slopes = flat.reshape((-1, TILE)), flat_slopes.reshape((-1, TILE))
     for k in range(values.shape[0]):
@@ -267,8 +245,8 @@ def hidden(weights: Weights, inputs: Array, sums: Array, work: Array, lanes: int
         weights: see :class:`Weights`.
         inputs: ``(inputs * TILE,)``.
         sums, lanes: see :func:`product`.
-        work: ``(2 * hidden layers, units * TILE)``; afterwards each layer's values in the first
-            half, and the activation's slopes in the second.
+        work: each layer's values, written, ``(2 * hidden layers, units * TILE)``, and in the second
+            half the activation's slopes.
     """
     layers = weights.biases.shape[0]
     product(weights.first, weights.biases[0], inputs, sums, work[0], lanes)
@@ -277,21 +255,6 @@ def hidden(weights: Weights, inputs: Array, sums: Array, work: Array, lanes: int
         matrix, bias = weights.middle[layer - 1], weights.biases[layer]
         product(matrix, bias, work[layer - 1], sums, work[layer], lanes)
         activate(work[layer], work[layers + layer], weights.activation, lanes)
-
-
-@kernel
-def forward(weights: Weights, inputs: Array, sums: Array, work: Array, lanes: int) -> None:
-    """The hidden layers' values alone; see :func:`hidden`, but for ``work``.
-
-    Args:
-        work: ``(hidden layers, units * TILE)``.
-    """
-    product(weights.first, weights.biases[0], inputs, sums, work[0], lanes)
-    values_only(work[0], weights.activation, lanes)
-    for layer in range(1, work.shape[0]):
-        matrix, bias = weights.middle[layer - 1], weights.biases[layer]
-        product(matrix, bias, work[layer - 1], sums, work[layer], lanes)
-        values_only(work[layer], weights.activation, lanes)
 
 
 @kernel

@@ -18,8 +18,8 @@ from dynamics.compiled.lanes import (
     Weights,
     aligned,
     blocks_of,
-    forward,
     product,
+    tanh,
     weights_of,
 )
 from dynamics.mlp import MLP
@@ -28,19 +28,21 @@ from loops.threads import in_threads
 
 
 @kernel
+def _silu(flat: Array, lanes: int) -> None:
+    """The activation of a layer's values ``(units * TILE,)``, in place."""
+    values = flat.reshape((-1, PART))
+    one, half = values.dtype.type(1), values.dtype.type(0.5)
+    for k in range(values.shape[0]):
+        for lane in range(PART if k * PART % TILE < lanes else 0):
+            x = half * values[k, lane]
+            values[k, lane] = x * (one + tanh(x, values))
+
+
+@kernel
 def _add(state: Array, step: Array, scale: Array) -> None:
     """``state += scale * step``, as far as there are scales."""
     for i in range(scale.shape[0]):
         state[i] += scale[i] * step[i]
-
-
-@kernel
-def _store(state: Array, begin: int, count: int, out: Array) -> None:
-    """The first ``count`` lanes into ``(entries, episodes)``."""
-    rows = state.reshape((-1, TILE))
-    for row in range(out.shape[0]):
-        for lane in range(count):
-            out[row, begin + lane] = rows[row, lane]
 
 
 @kernel
@@ -85,11 +87,17 @@ def _roll(
                 inputs[(entries + row) * TILE + lane] = known[row, source]
         for move in range((out.shape[0] - 1) * every + 1):
             if move > 0:
-                forward(weights, inputs, sums, work, used)
+                product(weights.first, weights.biases[0], inputs, sums, work[0], used)
+                _silu(work[0], used)
+                for layer in range(1, layers):
+                    matrix, bias = weights.middle[layer - 1], weights.biases[layer]
+                    product(matrix, bias, work[layer - 1], sums, work[layer], used)
+                    _silu(work[layer], used)
                 product(last, weights.last_bias, work[layers - 1], sums, result, used)
                 _add(inputs, result, scale)
             if move % every == 0:
-                _store(inputs, begin, count, out[move // every])
+                state = inputs.reshape((-1, TILE))[:entries, :count]
+                out[move // every, :, begin : begin + count] = state
     return 0
 
 
@@ -99,7 +107,7 @@ def roll(
     """Steps of x' = x + scale * network(x, known).
 
     Args:
-        network: hidden layers of one width.
+        network: of silu layers of one width.
         scale: of each entry of the state, ``(entries,)``.
         start: ``(episodes, entries)``.
         known: ``(episodes, conditions)``.

@@ -47,27 +47,23 @@ def _plainly(fineness: int, table: Array, rows: Array, places: int, values: int)
     lanes[values] = np.polynomial.polynomial.polyval(t, terms, tensor=False)
 
 
-def _by_registers(
-    typing: Any, fineness: Any, table: Any, rows: Any, places: Any, values: Any
-) -> tuple[Any, Callable[..., Any]]:
-    def emit(context: Any, build: Any, signature: Any, args: Any) -> Any:
-        lanes = _Lanes(build, context.get_data_type(table.dtype))
-        quick = "+avx512f" in context.codegen().magic_tuple()[2]
-        look_up = lanes.picked if quick else lanes.loaded
-        return _evaluate(context, lanes, signature.args, args, ir.IntType(64)(0), look_up)
+def _written(coarse: bool) -> Callable[..., Any]:
+    """The instructions for one polynomial an octave, or for any fineness."""
 
-    return types.void(fineness, table, rows, places, values), emit
+    def written(
+        typing: Any, fineness: Any, table: Any, rows: Any, places: Any, values: Any
+    ) -> tuple[Any, Callable[..., Any]]:
+        def emit(context: Any, build: Any, signature: Any, args: Any) -> Any:
+            lanes = _Lanes(build, context.get_data_type(table.dtype))
+            quick = coarse and "+avx512f" in context.codegen().magic_tuple()[2]
+            fine = context.cast(build, args[0], fineness, types.intp)
+            fine = ir.IntType(64)(0) if coarse else fine
+            look_up = lanes.picked if quick else lanes.loaded
+            return _evaluate(context, lanes, signature.args, args, fine, look_up)
 
+        return types.void(fineness, table, rows, places, values), emit
 
-def _by_loads(
-    typing: Any, fineness: Any, table: Any, rows: Any, places: Any, values: Any
-) -> tuple[Any, Callable[..., Any]]:
-    def emit(context: Any, build: Any, signature: Any, args: Any) -> Any:
-        lanes = _Lanes(build, context.get_data_type(table.dtype))
-        fine = context.cast(build, args[0], fineness, types.intp)
-        return _evaluate(context, lanes, signature.args, args, fine, lanes.loaded)
-
-    return types.void(fineness, table, rows, places, values), emit
+    return written
 
 
 def _evaluate(
@@ -173,9 +169,8 @@ class _Lanes:
         return found
 
 
-# With one polynomial an octave; and of any fineness.
-coarse_polynomials = instructions(_by_registers, _plainly)
-_polynomials = instructions(_by_loads, _plainly)
+coarse_polynomials = instructions(_written(coarse=True), _plainly)
+_polynomials = instructions(_written(coarse=False), _plainly)
 
 
 @uncounted

@@ -7,7 +7,7 @@ its network, see :mod:`dynamics.compiled.rows`. What is trained through it is
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,38 @@ from dynamics.potentials import CORE, REACH, SPREAD
 from loops.kernels import kernel
 
 LANES = ROWS // 2
+
+
+class Law(NamedTuple):
+    """What blocks of episodes are under.
+
+    Args:
+        mobility: 1 / m, ``(blocks, bodies, LANES)``.
+        weight: c(G) s_i s_j, ``(blocks, pairs, LANES)``.
+        dt: seconds of a step.
+        every: steps between stored states.
+    """
+
+    mobility: Array
+    weight: Array
+    dt: Any
+    every: int
+
+
+class Trace(NamedTuple):
+    """What blocks of episodes leave behind for the way back.
+
+    Args:
+        places: q of each force, ``(blocks, steps + 1, bodies * 2, LANES)``.
+        slopes: of the network there, ``(blocks, steps + 1, pairs, ROWS, 2)``.
+        top, sent: see :func:`dynamics.compiled.rows.gradient_rows`, of each of them,
+            ``(blocks, steps + 1, pairs, panels, ROWS, PANEL)``, or of one, where they are not kept.
+    """
+
+    places: Array
+    slopes: Array
+    top: Array
+    sent: Array
 
 
 @kernel
@@ -140,135 +172,47 @@ def _drift(q: Array, p: Array, mobility: Array, dt: Any) -> None:
 
 
 @kernel
-def _forward(
-    net: Layers,
-    state: Array,
-    mobility: Array,
-    weight: Array,
-    dt: Any,
-    every: int,
-    places: Array,
-    slopes: Array,
-    top: Array,
-    sent: Array,
-    out: Array,
-) -> None:
-    """All steps of one block; see :func:`forward_blocks`."""
-    q, p, half = state[0], state[1], dt * state.dtype.type(0.5)
-    seen, force = np.empty(slopes.shape[1:], q.dtype), np.empty(q.shape, q.dtype)
-    out[0] = state
-    for step in range(places.shape[0]):
-        at = step if top.shape[0] > 1 else 0
-        if step > 0:
-            _kick(p, force, half)
-            _drift(q, p, mobility, dt)
-        places[step] = q
-        _look(q, seen)
-        gradient_rows(net, seen, top[at], sent[at], slopes[step], (0, seen.shape[0]))
-        _pull(q, weight, slopes[step], force)
-        if step > 0:
-            _kick(p, force, half)
-            if step % every == 0:
-                out[step // every] = state
-
-
-@kernel
 def forward_blocks(
-    net: Layers,
-    state: Array,
-    mobility: Array,
-    weight: Array,
-    dt: Any,
-    every: int,
-    places: Array,
-    slopes: Array,
-    top: Array,
-    sent: Array,
-    out: Array,
-    blocks: tuple[int, int],
+    net: Layers, law: Law, state: Array, trace: Trace, out: Array, blocks: tuple[int, int]
 ) -> None:
     """All steps of some blocks of episodes, one block after another.
 
     Args:
         net: see :class:`dynamics.compiled.rows.Layers`.
+        law: see :class:`Law`.
         state: q and p at the start, ``(blocks, 2, bodies * 2, LANES)``; moved on.
-        mobility: 1 / m, ``(blocks, bodies, LANES)``.
-        weight: c(G) s_i s_j, ``(blocks, pairs, LANES)``.
-        dt: seconds of a step.
-        every: steps between stored states.
-        places: q of each force, written, ``(blocks, steps + 1, bodies * 2, LANES)``.
-        slopes: of the network there, written, ``(blocks, steps + 1, pairs, ROWS, 2)``.
-        top, sent: see :func:`dynamics.compiled.rows.gradient_rows`, of each of them, written,
-            ``(blocks, steps + 1, pairs, panels, ROWS, PANEL)``, or of one, where they are not kept.
+        trace: written.
         out: states, written, ``(blocks, stored + 1, 2, bodies * 2, LANES)``; the start first.
         blocks: the first of them, and the one after the last.
     """
+    dt, half, pairs = law.dt, law.dt * state.dtype.type(0.5), trace.slopes.shape[2]
+    seen = np.empty(trace.slopes.shape[2:], state.dtype)
+    force = np.empty(state.shape[2:], state.dtype)
     for block in range(blocks[0], blocks[1]):
-        at = block if top.shape[0] > 1 else 0
-        _forward(
-            net,
-            state[block],
-            mobility[block],
-            weight[block],
-            dt,
-            every,
-            places[block],
-            slopes[block],
-            top[at],
-            sent[at],
-            out[block],
-        )
-
-
-@kernel
-def _backward(
-    net: Layers,
-    mobility: Array,
-    weight: Array,
-    dt: Any,
-    every: int,
-    places: Array,
-    slopes: Array,
-    top: Array,
-    sent: Array,
-    upstream: Array,
-    on_state: Array,
-    total: Layers,
-) -> None:
-    """The way back through one block; see :func:`backward_blocks`."""
-    on_q, on_p, half = on_state[0], on_state[1], dt * on_state.dtype.type(0.5)
-    seen, on_slope = np.empty(slopes.shape[1:], on_q.dtype), np.empty(slopes.shape[1:], on_q.dtype)
-    on_seen, on_force = np.empty(slopes.shape[1:], on_q.dtype), np.zeros(on_q.shape, on_q.dtype)
-    on_state[:] = 0
-    for step in range(places.shape[0] - 1, -1, -1):
-        if step > 0 and step % every == 0:
-            on_state += upstream[step // every]
-        if step > 0:
-            _kick(on_force, on_p, half)
-        _pull_back(places[step], weight, slopes[step], on_force, on_q, on_slope)
-        _look(places[step], seen)
-        backward_rows(
-            net, seen, top[step], sent[step], on_slope, on_seen, total, (0, seen.shape[0])
-        )
-        _look_back(places[step], on_seen, on_q)
-        if step > 0:
-            _drift(on_p, on_q, mobility, dt)
-            on_force[:] = 0
-            _kick(on_force, on_p, half)
-    on_state += upstream[0]
+        q, p, weight = state[block, 0], state[block, 1], law.weight[block]
+        own = block if trace.top.shape[0] > 1 else 0
+        out[block, 0] = state[block]
+        for step in range(trace.places.shape[1]):
+            at = step if trace.top.shape[1] > 1 else 0
+            if step > 0:
+                _kick(p, force, half)
+                _drift(q, p, law.mobility[block], dt)
+            trace.places[block, step] = q
+            _look(q, seen)
+            slope = trace.slopes[block, step]
+            gradient_rows(net, seen, trace.top[own, at], trace.sent[own, at], slope, (0, pairs))
+            _pull(q, weight, slope, force)
+            if step > 0:
+                _kick(p, force, half)
+                if step % law.every == 0:
+                    out[block, step // law.every] = state[block]
 
 
 @kernel
 def backward_blocks(
     net: Layers,
-    mobility: Array,
-    weight: Array,
-    dt: Any,
-    every: int,
-    places: Array,
-    slopes: Array,
-    top: Array,
-    sent: Array,
+    law: Law,
+    trace: Trace,
     upstream: Array,
     on_state: Array,
     total: Layers,
@@ -277,23 +221,32 @@ def backward_blocks(
     """From a gradient with respect to the stored states to one of the start and the weights.
 
     Args:
-        net, mobility, weight, dt, every, places, slopes, top, sent, blocks: as the way forward.
+        net, law, trace, blocks: as the way forward.
         upstream: shape of its ``out``.
         on_state: written, ``(blocks, 2, bodies * 2, LANES)``.
         total: gradients are added, in the form of the weights.
     """
+    dt, half, pairs = law.dt, law.dt * on_state.dtype.type(0.5), trace.slopes.shape[2]
+    shape, real = trace.slopes.shape[2:], on_state.dtype
+    seen, on_slope, on_seen = np.empty(shape, real), np.empty(shape, real), np.empty(shape, real)
+    on_force = np.empty(on_state.shape[2:], real)
     for block in range(blocks[0], blocks[1]):
-        _backward(
-            net,
-            mobility[block],
-            weight[block],
-            dt,
-            every,
-            places[block],
-            slopes[block],
-            top[block],
-            sent[block],
-            upstream[block],
-            on_state[block],
-            total,
-        )
+        on_q, on_p, weight = on_state[block, 0], on_state[block, 1], law.weight[block]
+        on_state[block] = 0
+        on_force[:] = 0
+        for step in range(trace.places.shape[1] - 1, -1, -1):
+            if step > 0 and step % law.every == 0:
+                on_state[block] += upstream[block, step // law.every]
+            if step > 0:
+                _kick(on_force, on_p, half)
+            q = trace.places[block, step]
+            _pull_back(q, weight, trace.slopes[block, step], on_force, on_q, on_slope)
+            _look(q, seen)
+            top, sent = trace.top[block, step], trace.sent[block, step]
+            backward_rows(net, seen, top, sent, on_slope, on_seen, total, (0, pairs))
+            _look_back(q, on_seen, on_q)
+            if step > 0:
+                _drift(on_p, on_q, law.mobility[block], dt)
+                on_force[:] = 0
+                _kick(on_force, on_p, half)
+        on_state[block] += upstream[block, 0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,24 @@ RADIAL, SPLINE = 1, 2  # flags of a pair function's kind
 NEAR, WIDE = RadialPotential.NEAR, RadialPotential.FAR
 POWERS = np.uint32(DEGREE + 1)
 Room = tuple[Array, Array, Array, Array]  # a network's inputs, sums, hidden layers and gradient
+
+
+class PairFunction(NamedTuple):
+    """A pair function as the loops take it.
+
+    Args:
+        kind: sum of ``RADIAL`` and ``SPLINE``, where it is that.
+        resolution, table: of the spline; flat.
+        reach: soft distance up to which it is used, ``(1,)``; 0 without one.
+        weights, back: of the network.
+    """
+
+    kind: int
+    resolution: int
+    reach: Array
+    table: Array
+    weights: Weights
+    back: Transposed
 
 
 @partial(uncounted, inline=True)
@@ -110,14 +128,7 @@ def _repeat(result: Array, lanes: int) -> None:
 
 
 @uncounted
-def _plane_network(
-    weights: Weights,
-    back: Transposed,
-    far: Any,
-    work: Array,
-    room: Room,
-    lanes: int,
-) -> None:
+def _plane_network(law: PairFunction, far: Any, work: Array, room: Room, lanes: int) -> None:
     """Gradient of a :class:`dynamics.potentials.DisplacementPotential` where it is out of reach."""
     inputs, sums, scratch, result = room
     zero, one, half = work.dtype.type(0), work.dtype.type(1), work.dtype.type(0.5 * SPREAD)
@@ -128,7 +139,7 @@ def _plane_network(
             x, y = work[X, lane], work[Y, lane]
             scale = (sign + sign) / (spread + np.sqrt(work[S, lane]))
             inputs[lane], inputs[LANES + lane] = scale * x, scale * y
-        input_gradient(weights, back, inputs, sums, scratch, result, lanes)
+        input_gradient(law.weights, law.back, inputs, sums, scratch, result, lanes)
         _repeat(result, lanes)
         for lane in range(LANES):
             x, y = work[X, lane], work[Y, lane]
@@ -145,14 +156,7 @@ def _plane_network(
 
 
 @uncounted
-def _radial_network(
-    weights: Weights,
-    back: Transposed,
-    far: Any,
-    work: Array,
-    room: Room,
-    lanes: int,
-) -> None:
+def _radial_network(law: PairFunction, far: Any, work: Array, room: Room, lanes: int) -> None:
     """Force along the line of a :class:`dynamics.potentials.RadialPotential`, out of reach."""
     inputs, sums, scratch, result = room
     one, two = work.dtype.type(1), work.dtype.type(2)
@@ -162,7 +166,7 @@ def _radial_network(
         r = np.sqrt(work[S, lane])
         inputs[lane] = spread * (two * (r / (near + r)) - one)
         inputs[LANES + lane] = spread * (two * (r / (wide + r)) - one)
-    input_gradient(weights, back, inputs, sums, scratch, result, lanes)
+    input_gradient(law.weights, law.back, inputs, sums, scratch, result, lanes)
     _repeat(result, lanes)
     for lane in range(LANES):
         r = np.sqrt(work[S, lane])
@@ -173,15 +177,7 @@ def _radial_network(
 
 
 @uncounted
-def ask_networks(
-    kind: int,
-    weights: Weights,
-    back: Transposed,
-    far: Any,
-    work: Array,
-    count: int,
-    room: Room,
-) -> int:
+def ask_networks(law: PairFunction, far: Any, work: Array, count: int, room: Room) -> int:
     """Gradients by the network of the pairs whose spline does not reach, or of all without one.
 
     Returns:
@@ -194,10 +190,10 @@ def ask_networks(
             out += int(not work[pair, S, lane] <= far)
         if out > 0:
             here = work[pair]
-            if kind & RADIAL:
-                _radial_network(weights, back, far, here, room, lanes)
+            if law.kind & RADIAL:
+                _radial_network(law, far, here, room, lanes)
             else:
-                _plane_network(weights, back, far, here, room, lanes)
-        if kind & SPLINE:
+                _plane_network(law, far, here, room, lanes)
+        if law.kind & SPLINE:
             asked += out
     return asked

@@ -8,6 +8,8 @@ there and back, and nothing is ever transposed. A block's sums are kept in regis
 from __future__ import annotations
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from dynamics.compiled.lanes import Array
 from loops.kernels import kernel, summing
@@ -24,6 +26,22 @@ def in_panels(matrix: Array) -> Array:
 def out_of_panels(panels: Array) -> Array:
     """Inverse of :func:`in_panels`."""
     return panels.transpose(1, 0, 2).reshape(panels.shape[1], -1)
+
+
+def in_tiles(x: Tensor, size: int = ROWS) -> Array:
+    """Rows ``(models, rows, n)`` in tiles, ``(models, tiles, size, n)``; zeros fill up the last.
+
+    It is a view of the same memory where that can be.
+    """
+    rows = x.detach().numpy()
+    if missing := -rows.shape[1] % size:
+        rows = np.pad(rows, ((0, 0), (0, missing), (0, 0)))
+    return np.ascontiguousarray(rows).reshape(len(rows), -1, size, rows.shape[2])
+
+
+def out_of_tiles(tiles: Array, like: Tensor) -> Tensor:
+    """Inverse of :func:`in_tiles`: as many rows and numbers as another tensor has."""
+    return torch.from_numpy(tiles).reshape(len(tiles), -1, like.shape[-1])[:, : like.shape[1]]
 
 
 @kernel

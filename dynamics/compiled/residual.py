@@ -140,9 +140,7 @@ def forward_rows(
     work = aligned(kept[0, 0].size, x).reshape(kept.shape[2:])
     first = aligned(work.size, x).reshape(work.shape)
     found = aligned(net.out.shape[0] * ROWS * PANEL, x).reshape((net.out.shape[0], ROWS, PANEL))
-    for row in range(ROWS):
-        for i in range(entries):
-            out[0, tile, row, i] = x[row, i]
+    out[0, tile] = x[:, :entries]
     for step in range((out.shape[0] - 1) * every):
         at = step if kept.shape[0] > 1 else 0
         if seen.shape[0] > step:
@@ -158,9 +156,7 @@ def forward_rows(
                 new = found[i // PANEL, row, i % PANEL] + net.last_bias[i]
                 x[row, i] += scale[i] * new
         if (step + 1) % every == 0:
-            for row in range(ROWS):
-                for i in range(entries):
-                    out[(step + 1) // every, tile, row, i] = x[row, i]
+            out[(step + 1) // every, tile] = x[:, :entries]
 
 
 @kernel
@@ -196,9 +192,7 @@ def backward_rows(
     on_x[:] = 0
     for step in range(seen.shape[0] - 1, -1, -1):
         if (step + 1) % every == 0:
-            for row in range(ROWS):
-                for i in range(entries):
-                    on_x[row, i] += upstream[(step + 1) // every, tile, row, i]
+            on_x[:, :entries] += upstream[(step + 1) // every, tile]
         for row in range(ROWS):
             for i in range(entries):
                 on_out[row, i] = scale[i] * on_x[row, i]
@@ -219,6 +213,4 @@ def backward_rows(
         for row in range(ROWS):
             for i in range(on_x.shape[1]):
                 on_x[row, i] += on_in[i // PANEL, row, i % PANEL]
-    for row in range(ROWS):
-        for i in range(entries):
-            on_x[row, i] += upstream[0, tile, row, i]
+    on_x[:, :entries] += upstream[0, tile]

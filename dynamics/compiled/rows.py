@@ -95,12 +95,7 @@ def _steepened(values: Array, low: Array, out: Array) -> None:
 
 @kernel
 def gradient_rows(
-    net: Layers,
-    x: Array,
-    top: Array,
-    sent: Array,
-    out: Array,
-    tiles: tuple[int, int],
+    net: Layers, x: Array, top: Array, sent: Array, out: Array, tiles: tuple[int, int]
 ) -> int:
     """Input gradients of some tiles of rows.
 

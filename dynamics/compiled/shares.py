@@ -1,4 +1,7 @@
-"""Work on several models side by side, shared among threads."""
+"""Functions of several models side by side: how they are called, shared among threads, and undone.
+
+A function's parts are tensors of models along a first axis; its ``lengths`` are plain numbers.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,58 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd import Function
 
 from dynamics.compiled.lanes import Array
 from loops.threads import in_threads
 
 Some = tuple[int, int]  # tiles, from one up to another
+
+
+def of_models(function: type[Function], lengths: tuple[Any, ...], *parts: Tensor) -> Tensor:
+    """``function(lengths, *parts)`` of one model's parts, or of all that are mapped over."""
+    if torch._C._functorch.peek_interpreter_stack() is not None:
+        return _Mapped.apply(function, lengths, *parts)
+    return function.apply(lengths, *(x.unsqueeze(0) for x in parts)).squeeze(0)
+
+
+class _Mapped(Function):
+    """A function of one model; of several that are mapped over, each with its own weights."""
+
+    @staticmethod
+    def forward(function: type[Function], lengths: tuple[Any, ...], *parts: Tensor) -> Tensor:
+        return of_models(function, lengths, *parts)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        """Nothing is kept here: what :meth:`vmap` calls has its own way back."""
+
+    @staticmethod
+    def vmap(
+        info: Any,
+        dims: tuple[Any, ...],
+        function: type[Function],
+        lengths: tuple[Any, ...],
+        *parts: Tensor,
+    ) -> tuple[Tensor, int]:
+        """All models in one call."""
+        each = (
+            part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
+            for part, dim in zip(parts, dims[2:], strict=True)
+        )
+        return function.apply(lengths, *each), 0
+
+
+def by_twin(
+    twin: Callable[..., Tensor], given: Sequence[Tensor], upstream: Tensor
+) -> list[Tensor | None]:
+    """The way back of ``twin(*given)``, in plain torch: another derivative can go through it."""
+    again = torch.is_grad_enabled()
+    needed = [tensor for tensor in given if tensor.requires_grad]
+    with torch.enable_grad():
+        found = torch.autograd.grad(twin(*given), needed, upstream, create_graph=again)
+    left = iter(found)
+    return [next(left) if tensor.requires_grad else None for tensor in given]
 
 
 def shares(which: Some, tiles: int) -> Iterator[tuple[int, Some]]:

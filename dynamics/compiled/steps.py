@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.compiled.lanes import TILE, Array, Transposed, Weights
+from dynamics.compiled.lanes import TILE, Array
 from dynamics.compiled.pairs import (
     ALONG,
     GX,
     LANES,
     RADIAL,
     SPLINE,
+    PairFunction,
     Room,
     S,
     X,
@@ -136,12 +137,7 @@ def sum_of(q: Array, p: Array) -> Any:
 
 @uncounted
 def steps(
-    kind: int,
-    resolution: int,
-    reach: Array,
-    table: Array,
-    weights: Weights,
-    back: Transposed,
+    law: PairFunction,
     block: tuple[Array, Array, Array, Array],
     shaped: tuple[Array, Array, Array],
     weight: Array,
@@ -158,10 +154,7 @@ def steps(
     """Leapfrog steps (kick, drift, kick) of a block.
 
     Args:
-        kind: sum of ``RADIAL`` and ``SPLINE``, where it is that.
-        resolution, table: of the spline.
-        reach: soft distance up to which it is used, ``(1,)``; 0 without one.
-        weights, back: of the network.
+        law: of each pair.
         block: q, p, the force and 1 / m of all coordinates, flat.
         shaped: q, p and the force again, ``(bodies, 2, LANES)``.
         weight: c(G) s_i s_j, ``(pairs, LANES)``.
@@ -180,6 +173,7 @@ def steps(
     q, p, force, loose = block
     of_q, of_p, of_force = shaped
     bodies, asked, parts = of_q.shape[0], 0, dts.shape[0]
+    kind, reach = law.kind, law.reach
     far = reach[0] * reach[0]
     large = out.nbytes > CACHED and count == LANES and out.shape[4] % LANES == 0
     # Before the first step comes one of no length, which finds the first force.
@@ -193,12 +187,12 @@ def steps(
                 _apart(of_q, i, j, box, work, pair)
                 out_of_reach |= _measured(work, pair, far, seen)
                 if kind == RADIAL + SPLINE:
-                    radial_spline(resolution, table, work, pair)
+                    radial_spline(law.resolution, law.table, work, pair)
                 elif kind == SPLINE:
-                    plane_spline(resolution, far, table, work, pair)
+                    plane_spline(law.resolution, far, law.table, work, pair)
                 pair += 1
         if out_of_reach:
-            asked += ask_networks(kind, weights, back, far, work, count, room)
+            asked += ask_networks(law, far, work, count, room)
         pair = 0
         for i in range(bodies):
             for j in range(i + 1, bodies):

@@ -18,9 +18,9 @@ from torch.nn.functional import linear, silu
 
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
-from dynamics.compiled.panels import PANEL, ROWS
+from dynamics.compiled.panels import PANEL, ROWS, in_tiles, out_of_tiles
 from dynamics.compiled.residual import Net, backward_rows, forward_rows, net_of, weights_of
-from dynamics.compiled.shares import Some, on_weights, shares
+from dynamics.compiled.shares import Some, by_twin, of_models, on_weights, shares
 from dynamics.mlp import MLP
 from loops.threads import in_threads
 
@@ -42,15 +42,13 @@ def unrolled(
         States, ``(stored + 1, rows, entries)``.
     """
     weights = [x for layer in network.layers for x in layer.parameters()]
-    given = scale, torch.cat([start, known], -1), *weights
-    if torch._C._functorch.peek_interpreter_stack() is not None:
-        return _Mapped.apply(stored, every, *given)
-    return _Unrolled.apply(stored, every, *(x.unsqueeze(0) for x in given)).squeeze(0)
+    rows = torch.cat([start, known], -1)
+    return of_models(_Unrolled, (stored, every), scale, rows, *weights)
 
 
-def plainly(stored: int, every: int, scale: Tensor, x: Tensor, *weights: Tensor) -> Tensor:
+def plainly(lengths: tuple[int, int], scale: Tensor, x: Tensor, *weights: Tensor) -> Tensor:
     """The same by torch's own operations, of models along a first axis; see :class:`_Unrolled`."""
-    found = []
+    (stored, every), found = lengths, []
     for model in range(len(x)):
         size, now = scale[model], x[model]
         layers = [(w[model], b[model]) for w, b in zip(weights[::2], weights[1::2], strict=True)]
@@ -67,29 +65,6 @@ def plainly(stored: int, every: int, scale: Tensor, x: Tensor, *weights: Tensor)
     return torch.stack(found)
 
 
-class _Mapped(Function):
-    """The same for several models side by side, each with its own weights."""
-
-    @staticmethod
-    def forward(stored: int, every: int, *parts: Tensor) -> Tensor:
-        return _Unrolled.apply(stored, every, *(x.unsqueeze(0) for x in parts)).squeeze(0)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        """Nothing is kept here: what :meth:`vmap` calls has its own way back."""
-
-    @staticmethod
-    def vmap(
-        info: Any, dims: tuple[Any, ...], stored: int, every: int, *parts: Tensor
-    ) -> tuple[Tensor, int]:
-        """All models in one call."""
-        each = (
-            part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
-            for part, dim in zip(parts, dims[2:], strict=True)
-        )
-        return _Unrolled.apply(stored, every, *each), 0
-
-
 class _Unrolled(Function):
     """Of models along a first axis.
 
@@ -99,11 +74,13 @@ class _Unrolled(Function):
 
     @staticmethod
     def forward(
-        ctx: Any, stored: int, every: int, scale: Tensor, x: Tensor, *weights: Tensor
+        ctx: Any, lengths: tuple[int, int], scale: Tensor, x: Tensor, *weights: Tensor
     ) -> Tensor:
+        stored, every = lengths
         parts = [w.detach().numpy() for w in weights]
         nets = [net_of(list(p[::2]), list(p[1::2])) for p in zip(*parts, strict=True)]
-        sizes, rows = np.ascontiguousarray(scale.detach().numpy()), _in_tiles(x)
+        # A copy: the loops move the rows on where they lie.
+        sizes, rows = np.ascontiguousarray(scale.detach().numpy()), in_tiles(x).copy()
         models, tiles = rows.shape[:2]
         steps = stored * every
         back = any(ctx.needs_input_grad)
@@ -126,20 +103,20 @@ class _Unrolled(Function):
         in_threads(part, models * tiles)
         if back:
             ctx.save_for_backward(scale, x, *weights)
-            ctx.lengths, ctx.nets, ctx.seen, ctx.hidden = (stored, every), nets, seen, hidden
+            ctx.lengths, ctx.nets, ctx.seen, ctx.hidden = lengths, nets, seen, hidden
         return torch.from_numpy(out).reshape(models, stored + 1, -1, sizes.shape[1])[
             :, :, : x.shape[1]
         ]
 
     @staticmethod
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
-        if torch.is_grad_enabled() or ctx.needs_input_grad[2]:  # the loops know none of the sizes
-            return None, None, *_by_twin(ctx, upstream)
+        if torch.is_grad_enabled() or ctx.needs_input_grad[1]:  # the loops know none of the sizes
+            return None, *by_twin(partial(plainly, ctx.lengths), ctx.saved_tensors, upstream)
         nets, seen, hidden, every = ctx.nets, ctx.seen, ctx.hidden.array, ctx.lengths[1]
         scale, x, *weights = ctx.saved_tensors
         sizes = np.ascontiguousarray(scale.numpy())
         models, tiles = seen.shape[:2]
-        above = _in_tiles(upstream.flatten(0, 1)).reshape(models, -1, tiles, ROWS, sizes.shape[1])
+        above = in_tiles(upstream.flatten(0, 1)).reshape(models, -1, tiles, ROWS, sizes.shape[1])
         on_x = np.empty((models, tiles, ROWS, x.shape[2]), seen.dtype)
 
         def back(model: int, some: Some, total: Net) -> None:
@@ -150,30 +127,10 @@ class _Unrolled(Function):
                 )
 
         form = partial(_in_torchs_form, units=weights[0].shape[1])
-        found = on_weights(nets, tiles, back, form)
-        on_rows = torch.from_numpy(on_x).reshape(models, -1, x.shape[2])[:, : x.shape[1]]
-        return None, None, None, on_rows, *found
-
-
-def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
-    """The way back by the twin, through which another derivative can go."""
-    given, again = ctx.saved_tensors, torch.is_grad_enabled()
-    needed = [tensor for tensor in given if tensor.requires_grad]
-    with torch.enable_grad():
-        states = plainly(*ctx.lengths, *given)
-        left = iter(torch.autograd.grad(states, needed, upstream, create_graph=again))
-    return [next(left) if tensor.requires_grad else None for tensor in given]
+        return None, None, out_of_tiles(on_x, x), *on_weights(nets, tiles, back, form)
 
 
 def _in_torchs_form(totals: list[Net], units: int) -> list[Array]:
     """Gradients of the weights, summed over threads, as torch keeps the weights."""
     whole = Net(*(sum(x[1:], x[0]) for x in zip(*totals, strict=True)))
     return list(chain.from_iterable(zip(*weights_of(whole, units), strict=True)))
-
-
-def _in_tiles(x: Tensor) -> Array:
-    """Rows in tiles of their own, the last filled up with zeros, ``(models, tiles, ROWS, ...)``."""
-    rows, count = x.detach().numpy(), x.shape[1]
-    tiles = np.zeros((len(rows), -(-count // ROWS) * ROWS, rows.shape[2]), rows.dtype)
-    tiles[:, :count] = rows
-    return tiles.reshape(len(rows), -1, ROWS, rows.shape[2])

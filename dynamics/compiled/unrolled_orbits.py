@@ -17,10 +17,10 @@ from torch.autograd import Function
 from dynamics.compiled.gradient import in_torchs_form, plain_gradient
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
-from dynamics.compiled.orbits import LANES, backward_blocks, forward_blocks
-from dynamics.compiled.panels import PANEL, ROWS
+from dynamics.compiled.orbits import LANES, Law, Trace, backward_blocks, forward_blocks
+from dynamics.compiled.panels import PANEL, ROWS, in_tiles
 from dynamics.compiled.rows import Layers, layers
-from dynamics.compiled.shares import Some, on_weights, shares
+from dynamics.compiled.shares import Some, by_twin, of_models, on_weights, shares
 from dynamics.pairs import pair_indices
 from dynamics.potentials import REACH, SPREAD, DisplacementPotential, soft_length, unsquashed
 from loops.threads import in_threads
@@ -50,11 +50,7 @@ def unrolled(
         States, ``(episodes, stored + 1, 2 * bodies * 2)``.
     """
     weights = [x for layer in potential.phi.layers for x in layer.parameters()][:-1]
-    lengths = stored, every, dt
-    if torch._C._functorch.peek_interpreter_stack() is not None:
-        return _Mapped.apply(lengths, start, told, *weights)
-    given = (x.unsqueeze(0) for x in (start, told, *weights))
-    return _Unrolled.apply(lengths, *given).squeeze(0)
+    return of_models(_Unrolled, (stored, every, dt), start, told, *weights)
 
 
 def plainly(lengths: Lengths, start: Tensor, told: Tensor, *weights: Tensor) -> Tensor:
@@ -84,29 +80,6 @@ def plainly(lengths: Lengths, start: Tensor, told: Tensor, *weights: Tensor) -> 
     return torch.stack(states, -2)
 
 
-class _Mapped(Function):
-    """The same for several models side by side, each with its own weights."""
-
-    @staticmethod
-    def forward(lengths: Lengths, *parts: Tensor) -> Tensor:
-        return _Unrolled.apply(lengths, *(x.unsqueeze(0) for x in parts)).squeeze(0)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        """Nothing is kept here: what :meth:`vmap` calls has its own way back."""
-
-    @staticmethod
-    def vmap(
-        info: Any, dims: tuple[Any, ...], lengths: Lengths, *parts: Tensor
-    ) -> tuple[Tensor, int]:
-        """All models in one call."""
-        each = (
-            part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
-            for part, dim in zip(parts, dims[1:], strict=True)
-        )
-        return _Unrolled.apply(lengths, *each), 0
-
-
 class _Unrolled(Function):
     """Of models along a first axis: ``(models, episodes, ...)``, and likewise the weights."""
 
@@ -121,6 +94,7 @@ class _Unrolled(Function):
         states, mobility, weight = map(_in_blocks, (start, told[..., :bodies], told[..., bodies:]))
         models, blocks, pairs, _ = weight.shape
         states, real = states.reshape(models, blocks, 2, -1, LANES), states.dtype.type
+        laws = [Law(*law, real(dt), every) for law in zip(mobility, weight, strict=True)]
         steps, back = stored * every + 1, any(ctx.needs_input_grad)
         places = np.empty((models, blocks, steps, 2 * bodies, LANES), real)
         slopes = np.empty((models, blocks, steps, pairs, ROWS, 2), real)
@@ -128,39 +102,28 @@ class _Unrolled(Function):
         kept = Kept((2, models, blocks, steps, *shape), real) if back else None
         out = np.empty((models, blocks, stored + 1, 2, 2 * bodies, LANES), real)
 
+        def trace(model: int, hidden: Array) -> Trace:
+            return Trace(places[model], slopes[model], *hidden)
+
         def part(which: Some) -> int:
             spare = np.empty((2, 1, 1, *shape), real)
             for model, some in shares(which, blocks):
-                top, sent = spare if kept is None else kept.array[:, model]
-                forward_blocks(
-                    nets[model],
-                    states[model],
-                    mobility[model],
-                    weight[model],
-                    real(dt),
-                    every,
-                    places[model],
-                    slopes[model],
-                    top,
-                    sent,
-                    out[model],
-                    some,
-                )
+                left = trace(model, spare if kept is None else kept.array[:, model])
+                forward_blocks(nets[model], laws[model], states[model], left, out[model], some)
             return 0
 
         in_threads(part, models * blocks)
         if kept is not None:
             ctx.save_for_backward(start, told, *weights)
-            ctx.lengths, ctx.nets, ctx.law = lengths, nets, (mobility, weight)
-            ctx.places, ctx.slopes, ctx.kept = places, slopes, kept
+            ctx.lengths, ctx.nets, ctx.laws, ctx.kept = lengths, nets, laws, kept
+            ctx.traces = [trace(model, kept.array[:, model]) for model in range(models)]
         found = out.reshape(models, blocks, stored + 1, size, LANES).transpose(0, 1, 4, 2, 3)
         return torch.from_numpy(found.reshape(models, -1, stored + 1, size)[:, : start.shape[1]])
 
     @staticmethod
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
         if torch.is_grad_enabled() or ctx.needs_input_grad[2]:  # the loops know but weights, start
-            return None, *_by_twin(ctx, upstream)
-        (_, every, dt), nets, (mobility, weight) = ctx.lengths, ctx.nets, ctx.law
+            return None, *by_twin(partial(plainly, ctx.lengths), ctx.saved_tensors, upstream)
         start, _, first, *_ = ctx.saved_tensors
         above = _in_blocks(upstream.flatten(2))
         models, blocks = above.shape[:2]
@@ -169,42 +132,17 @@ class _Unrolled(Function):
         on_start = np.empty((models, blocks, 2, 2 * bodies, LANES), real)
 
         def back(model: int, some: Some, total: Layers) -> None:
-            backward_blocks(
-                nets[model],
-                mobility[model],
-                weight[model],
-                real(dt),
-                every,
-                ctx.places[model],
-                ctx.slopes[model],
-                *ctx.kept.array[:, model],
-                above[model],
-                on_start[model],
-                total,
-                some,
-            )
+            given = ctx.nets[model], ctx.laws[model], ctx.traces[model], above[model]
+            backward_blocks(*given, on_start[model], total, some)
 
         form = partial(in_torchs_form, units=first.shape[1], inputs=first.shape[2])
-        found = on_weights(nets, blocks, back, form)
+        found = on_weights(ctx.nets, blocks, back, form)
         lanes = on_start.reshape(models, blocks, -1, LANES).transpose(0, 1, 3, 2)
         on_rows = torch.from_numpy(lanes.reshape(models, -1, 4 * bodies)[:, : start.shape[1]])
         return None, on_rows, None, *found
 
 
-def _by_twin(ctx: Any, upstream: Tensor) -> list[Tensor | None]:
-    """The way back by the twin, through which another derivative can go."""
-    given, again = ctx.saved_tensors, torch.is_grad_enabled()
-    needed = [tensor for tensor in given if tensor.requires_grad]
-    with torch.enable_grad():
-        states = plainly(ctx.lengths, *given)
-        left = iter(torch.autograd.grad(states, needed, upstream, create_graph=again))
-    return [next(left) if tensor.requires_grad else None for tensor in given]
-
-
 def _in_blocks(rows: Tensor) -> Array:
     """``(models, episodes, x)`` in blocks, the last filled up with zeros, ``(..., x, LANES)``."""
-    x = rows.detach().numpy()
-    if missing := -x.shape[1] % LANES:
-        x = np.pad(x, ((0, 0), (0, missing), (0, 0)))
     # Always a copy: the loops move the start on where it lies.
-    return np.array(x.reshape(len(x), -1, LANES, x.shape[2]).transpose(0, 1, 3, 2), order="C")
+    return np.array(in_tiles(rows, LANES).transpose(0, 1, 3, 2), order="C")

@@ -97,8 +97,8 @@ def test_a_state_that_is_not_finite_is_seen_on_the_way(far):
 def test_what_lay_in_memory_before_does_not_matter(name):
     """A pair's work is not cleared; no number may come of it but through the network."""
     potential = case(name)[0].potential
-    kind, _, reach, _, weights, back = cpu.packed(potential, torch.empty(1))
-    units, layers = weights.biases.shape[1], weights.biases.shape[0]
+    law = cpu.packed(potential, torch.empty(1))
+    layers, units = law.weights.biases.shape
     room = [np.zeros(size, np.float32) for size in (8 * 64, 8 * 32, 0, 8 * 64)]
     room[2] = np.zeros((2 * layers, units * 64), np.float32)
     found = []
@@ -106,8 +106,8 @@ def test_what_lay_in_memory_before_does_not_matter(name):
         work = np.full((1, pairs.ROWS, pairs.LANES), lain, np.float32)
         work[0, pairs.X], work[0, pairs.Y] = 0.3, np.linspace(-1, 1, pairs.LANES)
         work[0, pairs.S] = work[0, pairs.X] ** 2 + work[0, pairs.Y] ** 2 + 0.05**2
-        far = np.float32(reach[0] ** 2)
-        pairs.ask_networks(kind, weights, back, far, work, pairs.LANES, tuple(room))
+        far = np.float32(law.reach[0] ** 2)
+        pairs.ask_networks(law, far, work, pairs.LANES, tuple(room))
         found.append(work[0, pairs.GX])
     assert np.isfinite(found[0]).all()
     np.testing.assert_array_equal(*found)

@@ -27,7 +27,7 @@ def case(rows=70, entries=6, conditions=2, width=40, dtype=torch.float64):
 def twin(network, scale, start, known):
     weights = [w.unsqueeze(0) for w in network.parameters()]
     rows = torch.cat([start, known], -1).unsqueeze(0)
-    return plainly(STORED, EVERY, scale.unsqueeze(0), rows, *weights).squeeze(0)
+    return plainly((STORED, EVERY), scale.unsqueeze(0), rows, *weights).squeeze(0)
 
 
 def close(found, wanted, tolerance=1e-12):
