@@ -26,7 +26,7 @@ mutate: $(READY)
 setup: $(READY)
 
 # A changed pyproject.toml rebuilds the environment from nothing; uv only speeds the download.
-$(READY): pyproject.toml
+$(READY): pyproject.toml tests/foreign/pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "error: $(PYTHON) is older than 3.11; call make with PYTHON=python3.11 or newer"; exit 2; }
 	@$(PYTHON) -c 'import ensurepip' || \
@@ -35,4 +35,5 @@ $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet uv
 	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python --editable ".[test]"
+	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python --no-deps --editable tests/foreign
 	touch $(READY)

@@ -11,11 +11,20 @@ from torch import Tensor
 
 from dynamics.state import Parameters
 
+
+def _linear(g: Tensor) -> Tensor:
+    return g
+
+
+def _cubic(g: Tensor) -> Tensor:
+    return g**3
+
+
 COUPLINGS: dict[str, Callable[[Tensor], Tensor]] = {
-    "linear": lambda g: g,
+    "linear": _linear,
     "even": torch.abs,
     "quadratic": torch.square,
-    "cubic": lambda g: g**3,
+    "cubic": _cubic,
 }
 
 

@@ -149,6 +149,11 @@ class Registry(Mapping[str, T], Generic[T]):
         known = {id(each): name for name, each in self._parts.items()}
         return given.get(path) or known.get(id(part), path)
 
+    def ours(self) -> tuple[str, ...]:
+        """Names of our own parts."""
+        foreign = self.foreign()
+        return tuple(name for name in self if name not in foreign)
+
     def foreign(self) -> tuple[str, ...]:
         """Names of the parts that are not ours."""
         tops = {_top(module) for module in self._modules.values()}
@@ -158,6 +163,16 @@ class Registry(Mapping[str, T], Generic[T]):
             for name in self
             if _top(self._modules.get(name, "")) not in ours and not self.source(name).ours
         )
+
+    def home(self, name: str) -> Path:
+        """The folder, or the one file, of the package that a part comes from.
+
+        Raises:
+            RegistryError: there is none of this name, or it cannot be imported.
+        """
+        self[name]
+        file = Path(str(sys.modules[_top(self._modules[name])].__file__)).resolve()
+        return file.parent if file.name == "__init__.py" else file
 
     def sources(self, *names: str) -> dict[str, str]:
         """Where those of these parts come from that are not ours, for a record."""

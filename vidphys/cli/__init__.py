@@ -26,6 +26,7 @@ VERBS = {
     "trade": ("TradeConfig", "measure speed against accuracy here, and choose from it"),
     "stress": ("StressConfig", "run the extremes: each sound, warned of or refused"),
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
+    "parts": ("PartsConfig", "list every part by name, also those of installed packages"),
     "doctor": ("DoctorConfig", "say what this machine has"),
 }
 # numpy's matrices here are small; its threads only wait for each other, and where something else

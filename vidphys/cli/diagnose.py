@@ -172,6 +172,7 @@ def _is_clip(path: Path) -> bool:
 
 
 def _about(config: DiagnoseConfig) -> dict[str, Any]:
+    from vidphys.data.formats import sources_of
     from vidphys.runs.atomic import sha256
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
@@ -182,6 +183,7 @@ def _about(config: DiagnoseConfig) -> dict[str, Any]:
         "seeds": [0],
         "input": config.input.name,
         "input_sha256": sha256(config.input),
+        "sources": sources_of(config.input),
     }
 
 

@@ -19,13 +19,17 @@ class LadderConfig(StudyOptions):
 
     Args:
         out: the run folder; the same command again goes on where it was.
-        cells: rungs, or rung/head; all if none is named.
+        cells: rungs, or rung/head, where a rung is also any encoder by name or as
+            package.module:factory; all rungs if none is named.
         heads: heads of every named rung, instead of the rung's own.
+        scene: what is asked about, by a name of `vidphys parts` or package.module:factory; the
+            study's own where none is named.
     """
 
     out: Path = Path("runs/ladder")
     cells: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
+    scene: str = ""
 
 
 def ladder(config: LadderConfig) -> int:
@@ -39,16 +43,18 @@ def ladder(config: LadderConfig) -> int:
             head, or another run in the folder.
     """
     config = with_profile(config, "ladder")
-    from vidphys.experiments.ladder import LADDER, cells_of
+    from vidphys.experiments.ladder import LADDER, cells_of, sources_of
     from vidphys.experiments.study import settings_of, units_of
     from vidphys.runs.folder import RunFolder
 
     sizes, seeds = config.sizes()
     if config.device == "cuda":
         raise InputError("--device cuda: the ladder computes on the CPU; use --device cpu")
-    with option("--cells, --heads"):
-        units = units_of([LADDER], seeds, cells_of(config.cells, config.heads))
+    with option("--cells, --heads, --scene"):
+        cells = cells_of(config.cells, config.heads, config.scene)
+        units = units_of([LADDER], seeds, cells)
     settings = settings_of("ladder", config.preset, sizes, units, [LADDER])
+    settings["sources"] = sources_of(cells)
     run = RunFolder.open(config.out, settings, config.overwrite)
     with run.locked(), Console(config.quiet, len(units), "ladder") as console:
         failed = run_units(run, units, sizes, config, console)

@@ -58,16 +58,14 @@ class StudyOptions:
 
 @contextmanager
 def option(name: str) -> Iterator[None]:
-    """Say of which option a name is unknown.
+    """Say of which option a value is wrong.
 
     Raises:
         InputError: in place of the library's error.
     """
-    from registry import UnknownName
-
     try:
         yield
-    except UnknownName as error:
+    except ValueError as error:
         raise InputError(f"{name}: {error}") from error
 
 

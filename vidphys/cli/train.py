@@ -185,6 +185,7 @@ def _about(
     from binders import BINDERS
     from encoders.frozen import ENCODERS
     from readouts import READOUTS
+    from vidphys.data.formats import sources_of
     from vidphys.reading.clip_dynamics import FACTORED, UNSTRUCTURED
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
@@ -200,6 +201,7 @@ def _about(
             **ENCODERS.sources(config.encoder),
             **READOUTS.sources(config.readout),
             **BINDERS.sources(config.binder or MOTION),
+            **sources_of(*dataset.paths),
         },
     }
 

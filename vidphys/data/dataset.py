@@ -77,8 +77,12 @@ class Dataset:
     @property
     def hashes(self) -> dict[str, str]:
         """SHA-256 of every file."""
-        paths = [p for f in self.files for p in (f.path, f.labels) if p is not None]
-        return {path.name: sha256(path) for path in paths}
+        return {path.name: sha256(path) for path in self.paths}
+
+    @property
+    def paths(self) -> list[Path]:
+        """Of the clips and their labels."""
+        return [p for f in self.files for p in (f.path, f.labels) if p is not None]
 
 
 def find_dataset(path: Path) -> Dataset:

@@ -6,14 +6,15 @@ heads share one perception.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from binders import Tracks
 from dynamics import HEADS, Head, Rollout, to_config
-from registry import unknown
+from encoders.frozen import ENCODERS
+from renderers.worlds import PALETTE
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.bars import rows_of
 from vidphys.experiments.core.cell import Cell, CellTask, Table, Unit
@@ -24,9 +25,10 @@ from vidphys.experiments.core.trained import train_cell
 from vidphys.experiments.pixels.momentum import MOMENTUM, MomentumReadout
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell, Scored
 from vidphys.experiments.pixels.seen import Perceived, pixel_scene
-from vidphys.perception.catalogue import ORACLE, RUNGS
+from vidphys.perception.base import Grounding
+from vidphys.perception.catalogue import ORACLE, RUNGS, rung_of
 from vidphys.runs import checkpoint
-from vidphys.scenes import Scene, gravity
+from vidphys.scenes import SCENES, Scene, gravity
 
 NAME = "ladder"
 ALL_HEADS = (
@@ -45,11 +47,11 @@ def oracle_scene() -> Scene:
     return gravity("gaussian")
 
 
-def oracle_cell(head: str) -> Cell:
-    """A cell that trains a head on true states and starts it from one."""
+def oracle_cell(head: str, of: Callable[[], Scene] = oracle_scene) -> Cell:
+    """A cell that trains a head on true states of a scene and starts it from one."""
 
     def run(task: CellTask) -> None:
-        scene, done = oracle_scene(), set()
+        scene, done = of(), set()
         try:
             for seed, trained, recorder in train_cell(task, head, HEADS[head], scene):
                 asked = partial(held_out_question, scene, task.sizes.held_out, seed)
@@ -120,11 +122,14 @@ class Rungs(Mapping[str, Cell]):
     """The cells ``rung/head``: of any rung and head by name, and all that are compared in order."""
 
     def __getitem__(self, name: str) -> Cell:
-        rung, _, head = name.partition("/")
-        if head not in HEADS:
-            raise unknown("head", head, HEADS)
-        grounding = RUNGS[rung]
-        return oracle_cell(head) if grounding is ORACLE else RungCell(grounding, (head,))
+        rung, head, scene = parts_of(name)
+        HEADS[head]  # an unknown one is named before any work
+        grounding = rung_of(rung)
+        own = oracle_scene if grounding is ORACLE else pixel_scene
+        of = SCENES[scene] if scene else own
+        if why := why_not(grounding, of()):
+            raise ValueError(f"scene {scene} cannot be asked on rung {rung}: {why}")
+        return oracle_cell(head, of) if grounding is ORACLE else RungCell(grounding, (head,), of)
 
     def __iter__(self) -> Iterator[str]:
         return iter(cells_of())
@@ -136,22 +141,57 @@ class Rungs(Mapping[str, Cell]):
 CELLS = Rungs()
 
 
-def cells_of(names: Sequence[str] = (), heads: Sequence[str] = ()) -> tuple[str, ...]:
+def parts_of(cell: str) -> tuple[str, str, str]:
+    """Rung, head and scene of ``rung/head@scene``; no scene means the study's own."""
+    rung, _, rest = cell.partition("/")
+    head, _, scene = rest.partition("@")
+    return rung, head, scene
+
+
+def why_not(rung: Grounding, scene: Scene) -> str:
+    """Why a rung's pictures cannot show a scene; empty where they can."""
+    if rung is ORACLE:
+        return ""
+    if scene.space != 2:
+        return f"it has {scene.space} dimension(s), and pictures show a plane"
+    if scene.box is not None:
+        return "its bodies leave a periodic box at one side and come in at the other"
+    if rung.world == "rgb" and scene.bodies > len(PALETTE):
+        return f"it has {scene.bodies} bodies, and there are {len(PALETTE)} colours"
+    return ""
+
+
+def sources_of(cells: Sequence[str]) -> dict[str, str]:
+    """Where the parts of cells come from that are not ours, for ``run.json``."""
+    found: dict[str, str] = {}
+    for rung, head, scene in map(parts_of, cells):
+        found |= HEADS.sources(head) | (SCENES.sources(scene) if scene else {})
+        found |= (RUNGS if rung in RUNGS else ENCODERS).sources(rung)
+    return found
+
+
+def cells_of(
+    names: Sequence[str] = (), heads: Sequence[str] = (), scene: str = ""
+) -> tuple[str, ...]:
     """Cells by name.
 
     Args:
         names: rungs or ``rung/head``; all rungs if none is named.
         heads: of every rung named without one, instead of the rung's own.
+        scene: that they are asked about, in place of the study's own.
 
     Raises:
-        UnknownName: a rung or a head; the nearest spelling is given.
+        UnknownName: a rung, a head or a scene; the nearest spelling is given.
+        ValueError: a rung cannot show the scene.
     """
+    at = f"@{scene}" if scene else ""
     found: list[str] = []
-    for name in names or RUNGS:
+    filmed = SCENES[scene]() if scene else pixel_scene()
+    for name in names or (name for name, rung in RUNGS.items() if not why_not(rung, filmed)):
         rung, _, head = name.partition("/")
         own = ALL_HEADS if rung in FULL else TWINS
-        found += [f"{rung}/{h}" for h in ([head] if head else heads or own)]
-    if names or heads:
+        found += [f"{rung}/{h}{at}" for h in ([head] if head else heads or own)]
+    if names or heads or scene:
         for name in found:
             CELLS[name]
     return tuple(dict.fromkeys(found))
@@ -185,7 +225,7 @@ LADDER = Ladder.told(
         "scene": oracle_scene().settings,
         "oldest_training_start_steps": OLDEST,
         "pixel_scene": pixel_scene().settings,
-        "heads": {name: to_config(term) for name, term in HEADS.items()},
+        "heads": {name: to_config(HEADS[name]) for name in HEADS.ours()},
         "references": {row.cell: float(row.paper) for row in rows_of(NAME)},
     },
     apart=True,

@@ -6,12 +6,13 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from registry import Registry
+from encoders.frozen import ENCODERS, load_encoder
+from registry import Registry, unknown
 from vidphys.perception.anonymous import ANONYMOUS_GROUNDINGS
 from vidphys.perception.base import FitTask, Grounding, Perception
 from vidphys.perception.channel_groundings import CHANNEL_GROUNDINGS
 from vidphys.perception.composed import COMPOSED_GROUNDINGS
-from vidphys.perception.frozen import FROZEN_GROUNDINGS
+from vidphys.perception.frozen import FROZEN_GROUNDINGS, rung_over
 from vidphys.perception.palette import PALETTE_GROUNDING
 from vidphys.perception.slots import SLOT_GROUNDINGS
 from vidphys.shooting.initial_state import ShootingSettings
@@ -34,6 +35,26 @@ for rung in (
     *COMPOSED_GROUNDINGS,
 ):
     RUNGS.register(rung.name, rung)
+
+
+def rung_of(name: str) -> Grounding:
+    """The rung of a name, or over the encoder of a name: disks of other colours, and its features.
+
+    Args:
+        name: of a rung or an encoder, or ``package.module:attribute`` of either.
+
+    Raises:
+        UnknownName: there is neither.
+        ValueError: the encoder cannot be made.
+    """
+    if name in RUNGS:
+        return RUNGS[name]
+    if name not in ENCODERS and ":" not in name:
+        raise unknown(RUNGS.what, name, (*RUNGS, *ENCODERS.foreign()))
+    part: Any = ENCODERS[name]
+    if isinstance(part, Grounding):
+        return part
+    return rung_over(name, name, video=load_encoder(name, {}).frames_per_feature > 1)
 
 
 def rung_settings(rungs: Iterable[Grounding]) -> dict[str, Any]:

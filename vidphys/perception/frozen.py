@@ -242,7 +242,7 @@ def _train(
     return refined
 
 
-def _rung(
+def rung_over(
     name: str,
     encoder: str,
     video: bool,
@@ -259,14 +259,14 @@ def _rung(
 
 
 FROZEN_GROUNDINGS = [
-    _rung("hiera", "hiera", video=False),
+    rung_over("hiera", "hiera", video=False),
     # its first stage, shown each frame twice, looks a frame back and two ahead
-    _rung("i3d", "i3d", video=True, together=4, layer="Conv3d_1a_7x7", resolution=64, shown=2),
-    _rung("dino-tiny", "dino-tiny", video=False, batch=8),
-    _rung("videomae-tiny", "videomae-tiny", video=True, batch=8),
-    _rung("vjepa2-tiny", "vjepa2-tiny", video=True, batch=8),
-    _rung("dinov2", "dinov2-small", video=False),
-    _rung("videomae", "videomae-base", video=True),
-    _rung("videomae-pooled", "videomae-base", video=True, pooled=True),
-    *(_rung(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g", "ac")),
+    rung_over("i3d", "i3d", video=True, together=4, layer="Conv3d_1a_7x7", resolution=64, shown=2),
+    rung_over("dino-tiny", "dino-tiny", video=False, batch=8),
+    rung_over("videomae-tiny", "videomae-tiny", video=True, batch=8),
+    rung_over("vjepa2-tiny", "vjepa2-tiny", video=True, batch=8),
+    rung_over("dinov2", "dinov2-small", video=False),
+    rung_over("videomae", "videomae-base", video=True),
+    rung_over("videomae-pooled", "videomae-base", video=True, pooled=True),
+    *(rung_over(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g", "ac")),
 ]

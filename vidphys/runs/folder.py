@@ -29,7 +29,7 @@ from vidphys.runs.records import write_table
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")  # lists
-RUNGS = "rungs"  # the settings of each, by name
+NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a foreign part is from
 MADE_BY = b"code_version"  # in the metadata of a part's tables
 FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
 FILES = (
@@ -93,8 +93,8 @@ class RunFolder:
                 for key in GROWING:
                     union = {*manifest["settings"][key], *settings[key]}
                     manifest["settings"][key] = sorted(union)
-                if RUNGS in settings:
-                    manifest["settings"].setdefault(RUNGS, {}).update(settings[RUNGS])
+                for key in settings.keys() & set(NAMED):
+                    manifest["settings"].setdefault(key, {}).update(settings[key])
                 run._tell_mixed_code(manifest)
                 write_json(run.manifest_path, manifest)
                 return run
@@ -229,11 +229,13 @@ class RunFolder:
 
 def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
     """Whether two settings are of one run, as JSON gives them back: tuples and lists are equal."""
-    (was, rungs), (now, more) = (
-        ({k: v for k, v in each.items() if k not in (*GROWING, RUNGS)}, each.get(RUNGS, {}))
-        for each in json.loads(json.dumps([old, new]))
-    )
-    return was == now and all(rungs[name] == more[name] for name in rungs.keys() & more)
+    old, new = json.loads(json.dumps([old, new]))
+    for key in NAMED:
+        was, now = old.get(key, {}), new.get(key, {})
+        if any(was[name] != now[name] for name in was.keys() & now):
+            return False
+    kept = ({k: v for k, v in each.items() if k not in (*GROWING, *NAMED)} for each in (old, new))
+    return next(kept) == next(kept)
 
 
 def _surroundings() -> dict[str, Any]:

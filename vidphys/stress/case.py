@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 SOUND, WARNED, REFUSED, SILENT, SKIPPED = "sound", "warned", "refused", "silently wrong", "skipped"
 ANY_HONEST = (SOUND, WARNED, REFUSED)
@@ -24,6 +25,8 @@ class Case:
         integrator, dtype, path: of the evaluation.
         figure: id of the reliability figure that the cell belongs to, e.g. ``A12``.
         must: the verdicts that the figure allows.
+        home: folder of the package that the part is of, where it is not ours: its clear errors
+            are refusals too.
     """
 
     axis: str
@@ -37,6 +40,7 @@ class Case:
     path: str = "eager"
     figure: str = ""
     must: tuple[str, ...] = ANY_HONEST
+    home: Path | None = None
 
     @property
     def name(self) -> str:

@@ -19,6 +19,7 @@ from vidphys.stress import (
     compiled,
     contacts,
     crowds,
+    foreign,
     inputs,
     learned,
     long,
@@ -79,6 +80,8 @@ def families(sizes: StressSizes) -> dict[str, list[Case]]:
         "energy-balance": balance.energy_balance(),
         "input": inputs.inputs(),
     }
+    if strange := list(foreign.parts()):
+        made["foreign"] = strange
     if sizes.long_steps:
         made["long"] = long.long_rollouts(sizes.long_steps)
     return {name: _thinned(list(cases), sizes) for name, cases in made.items()}
@@ -86,7 +89,7 @@ def families(sizes: StressSizes) -> dict[str, list[Case]]:
 
 def _thinned(cases: list[Case], sizes: StressSizes) -> list[Case]:
     # A whole family of promises is cheap, and each of its cells is another promise.
-    every = 1 if cases[0].axis.startswith("method") else sizes.every
+    every = 1 if cases[0].axis.startswith(("method", "foreign")) else sizes.every
     kept = [c for c in cases if c.axis not in HEAVY or c.value <= sizes.largest]
     return kept[::every]
 
@@ -144,7 +147,7 @@ def _origin(case: Case) -> Origin:
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:
-    case = {k: v for k, v in vars(outcome.case).items() if k != "run"}
+    case = {k: v for k, v in vars(outcome.case).items() if k not in ("run", "home")}
     case["must"] = list(outcome.case.must)
     return {
         **case,

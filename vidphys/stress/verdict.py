@@ -52,7 +52,7 @@ def judge(case: Case) -> Outcome:
         except Skip as reason:
             verdict, said = SKIPPED, str(reason)
         except Exception as failure:  # noqa: BLE001 (a cell must not end the matrix)
-            verdict = REFUSED if is_clear(failure) else SILENT
+            verdict = REFUSED if is_clear(failure, case.home) else SILENT
             said = f"{type(failure).__name__}: {failure}"
     if error is not None:
         names = {w.category.__name__ for w in caught if issubclass(w.category, DynamicsWarning)}
@@ -62,10 +62,11 @@ def judge(case: Case) -> Outcome:
     return Outcome(case, verdict, error, said[:300], time.process_time() - began)
 
 
-def is_clear(failure: Exception) -> bool:
-    """Whether our own code refused, with a sentence: not a library that stumbled."""
+def is_clear(failure: Exception, home: Path | None = None) -> bool:
+    """Whether our code, or the part's own package, refused with a sentence: no library stumbled."""
     last = Path(traceback.extract_tb(failure.__traceback__)[-1].filename).resolve()
-    ours = any(last.is_relative_to(HOME / stage) for stage in STAGES)
+    homes = [HOME / stage for stage in STAGES] + ([] if home is None else [home])
+    ours = any(last.is_relative_to(folder) for folder in homes)
     stress = last.is_relative_to(HOME / "vidphys" / "stress")
     kinds = (*CLEAR, RuntimeError)
     return ours and not stress and isinstance(failure, kinds) and len(str(failure)) > 20

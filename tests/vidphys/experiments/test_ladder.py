@@ -6,6 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from registry import UnknownName
+from tests.shared.small_studies import TINY
 from vidphys.cli import ladder as verb
 from vidphys.errors import InputError
 from vidphys.experiments.core.bars import rows_of
@@ -13,24 +14,8 @@ from vidphys.experiments.ladder import ALL_HEADS, LADDER, TWINS, cells_of
 from vidphys.experiments.pixels import pixel_cell
 from vidphys.experiments.study import run_unit, settings_of, units_of
 from vidphys.perception.catalogue import RUNGS
-from vidphys.presets import OracleSizes, PixelSizes, Preset, preset
+from vidphys.presets import OracleSizes, preset
 from vidphys.runs.folder import RunFolder
-
-TINY = Preset(
-    seeds=1,
-    oracle=OracleSizes(32, 12, 64, (5e-3,), 4),
-    pixel=PixelSizes(
-        clips=10,
-        frames=9,
-        stride=40,
-        context=7,
-        image=32,
-        perception_steps=3,
-        perception_batch=8,
-        track_steps=4,
-        held_out=4,
-    ),
-)
 
 
 def quiet(_stage, _step, _steps):

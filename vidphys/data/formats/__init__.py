@@ -8,6 +8,7 @@ from vidphys.data.formats.base import (
     TrackFormat,
     format_of,
     read_recording,
+    sources_of,
     suffixes_of,
 )
 from vidphys.data.formats.opencv import read_clip
@@ -29,5 +30,6 @@ __all__ = [
     "TrackFormat",
     "format_of",
     "read_recording",
+    "sources_of",
     "suffixes_of",
 ]

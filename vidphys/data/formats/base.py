@@ -123,3 +123,9 @@ def read_recording(
         return format.read(path, columns or {}, interval)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def sources_of(*paths: Path) -> dict[str, str]:
+    """Where the formats of files come from that are not ours, for a record."""
+    first = (next((n for n, f in FORMATS.items() if f.sniff(path)), None) for path in paths)
+    return FORMATS.sources(*sorted({name for name in first if name}))

@@ -134,7 +134,8 @@ class PixelCell:
         )
         try:
             torch.manual_seed(derive(seed, "init", head))
-            model = build(HEADS[head], scene.bodies, HEAD_DT)
+            sizes = scene.bodies, HEAD_DT, scene.space, scene.conditions
+            model = build(HEADS[head], *sizes)
             question, rolled = train_and_score(model, readout, track_task, perceived, reading)
         except FloatingPointError:
             score_lost(reading, task.pixel.held_out)
