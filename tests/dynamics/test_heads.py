@@ -44,7 +44,7 @@ from tests.shared.problems import three_bodies
 
 ACTIVATIONS = (TANH, SOFTPLUS, SILU)
 BODIES, DT = 3, 0.002
-HAMILTONIAN_HEADS = tuple(k for k, v in HEADS.items() if isinstance(v, terms.Hamiltonian))
+HAMILTONIAN_HEADS = tuple(k for k in HEADS.ours() if isinstance(HEADS[k], terms.Hamiltonian))
 PAIR_HEADS = ("factored", "factored-radial", "factored-learned-kinetic")
 
 PAIR_POTENTIALS: dict[str, Callable[[], PairPotential]] = {
@@ -67,7 +67,7 @@ each_activation = pytest.mark.parametrize("activation", ACTIVATIONS)
 each_pair_potential = pytest.mark.parametrize("name", PAIR_POTENTIALS)
 each_potential = pytest.mark.parametrize("name", POTENTIALS)
 each_kinetic = pytest.mark.parametrize("name", KINETICS)
-each_head = pytest.mark.parametrize("name", HEADS)
+each_head = pytest.mark.parametrize("name", HEADS.ours())
 each_hamiltonian_head = pytest.mark.parametrize("name", HAMILTONIAN_HEADS)
 in_float64 = pytest.mark.usefixtures("float64")
 

@@ -16,7 +16,7 @@ from dynamics import HEADS, Hamiltonian, Parameters, PhaseState, build, rollout,
 from dynamics.terms import TERMS, Term, from_config, to_config
 
 FLAT = json.loads((Path(__file__).parent / "data" / "flat_terms.json").read_text())
-OURS = tuple(TERMS)
+OURS = TERMS.ours()
 NEEDED = {
     terms.Trap: {"stiffness": 2.0},
     terms.Shortcut: {"beside": (terms.Radial(), terms.Uniform())},
@@ -27,7 +27,7 @@ NEEDED = {
         "normal": (0.0, -1.0),
     },
 }
-each_head = pytest.mark.parametrize("name", HEADS)
+each_head = pytest.mark.parametrize("name", HEADS.ours())
 
 
 def example(kind: type[Term], **changes) -> Term:

@@ -60,22 +60,22 @@ def test_models_of_joints_pass(name: str) -> None:
     check_head(terms.TERMS[name](), bodies=2, space=1)
 
 
-@pytest.mark.parametrize("name", HEADS)
+@pytest.mark.parametrize("name", HEADS.ours())
 def test_every_head_of_ours_passes(name: str) -> None:
     check_head(HEADS[name])
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SCENES.ours())
 def test_every_scene_passes(name: str) -> None:
     check_scene(name)
 
 
-@pytest.mark.parametrize("name", READOUTS)
+@pytest.mark.parametrize("name", READOUTS.ours())
 def test_every_readout_passes(name: str) -> None:
     check_readout(name)
 
 
-@pytest.mark.parametrize("name", BINDERS)
+@pytest.mark.parametrize("name", BINDERS.ours())
 def test_every_binder_passes(name: str) -> None:
     check_binder(name)
 
