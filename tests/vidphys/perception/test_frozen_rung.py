@@ -155,8 +155,10 @@ def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypa
     monkeypatch.setattr(RunFolder, "join", lambda self: None)
     monkeypatch.setattr("vidphys.cli.ladder.publish", lambda run: run.path)
     assert main(["ladder", "--cells", "hiera", "--out", str(run), "--quiet"]) == 0
-    (entry,) = parts.manifest()["skipped"]
-    assert entry == {"cell": "hiera seed 0", "reason": "skipped: no weights; fetch them"}
+    assert parts.manifest()["skipped"] == [
+        {"cell": f"ladder/hiera/{head}", "reason": "skipped: no weights; fetch them"}
+        for head in ("factored", "unstructured")
+    ]
     assert "skipped: no weights" in capsys.readouterr().err
 
 
