@@ -43,6 +43,7 @@ def ladder(config: LadderConfig) -> int:
             head, or another run in the folder.
     """
     config = with_profile(config, "ladder")
+    from dynamics import HEADS
     from vidphys.experiments.ladder import LADDER, cells_of, sources_of
     from vidphys.experiments.study import settings_of, units_of
     from vidphys.runs.folder import RunFolder
@@ -50,7 +51,10 @@ def ladder(config: LadderConfig) -> int:
     sizes, seeds = config.sizes()
     if config.device == "cuda":
         raise InputError("--device cuda: the ladder computes on the CPU; use --device cpu")
-    with option("--cells, --heads, --scene"):
+    for head in config.heads:
+        with option(f"--heads {head}"):
+            HEADS[head]
+    with option("--cells, --scene"):
         cells = cells_of(config.cells, config.heads, config.scene)
         units = units_of([LADDER], seeds, cells)
     settings = settings_of("ladder", config.preset, sizes, units, [LADDER])

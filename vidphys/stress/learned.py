@@ -19,7 +19,7 @@ FARTHER = (1.0, 10.0, 1e2, 1e3, 1e6, 1e12)  # times the states of training
 BODIES, EPISODES, STEPS = 3, 4, 20
 ROUNDING = 1e-4
 FAMILIES: dict[str, HeadTerm] = {
-    **HEADS,
+    **{name: HEADS[name] for name in HEADS.ours()},
     "knots": terms.Hamiltonian(potentials=(terms.Knots(knots=6),)),
     "shortcut": terms.Hamiltonian(potentials=(terms.Shortcut((terms.Displacement(),)),)),
     "trapped": terms.Hamiltonian(potentials=(terms.Displacement(), terms.Trap(1.0))),
