@@ -3,13 +3,12 @@
 |         | ladder              | train           | extract         | diagnose    | stress |
 |---------|---------------------|-----------------|-----------------|-------------|--------|
 | encoder | rung edges/screened | --encoder edges | --encoder edges | reads none  | a row  |
-| term    | in the head         | its own heads*  | has no dynamics | its menu*   | a row  |
+| term    | in the head         | in the head     | has no dynamics | its menu*   | a row  |
 | scene   | --scene             | its clips       | its clips       | its tracks  | a row  |
 | format  | reads no files      | .stack, .trk    | .stack          | .trk        | none*  |
 
-`train` fits the heads of its chart, and `diagnose` weighs the terms of its menu, so that a term
-comes in there by a specification, which `fit` trains. The matrix of `stress` has no file to ask a
-format about; ``check_format`` asks it here.
+`diagnose` weighs the terms of its menu; a specification may name any, and `fit` trains it. The
+matrix of `stress` has no file to ask a format about; ``check_format`` asks it here.
 """
 
 from __future__ import annotations
@@ -139,14 +138,20 @@ def test_extract_by_path_and_a_wrong_option(
 
 @pytest.mark.parametrize("which", ["rendered", "strange"])
 def test_train(which: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    """Encoder, scene and both formats."""
+    """Encoder, term, scene and both formats."""
     run, store = tmp_path / "run", tmp_path / "store"
     quick = ["--readout", "attention", "--steps", "12", "--head-steps", "4", "--shift", "1"]
-    where = ["--encoder", "edges", "--store", str(store), "--out", str(run), "--quiet"]
-    assert main(["train", str(request.getfixturevalue(which)), *quick, *where]) == 0
+    where = ["--store", str(store), "--out", str(run), "--quiet"]
+    mine = ["--encoder", "edges", "--heads", "screened"]
+    assert main(["train", str(request.getfixturevalue(which)), *quick, *mine, *where]) == 0
     found = settings(run)["sources"]
     formats = {"format stack": SOURCE, "format trk": SOURCE} if which == "strange" else {}
-    assert found == {"encoder edges": SOURCE, **formats}
+    assert found == {"encoder edges": SOURCE, "head screened": SOURCE, **formats}
+    clip = next(
+        p for p in request.getfixturevalue(which).rglob("00000*") if format_of(p, ClipFormat)
+    )
+    rolled = ["--head", "screened", "--beyond", "0.2", "--out", str(tmp_path / "on"), "--quiet"]
+    assert main(["rollout", str(run), str(clip), *rolled]) == 0
 
 
 def test_diagnose(strange: Path, tmp_path: Path) -> None:

@@ -61,7 +61,8 @@ def fit(config: FitConfig) -> None:
         InputError: a table or a specification that cannot be read, or that do not belong together;
             options that make no sense; another run in the folder.
     """
-    from dynamics.terms import to_config
+    from dynamics.terms import TERMS, to_config
+    from vidphys.data.formats import sources_of
     from vidphys.diagnose.explanations.specification import read_specification
     from vidphys.diagnose.recordings.release import free_frames
     from vidphys.diagnose.recordings.tables import read_tracks
@@ -81,6 +82,7 @@ def fit(config: FitConfig) -> None:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
     motion = motion.cut(*free_frames(motion))
     end = round(config.train_share * motion.positions.shape[1])
+    names = {TERMS.name_of(type(part)) for part in term.parts()}
     about = {
         **{key: value for key, value in asdict(config).items() if key not in ELSEWHERE},
         "experiment": "fit",
@@ -88,6 +90,7 @@ def fit(config: FitConfig) -> None:
         "seeds": [config.seed],
         "sha256": [sha256(config.tracks), sha256(config.specification)],
         "terms": to_config(term),
+        "sources": sources_of(config.tracks) | TERMS.sources(*names),
     }
     run = RunFolder.open(config.out, about, config.overwrite)
     with run.locked(), Console(config.quiet, 1, "fit") as console:

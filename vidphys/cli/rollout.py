@@ -37,7 +37,7 @@ class RolloutConfig:
         beyond: seconds to roll past the last frame.
         coupling: also roll under this coupling in place of the one that held.
         no_friction: also roll without the friction that was learned.
-        head: the model that rolls: factored, or its twin unstructured.
+        head: the model that rolls: factored, its twin unstructured, or another of the training.
         start: first frame that is read.
         stop: frame to stop before, from which it is rolled on.
         rate: frames per second, in place of the container's time stamps.
@@ -54,7 +54,7 @@ class RolloutConfig:
     beyond: float = 3.0
     coupling: float | None = None
     no_friction: bool = False
-    head: Literal["factored", "unstructured"] = "factored"
+    head: str = "factored"
     start: int = 0
     stop: int | None = None
     rate: float | None = None

@@ -68,6 +68,7 @@ class TrainConfig(SeeingOptions):
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
             shadow rather than a body; 0.6, and 1 where bodies differ from it in brightness alone.
         train_share: of the clips that is trained on; of a single clip, its first part.
+        heads: trained beside factored and its twin unstructured; `vidphys parts` names them.
         head_steps: optimiser steps of each dynamics head.
         friction: whether the factored head has friction; auto leaves it out where the data set
             says that it has none.
@@ -96,6 +97,7 @@ class TrainConfig(SeeingOptions):
     bodies: int | None = None
     shadow: float | None = None
     train_share: float = 0.6
+    heads: tuple[str, ...] = ()
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
     beyond: float = 3.0
@@ -183,6 +185,7 @@ def _about(
 ) -> dict[str, Any]:
     """What makes the run this run, for ``run.json``."""
     from binders import BINDERS
+    from dynamics import HEADS
     from encoders.frozen import ENCODERS
     from readouts import READOUTS
     from vidphys.data.formats import sources_of
@@ -192,7 +195,7 @@ def _about(
     return {
         **given,
         "experiment": "train",
-        "cells": [f"clip/{FACTORED}", f"clip/{UNSTRUCTURED}"],
+        "cells": [f"clip/{name}" for name in (FACTORED, UNSTRUCTURED, *config.heads)],
         "readout_seeds": given.pop("seeds"),
         "seeds": [config.seed],
         "identities": [asdict(encoder.network.identity) for encoder in encoders.values()],
@@ -201,6 +204,7 @@ def _about(
             **ENCODERS.sources(config.encoder),
             **READOUTS.sources(config.readout),
             **BINDERS.sources(config.binder or MOTION),
+            **HEADS.sources(*config.heads),
             **sources_of(*dataset.paths),
         },
     }
@@ -223,8 +227,8 @@ def _settings(config: TrainConfig) -> TrainSettings:
     sizes = {size: getattr(config, option) for option, size in SIZES.items()}
     tried = {size: values for size, values in sizes.items() if values}
     grid = Grid(config.readout, tried, config.learning_rates, seeds)
-    how = config.mirrors, config.selection, config.train_share, config.head_steps, config.seed
-    return TrainSettings(readout, grid, *how)
+    how = config.mirrors, config.selection, config.train_share, config.head_steps
+    return TrainSettings(readout, grid, *how, config.heads, config.seed)
 
 
 def _train(

@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 
 from binders.tracks import Tracks
+from dynamics import HEADS
 from encoders.features import FeatureMap
 from encoders.store import FeatureStore
 from readouts.kinds import MapShape
@@ -46,6 +47,7 @@ class TrainSettings:
         selection: frames of each clip.
         share: of the clips (of a single clip's frames) that is trained on.
         head_steps: of each head's optimiser.
+        heads: of :data:`dynamics.HEADS`, trained beside the two that the scene asks for.
         seed: of batch orders and heads.
     """
 
@@ -55,6 +57,7 @@ class TrainSettings:
     selection: ClipSelection = ClipSelection()
     share: float = 0.6
     head_steps: int = 400
+    heads: tuple[str, ...] = ()
     seed: int = 0
 
 
@@ -179,6 +182,7 @@ def understand(
     chart = chart_of(torch.cat(places))
     samples = sample(followed, known, chart)
     terms = terms_of(chart, perceived.reader.bodies, friction)
+    terms |= {name: HEADS[name] for name in settings.heads}
     heads = {}
     for name, each in terms.items():
         save_to = None if folder is None else folder / name
