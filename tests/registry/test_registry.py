@@ -45,6 +45,7 @@ def test_an_unknown_name_says_what_there_is(shapes):
 
 def test_an_import_path_is_a_name(shapes):
     assert shapes["pathlib:Path.cwd"]() is not None
+    assert not {"pathlib:Path.cwd"} & {*shapes.foreign(), *shapes.ours()}
     with pytest.raises(ValueError, match="shape 'pathlib:Pat': .* cannot be imported"):
         shapes["pathlib:Pat"]
     with pytest.raises(ValueError, match="No module named 'no_such_module'"):
