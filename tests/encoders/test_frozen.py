@@ -336,7 +336,7 @@ def test_extract_refuses_bad_input(
         (ExtractConfig((clip,), out, weights=tmp_path), "vidphys weights fetch hiera"),
         (ExtractConfig((clip,), out, weights=folder, resolution=70), "multiple of 32"),
         (ExtractConfig((clip,), out, weights=folder, stride=0), "stride 0"),
-        (ExtractConfig((clip,), out, weights=folder, device="cuda"), "--device cuda: .*use --dev"),
+        (ExtractConfig((clip,), out, weights=folder, device="cuda"), "`device` cuda: .*use cpu"),
     ]:
         with pytest.raises(InputError, match=message) as caught:
             extract(config)

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vidphys.experiments.catalogue import TABLES
-from vidphys.experiments.core.figures import DRIFT, Panel, Sweep
+from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.runs.records import RECORD_SCHEMA
 from viz.margins import DECADES, margin_figure
 from viz.results import ALONG_STEPS, drift_along_steps, write_results
@@ -126,6 +126,7 @@ def error(cell, value, coupling=None, seed=0, horizon=150):
     return drift(cell, horizon, value, seed) | {"metric": "inversion_nmse", "coupling": coupling}
 
 
+DRIFT = Panel("energy_drift_median", "energy drift, 2,000 steps", horizon=2000)
 ERROR = Panel("inversion_nmse", "error")
 
 

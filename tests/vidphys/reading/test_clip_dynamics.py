@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from binders import Tracks
-from dynamics import Parameters, rollout
+from dynamics import Parameters, rollout, terms
 from vidphys.data.charts import Curve, Plane, chart_from_config, chart_of
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import (
@@ -141,10 +141,11 @@ def test_a_forecast_beats_standing_still_and_the_law_can_be_changed(coarse):
 
 def test_only_bodies_in_a_plane_have_a_pair_law_and_friction_can_be_left_out():
     curve = chart_of(pendulum().positions[0])
-    assert terms_of(curve, 1, True)["factored"].potential == "linear"
-    assert terms_of(Plane(), 1, True)["factored"].potential == "linear"
+    assert terms_of(curve, 1, True)["factored"].potentials == (terms.Mapped(width=32),)
+    assert terms_of(Plane(), 1, True)["factored"].potentials == (terms.Mapped(),)
+    assert terms.Mapped().features == "linear"
     pair = terms_of(Plane(), 3, False)["factored"]
-    assert pair.potential == "displacement" and pair.ports == ()
+    assert pair.potentials == (terms.Displacement(),) and pair.ports == ()
 
 
 def test_a_start_needs_the_rate_of_the_training_and_three_samples():
