@@ -121,12 +121,8 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Names: registered ones in their order, then those of installed packages.
-
-        A part that was once asked for by its import path has no name to be listed under.
-        """
-        named = (name for name in self._parts if ":" not in name)
-        return iter(dict.fromkeys([*named, *sorted(self._installed.names)]))
+        """Names: registered ones in their order, then those of installed packages."""
+        return iter(dict.fromkeys([*self._parts, *sorted(self._installed.names)]))
 
     def __contains__(self, name: object) -> bool:
         return any(name == known for known in self)
@@ -156,16 +152,18 @@ class Registry(Mapping[str, T], Generic[T]):
     def ours(self) -> tuple[str, ...]:
         """Names of our own parts."""
         foreign = self.foreign()
-        return tuple(name for name in self if name not in foreign)
+        return tuple(name for name in self if ":" not in name and name not in foreign)
 
     def foreign(self) -> tuple[str, ...]:
-        """Names of the parts of other packages."""
+        """Names of the parts of other packages, but for those asked for by an import path."""
         tops = {_top(module) for module in self._modules.values()}
         ours = {top for top in tops if _of_module(top).ours}  # each looked up once: it takes long
         return tuple(
             name
             for name in self
-            if _top(self._modules.get(name, "")) not in ours and not self.source(name).ours
+            if ":" not in name
+            and _top(self._modules.get(name, "")) not in ours
+            and not self.source(name).ours
         )
 
     def home(self, name: str) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from encoders.frozen import ENCODERS, load_encoder
+from encoders.frozen import load_encoder
 from registry import RegistryError
 
 NUMBERS = itertools.count()
@@ -54,7 +54,6 @@ def test_a_plain_encoder_is_called_with_floats_a_clip_at_a_time(stranger: Path) 
     assert found.values.shape == (2, 3, 3, 4, 6) and encoder.frames_per_feature == 1
     assert torch.equal(found.values[1:], encoder(frames[1:].float() / 255, times).values)
     assert told == [(3, 6), (6, 6)]
-    assert not any(":" in name for name in ENCODERS)
 
 
 @pytest.mark.parametrize(
