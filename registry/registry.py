@@ -113,7 +113,8 @@ class Registry(Mapping[str, T], Generic[T]):
                 raise unknown(self.what, name, self)
         strange = [entry for entry in entries if _top(entry.module) != _top(self._modules[name])]
         if strange or len(entries) > 1:
-            givers = {str(_of(entry)) for entry in entries} | {str(_of_module(self._modules[name]))}
+            givers = {str(self._giver(entry)) for entry in entries}
+            givers |= {str(self._owner(self._modules[name]))}
             raise RegistryError(
                 f"{self.what} '{name}': given by {' and by '.join(sorted(givers))}; "
                 "uninstall one, or name it as package.module:attribute"
@@ -138,9 +139,9 @@ class Registry(Mapping[str, T], Generic[T]):
         """
         entries = self._entries(name)
         if entries and name not in self._modules:
-            return _of(entries[0])
+            return self._giver(entries[0])
         self[name]
-        return _of_module(self._modules[name])
+        return self._owner(self._modules[name])
 
     def name_of(self, part: Any) -> str:
         """The name of a part that a module defines; its import path where it has no other."""
@@ -156,15 +157,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def foreign(self) -> tuple[str, ...]:
         """Names of the parts of other packages, but for those asked for by an import path."""
-        tops = {_top(module) for module in self._modules.values()}
-        ours = {top for top in tops if _of_module(top).ours}  # each looked up once: it takes long
-        return tuple(
-            name
-            for name in self
-            if ":" not in name
-            and _top(self._modules.get(name, "")) not in ours
-            and not self.source(name).ours
-        )
+        return tuple(name for name in self if ":" not in name and not self.source(name).ours)
 
     def home(self, name: str) -> Path:
         """The folder, or the one file, of the package that a part comes from.
@@ -185,6 +178,25 @@ class Registry(Mapping[str, T], Generic[T]):
     def _installed(self) -> importlib.metadata.EntryPoints:
         """Of installed packages; read once, for it takes milliseconds."""
         return importlib.metadata.entry_points(group=self.group)
+
+    @cached_property
+    def _owners(self) -> Mapping[str, list[str]]:
+        """Distributions by top-level package; read once, for it takes a tenth of a second."""
+        return importlib.metadata.packages_distributions()
+
+    def _giver(self, entry: importlib.metadata.EntryPoint) -> Source:
+        if entry.dist is None:
+            return self._owner(entry.module)
+        return Source(entry.dist.name, entry.dist.version)
+
+    def _owner(self, module: str) -> Source:
+        """The distribution whose top-level package a module lies in; else the module itself."""
+        names = self._owners.get(_top(module), ())
+        if not names:
+            file = getattr(sys.modules.get(module), "__file__", None)
+            code = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12] if file else ""
+            return Source(module, code)
+        return Source(names[0], importlib.metadata.version(names[0]))
 
     def _entries(self, name: str) -> list[importlib.metadata.EntryPoint]:
         return list(self._installed.select(name=name))
@@ -209,23 +221,6 @@ def unknown(what: str, name: str, known: Iterable[str]) -> UnknownName:
     near = difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ";"
     return UnknownName(f"unknown {what} '{name}'{hint} Known: {', '.join(names)}")
-
-
-def _of(entry: importlib.metadata.EntryPoint) -> Source:
-    if entry.dist is None:
-        return _of_module(entry.module)
-    return Source(entry.dist.name, entry.dist.version)
-
-
-def _of_module(module: str) -> Source:
-    """The distribution whose top-level package a module lies in; else the module itself."""
-    top = _top(module)
-    names = importlib.metadata.packages_distributions().get(top, ())
-    if not names:
-        file = getattr(sys.modules.get(module), "__file__", None)
-        code = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12] if file else ""
-        return Source(module, code)
-    return Source(names[0], importlib.metadata.version(names[0]))
 
 
 def _top(module: str) -> str:
