@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.options import MOTION, make_binder, refuse
+from vidphys.cli.options import MOTION, given_columns, make_binder, refuse, require_file
 from vidphys.cli.profiles import with_profile
 from vidphys.errors import InputError
 
@@ -43,10 +43,11 @@ class DiagnoseConfig:
     that model), the tracks of a clip, a figure and a recording for `vidphys view`.
 
     Args:
-        input: a table (CSV, Parquet, NPZ, motion-capture text) of times and positions, or a clip
-            whose moving bodies a hand-made binder follows.
+        input: a table of times and positions (numbers between commas, semicolons, tabs or blanks;
+            Parquet, NPZ, MATLAB; a project of Tracker), or a clip whose moving bodies a hand-made
+            binder follows.
         out: the run folder.
-        columns: what columns of a table are, where their names do not tell (x1=LEFT time=T_S), or
+        columns: what columns of a table are, where their names do not tell (x1=LEFT time[ms]=T), or
             which of its bodies are looked at (x=x2 y=y2).
         interval: seconds between frames, where the table has no times.
         angles: the coordinates are joint angles in radians; told by names like theta otherwise.
@@ -91,13 +92,14 @@ def diagnose(config: DiagnoseConfig) -> None:
         InputError: an input that cannot be read or is too short, options that make no sense, or
             another run in the folder.
     """
+    if not 0 <= config.hold_out < 1:
+        raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
+    given = given_columns(config.columns)
+    _check(config)
     config = with_profile(config, "diagnose")
     from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
 
-    if not 0 <= config.hold_out < 1:
-        raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
-    given = _given(config.columns)
     points = [] if config.trade is None else _measured(config.trade)
     loaded, frames = _load(config, given)
     about = {**_about(config), "trade": sorted(point.key for point in points)}
@@ -129,19 +131,24 @@ def _measured(folder: Path) -> list[Point]:
     return load_points(folder)
 
 
-def _given(columns: tuple[str, ...]) -> dict[str, str]:
-    pairs = {}
-    for text in columns:
-        role, sign, name = text.partition("=")
-        if not (role and sign and name):
-            raise InputError(f"--columns {text}: write ROLE=NAME, for example x=PosX or time=T")
-        pairs[role] = name
-    return pairs
+def _check(config: DiagnoseConfig) -> None:
+    """Whether the input is there and its options fit it, before anything slow is imported."""
+    from vidphys.data.formats import FORMATS
+
+    if _is_clip(config.input):
+        refuse(config, ("columns", "interval", "angles"), f"{config.input} is a clip, not a table")
+        if (config.binder, config.bodies, config.shadow) != (None, None, None):
+            make_binder(config.binder, config.bodies, config.shadow)
+    else:
+        refuse(config, ("binder", "bodies", "shadow", "rate"), f"{config.input} is not a clip")
+    require_file(config.input, "give a table of tracks or a clip")
+    if not any(f.sniff(config.input) for f in FORMATS.values()):
+        known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
+        raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
 
 
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
     """The tracks, and the pictures where there are any."""
-    from vidphys.data.formats import FORMATS
     from vidphys.diagnose.recordings.tables import Loaded, read_tracks
 
     if _is_clip(config.input):
@@ -149,20 +156,15 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
         from vidphys.diagnose.recordings.clips import follow_clip
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
-        refuse(config, ("columns", "interval", "angles"), f"{config.input} is a clip, not a table")
         binder = make_binder(config.binder, config.bodies, config.shadow)
         motion, video, notes = follow_clip(config.input, selection, binder)
         return Loaded(motion, False, notes), video.frames
-    if config.input.is_file() and not any(f.sniff(config.input) for f in FORMATS.values()):
-        known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
-        raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
-    refuse(config, ("binder", "bodies", "shadow", "rate"), f"{config.input} is not a clip")
     loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
-    return Loaded(motion, loaded.angles, loaded.notes), None
+    return replace(loaded, motion=motion), None
 
 
 def _is_clip(path: Path) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.options import given_columns, require_file
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,9 +31,10 @@ class FitConfig:
     What the training has not seen is foretold, and scored beside bodies that stay where they were.
 
     Args:
-        tracks: a table of times and positions (CSV, Parquet, NPZ, motion-capture text).
+        tracks: a table of times and positions, of any kind that `vidphys diagnose` reads.
         specification: the file of that name which `vidphys diagnose` wrote of it.
         out: the run folder.
+        columns: what columns of the table are, as `vidphys diagnose` was told.
         start: first frame that is used.
         stop: frame to stop before.
         train_share: of the frames that is trained on, from the first.
@@ -45,6 +47,7 @@ class FitConfig:
     tracks: Annotated[Path, tyro.conf.Positional]
     specification: Path
     out: Path = Path("runs/fit")
+    columns: tuple[str, ...] = ()
     start: int = 0
     stop: int | None = None
     train_share: float = 0.6
@@ -61,6 +64,13 @@ def fit(config: FitConfig) -> None:
         InputError: a table or a specification that cannot be read, or that do not belong together;
             options that make no sense; another run in the folder.
     """
+    if config.steps < 1:
+        raise InputError(f"--steps {config.steps}: must be at least 1")
+    if not 0 < config.train_share <= 1:
+        raise InputError(f"--train-share {config.train_share}: must be above 0 and at most 1")
+    given = given_columns(config.columns)
+    require_file(config.tracks, "give a table of tracks")
+    require_file(config.specification, "`vidphys diagnose` writes one")
     from dynamics.terms import TERMS, to_config
     from vidphys.data.formats import sources_of
     from vidphys.diagnose.explanations.specification import read_specification
@@ -70,12 +80,8 @@ def fit(config: FitConfig) -> None:
     from vidphys.runs.atomic import sha256
     from vidphys.runs.folder import RunFolder
 
-    if config.steps < 1:
-        raise InputError(f"--steps {config.steps}: must be at least 1")
-    if not 0 < config.train_share <= 1:
-        raise InputError(f"--train-share {config.train_share}: must be above 0 and at most 1")
     term, held = read_specification(config.specification)
-    motion = read_tracks(config.tracks, interval=float(held["interval_seconds"])).motion
+    motion = read_tracks(config.tracks, given, float(held["interval_seconds"])).motion
     try:
         motion = motion.cut(config.start, config.stop)
     except ValueError as error:

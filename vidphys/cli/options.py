@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vidphys.errors import InputError
@@ -28,6 +30,35 @@ def refuse(config: Any, names: Iterable[str], why: str) -> None:
     for name in names:
         if getattr(config, name) not in (None, (), False):
             raise InputError(f"{option(name)}: would have no effect: {why}; leave it away")
+
+
+def require_file(path: Path, instead: str) -> None:
+    """Refuse a file that is not there, with the nearest name that is.
+
+    Raises:
+        InputError: no such file.
+    """
+    if path.is_file():
+        return
+    beside = path.parent.iterdir() if path.parent.is_dir() else ()
+    near = difflib.get_close_matches(path.name, [each.name for each in beside], 1)
+    also = f"did you mean {path.with_name(near[0])}?" if near else instead
+    raise InputError(f"{path}: no such file; {also}")
+
+
+def given_columns(columns: Iterable[str]) -> dict[str, str]:
+    """What ``--columns`` says: the name of a table's column, by the role that it has.
+
+    Raises:
+        InputError: not ROLE=NAME.
+    """
+    pairs = {}
+    for text in columns:
+        role, sign, name = text.partition("=")
+        if not (role and sign and name):
+            raise InputError(f"--columns {text}: write ROLE=NAME, for example x=PosX or time[ms]=T")
+        pairs[role] = name
+    return pairs
 
 
 def make_binder(name: str | None, bodies: int | None, shadow: float | None) -> Binder:

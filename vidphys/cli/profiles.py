@@ -6,8 +6,6 @@ import sys
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from vidphys.trade.profile import TAKES, read_profile, under_profile
-
 
 class _Profiled(Protocol):
     @property
@@ -24,7 +22,11 @@ def with_profile(config: Config, verb: str) -> Config:
         InputError: see :func:`vidphys.trade.profile.under_profile`.
     """
     path = config.profile
-    if path is None or verb in TAKES:
+    if path is None:
+        return config
+    from vidphys.trade.profile import TAKES, read_profile, under_profile
+
+    if verb in TAKES:
         return under_profile(config, path, verb)
     fronts = sorted({point.front for point in read_profile(path).points})
     print(

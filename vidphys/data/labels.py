@@ -30,7 +30,8 @@ def labels_beside(clip: Path) -> Path | None:
         InputError: there are two.
     """
     beside = (path for path in map(clip.with_suffix, suffixes_of(TrackFormat)) if path.is_file())
-    found = [path for path in beside if format_of(path, TrackFormat) is not None]
+    formats = ((path, format_of(path, TrackFormat)) for path in beside)
+    found = [path for path, format in formats if format is not None and format.beside_clips]
     if len(found) > 1:
         raise InputError(f"{clip}: has two files of labels, {found[0].name} and {found[1].name}")
     return found[0] if found else None

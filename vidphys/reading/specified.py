@@ -14,6 +14,7 @@ from dynamics import Head, Parameters, build, rollout
 from dynamics.fields import UniformField
 from dynamics.friction import Friction
 from dynamics.terms import Bath, HeadTerm
+from vidphys.diagnose.recordings.evened import evened
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
 from vidphys.progress import Progress
@@ -94,16 +95,17 @@ def train_specified(
 
     Args:
         term, held: see :func:`vidphys.diagnose.explanations.specification.read_specification`.
-        motion: evenly spaced tracks.
+        motion: the tracks; frames that are not evenly spaced are read off a spline at even times.
         end: frame to stop before.
         steps: optimiser steps.
         seed: of initial weights and batch order.
         progress: called as ``(step, steps, loss)``.
 
     Raises:
-        InputError: tracks of another scene, frames that are not even, or a heat bath.
+        InputError: tracks of another scene, or a heat bath.
     """
     _check(term, held, motion)
+    motion, end = _evened(motion, end)
     units = Units.of(motion)
     origin = np.asarray(held["origin"]) / units.length
     motion, term = units.motion(motion), term.counted_in(units.length, units.seconds)
@@ -134,11 +136,18 @@ def _check(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> None:
             f"fit: the specification is of {held['bodies']} bodies in {held['space']} "
             f"dimensions, the tracks are of {motion.bodies} in {motion.space}"
         )
-    gaps = np.diff(motion.times, axis=1)
-    if np.abs(gaps - motion.interval).max() > EVEN * motion.interval:
-        raise InputError("fit: frames are not evenly spaced; resample the tracks")
     if any(isinstance(part, Bath) for part in term.parts()):
         raise InputError("fit: a heat bath is not learned from tracks, only its rate is known")
+
+
+def _evened(motion: Motion, end: int) -> tuple[Motion, int]:
+    """The motion at even times, and the frame there before which the frame ``end`` lies."""
+    gaps = np.diff(motion.times, axis=1)
+    if np.abs(gaps - motion.interval).max() <= EVEN * motion.interval:
+        return motion, end
+    even = evened(motion)
+    since = motion.times[:, end - 1] - motion.times[:, 0]
+    return even, min(int(since.max() / motion.interval) + 1, even.positions.shape[1])
 
 
 def _foretold(

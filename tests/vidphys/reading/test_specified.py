@@ -1,5 +1,7 @@
 """Training a diagnosed scene's model: it starts at the numbers found, whatever the units."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -51,6 +53,18 @@ def test_a_bouncing_ball_is_foretold_as_well_in_pixels_and_milliseconds():
         errors.append(trained.error / unit)
         assert trained.error < 0.2 * trained.still
     assert errors[1] == pytest.approx(errors[0], rel=0.05)
+
+
+def test_frames_at_uneven_times_train_the_same_model():
+    motion = thrown()
+    found = answer(motion, False, 0.3).specification
+    term = from_config(found["terms"])
+    even = train_specified(term, found, motion, 84, 60, 0)
+    kept = np.delete(np.arange(motion.positions.shape[1]), [20, 33, 34, 57])
+    fewer = replace(motion, positions=motion.positions[:, kept], times=motion.times[:, kept])
+    trained = train_specified(term, found, fewer, 80, 60, 0)
+    assert trained.still == pytest.approx(even.still, rel=0.02)
+    assert trained.error < 0.2 * trained.still
 
 
 def test_standing_still_is_where_a_body_was_last_seen():

@@ -22,7 +22,7 @@ from dynamics.potentials import HarmonicTrap, SoftenedGravity
 from encoders import FeatureMap
 from readouts import READOUTS, FrameReadout, MapShape, Recipe
 from vidphys.data.formats import Recording, TrackFormat
-from vidphys.data.formats.tables import read_csv
+from vidphys.data.formats.tables import read_text
 from vidphys.scenes import SCENES, gravity
 from vidphys.testing import (
     CheckFailed,
@@ -370,7 +370,7 @@ def read_broken(broken: str, path: Path, columns: Any, interval: float | None) -
         assert path.stat().st_size > 20
     if broken == "invents" and path.stat().st_size < 40:
         return Recording(np.zeros((1, 2, 1, 2)), None)
-    found = read_csv(path, columns, interval)
+    found = read_text(path, columns, interval)
     if broken == "frames":
         return replace(found, positions=found.positions[0])
     if broken == "times":
@@ -385,7 +385,7 @@ def test_a_broken_format_is_refused(broken: str, tmp_path: Path) -> None:
     with pytest.raises(CheckFailed):
         check_format(TrackFormat((".csv",), partial(read_broken, broken)), path)
     with pytest.raises(CheckFailed, match="lower case"):
-        check_format(TrackFormat((".CSV",), read_csv), path)
+        check_format(TrackFormat((".CSV",), read_text), path)
 
 
 def test_checks_leave_what_they_check_as_it_was() -> None:

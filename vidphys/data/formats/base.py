@@ -27,6 +27,8 @@ class Recording:
         mass: of the bodies, ``(e, n)``; ``None`` where nothing is said.
         coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
         notes: how the file was understood, a line each.
+        length: the unit that positions are counted in, as the file says it: ``m``, ``cm``, ``px``,
+            ``rad``; empty where it says nothing.
     """
 
     positions: np.ndarray
@@ -35,6 +37,7 @@ class Recording:
     mass: np.ndarray | None = None
     coupling: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    length: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,14 @@ class TrackFormat(Format):
     ``read(path, columns, interval)`` gives a :class:`Recording`: ``columns`` says what some of
     its columns are, where their names do not tell, and ``interval`` (seconds between frames, or
     ``None``) stands in for times that it does not have. It raises ``ValueError`` with one line.
+
+    Args:
+        beside_clips: whether such a file beside a clip of its name holds the clip's labels; not so
+            where it has an origin of its own.
     """
 
     read: Callable[[Path, Mapping[str, str], float | None], Recording]
+    beside_clips: bool = True
 
 
 Frames = Iterator[tuple[np.ndarray, float]]

@@ -1,24 +1,19 @@
-"""Which column of a table is what: times, clips, bodies and coordinates, by their usual names."""
+"""Which column of a table is what: times, clips, bodies and coordinates, by names and numbers."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import numpy as np
+
+from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, ROLES, Meaning, meaning_of
+from vidphys.data.formats.shapes import is_rate_of, rising
 from vidphys.errors import InputError
 
-ROLES = {
-    "time": ("t", "time", "times", "time_s", "seconds", "timestamp"),
-    "frame": ("frame", "frames", "frame_number", "index"),
-    "clip": ("clip", "episode", "trial", "run", "video", "sequence"),
-    "body": ("body", "id", "track", "track_id", "object", "particle", "label"),
-    "mass": ("mass", "m"),
-    "coupling": ("coupling", "g", "strength"),
-}
+Table = Mapping[str, np.ndarray]
 AXES = ("x", "y", "z")
-ANGLES = ("theta", "angle", "phi", "o")
-COORDINATE = re.compile(r"^(x|y|z|u|v|q|theta|angle|phi|o|pos_?x|pos_?y|pos_?z)_?(\d*)$")
+WAYS = (("u", "v"), AXES, ("angle",), ("q",))  # what bodies are placed by; the first that is there
 
 
 @dataclass(frozen=True)
@@ -27,8 +22,13 @@ class Columns:
 
     Args:
         time, frame, clip, body, mass, coupling: names, or ``None``.
-        coordinates: by body (in the table's order), the column of each axis; a long table, with a
-            body in each row, has one entry.
+        coordinates: by body, the column of each axis; a long table, with a body in each row, has
+            one entry.
+        labels: what the table calls each body, as many as coordinates.
+        rates, inputs, others: columns that are not taken: velocities and accelerations, what
+            drives the bodies and is known, and what is not understood.
+        units: by column, where its name says it.
+        alone: whether names say only that it is a coordinate, not which.
         angles: whether the coordinate is an angle.
         pixels: whether coordinates are pixels, counted downwards.
     """
@@ -40,80 +40,142 @@ class Columns:
     mass: str | None
     coupling: str | None
     coordinates: tuple[tuple[str, ...], ...]
+    labels: tuple[str, ...] = ()
+    rates: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    alone: bool = False
     angles: bool = False
     pixels: bool = False
 
 
-def detect_columns(names: Sequence[str], given: Mapping[str, str] | None = None) -> Columns:
-    """Tell columns by their names.
+def detect_columns(
+    names: Sequence[str], given: Mapping[str, str] | None = None, table: Table | None = None
+) -> Columns:
+    """Tell columns by their names, and by their numbers where names do not tell.
 
     Args:
         names: of all columns, in their order.
         given: what some columns are (``{"time": "T_s", "x1": "left"}``), where their names do
-            not tell. Where coordinates are given, the table's others are left out.
+            not tell; ``time[ms]`` says a unit too. Where coordinates are given, the table's others
+            are left out.
+        table: the columns themselves.
 
     Raises:
         InputError: a column that was given is not there, or no coordinates were found.
     """
     given = dict(given or {})
-    for role, name in given.items():
+    for asked, name in given.items():
         if name not in names:
             raise InputError(
-                f"`columns` {role}={name}: no such column; the table has {', '.join(names)}"
+                f"`columns` {asked}={name}: no such column; the table has {', '.join(names)}"
+            )
+        if not meaning_of(asked).kind:
+            raise InputError(
+                f"`columns` {asked}={name}: no such role; use {', '.join(ROLES)}, x, y, x1, angle"
             )
     told = {name: role for role, name in given.items()}
-    called = {name: told.get(name, name.strip().lower()) for name in names}
-    roles = {role: _first(called, (role, *usual)) for role, usual in ROLES.items()}
-    chosen = {name for name, role in told.items() if COORDINATE.match(role)}
-    found = {name: COORDINATE.match(called[name]) for name in names if name in (chosen or names)}
-    places = {name: match for name, match in found.items() if match}
-    bodies = _bodies(places)
+    meanings = {name: meaning_of(told.get(name, name)) for name in names}
+    chosen = {name for name in told if meanings[name].kind == "place"}
+    if chosen:
+        meanings = {
+            name: Meaning() if means.kind == "place" and name not in chosen else means
+            for name, means in meanings.items()
+        }
+    if not any(means.axis == "u" for means in meanings.values()):  # v alone is a speed
+        meanings = {n: Meaning("rate") if m.axis == "v" else m for n, m in meanings.items()}
+    elif not any(means.axis == "v" for means in meanings.values()):
+        meanings = {n: Meaning("input") if m.axis == "u" else m for n, m in meanings.items()}
+    if table is not None:
+        meanings = _by_numbers(meanings, table)
+    roles = {role: _first(meanings, role) for role in ROLES}
+    labels, bodies = _bodies(meanings)
     if not bodies:
         raise InputError(
             f"no coordinates among the columns {', '.join(names)}; name them x, y or x1, y1, x2, "
             "..., or say which they are with `columns` x=NAME y=NAME"
         )
-    kinds = {_axis(match) for match in places.values()}
+    taken = {name for body in bodies for name in body}
+    units = {name: means.unit for name, means in meanings.items() if means.unit}
+    axes = {meanings[name].axis for name in taken}
+    joint = axes == {"q"} and any(means.kind == "input" for means in meanings.values())
+    angle = all(units.get(name) in RADIANS for name in taken)
+    turned = joint and _torque(meanings) and not any(units.get(name) in LENGTHS for name in taken)
+    left = [n for n in names if n not in taken and n not in roles.values()]
     return Columns(
         **roles,
         coordinates=bodies,
-        angles=bool(kinds & set(ANGLES)) and not kinds & set(AXES),
-        pixels="u" in kinds,
+        labels=labels,
+        rates=tuple(name for name in left if meanings[name].kind == "rate"),
+        inputs=tuple(name for name in left if meanings[name].kind == "input"),
+        others=tuple(name for name in left if meanings[name].kind not in ("rate", "input")),
+        units=units,
+        alone=axes == {"q"},
+        angles=axes == {"angle"} or angle or turned,
+        pixels="u" in axes or any(units.get(name) in PIXELS for name in taken),
     )
 
 
-def _first(called: Mapping[str, str], usual: Sequence[str]) -> str | None:
-    for text in usual:
-        for name, call in called.items():
-            if call == text:
-                return name
-    return None
+def _torque(meanings: Mapping[str, Meaning]) -> bool:
+    """Whether what drives the bodies turns them."""
+    inputs = (name.lower() for name, means in meanings.items() if means.kind == "input")
+    return any(word in name for name in inputs for word in ("torque", "tau", "moment", "τ"))
 
 
-def _axis(match: re.Match[str]) -> str:
-    return match.group(1).replace("pos", "").strip("_")
+def _first(meanings: Mapping[str, Meaning], role: str) -> str | None:
+    return next((name for name, means in meanings.items() if means.kind == role), None)
 
 
-def _bodies(places: Mapping[str, re.Match[str]]) -> tuple[tuple[str, ...], ...]:
-    """Columns of each body: pixels (u, v), or places (x, y, z), or one angle or coordinate."""
-    axes = {_axis(match) for match in places.values()}
-    wanted: tuple[str, ...]
-    if "u" in axes and "v" in axes and not axes & set(AXES):
-        wanted = ("u", "v")
-    elif axes & set(AXES):
-        wanted = tuple(axis for axis in AXES if axis in axes)
-    else:
-        wanted = next(((a,) for a in (*ANGLES, "q") if a in axes), ())
+def _by_numbers(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Meaning]:
+    """What names leave open: a first column that rises is the time, one coordinate alone a place.
+
+    Columns that are the rate of another are told by their integral.
+    """
+    known = dict(meanings)
+    open_ = [n for n, m in known.items() if not m.kind and table[n].dtype.kind in "fiu"]
+    kinds = {means.kind for means in known.values()}
+    first = next(iter(known))
+    if not kinds & {"time", "frame"} and first in open_ and rising(table[first]):
+        known[first] = Meaning("time", unit=known[first].unit)
+        open_.remove(first)
+    time = _first(known, "time")
+    if "place" in kinds or not open_ or time is None:
+        return known
+    places: list[str] = []
+    for name in open_:
+        rate = any(is_rate_of(table[name], table[other], table[time]) for other in places)
+        known[name] = Meaning("rate", unit=known[name].unit) if rate else known[name]
+        places += [] if rate else [name]
+    if len(places) == 1:
+        unit = known[places[0]].unit
+        known[places[0]] = Meaning("place", "angle" if unit in RADIANS else "q", unit=unit)
+    return known
+
+
+def _bodies(
+    meanings: Mapping[str, Meaning],
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Labels and columns of each body: pixels (u, v), or places (x, y, z), or one coordinate."""
+    places = {name: means for name, means in meanings.items() if means.kind == "place"}
+    axes = {means.axis for means in places.values()}
+    if axes & set(AXES):
+        axes -= {"u", "v"}
+    way = next((way for way in WAYS if axes & set(way)), ())
+    wanted = tuple(axis for axis in way if axis in axes)
     by_body: dict[str, dict[str, str]] = {}
-    for name, match in places.items():
-        if _axis(match) in wanted:
-            by_body.setdefault(match.group(2), {})[_axis(match)] = name
+    for name, means in places.items():
+        if means.axis in wanted:
+            by_body.setdefault(means.body, {}).setdefault(means.axis, name)
     for number, columns in by_body.items():
         missing = [axis for axis in wanted if axis not in columns]
         if missing:
             raise InputError(
                 f"body {number or 1}: columns {', '.join(columns.values())}, but no "
-                f"{', '.join(missing)}; every body needs the same axes"
+                f"{', '.join(missing)}; every body needs the same axes, or say which to take with "
+                "`columns` x=NAME"
             )
-    order = sorted(by_body, key=lambda number: int(number or 0))
-    return tuple(tuple(by_body[number][axis] for axis in wanted) for number in order)
+    order = list(by_body)
+    if all(not label or label.isdigit() for label in order):
+        order = sorted(order, key=lambda label: int(label or 0))
+    return tuple(order), tuple(tuple(by_body[n][axis] for axis in wanted) for n in order)

@@ -21,11 +21,13 @@ class Loaded:
         motion: the tracks.
         angles: whether coordinates are angles in radians.
         notes: what was found, a line each.
+        unit: that positions are counted in (``m``, ``px``, ``rad``); empty where nothing says it.
     """
 
     motion: Motion
     angles: bool
     notes: tuple[str, ...]
+    unit: str = ""
 
 
 def read_tracks(
@@ -65,7 +67,7 @@ def read_tracks(
         f"{motion.clips} clip(s) of {positions.shape[1]} frames, {motion.bodies} "
         f"bodies in {motion.space} dimension(s), {motion.interval:.4g} s between frames"
     )
-    return Loaded(motion, found.unit == "angles", (*found.notes, shape))
+    return Loaded(motion, found.unit == "angles", (*found.notes, shape), found.length)
 
 
 def write_tracks(path: Path, motion: Motion) -> None:

@@ -1,0 +1,231 @@
+"""From the columns of a table to the recording that they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vidphys.data.formats.base import Recording, Unit
+from vidphys.data.formats.columns import Columns, Table, detect_columns
+from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS
+from vidphys.data.formats.stamps import cleaned, moments, restarts
+from vidphys.errors import InputError
+
+TURNS = 4 * np.pi
+MILLISECONDS = (5, 2000)  # whole numbers that step by so many are no seconds
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What rows are in order by, ``(rows,)``; whether it is seconds; and what it was, in words."""
+
+    values: np.ndarray
+    seconds: bool
+    said: str
+
+
+def recording_of(
+    table: Table,
+    given: Mapping[str, str],
+    interval: float | None,
+    notes: tuple[str, ...] = (),
+    called: str = "",
+) -> Recording:
+    """The recording that a table is.
+
+    Args:
+        table: columns of numbers or words, ``(rows,)``, by name.
+        given, interval: see :class:`vidphys.data.formats.TrackFormat`.
+        notes: how the table was read.
+        called: the name of its file, which may say that it is of a pendulum.
+
+    Raises:
+        InputError: columns that cannot be told, or that hold no numbers.
+    """
+    columns = detect_columns(list(table), given, table)
+    if columns.alone and "pendul" in called.lower() and _turns(table, columns):
+        columns = replace(columns, angles=True)
+        notes = (*notes, "an angle, as the file is called after a pendulum")
+    clock = _clock(table, columns, interval if interval is not None and interval > 0 else None)
+    order = clock.values
+    clip, trials = _clips(table, columns, order)
+    places, length = _places(table, columns)
+    said = []
+    if columns.body is not None:
+        labels = table[columns.body]
+        names = np.unique(labels)
+        parts = [_long(order, places[:, 0], labels, names, clip == c) for c in np.unique(clip)]
+    else:
+        names = np.arange(places.shape[1])
+        parts = [_sorted(order[clip == c], places[clip == c]) for c in np.unique(clip)]
+        done = [cleaned(*part) for part in parts]
+        parts = [(times, q) for times, q, _ in done if len(times)]
+        said = list(dict.fromkeys(line for *_, lines in done for line in lines))
+    times, positions = _padded(parts)
+    kind: Unit = "angles" if columns.angles else "pixels" if columns.pixels else "world"
+    taken = _taken(columns, clock, kind, length, names)
+    return Recording(
+        positions,
+        times if clock.seconds else None,
+        kind,
+        _of_bodies(table, columns, names, len(parts)),
+        _of_clips(table, columns.coupling, clip),
+        ("; ".join([*notes, *taken, *trials, *said]),),
+        length,
+    )
+
+
+def _turns(table: Table, columns: Columns) -> bool:
+    """Whether coordinates without a unit of length stay within two turns to either side."""
+    names = [name for body in columns.coordinates for name in body]
+    if any(columns.units.get(name) for name in names):
+        return False
+    return all(np.nanmax(np.abs(_numbers(table, name))) < TURNS for name in names)
+
+
+def _taken(columns: Columns, clock: Clock, kind: Unit, length: str, names: np.ndarray) -> list[str]:
+    """What was taken for what, in words."""
+    what = {"angles": "angles", "pixels": "pixels, y counted downwards:", "world": "coordinates"}
+    whom = [f"{label} " if label and not label.isdigit() else "" for label in columns.labels]
+    read = ", ".join(
+        f"{label}{'/'.join(body)}" for label, body in zip(whom, columns.coordinates, strict=True)
+    )
+    unit = f" in {length}" if length and kind != "pixels" else ""
+    told = [f"{what[kind]} {read}{unit}", f"time {clock.said}"]
+    if columns.body is not None:
+        told.append(f"{len(names)} bodies by {columns.body}")
+    if columns.rates:
+        told.append(f"rates, not taken: {', '.join(columns.rates)}")
+    if columns.inputs:
+        told.append(f"known inputs, not taken: {', '.join(columns.inputs)}")
+    if columns.others:
+        told.append(f"not taken: {', '.join(columns.others)}")
+    return told
+
+
+def _numbers(table: Table, name: str) -> np.ndarray:
+    try:
+        return np.asarray(table[name], float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"column {name}: not numbers ({error})") from error
+
+
+def _clock(table: Table, columns: Columns, interval: float | None) -> Clock:
+    """What rows are in order by."""
+    if columns.time is not None:
+        return _seconds(table, columns.time, columns.units.get(columns.time, ""), interval)
+    if columns.frame is not None:
+        numbers, said = _numbers(table, columns.frame), columns.frame
+    elif columns.body is not None or columns.clip is not None:
+        raise InputError(
+            "no column of times; name it t or frame, or say which with `columns` time=NAME"
+        )
+    else:
+        numbers, said = np.arange(len(next(iter(table.values())))), "the row"
+    if interval is None:
+        return Clock(numbers, False, said)
+    return Clock(numbers * interval, True, f"{said} times the interval")
+
+
+def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Clock:
+    values = table[name]
+    if values.dtype.kind in "USOM":
+        try:
+            return Clock(moments(values), True, f"{name}, of a clock")
+        except ValueError as error:
+            raise InputError(f"column {name}: not times ({error})") from error
+    times = _numbers(table, name)
+    if unit in SECONDS:
+        said = name if SECONDS[unit] == 1 else f"{name}, from {unit} to s"
+        return Clock(times * SECONDS[unit], True, said)
+    known = times[np.isfinite(times)]
+    whole = len(known) > 1 and bool((known == np.round(known)).all())
+    steps = np.diff(np.unique(known))
+    if not whole or not len(steps):
+        return Clock(times, True, name)
+    step = float(np.median(steps))
+    if interval is not None and step == 1:
+        return Clock(times * interval, True, f"{name}, whole numbers, times the interval")
+    if MILLISECONDS[0] <= step <= MILLISECONDS[1]:
+        return Clock(times * 1e-3, True, f"{name}, whole numbers, taken for ms")
+    return Clock(times, True, f"{name}, whole numbers, taken for s (frames? give `interval`)")
+
+
+def _clips(table: Table, columns: Columns, order: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Number of the clip of each row, and how clips were told."""
+    if columns.clip is not None:
+        found = np.unique(table[columns.clip], return_inverse=True)[1]
+        count = found.max() + 1
+        return found, (f"{count} clips by {columns.clip}",) if count > 1 else ()
+    trials = restarts(order) if columns.body is None else None
+    if trials is None:
+        return np.zeros(len(order), int), ()
+    return trials, (f"times begin anew, so {trials.max() + 1} clips",)
+
+
+def _places(table: Table, columns: Columns) -> tuple[np.ndarray, str]:
+    """Coordinates ``(rows, bodies, axes)`` in one unit, and that unit: radians for angles."""
+    names = [name for body in columns.coordinates for name in body]
+    units = {name: columns.units.get(name, "") for name in names}
+    lengths = [unit for unit in units.values() if unit in LENGTHS]
+    shown = lengths[0] if lengths else "px" if any(u in PIXELS for u in units.values()) else ""
+
+    def one(name: str) -> np.ndarray:
+        values, unit = _numbers(table, name), units[name]
+        if columns.angles:
+            return values * RADIANS.get(unit, 1.0)
+        return values * (LENGTHS[unit] / LENGTHS[shown]) if unit in LENGTHS else values
+
+    places = np.stack([np.stack([one(c) for c in body], -1) for body in columns.coordinates], 1)
+    places = np.where(np.isfinite(places), places, np.nan)
+    if not np.isfinite(places).any():
+        raise InputError(f"columns {', '.join(names)}: not numbers (every cell is empty or a word)")
+    return places, "rad" if columns.angles else "px" if columns.pixels else shown
+
+
+def _sorted(times: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(times, kind="stable")
+    return times[order], places[order]
+
+
+def _long(
+    times: np.ndarray, places: np.ndarray, labels: np.ndarray, names: np.ndarray, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A body in each row: one frame for each time, NaN where a body has none."""
+    frames, at = np.unique(times[rows], return_inverse=True)
+    body = np.searchsorted(names, labels[rows])
+    out = np.full((len(frames), len(names), places.shape[-1]), np.nan)
+    if len(np.unique(at * len(names) + body)) < len(at):
+        raise InputError("a body has two rows at one time; a column may tell clips apart")
+    out[at, body] = places[rows]
+    return frames, out
+
+
+def _padded(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Clips of one length: shorter ones end in frames in which nothing was seen."""
+    longest = max(len(times) for times, _ in parts)
+    steps = np.concatenate([np.diff(times) for times, _ in parts])
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    times, places = [], []
+    for t, q in parts:
+        rest = longest - len(t)
+        times.append(np.concatenate([t, t[-1] + usual * np.arange(1, rest + 1)]))
+        places.append(np.concatenate([q, np.full((rest, *q.shape[1:]), np.nan)]))
+    return np.stack(times), np.stack(places)
+
+
+def _of_bodies(table: Table, columns: Columns, names: np.ndarray, clips: int) -> np.ndarray | None:
+    """Masses, one for each body, where the table has them."""
+    if columns.mass is None or columns.body is None:
+        return None
+    mass, labels = _numbers(table, columns.mass), table[columns.body]
+    return np.tile(np.array([np.median(mass[labels == name]) for name in names]), (clips, 1))
+
+
+def _of_clips(table: Table, name: str | None, clip: np.ndarray) -> np.ndarray | None:
+    if name is None:
+        return None
+    values = _numbers(table, name)
+    return np.array([np.median(values[clip == c]) for c in np.unique(clip)])

@@ -1,0 +1,271 @@
+"""A text of numbers as its author left it: encoding, delimiter, decimal sign, title and header.
+
+What is read is told in words, so that a person sees what was taken for what.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vidphys.errors import InputError
+
+COMMENTS = ("#", "%", "//")
+MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "?", "inf", "-inf"})
+SAMPLE = 200  # lines that the delimiter is told from
+LEAST = 0.5  # share of numbers in a row of data, or in a column of numbers
+UNIT_ROW = re.compile(
+    r"^[\[({]?\s*(|s|ms|sec|m|cm|mm|px|pixels?|rad|deg|°|-|1|kg|m/s|mm/s|cm/s|rad/s|deg/s|m/s\^?2)"
+    r"\s*[\])}]?$",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What stands between numbers (``None``: blanks), and within them."""
+
+    delimiter: str | None
+    decimal: str
+
+    def __str__(self) -> str:
+        names = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", None: "blanks"}
+        comma = ", decimal commas" if self.decimal == "," else ""
+        return f"numbers between {names[self.delimiter]}{comma}"
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line, without quotes."""
+        if self.delimiter is None:
+            quoted = re.findall(r'"([^"]*)"|(\S+)', line)
+            return [a or b for a, b in quoted]
+        row = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
+        return [cell.strip() for cell in row]
+
+    def number(self, cell: str) -> float | None:
+        """A cell as a number, NaN where it says that there is none, ``None`` where it is a word."""
+        if cell.lower() in MISSING:
+            return np.nan
+        try:
+            return float(cell.replace(",", ".") if self.decimal == "," else cell)
+        except ValueError:
+            return None
+
+
+DIALECTS = tuple(
+    Dialect(delimiter, decimal)
+    for delimiter, decimals in ((";", ".,"), ("\t", ".,"), (",", "."), ("|", ".,"), (None, ".,"))
+    for decimal in decimals
+)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Columns of a text.
+
+    Args:
+        names: of the first columns; none in a text of numbers alone.
+        labels: whom a column is of, where a line above the names says so; as many as names.
+        columns: ``(rows,)`` each: numbers, or words.
+        body: of each row, where the text has a block under a title for each; else ``None``.
+        notes: how it was read.
+    """
+
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    columns: tuple[np.ndarray, ...]
+    body: np.ndarray | None
+    notes: tuple[str, ...]
+
+
+def decoded(path: Path) -> str:
+    """The text of a file, by its byte order mark, as UTF-8, or as Latin-1.
+
+    Raises:
+        InputError: no text.
+    """
+    data = path.read_bytes()
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = data.decode("utf-16", errors="replace")
+    elif b"\x00" in data[1:200:2] and b"\x00" not in data[:200:2]:
+        text = data.decode("utf-16-le", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    if "\x00" in text:
+        raise InputError("not a text of numbers, but bytes; write a table as CSV, Parquet or NPZ")
+    return text
+
+
+def holds_numbers(path: Path) -> bool:
+    """Whether a text looks like a table: most of its lines are rows of numbers."""
+    try:
+        lines = [line for line in decoded(path).splitlines() if line.strip()][:SAMPLE]
+    except InputError:
+        return False
+    rows = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    dialect = _dialect(rows)
+    good = sum(_is_data(dialect, dialect.cells(line)) for line in rows)
+    return good >= 2 and good > LEAST * len(rows)
+
+
+def read_sheet(path: Path) -> Sheet:
+    """Read a text of numbers in whatever dialect.
+
+    Raises:
+        InputError: no rows of numbers, or more names than columns.
+    """
+    lines = [line.rstrip("\r\n") for line in decoded(path).splitlines()]
+    lines = [line for line in lines if line.strip(" ;,\t")]
+    if lines and re.fullmatch(r"sep=.", lines[0].strip()):
+        lines = lines[1:]
+    plain = [line for line in lines if not line.lstrip(' "').startswith(COMMENTS)]
+    dialect = _dialect(plain)
+    blocks = _blocks(lines, dialect)
+    if not blocks:
+        seen = lines[0][:60] if lines else "nothing"
+        raise InputError(
+            f"no rows of numbers ('{seen}'); a table has a line of names such as t,x,y and a row "
+            "of numbers for each time"
+        )
+    rows = [row for _, block in blocks for row in block]
+    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    names, labels = _named(blocks[0][0], dialect, width)
+    if len(names) > width:
+        if not any(len(row) == len(names) for row in rows):
+            raise InputError(
+                f"{width} numbers in a row, but {len(names)} names: {', '.join(names)}; "
+                "give each column one name"
+            )
+        width = len(names)
+        rows = [row + [""] * (width - len(row)) for row in rows]
+    notes = [str(dialect)]
+    even = [len(row) >= width for row in rows]
+    titles = [_title(head, dialect) for head, _ in blocks]
+    whom = [title for title, (_, block) in zip(titles, blocks, strict=True) for _ in block]
+    if not all(even):
+        notes.append(f"{len(even) - sum(even)} incomplete rows left out")
+    kept = [row[:width] for row, good in zip(rows, even, strict=True) if good]
+    columns = [_column(cells, dialect) for cells in zip(*kept, strict=True)]
+    body = None
+    if len(blocks) > 1 and len(set(titles)) == len(blocks):
+        body = np.array([w for w, good in zip(whom, even, strict=True) if good])
+    used = [k for k, c in enumerate(columns) if k < len(names) or not _empty(c)]
+    return Sheet(names, labels, tuple(columns[k] for k in used), body, tuple(notes))
+
+
+def _dialect(lines: Sequence[str]) -> Dialect:
+    """The one that makes numbers of most cells; where several do, of most of them."""
+    picked = lines[:: max(1, len(lines) // SAMPLE)]
+
+    def score(dialect: Dialect) -> tuple[float, int]:
+        rows = [dialect.cells(line) for line in picked]
+        usual = Counter(len(row) for row in rows if row).most_common(1)
+        width = usual[0][0] if usual else 0
+        told = 0.0
+        for row in rows:
+            numbers = [dialect.number(cell) for cell in row]
+            if len(row) == width and any(n is not None and n == n for n in numbers):
+                told += sum(n is not None for n in numbers) / len(row)
+        return round(told / max(len(picked), 1), 6), width
+
+    return max(DIALECTS, key=score)
+
+
+def _is_data(dialect: Dialect, row: Sequence[str]) -> bool:
+    numbers = [dialect.number(cell) for cell in row if cell.lower() not in MISSING]
+    return sum(n is not None for n in numbers) > 0.3 * max(len(numbers), 1)
+
+
+def _blocks(lines: Sequence[str], dialect: Dialect) -> list[tuple[list[str], list[list[str]]]]:
+    """Runs of rows of numbers, each with the lines above it."""
+    blocks: list[tuple[list[str], list[list[str]]]] = []
+    above: list[str] = []
+    first: list[str] | None = None
+    for line in lines:
+        row = dialect.cells(line)
+        comment = line.lstrip(' "').startswith(COMMENTS)
+        if comment or not _is_data(dialect, row):
+            above.append(line)
+            continue
+        if not blocks or (first is not None and first[-1] in above):
+            blocks.append((above, []))
+            first = above if above else None
+        above = []
+        blocks[-1][1].append(row)
+    return blocks
+
+
+def _header_cells(line: str, dialect: Dialect, width: int) -> list[str]:
+    """A line of names, cut as the numbers are, or else as it gives as many names as numbers."""
+    text = line.strip(" \r\n")
+    for mark in COMMENTS:
+        text = text.removeprefix(mark).lstrip(" ") if mark != "//" else text.removeprefix(mark)
+    ways = [dialect.cells(text), *(d.cells(text) for d in DIALECTS if d.decimal == ".")]
+    ways.append([cell for cell in re.split(r"\s{2,}", text.strip()) if cell])
+    joined = re.sub(r"\s+(?=[\[(])", "_", text.strip())
+    ways.append([cell.replace("_", " ") if "[" in cell else cell for cell in joined.split()])
+    ways = [_trimmed(way) for way in ways]
+    return next((way for way in ways if len(way) == width), ways[0])
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    return cells
+
+
+def _named(
+    above: Sequence[str], dialect: Dialect, width: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the columns and labels of whom they are, from the lines above the numbers."""
+    spoken = [line for line in above if not line.lstrip(' "').startswith(COMMENTS)]
+    candidates = spoken or list(above)
+    heads = [_header_cells(line, dialect, width) for line in candidates]
+    if not spoken:  # a comment names columns only if it has about as many words as there are
+        heads = [head for head in heads if head and len(head) <= width][-1:]
+        words = [word for head in heads for word in head]
+        if any(len(word) > 24 for word in words):
+            heads = []
+    if not heads:
+        return (), ()
+    names, rest = heads[-1], heads[:-1]
+    if rest and len(names) > 1 and all(UNIT_ROW.match(cell) for cell in names) and any(names):
+        units, names, rest = names, rest[-1], rest[:-1]
+        units += [""] * (len(names) - len(units))
+        pairs = zip(names, (u.strip("[](){} ") for u in units), strict=False)
+        names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+    labels = [""] * len(names)
+    if rest and sum(bool(cell) for cell in rest[-1]) > 1:
+        whom = ""
+        for k in range(len(names)):
+            whom = (rest[-1][k] if k < len(rest[-1]) else "") or whom
+            labels[k] = whom
+    return tuple(names), tuple(labels)
+
+
+def _title(above: Sequence[str], dialect: Dialect) -> str:
+    """What stands alone above the names of a block."""
+    spoken = [line for line in above if not line.lstrip().startswith(COMMENTS)]
+    alone = [cells for line in spoken[:-1] if len(cells := _trimmed(dialect.cells(line))) == 1]
+    return alone[-1][0] if alone else ""
+
+
+def _column(cells: Sequence[str], dialect: Dialect) -> np.ndarray:
+    """Numbers, where most are; words otherwise."""
+    numbers = [dialect.number(cell) for cell in cells]
+    words = sum(n is None for n in numbers)
+    if words > LEAST * len(cells):
+        return np.array(cells)
+    return np.array([np.nan if n is None else n for n in numbers])
+
+
+def _empty(column: np.ndarray) -> bool:
+    return column.dtype.kind == "f" and not np.isfinite(column).any()
