@@ -195,7 +195,7 @@ def test_a_coarse_clock_is_spread_and_missing_cells_are_gaps(tmp_path):
         ("t,x,y,z,w\n" + rows(T, X, Y), "3 numbers in a row, but 5 names"),
         ("nothing here\n", "no rows of numbers"),
         ("t,a,b\n" + rows(T, X, Y), "no coordinates among the columns t, a, b"),
-        ("x,body\n" + rows(X, T), "no column of times"),
+        ("x,body\n" + rows(X, np.repeat([1, 2], 20)), "no column of times"),
         (b"\x00\x01\x02\x03" * 40, "not a text of numbers"),
     ],
 )
@@ -203,6 +203,24 @@ def test_what_cannot_be_read_ends_in_one_line(tmp_path, text, said):
     with pytest.raises(InputError, match=said) as caught:
         read(tmp_path, text)
     assert "\n" not in str(caught.value)
+
+
+def test_what_programs_export_is_told(tmp_path):
+    frames = np.arange(40)
+    spots = "LABEL,TRACK_ID,POSITION_X,POSITION_Y,POSITION_T\nLabel,Track ID,X,Y,T\n"
+    spots += ",,(pixel),(pixel),(sec)\n" + rows(frames, 0 * T, X, Y, T)
+    found = read(tmp_path, spots)  # TrackMate's
+    assert (found.unit, found.positions.shape) == ("pixels", (1, 40, 1, 2))
+    logger = "Vernier Format 2\nRun 1\nTime\tPosition\tVelocity\nt\tx\tv\ns\tm\tm/s\n\n"
+    found = read(tmp_path, logger + rows(T, X, VX, between="\t"))
+    np.testing.assert_allclose(found.positions[0, :, 0], X[:, None], atol=1e-7)
+    assert found.length == "m"
+    marks = "scorer,a,a,a\nbodyparts,head,head,head\ncoords,x,y,likelihood\n"
+    found = read(tmp_path, marks + rows(frames, X, Y, T), interval=0.04)  # DeepLabCut's
+    np.testing.assert_allclose(found.positions[0, :, 0], np.stack([X, Y], -1), atol=1e-7)
+    slices = ",Label,Area,X,Y,Slice\n"
+    slices += "".join(f"{k + 1},img{k},9,{X[k]},{Y[k]},{k + 1}\n" for k in frames)
+    assert read(tmp_path, slices, interval=0.04).positions.shape == (1, 40, 1, 2)  # ImageJ's
 
 
 def test_columns_override_names_and_say_units(tmp_path):

@@ -125,7 +125,8 @@ def read_recording(
     if format is None:
         known = ", ".join(suffixes_of(TrackFormat))
         raise InputError(
-            f"{path}: not a table that is known ({known}); a text begins with a line like '% x v'"
+            f"{path}: not a table that is known ({known}); a text of numbers has a line of names "
+            "such as t,x,y above them"
         )
     try:
         return format.read(path, columns or {}, interval)

@@ -24,7 +24,6 @@ class Columns:
         time, frame, clip, body, mass, coupling: names, or ``None``.
         coordinates: by body, the column of each axis; a long table, with a body in each row, has
             one entry.
-        labels: what the table calls each body, as many as coordinates.
         rates, inputs, others: columns that are not taken: velocities and accelerations, what
             drives the bodies and is known, and what is not understood.
         units: by column, where its name says it.
@@ -40,7 +39,6 @@ class Columns:
     mass: str | None
     coupling: str | None
     coordinates: tuple[tuple[str, ...], ...]
-    labels: tuple[str, ...] = ()
     rates: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
@@ -90,7 +88,7 @@ def detect_columns(
     if table is not None:
         meanings = _by_numbers(meanings, table)
     roles = {role: _first(meanings, role) for role in ROLES}
-    labels, bodies = _bodies(meanings)
+    bodies = _bodies(meanings)
     if not bodies:
         raise InputError(
             f"no coordinates among the columns {', '.join(names)}; name them x, y or x1, y1, x2, "
@@ -106,7 +104,6 @@ def detect_columns(
     return Columns(
         **roles,
         coordinates=bodies,
-        labels=labels,
         rates=tuple(name for name in left if meanings[name].kind == "rate"),
         inputs=tuple(name for name in left if meanings[name].kind == "input"),
         others=tuple(name for name in left if meanings[name].kind not in ("rate", "input")),
@@ -133,6 +130,9 @@ def _by_numbers(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Mean
     Columns that are the rate of another are told by their integral.
     """
     known = dict(meanings)
+    body = _first(known, "body")
+    if body is not None and len(np.unique(table[body])) == len(table[body]):
+        known[body] = Meaning()  # a name for each row
     open_ = [n for n, m in known.items() if not m.kind and table[n].dtype.kind in "fiu"]
     kinds = {means.kind for means in known.values()}
     first = next(iter(known))
@@ -153,10 +153,8 @@ def _by_numbers(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Mean
     return known
 
 
-def _bodies(
-    meanings: Mapping[str, Meaning],
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Labels and columns of each body: pixels (u, v), or places (x, y, z), or one coordinate."""
+def _bodies(meanings: Mapping[str, Meaning]) -> tuple[tuple[str, ...], ...]:
+    """Columns of each body: pixels (u, v), or places (x, y, z), or one coordinate."""
     places = {name: means for name, means in meanings.items() if means.kind == "place"}
     axes = {means.axis for means in places.values()}
     if axes & set(AXES):
@@ -178,4 +176,4 @@ def _bodies(
     order = list(by_body)
     if all(not label or label.isdigit() for label in order):
         order = sorted(order, key=lambda label: int(label or 0))
-    return tuple(order), tuple(tuple(by_body[n][axis] for axis in wanted) for n in order)
+    return tuple(tuple(by_body[n][axis] for axis in wanted) for n in order)

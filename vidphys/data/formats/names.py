@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from dataclasses import dataclass
@@ -12,19 +13,23 @@ PIXELS = frozenset({"px", "pixel", "pixels", "pix"})
 SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3}
 SECONDS |= {"msec": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 RADIANS = {"rad": 1.0, "radian": 1.0, "radians": 1.0}
-RADIANS |= dict.fromkeys(("deg", "degree", "degrees", "°", "grad"), 3.141592653589793 / 180)
+DEGREES = ("deg", "degree", "degrees", "°", "grad", "gradi", "grados")
+RADIANS |= dict.fromkeys(DEGREES, math.pi / 180)
 
 ROLES = {
     "time": {"t", "time", "times", "seconds", "sec", "timestamp", "timestamps", "zeit", "temps"}
-    | {"tiempo", "tempo", "ms", "millis", "milliseconds", "elapsed", "elapsed time", "time stamp"},
+    | {"tiempo", "tempo", "ms", "millis", "milliseconds", "elapsed", "elapsed time", "time stamp"}
+    | {"datetime", "clock", "uhrzeit", "heure", "hora"},
     "frame": {"frame", "frames", "frame number", "frame no", "index", "idx", "step", "bild"}
-    | {"coords"},  # as DeepLabCut calls it
+    | {"coords", "slice"},  # as DeepLabCut and ImageJ call it
     "clip": {"clip", "episode", "trial", "run", "video", "sequence", "experiment", "versuch"},
     "body": {"body", "id", "track", "track id", "object", "particle", "label", "trackid"},
     "mass": {"mass", "m"},
     "coupling": {"coupling", "g", "strength"},
 }
-ANGLES = frozenset({"theta", "angle", "phi", "psi", "o", "winkel", "ang", "joint", "angulo"})
+ANGLES = frozenset(
+    {"theta", "angle", "phi", "psi", "o", "winkel", "ang", "joint", "angulo", "angolo"}
+)
 ALONE = {"q", "position", "pos", "displacement", "s", "distance", "d", "height", "h", "location"}
 ALONE |= {"elongation", "auslenkung", "ort", "weg", "deflection", "extension", "coordinate"}
 RATES = {"velocity", "vel", "speed", "acceleration", "accel", "acc", "omega", "w", "dot", "ddot"}
@@ -117,6 +122,13 @@ def split_unit(name: str) -> tuple[str, str]:
     return text, ""
 
 
+def is_unit(cell: str) -> bool:
+    """Whether a cell of a line below the names says a unit, or nothing."""
+    bare = _straight(cell).strip("[](){} ")
+    bracketed = bool(re.fullmatch(r"\s*[\[({].*[\])}]\s*", cell))
+    return bracketed or bare in ("", "1", "-", "kg", "N") or _known(bare) or _per_time(bare)
+
+
 def _straight(name: str) -> str:
     return unicodedata.normalize("NFKC", name.strip().strip('"')).replace("μ", "µ")
 
@@ -150,5 +162,5 @@ def _words(name: str) -> list[str]:
     text = CAMEL.sub(" ", text.replace("{", "").replace("}", "").replace("_", " "))
     text = text.lower().replace("\\", " ")
     text = re.sub(r"^([vad]) (?=[xyz]\b)", r"\1", text.strip())
-    text = re.sub(r"\bpos([xyz])\b", r"pos \1", text)
+    text = re.sub(r"\b(?:pos|c)([xyz])\b", r"pos \1", text)
     return re.findall(r"[^\W\d_]+|\d+", text)

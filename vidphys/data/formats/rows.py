@@ -88,10 +88,7 @@ def _turns(table: Table, columns: Columns) -> bool:
 def _taken(columns: Columns, clock: Clock, kind: Unit, length: str, names: np.ndarray) -> list[str]:
     """What was taken for what, in words."""
     what = {"angles": "angles", "pixels": "pixels, y counted downwards:", "world": "coordinates"}
-    whom = [f"{label} " if label and not label.isdigit() else "" for label in columns.labels]
-    read = ", ".join(
-        f"{label}{'/'.join(body)}" for label, body in zip(whom, columns.coordinates, strict=True)
-    )
+    read = ", ".join("/".join(body) for body in columns.coordinates)
     unit = f" in {length}" if length and kind != "pixels" else ""
     told = [f"{what[kind]} {read}{unit}", f"time {clock.said}"]
     if columns.body is not None:

@@ -14,17 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from vidphys.data.formats.names import is_unit
 from vidphys.errors import InputError
 
 COMMENTS = ("#", "%", "//")
 MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "?", "inf", "-inf"})
 SAMPLE = 200  # lines that the delimiter is told from
 LEAST = 0.5  # share of numbers in a row of data, or in a column of numbers
-UNIT_ROW = re.compile(
-    r"^[\[({]?\s*(|s|ms|sec|m|cm|mm|px|pixels?|rad|deg|°|-|1|kg|m/s|mm/s|cm/s|rad/s|deg/s|m/s\^?2)"
-    r"\s*[\])}]?$",
-    re.IGNORECASE,
-)
 
 
 @dataclass(frozen=True)
@@ -172,8 +168,13 @@ def _dialect(lines: Sequence[str]) -> Dialect:
         told = 0.0
         for row in rows:
             numbers = [dialect.number(cell) for cell in row]
-            if len(row) == width and any(n is not None and n == n for n in numbers):
-                told += sum(n is not None for n in numbers) / len(row)
+            share = sum(n is not None for n in numbers) / max(len(row), 1)
+            if (
+                len(row) == width
+                and share >= LEAST
+                and any(n == n for n in numbers if n is not None)
+            ):
+                told += share
         return round(told / max(len(picked), 1), 6), width
 
     return max(DIALECTS, key=score)
@@ -237,7 +238,7 @@ def _named(
     if not heads:
         return (), ()
     names, rest = heads[-1], heads[:-1]
-    if rest and len(names) > 1 and all(UNIT_ROW.match(cell) for cell in names) and any(names):
+    if rest and len(names) > 1 and all(is_unit(cell) for cell in names) and any(names):
         units, names, rest = names, rest[-1], rest[:-1]
         units += [""] * (len(names) - len(units))
         pairs = zip(names, (u.strip("[](){} ") for u in units), strict=False)
