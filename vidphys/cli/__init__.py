@@ -19,6 +19,7 @@ VERBS = {
     "diagnose": ("DiagnoseConfig", "find which terms a scene requires, from tracks or a clip"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
+    "film": ("FilmConfig", "film scenes as a phone sees them, with the truth beside each clip"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
     "train": ("TrainConfig", "train readouts and dynamics on clips, over a frozen encoder"),
     "fit": ("FitConfig", "train exactly the model that a diagnosis asks for, on its tracks"),

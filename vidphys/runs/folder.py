@@ -38,6 +38,7 @@ FILES = (
     "episodes.parquet",
     "report.html",
     "dataset.json",
+    "index.json",
     "rollout.npz",
     "verdicts.json",
     "points.parquet",

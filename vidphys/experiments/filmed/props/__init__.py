@@ -1,0 +1,1 @@
+"""What stands and moves in a filmed scene, as pieces that a renderer can draw."""
