@@ -7,6 +7,7 @@ from vidphys.experiments.confusion import table as diagnose
 from vidphys.experiments.contacts import table as contacts
 from vidphys.experiments.core.cell import Table
 from vidphys.experiments.coupling import misspecification, selection
+from vidphys.experiments.filmed import table as filmed
 from vidphys.experiments.friction import drag, engine
 from vidphys.experiments.gravity import families, planning, scale, sweeps, transport
 from vidphys.experiments.gravity import table as gravity
@@ -59,6 +60,7 @@ for table in (
     engine.REVERSAL,
     drag.DRAG,
     diagnose.DIAGNOSE,
+    filmed.FILMED,
     probes.PROBES,
     pixel_heads.PIXEL_HEADS,
     perception_speed.PERCEPTION_SPEED,

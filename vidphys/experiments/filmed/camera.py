@@ -87,7 +87,6 @@ class Stand:
         position: metres, ``(3,)``.
         axes: ``(3, 3)``.
         turning: radians about the camera's right, up and back.
-        moving: metres.
         pan: radians per second about its up, from the clip's middle on both sides.
         middle: seconds.
     """
@@ -95,42 +94,43 @@ class Stand:
     position: np.ndarray
     axes: np.ndarray
     turning: Tremor
-    moving: Tremor
     pan: float
     middle: float
+
+    @property
+    def turns(self) -> bool:
+        """Whether it does not stay as it is."""
+        return bool(self.pan) or bool(self.turning.size.any())
 
     def poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions ``(…, 3)`` and axes ``(…, 3, 3)`` at times ``(…)``."""
         angles = self.turning.at(times)
         angles[..., 1] += self.pan * (times - self.middle)
         turned = Rotation.from_rotvec(angles.reshape(-1, 3)).as_matrix() @ self.axes
-        return self.position + self.moving.at(times), turned.reshape(*times.shape, 3, 3)
+        place = np.broadcast_to(self.position, (*times.shape, 3))
+        return place, turned.reshape(*times.shape, 3, 3)
 
 
 def look_at(
-    target: np.ndarray, distance: float, azimuth: float, elevation: float, roll: float
+    target: np.ndarray, plane: np.ndarray, distance: float, tilt: float, side: float, roll: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and axes of a camera that looks at a point.
+    """Position and axes of a camera that looks at a point of a plane.
 
     Args:
         target: ``(3,)``.
+        plane: its right, its up and its normal towards the camera, rows, ``(3, 3)``.
         distance: metres.
-        azimuth: radians that it stands to the right of straight in front (y below the target's).
-        elevation: radians above the target.
+        tilt: radians between the camera's axis and the normal.
+        side: radians; where the camera stands for that, 0 to the right, a quarter turn above.
         roll: radians about its own axis.
     """
-    level = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
-    back = np.cos(elevation) * level + np.array([0.0, 0.0, np.sin(elevation)])
-    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    aside = np.cos(side) * plane[0] + np.sin(side) * plane[1]
+    back = np.cos(tilt) * plane[2] + np.sin(tilt) * aside
+    right = np.cross(plane[1], back)
+    right /= np.linalg.norm(right)
     up = np.cross(back, right)
-    turned = np.array(
-        [
-            np.cos(roll) * right + np.sin(roll) * up,
-            np.cos(roll) * up - np.sin(roll) * right,
-            back,
-        ]
-    )
-    return target + distance * back, turned
+    c, s = np.cos(roll), np.sin(roll)
+    return target + distance * back, np.stack([c * right + s * up, c * up - s * right, back])
 
 
 def along(points: np.ndarray, position: np.ndarray, axes: np.ndarray) -> np.ndarray:

@@ -19,7 +19,6 @@ from vidphys.seeding import derive
 
 BEYOND = 0.2  # seconds that the course goes on before and after a clip
 ROUNDS = 4  # until the row that a body is seen in agrees with the time at which it is read
-SPARE = 12  # pixels of the studio's picture beyond what the lens needs
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def read_at(clip: Clip, times: np.ndarray) -> np.ndarray:
 
 def pictures(clip: Clip, truth: Truth) -> Iterator[np.ndarray]:
     """RGB bytes ``(H, W, 3)`` of each frame."""
-    shutter = Shutter(clip.lens, clip.stand, clip.add.readout, SPARE)
+    shutter = Shutter(clip.lens, clip.stand, clip.add.readout, clip.scene.seconds)
     sensor = Sensor(clip.random, clip.lens, clip.add, clip.scene.seconds)
     with Stage(
         clip.random,
@@ -127,6 +126,7 @@ def pictures(clip: Clip, truth: Truth) -> Iterator[np.ndarray]:
         clip.add.clutter,
         shutter.size,
         clip.lens.focal,
+        (clip.stand.position, clip.stand.axes),
     ) as stage:
         last = None
         for k, time in enumerate(truth.times):
@@ -134,10 +134,8 @@ def pictures(clip: Clip, truth: Truth) -> Iterator[np.ndarray]:
                 delays = read_at(clip, np.array([time]))[0] - time
                 last = sensor.read(
                     [
-                        shutter.bend(
-                            stage.picture(t, delays, clip.stand.poses(np.array(t))), float(t)
-                        )
-                        for t in sensor.moments(float(time))
+                        shutter.bend(stage.picture(t, delays), t)
+                        for t in sensor.moments(float(time)).tolist()
                     ],
                     float(time),
                 )

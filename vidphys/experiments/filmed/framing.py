@@ -41,6 +41,11 @@ class View:
         return _world(places, self.flat)
 
     @property
+    def plane(self) -> np.ndarray:
+        """The plane's right, its up and its normal towards the camera, rows, ``(3, 3)``."""
+        return np.eye(3) if self.flat else np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+    @property
     def half_width(self) -> float:
         """Of the motion, metres."""
         return float(np.ptp(self.points[:, :2] if self.flat else self.points, 0).max() / 2)
@@ -108,25 +113,22 @@ def stand_of(
     upright = (high[0] - low[0]) / (high[up] - low[up]) < TALL
     width, height = (SHORT, LONG) if upright else (LONG, SHORT)
     lens = Lens(width, height, LONG * random.uniform(0.66, 0.8), add.radial)
-    tilt, side = np.radians(add.tilt), np.radians(add.side)
-    azimuth, elevation = tilt * np.cos(side), tilt * np.sin(side)
-    if view.flat:
-        azimuth, elevation = random.uniform(-0.1, 0.1) + side - np.pi / 2, np.pi / 2 - tilt
-    turning, moving = Tremor.of(random, np.radians(add.shake)), Tremor.of(random, add.sway)
+    turning = Tremor.of(random, np.radians(add.shake))
     target = (low + high) / 2 + random.uniform(-0.03, 0.03, 3) * (high - low)
     pan = np.radians(add.pan)
     spare = abs(pan) * seconds / 2 + 3 * np.radians(add.shake)
     fill = random.uniform(0.68, 0.88)
     near, far = NEAREST, FARTHEST
+    turns = np.radians([add.tilt, add.side, add.roll])
     for _ in range(30):
         distance = (near + far) / 2
-        pose = look_at(target, distance, azimuth, elevation, np.radians(add.roll))
+        pose = look_at(target, view.plane, distance, *turns)
         if _fits(lens, along(view.points, *pose), fill, spare):
             far = distance
         else:
             near = distance
-    pose = look_at(target, far, azimuth, elevation, np.radians(add.roll))
-    return lens, Stand(*pose, turning, moving, pan, seconds / 2)
+    pose = look_at(target, view.plane, far, *turns)
+    return lens, Stand(*pose, turning, pan, seconds / 2)
 
 
 def _fits(lens: Lens, points: np.ndarray, fill: float, spare: float) -> bool:

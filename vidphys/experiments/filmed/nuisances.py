@@ -19,7 +19,6 @@ class Nuisances:
         side: degrees; where the camera stands for that, 0 to the right, 90 above.
         roll: degrees about its axis.
         shake: degrees, root mean square of a hand's tremor about each axis.
-        sway: metres, the same of its place.
         pan: degrees per second.
         radial: of the lens; below 0 is barrel.
         readout: seconds from the first row to the last (rolling shutter).
@@ -38,7 +37,6 @@ class Nuisances:
     side: float = 0.0
     roll: float = 0.0
     shake: float = 0.0
-    sway: float = 0.0
     pan: float = 0.0
     radial: float = 0.0
     readout: float = 0.0
@@ -60,7 +58,6 @@ def _mild(random: Random) -> Nuisances:
         side=random.uniform(0, 180),
         roll=random.uniform(-1.5, 1.5),
         shake=random.uniform(0, 0.04),
-        sway=random.uniform(0, 0.0005),
         radial=random.uniform(-0.03, 0.03),
         readout=float(random.choice([0.0, 0.01])),
         drift=random.uniform(0, 0.04),
@@ -74,7 +71,7 @@ def _alone(random: Random, part: str) -> Nuisances:
     """One nuisance at its full strength; the rest is a good camera on a tripod."""
     alone = {
         "tilt": {"tilt": random.uniform(10, 30), "side": random.uniform(0, 180)},
-        "shake": {"shake": random.uniform(0.15, 0.5), "sway": random.uniform(0.001, 0.004)},
+        "shake": {"shake": random.uniform(0.15, 0.5)},
         "lens": {"radial": random.uniform(0.08, 0.25) * random.choice([-1, -1, 1])},
         "clutter": {"clutter": True},
         "exposure": {"drift": random.uniform(0.15, 0.4)},

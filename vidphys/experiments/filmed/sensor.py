@@ -11,6 +11,7 @@ from vidphys.experiments.filmed.camera import Lens, Stand
 from vidphys.experiments.filmed.nuisances import Nuisances
 
 MOMENTS = 5  # of an exposure that blurs
+EXTREMES = 200  # times at which the camera's turns are looked at
 GRAINS = 8  # pictures of noise that are shifted about
 VIGNETTE = 0.16  # darker in the corners
 TINT = 0.03  # of the white balance
@@ -19,20 +20,27 @@ TINT = 0.03  # of the white balance
 class Shutter:
     """Bends the studio's picture as the lens does, row by row as the camera turns.
 
+    The studio's camera stands; turning it is but another way to bend its picture.
+
     Args:
         lens, stand: of the camera.
         readout: seconds from the first row to the last.
-        spare: pixels at each side of the studio's picture, beyond what the lens needs.
+        seconds: of the clip.
     """
 
-    def __init__(self, lens: Lens, stand: Stand, readout: float, spare: int) -> None:
+    def __init__(self, lens: Lens, stand: Stand, readout: float, seconds: float) -> None:
         self._lens, self._stand = lens, stand
         self._late = (np.arange(lens.height) / (lens.height - 1) - 0.5) * readout
-        self._straight = not readout and not lens.radial
+        self._straight = not stand.turns and not lens.radial
         self._rays = lens.rays()
-        far = np.abs(self._rays[..., :2]).max((0, 1)) * lens.focal
-        width, height = (2 * (np.ceil(far).astype(int) + spare)).tolist()
-        self.size = (lens.height, lens.width) if self._straight else (height, width)
+        self.size = (lens.height, lens.width)
+        if not self._straight:
+            times = np.linspace(-readout, seconds + readout, EXTREMES)
+            axes = stand.axes @ stand.poses(times)[1].swapaxes(-1, -2)
+            rim = np.concatenate([self._rays[[0, -1]].reshape(-1, 3), *self._rays[:, [0, -1]]])
+            far = np.abs(self._flat(np.einsum("tij,rj->tri", axes, rim))).max((0, 1))
+            width, height = (2 * np.ceil(far * lens.focal + 2).astype(int)).tolist()
+            self.size = (height, width)
         self._map = self._places(self._rays)
 
     def bend(self, picture: np.ndarray, time: float) -> np.ndarray:
@@ -40,19 +48,20 @@ class Shutter:
         if self._straight:
             return picture
         cv2 = opencv()
-        where = self._map if not self._late.any() else self._places(self._turned(time))
+        where = self._places(self._turned(time)) if self._stand.turns else self._map
         return cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR)
 
     def _turned(self, time: float) -> np.ndarray:
-        """Each row's rays along the axes that the camera has at the time of the frame."""
-        rows = self._stand.poses(time + self._late)[1]
-        frame = self._stand.poses(np.array(time))[1]
-        return np.einsum("ij,rkj,rck->rci", frame, rows, self._rays)
+        """Each row's rays along the axes of the studio's camera."""
+        rows = self._stand.axes @ self._stand.poses(time + self._late)[1].swapaxes(-1, -2)
+        return self._rays @ rows.swapaxes(-1, -2)
+
+    def _flat(self, rays: np.ndarray) -> np.ndarray:
+        return rays[..., :2] / -rays[..., 2:] * [1, -1]
 
     def _places(self, rays: np.ndarray) -> np.ndarray:
-        flat = rays[..., :2] / -rays[..., 2:] * [1, -1]
         centre = (np.array(self.size[::-1]) - 1) / 2
-        return (centre + self._lens.focal * flat).astype(np.float32)
+        return (centre + self._lens.focal * self._flat(rays)).astype(np.float32)
 
 
 class Sensor:

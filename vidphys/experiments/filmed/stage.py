@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -15,7 +14,6 @@ from vidphys.experiments.filmed.studio import Light, Studio
 
 Random = np.random.Generator
 RULER_WIDTH = 0.035  # metres
-FILL = 1.5  # metres to each side of a body's way, for what moves behind it
 
 
 class Stage:
@@ -28,6 +26,7 @@ class Stage:
         view: where the plane of motion and the room are.
         crowded: whether other things move.
         size, focal: of the studio's pictures.
+        camera: its position and axes.
     """
 
     def __init__(
@@ -39,19 +38,20 @@ class Stage:
         crowded: bool,
         size: tuple[int, int],
         focal: float,
+        camera: tuple[np.ndarray, np.ndarray],
     ) -> None:
         self._scene, self._course, self._view = scene, course, view
-        self._others = (
-            clutter.movers(random, view.floor, view.wall, view.half_width) if crowded else []
-        )
+        self._others = _others(random, view) if crowded else []
         self._studio = Studio(
             random,
             self._still(random),
             self._groups(),
             room.skins(random, len(scene.looks)),
-            _light(random, scene.flat),
+            _light(random, view),
             size,
             focal,
+            camera,
+            _walls(view),
         )
 
     def __enter__(self) -> Self:
@@ -60,13 +60,12 @@ class Stage:
     def __exit__(self, *_: object) -> None:
         self._studio.__exit__()
 
-    def picture(self, time: float, delays: np.ndarray, pose: Sequence[np.ndarray]) -> np.ndarray:
+    def picture(self, time: float, delays: np.ndarray) -> np.ndarray:
         """RGB bytes at a time.
 
         Args:
             time: seconds.
             delays: by which each body is seen later, seconds, ``(n,)``.
-            pose: the camera's position and axes.
         """
         places = self._course.at((time + delays)[None])[0]
         for k, look in enumerate(self._scene.looks):
@@ -80,7 +79,7 @@ class Stage:
         self._hand(time, places)
         for k, mover in enumerate(self._others):
             self._studio.pose(f"mover{k}", *mover.at(time))
-        return self._studio.picture(*pose)
+        return self._studio.picture()
 
     def _still(self, random: Random) -> list[Piece]:
         view, pieces = self._view, []
@@ -132,9 +131,23 @@ class Stage:
         self._studio.pose("hand", self._view.world(place), hand.axes(held))
 
 
-def _light(random: Random, flat: bool) -> Light:
-    way = np.array([random.uniform(-0.7, 0.7), random.uniform(0.25, 0.9), -1.0])
-    if flat:
+def _light(random: Random, view: View) -> Light:
+    way = np.array([random.uniform(-0.6, 0.6), random.uniform(0.6, 1.1), -1.0])
+    if view.flat:
         way[1] = random.uniform(-0.5, 0.5)
     strength = random.uniform(0.4, 0.7)
-    return Light(way / np.linalg.norm(way), strength, random.uniform(0.95, 1.15) - strength)
+    ambient = random.uniform(0.95, 1.15) - strength
+    reach = float(np.clip(3 * view.half_width + 1.5, 2.2, 4.0))
+    return Light(way / np.linalg.norm(way), strength, ambient, view.points.mean(0), reach)
+
+
+def _others(random: Random, view: View) -> list[clutter.Mover]:
+    if view.flat:
+        return clutter.over_table(random, float(np.abs(view.points[:, 1]).max()))
+    return clutter.movers(random, view.floor, view.wall, view.half_width)
+
+
+def _walls(view: View) -> list[tuple[np.ndarray, float]]:
+    """The floor or the table, and the wall."""
+    floor = np.array([0.0, 0.0, 1.0]), 0.0 if view.flat else view.floor
+    return [floor] if view.flat else [floor, (np.array([0.0, 1.0, 0.0]), view.wall)]

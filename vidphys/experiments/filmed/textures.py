@@ -121,7 +121,7 @@ def ruler(_: Random) -> np.ndarray:
     strip = np.full((400, 400, 3), (222, 196, 120), np.uint8)
     for k in range(0, 400, 40):
         strip[k : k + 5, : 380 if k % 200 == 0 else 220] = 25
-    return strip
+    return strip.swapaxes(0, 1)
 
 
 def metal(random: Random) -> np.ndarray:

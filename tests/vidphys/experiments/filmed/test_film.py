@@ -16,7 +16,7 @@ from vidphys.experiments.filmed.nuisances import PARTS, Nuisances, nuisances, pa
 from vidphys.experiments.filmed.scenes.kinds import KINDS
 from vidphys.experiments.filmed.scenes.scene import Course, Look
 from vidphys.experiments.filmed.sensor import timing
-from vidphys.experiments.filmed.studio import engine
+from vidphys.experiments.filmed.studio import Studio, engine
 from vidphys.experiments.filmed.truth import Truth
 
 
@@ -170,6 +170,17 @@ def test_the_truth_is_read_as_it_was_written(tmp_path):
     assert again.numbers == truth.numbers
     assert again.pixels == pytest.approx(truth.pixels, abs=1e-4)
     assert again.structure == ("collision",)
+
+
+@drawn
+@pytest.mark.parametrize("kind", ["pendulum hand", "spring"])
+def test_drawing_only_where_something_moves_gives_the_whole_picture(kind, monkeypatch):
+    clip = short(kind, replace(CLEAN, clutter=True), seconds=0.27)
+    truth = truth_of(clip)
+    parts = np.array(list(pictures(clip, truth)), int)
+    monkeypatch.setattr(Studio, "_stir", lambda self: (0, 0, *self._size))
+    whole = np.array(list(pictures(clip, truth)), int)
+    assert (np.abs(parts - whole).max(-1) > 8).mean() < 1e-3
 
 
 @drawn

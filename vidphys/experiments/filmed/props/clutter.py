@@ -72,6 +72,24 @@ def movers(random: Random, floor: float, wall: float, half_width: float) -> list
     return found
 
 
+def over_table(random: Random, reach: float) -> list[Mover]:
+    """An arm that comes and goes at the rim of a table seen from above.
+
+    Args:
+        random: where.
+        reach: metres from the origin within which it does not come.
+    """
+    side = float(random.choice([-1, 1]))
+    arm = [
+        Piece("ellipsoid", (0.045, 0.03, 0.02), "skin", np.array([0, 0, 0.03])),
+        between((0.04, 0, 0.03), (0.2, 0, 0.04), 0.026, "skin"),
+        between((0.15, 0, 0.04), (0.6, 0, 0.06), 0.038, "cloth"),
+    ]
+    start = np.array([random.uniform(0, 0.5) * reach, side * (reach + 0.03), 0.0])
+    speed = np.array([random.uniform(0.08, 0.25), 0, 0])
+    return [Mover(arm, start, speed, 0.4 * reach)]
+
+
 def _walker() -> list[Piece]:
     legs = [between((x, 0, 0.05), (x * 0.7, 0, 0.8), 0.065, "paint1") for x in (-0.13, 0.13)]
     arms = [between((x, 0, 0.85), (x * 0.8, 0, 1.35), 0.05, "cloth") for x in (-0.26, 0.26)]

@@ -17,7 +17,7 @@ class Piece:
     """A shape with a skin.
 
     Args:
-        shape: sphere, ellipsoid, box, cylinder, capsule or plane, as MuJoCo means them.
+        shape: sphere, ellipsoid, box, cylinder or capsule, as MuJoCo means them.
         size: half sizes, metres.
         skin: name of a skin; see :class:`Skins`.
         place: of its centre, metres, ``(3,)``.
@@ -44,8 +44,8 @@ class Skin:
     Args:
         texture: of :data:`~vidphys.experiments.filmed.textures.TEXTURES`; none where empty.
         colour: ``(r, g, b)`` in 0..1.
-        flat: whether it is spread over a plane, rather than around a body.
-        repeat: of the texture along a plane.
+        flat: whether it is spread over one side, rather than around a body.
+        repeat: of the texture along that side.
         shine: 0..1.
     """
 

@@ -9,6 +9,7 @@ from vidphys.experiments.filmed.textures import FLOORS, WALLS
 
 Random = np.random.Generator
 STRETCH = 6.0  # metres on a side of floor and wall, half
+SLAB = (STRETCH, STRETCH, 0.05)  # a box: the shadows of planes have holes
 
 
 def skins(random: Random, bodies: int) -> dict[str, Skin]:
@@ -48,8 +49,8 @@ def room(random: Random, floor: float, wall: float) -> list[Piece]:
     """
     back = turned(x=np.pi / 2)
     pieces = [
-        Piece("plane", (STRETCH, STRETCH, 0.1), "floor", np.array([0, 0, floor])),
-        Piece("plane", (STRETCH, STRETCH, 0.1), "wall", np.array([0, wall, floor]), back),
+        Piece("box", SLAB, "floor", np.array([0, 0, floor - SLAB[2]])),
+        Piece("box", SLAB, "wall", np.array([0, wall + SLAB[2], floor]), back),
         box((2 * STRETCH, 0.012, 0.1), (0, wall - 0.006, floor + 0.05), "white"),
     ]
     for _ in range(int(random.integers(2, 6))):
@@ -118,7 +119,7 @@ def table(random: Random, reach: float) -> list[Piece]:
         random: what is there.
         reach: metres from the origin within which it is kept free.
     """
-    pieces = [Piece("plane", (STRETCH, STRETCH, 0.1), "floor")]
+    pieces = [Piece("box", SLAB, "floor", np.array([0, 0, -SLAB[2]]))]
     rim = reach + 0.12
     for k in range(int(random.integers(2, 6))):
         turn = random.uniform(0, 2 * np.pi)

@@ -22,7 +22,7 @@ GRAVITY_NUMBER = Number("g", GRAVITY, "m/s^2")
 
 
 def _toss(random: Generator, kind: str, hand: bool) -> Scene:
-    flight = random.uniform(0.8, 1.15)
+    flight = random.uniform(0.6, 0.9) if hand else random.uniform(0.8, 1.15)
     up = GRAVITY * flight / 2
     across = random.uniform(0.5, 1.6) * random.choice([-1, 1])
     held = None
@@ -78,8 +78,9 @@ def drop_hand(random: Generator) -> Scene:
 
 def roll(random: Generator) -> Scene:
     """A ball that rolls along the floor and slows evenly."""
-    slowing, speed = random.uniform(0.12, 0.35), random.uniform(0.8, 1.3)
-    side, radius = random.choice([-1, 1]), random.uniform(0.03, 0.06)
+    speed, far = random.uniform(0.6, 1.0), random.uniform(0.9, 1.6)
+    slowing = speed**2 / (2 * far)
+    side, radius = random.choice([-1, 1]), random.uniform(0.04, 0.08)
     seconds = 0.92 * speed / slowing
     return Scene(
         "roll",
@@ -95,8 +96,8 @@ def roll(random: Generator) -> Scene:
 
 def incline(random: Generator) -> Scene:
     """A ball that rolls down a plank from rest."""
-    angle, length = np.radians(random.uniform(3, 9)), random.uniform(0.9, 1.6)
-    side, radius = random.choice([-1.0, 1.0]), random.uniform(0.025, 0.045)
+    angle, length = np.radians(random.uniform(3, 9)), random.uniform(0.7, 1.3)
+    side, radius = random.choice([-1.0, 1.0]), random.uniform(0.03, 0.055)
     acceleration = ROLLING_BALL * GRAVITY * np.sin(angle)
     x, y = side * np.cos(angle), -np.sin(angle)
     below = radius * np.array([-side * np.sin(angle), -np.cos(angle)])
@@ -132,7 +133,7 @@ def fall(random: Generator) -> Scene:
 def pucks(random: Generator) -> Scene:
     """Two pucks on an air table, seen from above, that meet once."""
     ratio, restitution = random.uniform(1.0, 3.0), random.uniform(0.7, 1.0)
-    small = random.uniform(0.03, 0.04)
+    small = random.uniform(0.032, 0.045)
     radii = np.array([small, small * ratio**0.5])
     if random.random() < 0.5:
         ratio, radii = 1 / ratio, radii[::-1]

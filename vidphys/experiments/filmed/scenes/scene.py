@@ -10,7 +10,7 @@ import numpy as np
 from vidphys.experiments.filmed.laws.law import Law
 
 FINE = 9600.0  # places a second, between which a path is straight: 0.1 mm of a falling ball's kink
-THROW = 0.35  # seconds in which a hand brings a ball to its speed
+THROW = 0.22  # seconds in which a hand brings a ball to its speed
 CARRY = 0.6  # share of the time before the release in which a hand moves; then it waits
 
 Place = tuple[float, float]

@@ -149,7 +149,7 @@ def double_pendulum(random: Generator) -> Scene:
         (upper, lower, ratio, first, second),
         (*numbers_of(told), GRAVITY_NUMBER),
         random.uniform(4.0, 6.0),
-        (Look("ball", 0.022), Look("ball", 0.022 * ratio ** (1 / 3))),
+        (Look("ball", 0.026), Look("ball", 0.026 * ratio ** (1 / 3))),
         (Link("rod", (0.0, 0.0), 0), Link("rod", 0, 1)),
         (Fixture("stand", (0.0, 0.0), (0.0, 0.0)),),
     )

@@ -1,0 +1,134 @@
+"""The product's own way with a clip, without a flag, and how its numbers are read."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from binders.motion import MotionBinder
+from vidphys.data.video import ClipSelection
+from vidphys.diagnose.recordings.clips import follow_clip
+from vidphys.diagnose.telling.answers import answer
+from vidphys.statistics import NORMAL_95
+
+HELD_OUT = 0.4  # of a clip, at its end
+ALIKE = {"spring": "pair", "rest-length": "pair"}  # forces between bodies, whatever their shape
+EXPLAINED, MOSTLY, NOT = "explained", "mostly explained", "not explained"
+
+
+@dataclass(frozen=True)
+class Told:
+    """A number that the product tells.
+
+    Args:
+        value: in its own unit of length, and seconds.
+        half: of the 95 % interval.
+    """
+
+    value: float
+    half: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the product says of a clip; places in pixels.
+
+    Args:
+        track: of the bodies in each frame, for a camera that stays, ``(t, n, 2)``; NaN where one
+            was not seen.
+        kinds: terms that it names.
+        status: explained, mostly explained or not explained.
+        mechanism: its laws, as ``diagnosis.json`` has them.
+        forecast: times and places ``(t, n, 2)`` after the fitted part; ``None`` without one.
+        seconds: that it took.
+        why: it gives no answer, where it gives none.
+    """
+
+    track: np.ndarray
+    kinds: frozenset[str]
+    status: str
+    mechanism: list[dict[str, Any]]
+    forecast: tuple[np.ndarray, np.ndarray] | None
+    seconds: float
+    why: str = ""
+
+
+def ask(clip: Path, size: tuple[int, int]) -> Answer:
+    """Follow the bodies of a clip and diagnose their motion; a refusal is an answer.
+
+    Args:
+        clip: the video.
+        size: (height, width), pixels.
+    """
+    began = time.perf_counter()
+    track = np.full((0, 1, 2), np.nan)
+    try:
+        motion, _, _ = follow_clip(clip, ClipSelection(), MotionBinder())
+        track = pixels_of(motion.positions[0], size)
+        found = answer(motion, False, HELD_OUT)
+    except ValueError as error:
+        return Answer(track, frozenset(), NOT, [], None, time.perf_counter() - began, str(error))
+    rolled = found.rolled.get("model")
+    return Answer(
+        track,
+        frozenset(ALIKE.get(kind, kind) for kind in found.data["terms"]),
+        found.data.get("status") or (EXPLAINED if found.data["explained"] else NOT),
+        found.data.get("mechanism", []),
+        None if rolled is None else (rolled[0], pixels_of(rolled[1], size)),
+        time.perf_counter() - began,
+        found.data["refused"] or "",
+    )
+
+
+def pixels_of(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Pixels (column, row) of normalised image units."""
+    height, width = size
+    return places * (max(size) / 2) * [1, -1] + [(width - 1) / 2, (height - 1) / 2]
+
+
+# The truth's name -> the product's, and its power of length.
+NAMES: Mapping[str, tuple[str, int]] = {
+    "omega": ("rate", 0),
+    "damping": ("linear friction", 0),
+    "drag": ("square friction", -1),
+    "length": ("length", 1),
+    "g": ("acceleration", 1),
+    "acceleration": ("acceleration", 1),
+    "deceleration": ("dry friction", 1),
+    "restitution": ("restitution", 0),
+    "mass_ratio": ("mass ratio", 0),
+}
+TURNS = ("arc", "angle")
+
+
+def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | None:
+    """A number of the truth as a law of the product has it, SI; ``None`` where it has none.
+
+    Args:
+        group: of ``mechanism``.
+        name: the truth's.
+        body: of the product's, whose it is.
+        unit: metres of the product's unit of length.
+    """
+    if name not in NAMES:
+        return None
+    theirs, power = NAMES[name]
+    which = list(group["bodies"]).index(body) + 1
+    quantities = group["quantities"]
+    for said in (theirs, f"{theirs} {which}", f"{theirs} 1"):
+        if said in quantities:
+            break
+    else:
+        return None
+    scale = unit**power
+    if name == "drag" and group["moves on"] in TURNS:  # of the angle: drag times length
+        if "length" not in quantities:
+            return None
+        scale = 1 / (quantities["length"]["value"] * unit)
+    found = quantities[said]
+    return Told(found["value"] * scale, NORMAL_95 * found["standard_error"] * scale)
