@@ -9,15 +9,21 @@ from vidphys.experiments.filmed.scenes.kinds import KINDS
 from vidphys.experiments.filmed.truth import Truth
 
 ROUNDS = 12  # of the solver
-DIRECTIONS = ("x", "y")  # which the plane's embedding can turn as well
+ENOUGH = 1e-4  # relative change of the misfit at which it ends
+NUDGE = 1e-4  # of its slopes, relative
+DIRECTIONS = ("x", "y")  # which the embedding can turn as well
 SLIP = 1.0  # pixels, beyond which a place counts less
+LOST = 1e4  # such, of a motion that cannot be
+GUESSED = 0.3  # relative; how well a person knows the numbers beforehand
+TILTED = 0.2  # a metre; the plane's perspective that a person thinks of
+PLANE = 8  # numbers of the embedding
 
 
 def forecast_by_hand(truth: Truth, track: np.ndarray, fitted: np.ndarray) -> np.ndarray:
     """Places ``(t, n, 2)`` in pixels by the scene's own law, fitted to some frames of a track.
 
-    The law's numbers and an affine embedding of its plane in the picture are free; gravity and
-    numbers that are not part of the law (those that are nothing) are not.
+    The law's numbers and a perspective view of its plane are free, held loosely to what a person
+    would guess; gravity is known, and terms that the scene does not have are left out.
 
     Args:
         truth: gives the law, and where the fit begins.
@@ -30,41 +36,35 @@ def forecast_by_hand(truth: Truth, track: np.ndarray, fitted: np.ndarray) -> np.
     free &= (values != 0) | np.array([name.startswith(("angle", "rate")) for name in law.names])
     since = truth.times - truth.released
     holds = since >= 0
-    used = (fitted & holds)[holds]
-    seen = np.isfinite(track[holds]).all(-1) & used[:, None]
+    seen = np.isfinite(track[holds]).all(-1) & fitted[holds, None]
     unique, back = np.unique(since[holds], return_inverse=True)
 
-    def places(numbers: np.ndarray, plane: np.ndarray) -> np.ndarray:
-        return _embedded(law.path(numbers, unique)[back], plane)
+    def places(x: np.ndarray) -> np.ndarray:
+        numbers = values.copy()
+        numbers[free] = x[PLANE:]
+        return _embedded(law.path(numbers, unique)[back], x[:PLANE])
 
     def residual(x: np.ndarray) -> np.ndarray:
-        numbers = values.copy()
-        numbers[free] = x[6:]
-        return (places(numbers, x[:6]) - track[holds])[seen].ravel()
+        try:
+            off = (places(x) - track[holds])[seen].ravel() / SLIP
+        except FloatingPointError:  # numbers that no motion has
+            off = np.full(2 * seen.sum(), LOST)
+        steady = np.sign(off) * np.sqrt(2 * (np.sqrt(1 + off**2) - 1))
+        return np.concatenate([steady, (x - start)[6:] / loose])
 
-    start = np.concatenate(
-        [_plane(law.path(values, unique)[back], truth.steady[holds]), values[free]]
-    )
+    view = truth.view / truth.view[2, 2]
+    start = np.concatenate([view[0], view[1], view[2, :2], values[free]])
+    start = start[[0, 1, 3, 4, 2, 5, 6, 7, *range(PLANE, len(start))]]
+    known = np.maximum(GUESSED * np.abs(values[free]), GUESSED * NUDGE)
+    loose = np.concatenate([np.full(PLANE - 6, TILTED), known])
     found = least_squares(
-        residual, start, x_scale="jac", loss="soft_l1", f_scale=SLIP, max_nfev=ROUNDS
+        residual, start, x_scale="jac", max_nfev=ROUNDS, ftol=ENOUGH, diff_step=NUDGE
     ).x
-    numbers = values.copy()
-    numbers[free] = found[6:]
     told = np.full(truth.steady.shape, np.nan)
-    told[holds] = places(numbers, found[:6])
+    told[holds] = places(found)
     return told
 
 
-def _embedded(metres: np.ndarray, plane: np.ndarray) -> np.ndarray:
-    return metres @ plane[:4].reshape(2, 2) + plane[4:]
-
-
-def _plane(metres: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """The affine map ``(6,)`` that comes nearest, of a line the one that keeps its angles."""
-    x, y = metres.reshape(-1, 2).T
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    # pixels' rows go down: a mirrored similarity (a, b, c, d)
-    rows = np.stack([np.stack([x, y, one, zero], -1), np.stack([-y, x, zero, one], -1)], 1)
-    target = pixels.reshape(-1, 2) * [1, -1]
-    (a, b, c, d), *_ = np.linalg.lstsq(rows.reshape(-1, 4), target.ravel(), rcond=None)
-    return np.array([a, b, b, -a, c, -d])
+def _embedded(metres: np.ndarray, view: np.ndarray) -> np.ndarray:
+    depth = 1 + metres @ view[6:]
+    return (metres @ view[:4].reshape(2, 2).T + view[4:6]) / depth[..., None]

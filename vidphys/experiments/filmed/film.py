@@ -94,12 +94,29 @@ def truth_of(clip: Clip) -> Truth:
         shown,
         clip.lens.project(along(world, *clip.stand.poses(read))),
         clip.lens.project(along(world, *still)),
+        _radii(clip, world[0]),
         places,
         clip.scene.released,
         Ruler(float(np.linalg.norm(np.diff(clip.view.ruler, axis=0))), ruler),
+        _view(clip, first[0][0], first[1][0]),
         law,
         asdict(clip.add),
     )
+
+
+def _view(clip: Clip, position: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """The map ``(3, 3)`` of the plane of motion into the picture of a camera without distortion."""
+    corners = clip.view.world(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    origin, right, up = along(corners, position, axes)
+    (cx, cy), f = clip.lens.centre, clip.lens.focal
+    camera = np.array([[f, 0, -cx], [0, -f, -cy], [0, 0, -1]])
+    return camera @ np.stack([right - origin, up - origin, origin], 1)
+
+
+def _radii(clip: Clip, world: np.ndarray) -> np.ndarray:
+    """Of bodies at world places ``(n, 3)``, pixels."""
+    sizes = np.array([look.radius for look in clip.scene.looks])
+    return clip.lens.focal * sizes / np.linalg.norm(world - clip.stand.position, axis=-1)
 
 
 def read_at(clip: Clip, times: np.ndarray) -> np.ndarray:

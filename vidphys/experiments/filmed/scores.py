@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -59,8 +60,8 @@ class Score:
 
     Args:
         kind, part: of the truth.
-        misses: root mean square distance of each body's nearest track, over the picture's height;
-            ``None`` where none follows it.
+        misses: root mean square distance of each body's nearest track from a point of the body,
+            over the picture's height; ``None`` where none follows it.
         kinds, status, why: of the answer.
         exact: whether precisely the right terms are named.
         numbers: see :class:`NumberScore`.
@@ -147,12 +148,15 @@ def matched(
     if len(track) != len(truth.times):
         return ordered, tuple(misses), order
     off = track[free][:, None] - truth.steady[free][:, :, None]
-    squares = (off**2).sum(-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a body that is never seen
+        middle = np.nanmedian(off, 0)
+    # A body has no place but a middle: any point of it may be followed, if it is always the same.
+    within = np.sqrt((middle**2).sum(-1)) < truth.radii[:, None]
+    squares = ((off - np.where(within[..., None], middle, 0.0)) ** 2).sum(-1)
     share = np.isfinite(squares).mean(0)
-    apart = np.sqrt(np.nanmean(np.where(np.isfinite(squares), squares, np.nan), 0, keepdims=True))[
-        0
-    ]
-    apart = np.where((share >= SEEN) & np.isfinite(apart), apart, np.inf)
+    count = np.maximum(np.isfinite(squares).sum(0), 1)
+    apart = np.where(share >= SEEN, np.sqrt(np.nansum(squares, 0) / count), np.inf)
     cost = np.where(np.isfinite(apart), apart, 1e9)
     for body, follower in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(apart[body, follower]):

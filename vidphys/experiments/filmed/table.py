@@ -77,7 +77,7 @@ def _sizes(rows: Recorder, scores: Sequence[Score]) -> None:
     biases = [number.error for number in claimed if number.error is not None]
     hand = [s.forecast for s in scores if {"model", "by hand"} <= s.forecast.keys()]
     sizes: dict[str, Iterable[float]] = {
-        "miss": [max(m for m in s.misses if m is not None) for s in scores if any(s.misses)],
+        "miss": [m for s in scores for m in s.misses if m is not None],
         "number_error": [abs(error) for error in errors],
         "forecast_ratio": [f["model"] / max(f["by hand"], 1e-9) for f in hand],
         "forecast_by_hand": [f["by hand"] for f in hand],

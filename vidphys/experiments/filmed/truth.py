@@ -47,9 +47,12 @@ class Truth:
         shown: for each frame the one whose picture it shows; another one where it is doubled.
         pixels: of the bodies' centres in the pictures, ``(t, n, 2)``.
         steady: the same for a camera that stays as it was in the first frame.
+        radii: of the bodies in the first picture, pixels, ``(n,)``.
         metres: places in the plane of motion, ``(t, n, 2)``.
         released: seconds from which the law holds.
         ruler: see :class:`Ruler`.
+        view: of the plane of motion: ``(3, 3)`` takes (x, y, 1) in metres to homogeneous pixels of
+            the first frame, but for the lens.
         values: of the law, by name.
         nuisances: of the camera.
     """
@@ -66,9 +69,11 @@ class Truth:
     shown: np.ndarray
     pixels: np.ndarray
     steady: np.ndarray
+    radii: np.ndarray
     metres: np.ndarray
     released: float
     ruler: Ruler
+    view: np.ndarray
     values: dict[str, float]
     nuisances: dict[str, Any]
 
@@ -77,11 +82,11 @@ class Truth:
         data = {name: getattr(self, name) for name in self.__dataclass_fields__}
         data["numbers"] = [asdict(number) for number in self.numbers]
         data["ruler"] = {"metres": self.ruler.metres, "pixels": self.ruler.pixels.tolist()}
-        for name in ("pixels", "steady"):
+        for name in ("pixels", "steady", "radii"):
             data[name] = np.round(data[name], DIGITS).tolist()
         for name in ("stamps", "times", "metres"):
             data[name] = np.round(data[name], 7).tolist()
-        data["shown"] = self.shown.tolist()
+        data["shown"], data["view"] = self.shown.tolist(), self.view.tolist()
         write_json(path, {"schema_version": SCHEMA_VERSION, **data})
 
     @classmethod
@@ -89,7 +94,7 @@ class Truth:
         """From JSON."""
         data = json.loads(path.read_text(encoding="utf-8"))
         data.pop("schema_version")
-        for name in ("stamps", "times", "shown", "pixels", "steady", "metres"):
+        for name in ("stamps", "times", "shown", "pixels", "steady", "radii", "metres", "view"):
             data[name] = np.array(data[name])
         data["numbers"] = tuple(Number(**number) for number in data["numbers"])
         data["ruler"] = Ruler(data["ruler"]["metres"], np.array(data["ruler"]["pixels"]))
