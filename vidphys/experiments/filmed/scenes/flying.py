@@ -28,7 +28,7 @@ def _toss(random: Generator, kind: str, hand: bool) -> Scene:
     held = None
     if hand:
         way = (-0.5 * float(np.sign(across)), -0.87)
-        held = Held(0, random.uniform(1.0, 1.8), way, velocity=(across, up))
+        held = Held(0, random.uniform(0.5, 0.9), way, velocity=(across, up))
     look = Look("ball", random.uniform(0.05, 0.1), spin=random.uniform(-6, 6))
     seconds = flight * random.uniform(0.95, 1.05) + (held.seconds if held else 0.0)
     return Scene(kind, TOSS, (across, up), (GRAVITY_NUMBER,), seconds, (look,), (), (), held=held)
