@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.findings import Finding, NoSteadyState, counted
+from dynamics.numbers import unbent
 from dynamics.ports import Port
 from dynamics.state import Parameters, PhaseState
 
@@ -170,11 +171,23 @@ class FactoredBath(DiagonalBath):
 
 
 class ConstantBath(DiagonalBath):
-    """One learned friction gamma_f > 0; the drive is not an input (the control)."""
+    """One learned friction gamma_f > 0; the drive is not an input (the control).
 
-    def __init__(self, bodies: int, space: int) -> None:
+    Args:
+        bodies, space: of the states.
+        rate: where the friction starts, per second.
+    """
+
+    def __init__(self, bodies: int, space: int, rate: float | None = None) -> None:
         super().__init__()
         self.raw = nn.Parameter(torch.zeros(1, 1))
+        if rate is not None:
+            self.set(rate)
+
+    def set(self, rate: float) -> None:
+        """Let the friction be this, per second."""
+        with torch.no_grad():
+            self.raw.fill_(unbent(rate))
 
     def friction(self, params: Parameters) -> Tensor:
         return nn.functional.softplus(self.raw)

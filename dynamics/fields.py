@@ -1,39 +1,73 @@
-"""A uniform field, as gravity near the ground: the same acceleration for every body."""
+"""Fields that pull a body by its mass: gravity near the ground, free or on a circle."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynamics.numbers import number
 from dynamics.state import Parameters
 
 
 class UniformField(nn.Module):
-    """V = -sum_i m_i g . q_i with a learned g, which no coupling changes.
+    """V = -sum_i m_i g . q_i, which no coupling changes.
 
     Args:
-        space: dimensions of space; ``acceleration`` starts at zero.
+        space: dimensions of space.
+        acceleration: g, ``(d,)``, world units per second squared; zero where not given.
+        learned: whether it is, from there on.
 
     Example:
-        >>> field = UniformField(space=2)
-        >>> field.start_at([0.0, -9.81])
+        >>> field = UniformField(2, (0.0, -9.81))
         >>> law = Parameters(torch.ones(()), torch.tensor([2.0]))
         >>> [[round(x, 2) for x in f] for f in field.force(torch.zeros(1, 2), law).tolist()]
         [[0.0, -19.62]]
     """
 
-    def __init__(self, space: int) -> None:
-        super().__init__()
-        self.acceleration = nn.Parameter(torch.zeros(space))
+    acceleration: Tensor
 
-    def start_at(self, acceleration: list[float]) -> None:
-        """Begin training at this acceleration, ``(d,)``."""
-        with torch.no_grad():
-            self.acceleration.copy_(torch.tensor(acceleration))
+    def __init__(
+        self, space: int, acceleration: Sequence[float] | None = None, learned: bool = True
+    ) -> None:
+        super().__init__()
+        number(self, "acceleration", acceleration or [0.0] * space, learned)
 
     def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         return -(params.mass * (q @ self.acceleration.to(q.dtype))).sum(-1)
 
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return params.mass.unsqueeze(-1) * self.acceleration.to(q.dtype).expand_as(q)
+
+
+class Pendulum(nn.Module):
+    """V = -m rate2 length^2 sum_i cos(q_i / length): weight on a circle of that radius.
+
+    Args:
+        rate2: square of the rate of small swings, per second squared; g / l of a point on a string.
+        length: of the coordinates for an angle of one; 1 where they are angles.
+        learned: whether ``rate2`` is.
+
+    Example:
+        >>> law = Parameters(torch.ones(()), torch.tensor([2.0]))
+        >>> quarter = torch.full((1, 1), torch.pi / 2)
+        >>> Pendulum(9.0).force(quarter, law).round(decimals=3).tolist()
+        [[-18.0]]
+    """
+
+    rate2: Tensor
+
+    def __init__(self, rate2: float, length: float = 1.0, learned: bool = True) -> None:
+        super().__init__()
+        self.length = length
+        number(self, "rate2", rate2, learned)
+
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
+        depth = (q / self.length).cos().sum(-1)
+        return -self.rate2.to(q) * self.length**2 * (params.mass * depth).sum(-1)
+
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
+        weight = params.mass.unsqueeze(-1) * self.rate2.to(q) * self.length
+        return -weight * (q / self.length).sin()

@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynamics.numbers import unbent
 from dynamics.ports import SLOW, Port
 from dynamics.state import Parameters, PhaseState
 
@@ -54,6 +55,8 @@ class Friction(Port):
             ``free`` in sign; a learned positive multiple of the scalar ``friction`` that the
             episode is told (``factored``); the same, refusing a negative one (``guaranteed``);
             or that scalar itself, nothing learned (``known``).
+        rate: where a learned gamma, or multiple of the one told, starts; above zero but for
+            ``free``.
 
     Raises:
         ValueError: an unknown law or strength.
@@ -65,7 +68,9 @@ class Friction(Port):
         [[[-2.0, -0.0]]]
     """
 
-    def __init__(self, law: str = "linear", strength: str = "positive") -> None:
+    def __init__(
+        self, law: str = "linear", strength: str = "positive", rate: float | None = None
+    ) -> None:
         super().__init__()
         for what, known, name in (("law", FLOWS, law), ("strength", STRENGTHS, strength)):
             if name not in known:
@@ -75,19 +80,13 @@ class Friction(Port):
             # A multiple of what is told starts near one, a rate of its own starts slow.
             start = SLOW if strength == "positive" else 0.0
             self.raw = nn.Parameter(torch.tensor(start))
+            if rate is not None:
+                self.set(rate)
 
-    def start_at(self, gamma: float) -> None:
-        """Begin training at this coefficient, or multiple of the one told; nothing if ``known``.
-
-        A strength that is positive by construction takes one above zero.
-        """
-        if self.strength == "known":
-            return
-        value = torch.tensor(gamma)
-        if self.strength != "free":
-            value += torch.log(-torch.expm1(-value))  # softplus inverted, where exp overflows too
+    def set(self, gamma: float) -> None:
+        """Let a learned coefficient, or multiple of the one told, be this."""
         with torch.no_grad():
-            self.raw.copy_(value)
+            self.raw.copy_(torch.tensor(gamma) if self.strength == "free" else unbent(gamma))
 
     def coefficient(self, params: Parameters) -> Tensor:
         """The coefficient gamma of each episode, ``(...)``, or ``()`` where all have the same."""

@@ -1,4 +1,4 @@
-"""Models in generalised coordinates: a learned metric M(q) and a potential, in two formalisms.
+"""Models in generalised coordinates: a metric M(q) and a potential, in two formalisms.
 
 The state is (q, p) with p = M(q) dq/dt in both. Sources: the study's appendix B; SymODEN
 (Zhong, Dey and Chakraborty, ICLR 2020); DeLaN (Lutter, Ritter and Peters, ICLR 2019); the
@@ -8,7 +8,7 @@ integrator of Tao, Phys. Rev. E 94, 043303 (2016).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
+from typing import Protocol, cast, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -19,7 +19,27 @@ from dynamics.friction import Friction
 from dynamics.head import Head
 from dynamics.integrators import Integrator, Memory, VectorField, tao, tao_gate
 from dynamics.metric import CholeskyMetric
+from dynamics.potentials import Potential
 from dynamics.state import Parameters, PhaseState
+
+
+@runtime_checkable
+class Metric(Protocol):
+    """What a mass matrix M(q) offers; vectors are ``(..., n)``."""
+
+    def velocity(self, q: Float[Tensor, "*b n"], p: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n"]:
+        """M(q)^-1 p."""
+
+    def momentum(self, q: Float[Tensor, "*b n"], v: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n"]:
+        """M(q) v."""
+
+    def inverse(self, q: Float[Tensor, "*b n"]) -> Float[Tensor, "*b n n"]:
+        """M(q)^-1."""
+
+    def hamilton(
+        self, q: Float[Tensor, "*b n"], p: Float[Tensor, "*b n"]
+    ) -> tuple[Float[Tensor, "*b n"], Float[Tensor, "*b n"]]:
+        """The velocity M^-1 p, and -d/dq of 1/2 p^T M(q)^-1 p."""
 
 
 class Generalised(Head):
@@ -38,8 +58,8 @@ class Generalised(Head):
 
     def __init__(
         self,
-        metric: CholeskyMetric,
-        potential: AnglePotential,
+        metric: Metric,
+        potential: Potential,
         integrator: Integrator,
         dt: float,
         ports: Sequence[Friction] = (),
@@ -55,7 +75,8 @@ class Generalised(Head):
 
     def set_scale(self, q: float, p: float) -> None:
         """Be told the sizes of one step's increments, radians and momentum units."""
-        self.potential.set_scale(p / self.told_for)
+        if isinstance(self.potential, AnglePotential):
+            self.potential.set_scale(p / self.told_for)
 
     def velocity(self, state: PhaseState) -> Tensor:
         """dq/dt = M(q)^-1 p, ``(..., n, 1)``."""
@@ -142,7 +163,7 @@ class Lagrangian(Generalised):
         def slopes(q: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
             turn, rate = q.flatten(-2), v.flatten(-2)
             force = self.potential.force(q, params).flatten(-2)
-            push = force + self.metric.coriolis(turn, rate)
+            push = force + cast(CholeskyMetric, self.metric).coriolis(turn, rate)
             return v, self.metric.velocity(turn, push).unsqueeze(-1)
 
         moving = PhaseState(state.q, self.velocity(state))

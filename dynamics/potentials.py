@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from dynamics.couplings import PairLaw
 from dynamics.mlp import MLP
+from dynamics.numbers import number
 from dynamics.pairs import pair_tiles
 from dynamics.state import Parameters
 
@@ -233,17 +234,38 @@ class FreePotential(nn.Module):
 
 
 class HarmonicTrap(nn.Module):
-    """V = stiffness sum_i |q_i|^2 / 2: a known confinement that no coupling changes."""
+    """V = stiffness sum_i |q_i - centre|^2 / 2: a confinement that no coupling changes.
 
-    def __init__(self, stiffness: float) -> None:
+    Args:
+        stiffness: per second squared, of a unit mass.
+        centre: ``(d,)``, world units; the origin where not given.
+        learned: whether both are.
+    """
+
+    stiffness: float | Tensor
+    centre: Tensor | None
+
+    def __init__(
+        self, stiffness: float, centre: Sequence[float] | None = None, learned: bool = False
+    ) -> None:
         super().__init__()
-        self.stiffness = stiffness
+        if learned:
+            number(self, "stiffness", stiffness, True)
+        else:
+            self.stiffness = stiffness
+        if centre is None:
+            self.centre = None
+        else:
+            number(self, "centre", centre, learned)
 
     def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
-        return 0.5 * self.stiffness * q.square().sum((-2, -1))
+        return 0.5 * self.stiffness * self._away(q).square().sum((-2, -1))
 
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
-        return -self.stiffness * q
+        return -self.stiffness * self._away(q)
+
+    def _away(self, q: Tensor) -> Tensor:
+        return q if self.centre is None else q - self.centre.to(q)
 
 
 class SumPotential(nn.Module):

@@ -18,6 +18,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from dynamics.bound import Bound
+from dynamics.each import Each
+from dynamics.fields import Pendulum
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head
 from dynamics.kinetic import FixedKinetic
@@ -204,10 +207,16 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
     """What is known of the rates of a model's terms; nothing of learned ones that are not pairs.
 
     Args:
-        head: any; only a :class:`Hamiltonian` with the kinetic energy |p|^2 / 2m has rates here.
+        head: any; only a :class:`Hamiltonian` with the kinetic energy |p|^2 / 2m has rates here,
+            by itself or bound.
         start: gives sizes, dtype and device.
         params: of every episode of the batch, ``(...)``, not broadcast.
     """
+    if isinstance(head, Bound):  # pairs are rated by places, and it has coordinates
+        rates = rates_of(head.law, start, params)
+        return [rate for rate in rates if isinstance(rate, ConstantRates)]
+    if isinstance(head, Each):
+        return [rate for each in head.laws for rate in rates_of(cast(Head, each), start, params)]
     if isinstance(head, Walled):
         head = head.free
     if not isinstance(head, Hamiltonian) or not isinstance(head.kinetic, FixedKinetic):
@@ -218,8 +227,11 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
             if isinstance(part, PairPotential) and start.q.shape[-2] > 1:
                 found.append(PairRates(part, params, start.q))
             elif isinstance(part, HarmonicTrap):
-                squared = abs(part.stiffness) / params.mass.amin(-1)
+                squared = abs(cast(float, part.stiffness)) / params.mass.amin(-1)
                 found.append(ConstantRates("HarmonicTrap", squared))
+            elif isinstance(part, Pendulum):
+                squared = part.rate2.abs().to(params.mass).expand(params.coupling.shape)
+                found.append(ConstantRates("Pendulum", squared))
             elif isinstance(part, QuadraticPotential):
                 root = params.mass.rsqrt()
                 matrix = root.unsqueeze(-1) * part.stiffness(params.coupling) * root.unsqueeze(-2)

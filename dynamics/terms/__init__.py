@@ -4,6 +4,7 @@
 :func:`dynamics.build` makes the model of it, and :func:`to_config` writes it down.
 """
 
+from dynamics.terms.bound import Each, Links, OnArc, OnChain, OnCurve, OnLine, Spring
 from dynamics.terms.config import from_config, to_config
 from dynamics.terms.heads import (
     Attention,
@@ -39,6 +40,7 @@ from dynamics.terms.potentials import (
     Mapped,
     NoPotential,
     Pair,
+    Pendulum,
     Radial,
     Shortcut,
     Trap,
@@ -56,6 +58,7 @@ __all__ = [
     "Displacement",
     "Drag",
     "DrivenBath",
+    "Each",
     "FactoredBath",
     "Fixed",
     "Flow",
@@ -74,9 +77,15 @@ __all__ = [
     "Knots",
     "Lagrangian",
     "LinearFriction",
+    "Links",
     "Mapped",
     "NoPotential",
+    "OnArc",
+    "OnChain",
+    "OnCurve",
+    "OnLine",
     "Pair",
+    "Pendulum",
     "PerBody",
     "PortTerm",
     "PotentialTerm",
@@ -85,6 +94,7 @@ __all__ = [
     "Restitution",
     "Shortcut",
     "Sizes",
+    "Spring",
     "StateDependentBath",
     "TERMS",
     "Term",

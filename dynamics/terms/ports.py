@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from dynamics import bath, contact, ports
@@ -28,13 +28,22 @@ class Drag(PortTerm):
     Args:
         law: ``linear``, ``square`` or ``dry``.
         strength: ``positive``, ``free``, ``factored``, ``guaranteed`` or ``known``.
+        rate: where it starts; per second, per world unit, or an acceleration, as the law is.
     """
 
     law: str = "linear"
     strength: str = "positive"
+    rate: float | None = None
 
     def build(self, sizes: Sizes) -> Friction:
-        return Friction(self.law, self.strength)
+        return Friction(self.law, self.strength, self.rate)
+
+    def counted_in(self, length: float, seconds: float) -> Drag:
+        told = self.strength not in ("positive", "free")  # a multiple, which has no unit
+        if self.rate is None or told:
+            return self
+        unit = {"linear": seconds, "square": length, "dry": seconds**2 / length}[self.law]
+        return replace(self, rate=self.rate * unit)
 
 
 @TERMS.register("restitution")
@@ -95,9 +104,19 @@ class FactoredBath(Bath):
 @TERMS.register("constant-bath")
 @dataclass(frozen=True)
 class ConstantBath(Bath):
-    """One learned friction; no drive."""
+    """One learned friction; no drive.
 
-    made = bath.ConstantBath
+    Args:
+        rate: where it starts, per second.
+    """
+
+    rate: float | None = None
+
+    def build(self, sizes: Sizes) -> bath.ConstantBath:
+        return bath.ConstantBath(sizes.bodies, sizes.space, self.rate)
+
+    def counted_in(self, length: float, seconds: float) -> ConstantBath:
+        return self if self.rate is None else replace(self, rate=self.rate * seconds)
 
 
 @TERMS.register("driven-bath")

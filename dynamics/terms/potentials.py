@@ -97,24 +97,79 @@ class Triple(PotentialTerm):
 @TERMS.register("uniform")
 @dataclass(frozen=True)
 class Uniform(PotentialTerm):
-    """A learned acceleration, the same for every body."""
+    """An acceleration that is the same for every body.
+
+    Args:
+        acceleration: world units per second squared, ``(d,)``; zero where not given.
+        learned: whether it is, from there on.
+    """
+
+    acceleration: tuple[float, ...] | None = None
+    learned: bool = True
 
     def build(self, sizes: Sizes) -> Potential:
-        return fields.UniformField(sizes.space)
+        _dimensions("Uniform: acceleration", self.acceleration, sizes)
+        return fields.UniformField(sizes.space, self.acceleration, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> Uniform:
+        return replace(self, acceleration=_scaled(self.acceleration, seconds**2 / length))
 
 
 @TERMS.register("trap")
 @dataclass(frozen=True)
 class Trap(PotentialTerm):
-    """A known harmonic confinement; ``stiffness`` per second squared, of a unit mass."""
+    """A harmonic confinement.
+
+    Args:
+        stiffness: per second squared, of a unit mass.
+        centre: world units, ``(d,)``; the origin where not given.
+        learned: whether both are, from there on.
+    """
 
     stiffness: float
+    centre: tuple[float, ...] | None = None
+    learned: bool = False
 
     def build(self, sizes: Sizes) -> Potential:
-        return potentials.HarmonicTrap(self.stiffness)
+        _dimensions("Trap: centre", self.centre, sizes)
+        return potentials.HarmonicTrap(self.stiffness, self.centre, self.learned)
 
     def counted_in(self, length: float, seconds: float) -> Trap:
-        return replace(self, stiffness=self.stiffness * seconds**2)
+        centre = _scaled(self.centre, 1 / length)
+        return replace(self, stiffness=self.stiffness * seconds**2, centre=centre)
+
+
+@TERMS.register("pendulum")
+@dataclass(frozen=True)
+class Pendulum(PotentialTerm):
+    """Weight on a circle, V = -m rate2 length^2 cos(q / length), in one dimension along it.
+
+    Args:
+        rate2: square of the rate of small swings, per second squared.
+        length: radius in units of the coordinate; 1 where that is an angle.
+        learned: whether ``rate2`` is, from there on.
+    """
+
+    rate2: float
+    length: float = 1.0
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> Potential:
+        return fields.Pendulum(self.rate2, self.length, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> Pendulum:
+        return replace(self, rate2=self.rate2 * seconds**2, length=self.length / length)
+
+
+def _dimensions(what: str, vector: tuple[float, ...] | None, sizes: Sizes) -> None:
+    if vector is not None and len(vector) != sizes.space:
+        raise ValueError(
+            f"{what} must have {sizes.space} numbers, one of each dimension of space, got {vector}"
+        )
+
+
+def _scaled(vector: tuple[float, ...] | None, factor: float) -> tuple[float, ...] | None:
+    return None if vector is None else tuple(factor * x for x in vector)
 
 
 @TERMS.register("mapped")

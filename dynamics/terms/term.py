@@ -69,7 +69,7 @@ class Term(ABC):
 
         A term whose own numbers have a unit converts them and leaves its parts to this.
         """
-        return self._with_parts(lambda part: part.counted_in(length, seconds))
+        return self.with_parts(lambda part: part.counted_in(length, seconds))
 
     def throughout(self: T, **values: Any) -> T:
         """The same with these fields changed in every part that has them, itself among them.
@@ -92,18 +92,19 @@ class Term(ABC):
                 if isinstance(part, Term):
                     yield from part.parts()
 
-    def _changed(self: T, values: Mapping[str, Any]) -> T:
-        changed = self._with_parts(lambda part: part._changed(values))
-        own = {field.name for field in fields(self)}
-        return replace(changed, **{name: x for name, x in values.items() if name in own})
-
-    def _with_parts(self: T, change: Callable[[Term], Term]) -> T:
+    def with_parts(self: T, change: Callable[[Term], Term]) -> T:
+        """The same, each of the parts that it is made of changed by a function."""
         def changed(held: Any) -> Any:
             if isinstance(held, tuple):
                 return tuple(changed(part) for part in held)
             return change(held) if isinstance(held, Term) else held
 
         return replace(self, **{x.name: changed(getattr(self, x.name)) for x in fields(self)})
+
+    def _changed(self: T, values: Mapping[str, Any]) -> T:
+        changed = self.with_parts(lambda part: part._changed(values))
+        own = {field.name for field in fields(self)}
+        return replace(changed, **{name: x for name, x in values.items() if name in own})
 
 
 class HeadTerm(Term):

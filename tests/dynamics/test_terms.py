@@ -27,6 +27,18 @@ NEEDED = {
         "normal": (0.0, -1.0),
     },
 }
+FREE = terms.Hamiltonian(potentials=(terms.NoPotential(),))
+ON_CIRCLE = {"pivot": (0.0, 1.0), "across": (2.0, 0.0), "down": (0.0, -2.0)}
+NEEDED |= {
+    terms.Pendulum: {"rate2": 4.0},
+    terms.Spring: {"first": 0, "second": 1, "stiffness": 2.0},
+    terms.Each: {"laws": (FREE, FREE), "springs": (terms.Spring(0, 1, 2.0),)},
+    terms.OnLine: {"point": (0.0, 1.0), "direction": (1.0, 0.0), "law": FREE},
+    terms.OnArc: {**ON_CIRCLE, "law": FREE},
+    terms.OnCurve: {"points": ((0.0, 0.0), (1.0, 0.5), (2.0, 0.0)), "law": FREE},
+    terms.OnChain: {**ON_CIRCLE, "lengths": (1.0, 0.5), "law": FREE},
+    terms.Links: {"lengths": (1.0, 0.5), "masses": (1.0, 2.0), "gravity": 9.8},
+}
 each_head = pytest.mark.parametrize("name", HEADS.ours())
 
 
@@ -198,7 +210,7 @@ def test_a_stranger_s_term_is_written_down_built_trained_and_rolled():
     model = terms.Hamiltonian(potentials=(Springs(3, (terms.Uniform(),)), terms.Trap(1.0)))
     data = to_config(model)["potentials"][0]
     assert data["term"] == "tests.dynamics.test_terms:Springs"
-    assert data["beside"] == [{"term": "uniform"}]
+    assert data["beside"] == [to_config(terms.Uniform())]
     assert through_json(model) == model
     head = build(model, 3, 0.01).double()
     assert isinstance(head, Hamiltonian)

@@ -1,0 +1,189 @@
+"""Bodies that each follow a law of their own, and springs between their coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynamics.bound import Bound
+from dynamics.findings import Finding
+from dynamics.head import Head, Trajectory, stepped
+from dynamics.integrators import Memory
+from dynamics.numbers import number
+from dynamics.state import Parameters, PhaseState
+
+
+class Spring(nn.Module):
+    """V = stiffness (s_i - s_j - rest)^2 / 2 of two coordinates.
+
+    Args:
+        first, second: indices i and j of the bodies.
+        stiffness: per second squared, of unit masses.
+        rest: s_i - s_j where it does not pull.
+        learned: whether stiffness and rest are.
+    """
+
+    stiffness: Tensor
+    rest: Tensor
+
+    def __init__(
+        self, first: int, second: int, stiffness: float, rest: float, learned: bool
+    ) -> None:
+        super().__init__()
+        self.first, self.second = first, second
+        number(self, "stiffness", stiffness, learned)
+        number(self, "rest", rest, learned)
+
+    def stretch(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b 1"]:
+        """By how much it is too long."""
+        return s[..., self.first, :] - s[..., self.second, :] - self.rest.to(s)
+
+    def energy(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b"]:
+        """V of each state."""
+        return 0.5 * self.stiffness.to(s) * self.stretch(s).square().squeeze(-1)
+
+    def force(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b n 1"]:
+        """-dV/ds."""
+        ends = torch.zeros(s.shape[-2], 1, dtype=s.dtype, device=s.device)
+        ends[self.first], ends[self.second] = -1.0, 1.0
+        return self.stiffness.to(s) * self.stretch(s).unsqueeze(-2) * ends
+
+
+class Each(Head):
+    """One law for each body, and springs between them where there are any.
+
+    A spring acts on the coordinates of its two bodies: along their curves, or in a space of one
+    dimension. Half of its kick comes before a step and half after.
+
+    Args:
+        laws: of one body each.
+        springs: between them.
+    """
+
+    def __init__(self, laws: Sequence[Head], springs: Sequence[Spring] = ()) -> None:
+        super().__init__()
+        self.laws, self.springs = nn.ModuleList(laws), nn.ModuleList(springs)
+
+    def trajectory(
+        self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
+    ) -> Trajectory:
+        if not self.springs:
+            found = [
+                law.trajectory(start[..., [i], :], _of(params, i), steps, dt, every).states
+                for i, law in self._all()
+            ]
+            return Trajectory(_joined(found))
+        within = stepped(self._within, self._inward(start, params), params, steps, dt, every)
+        return Trajectory(self._outward(within, params.mass.unsqueeze(-2)))
+
+    def advance(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
+    ) -> tuple[PhaseState, Memory]:
+        later, _ = self._within(self._inward(state, params), params, dt, None)
+        return self._outward(later, params.mass), None
+
+    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
+        """Of all laws and springs."""
+        whole = torch.stack(
+            [law.energy(state[..., [i], :], _of(params, i)) for i, law in self._all()]  # type: ignore[operator]
+        ).sum(0)
+        if self.springs:
+            s = self._inward(state, params).q
+            whole = whole + torch.stack([spring.energy(s) for spring in self._pulling()]).sum(0)
+        return whole
+
+    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        own = [law.force(state[..., [i], :], _of(params, i)) for i, law in self._all()]
+        whole = torch.cat(own, -2)
+        if not self.springs:
+            return whole
+        s = self._inward(state, params).q
+        pull = torch.stack([spring.force(s) for spring in self._pulling()]).sum(0)
+        parts = [
+            law.curve.pull(s[..., [i], :], pull[..., [i], :])
+            if isinstance(law, Bound)
+            else pull[..., [i], :]
+            for i, law in self._all()
+        ]
+        return whole + torch.cat(parts, -2)
+
+    def check(self, params: Parameters) -> None:
+        for i, law in self._all():
+            law.check(_of(params, i))
+
+    def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
+        found: list[Finding] = []
+        for i, law in self._all():
+            one = None if start is None else start[..., [i], :]
+            said = law.concerns(_of(params, i), one)
+            found += [replace(each, body=i) for each in said]
+        return found
+
+    def set_scale(self, q: float, p: float) -> None:
+        for _, law in self._all():
+            law.set_scale(q, p)
+
+    @property
+    def conserves(self) -> bool:
+        return all(law.conserves for _, law in self._all())
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        return tuple({name: None for _, law in self._all() for name in law.depends_on})
+
+    def _all(self) -> list[tuple[int, Head]]:
+        return [(i, cast(Head, law)) for i, law in enumerate(self.laws)]
+
+    def _pulling(self) -> list[Spring]:
+        return [cast(Spring, spring) for spring in self.springs]
+
+    def _within(
+        self, state: PhaseState, params: Parameters, dt: float, memory: Memory
+    ) -> tuple[PhaseState, Memory]:
+        """A step in the coordinates of each law."""
+        state = self._kicked(state, dt / 2)
+        later = []
+        for i, law in self._all():
+            inner = law.law if isinstance(law, Bound) else law
+            later.append(inner.advance(state[..., [i], :], _of(params, i), dt)[0])
+        return self._kicked(_joined(later), dt / 2), None
+
+    def _kicked(self, state: PhaseState, dt: float) -> PhaseState:
+        for spring in self._pulling():
+            state = PhaseState(state.q, state.p + dt * spring.force(state.q))
+        return state
+
+    def _inward(self, state: PhaseState, params: Parameters) -> PhaseState:
+        return _joined(
+            [
+                law.inward(state[..., [i], :], _of(params, i))
+                if isinstance(law, Bound)
+                else state[..., [i], :]
+                for i, law in self._all()
+            ]
+        )
+
+    def _outward(self, state: PhaseState, mass: Tensor) -> PhaseState:
+        return _joined(
+            [
+                law.outward(state[..., [i], :], mass[..., [i]])
+                if isinstance(law, Bound)
+                else state[..., [i], :]
+                for i, law in self._all()
+            ]
+        )
+
+
+def _joined(states: Sequence[PhaseState]) -> PhaseState:
+    return PhaseState(torch.cat([s.q for s in states], -2), torch.cat([s.p for s in states], -2))
+
+
+def _of(params: Parameters, body: int) -> Parameters:
+    """What the law is told of one body."""
+    charge = None if params.charge is None else params.charge[..., [body]]
+    return replace(params, mass=params.mass[..., [body]], charge=charge)
