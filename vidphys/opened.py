@@ -177,7 +177,8 @@ def _head(file: Path, dt: float) -> Head:
     term = from_config(meta["terms"])
     if "units" in meta:
         term = term.counted_in(meta["units"]["length"], meta["units"]["seconds"])
-    head = build(term, meta["bodies"], meta.get("dt") or dt, meta.get("space", 2))
+    step, space = meta.get("dt") or dt, meta.get("space", 2)
+    head = build(term, meta["bodies"], step, space, meta.get("conditions"))
     head.load_state_dict(tensors)
     return head.eval()
 

@@ -94,6 +94,7 @@ class Term(ABC):
 
     def with_parts(self: T, change: Callable[[Term], Term]) -> T:
         """The same, each of the parts that it is made of changed by a function."""
+
         def changed(held: Any) -> Any:
             if isinstance(held, tuple):
                 return tuple(changed(part) for part in held)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -13,9 +13,7 @@ from vidphys.cli.options import given_columns, require_file
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from vidphys.diagnose.recordings.motion import Motion
     from vidphys.reading.specified import Trained
-    from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
 
 CELL = "tracks/specified"
@@ -76,6 +74,7 @@ def fit(config: FitConfig) -> None:
     from vidphys.diagnose.explanations.specification import read_specification
     from vidphys.diagnose.recordings.release import free_frames
     from vidphys.diagnose.recordings.tables import read_tracks
+    from vidphys.reading.fitted import save_fitted
     from vidphys.reading.specified import train_specified
     from vidphys.runs.atomic import sha256
     from vidphys.runs.folder import RunFolder
@@ -109,22 +108,13 @@ def fit(config: FitConfig) -> None:
         except InputError:
             run.abandon()
             raise
-        meta = {"step": config.steps, "terms": to_config(term), "origin": held["origin"]}
-        _keep(run, motion, found, meta)
+        save_fitted(run.checkpoints("heads"), found.model, config.steps)
         recorder = _record(config, found)
         run.finish(f"specified-s{config.seed}", *recorder.tables())
         run.join()
         console.done(0)
         for row in recorder.rows:
             console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")
-
-
-def _keep(run: RunFolder, motion: Motion, found: Trained, meta: dict[str, Any]) -> None:
-    from vidphys.runs import checkpoint
-
-    meta |= {"bodies": motion.bodies, "space": motion.space, "units": asdict(found.units)}
-    path = run.checkpoints("heads") / "specified.json"
-    checkpoint.save(path, dict(found.head.state_dict()), meta)
 
 
 def _record(config: FitConfig, found: Trained) -> Recorder:
@@ -145,7 +135,7 @@ def _record(config: FitConfig, found: Trained) -> Recorder:
         dtype="float32",
     )
     recorder = Recorder(origin)
-    recorder.add_value("parameters", parameter_count(found.head))
+    recorder.add_value("parameters", parameter_count(found.model.head))
     if found.error is not None and found.still is not None:
         recorder.add_value("forecast_rmse", found.error)
         recorder.add_value("forecast_rmse_persistence", found.still)

@@ -10,58 +10,20 @@ import numpy as np
 import torch
 
 from binders import Tracks
-from dynamics import Head, Parameters, build, rollout
-from dynamics.fields import UniformField
-from dynamics.friction import Friction
-from dynamics.terms import Bath, HeadTerm
-from vidphys.diagnose.recordings.evened import evened
+from dynamics import Parameters
+from dynamics.bath import ConstantBath
+from dynamics.terms import Bath, Each, HeadTerm, Links
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
 from vidphys.progress import Progress
-from vidphys.shooting.initial_state import by_shooting
-from vidphys.shooting.step import model_step
+from vidphys.reading.fitted import Fitted, Rolled, Units, built, even, law_of
+from vidphys.reading.seen import Seen
+from vidphys.training.baths import measure_bath
+from vidphys.training.few import fit_few, is_few
 from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
-EVEN = 0.1  # share by which frame intervals may differ
 AHEAD = 4  # frames that are predicted after the two that start a window
 PRECISE = 0.5  # of the positions' spread: errors below count by their square
-
-
-@dataclass(frozen=True)
-class Units:
-    """What a model counts in, so that its numbers are near one whatever the tracks are in.
-
-    Args:
-        length: the spread of the positions, in the unit of the tracks.
-        seconds: in which a body goes as far at its usual speed.
-    """
-
-    length: float
-    seconds: float
-
-    @classmethod
-    def of(cls, motion: Motion) -> Units:
-        """Of tracks that move."""
-        length = float(np.nanstd(motion.positions, axis=(0, 1, 2)).max())
-        speed = float(np.sqrt(np.nanmean(np.diff(motion.positions, axis=1) ** 2))) / motion.interval
-        return cls(length, length / speed) if speed > 0 else cls(1.0, 1.0)
-
-    def motion(self, motion: Motion) -> Motion:
-        """The same tracks, counted so."""
-        positions, times = motion.positions / self.length, motion.times / self.seconds
-        return replace(motion, positions=positions, times=times)
-
-    def start(self, head: Head, numbers: Mapping[str, Any]) -> None:
-        """Begin training at the numbers that the diagnosis found, of fields and frictions."""
-        known = {name: float(number["value"]) for name, number in numbers.items()}
-        field = self.length / self.seconds**2
-        rate = {"linear": 1 / self.seconds, "square": 1 / self.length, "dry": field}
-        for part in head.modules():
-            if isinstance(part, UniformField):
-                found = [known.get(f"uniform: {name}", 0.0) / field for name in "xyz"]
-                part.start_at(found[: len(part.acceleration)])
-            elif isinstance(part, Friction) and f"{part.law}: rate" in known:
-                part.start_at(known[f"{part.law}: rate"] / rate[part.law])
 
 
 @dataclass(frozen=True)
@@ -69,17 +31,16 @@ class Trained:
     """A model with its forecast of the frames that it was not trained on.
 
     Args:
-        head: of the specified terms, in its own units.
-        units: those.
-        error: root mean squared distance on those frames, in the unit of the tracks; ``None``
-            where there are none.
+        model: of the specified terms.
+        forecast: of those frames, in the unit of the tracks; ``None`` where there are none.
+        error: root mean squared distance on them, in that unit.
         still: the same for a body that stays where it last was.
     """
 
-    head: Head
-    units: Units
-    error: float | None
-    still: float | None
+    model: Fitted
+    forecast: Rolled | None = None
+    error: float | None = None
+    still: float | None = None
 
 
 def train_specified(
@@ -93,83 +54,95 @@ def train_specified(
 ) -> Trained:
     """Train a model of these terms on the frames before ``end``, and roll it over the rest.
 
+    Numbers of terms start where the specification has them. A law of few numbers is fitted by
+    least squares over long stretches, a heat bath by how velocities remember, and a network in
+    short windows.
+
     Args:
         term, held: see :func:`vidphys.diagnose.explanations.specification.read_specification`.
         motion: the tracks; frames that are not evenly spaced are read off a spline at even times.
         end: frame to stop before.
-        steps: optimiser steps.
+        steps: of the optimiser, or rounds of the least squares, at most.
         seed: of initial weights and batch order.
         progress: called as ``(step, steps, loss)``.
 
     Raises:
-        InputError: tracks of another scene, or a heat bath.
+        InputError: tracks of another scene.
     """
-    _check(term, held, motion)
-    motion, end = _evened(motion, end)
-    units = Units.of(motion)
-    origin = np.asarray(held["origin"]) / units.length
-    motion, term = units.motion(motion), term.counted_in(units.length, units.seconds)
-    mass = torch.tensor(held.get("mass", [1.0] * motion.bodies)).expand(motion.clips, -1)
-    coupling = np.ones(motion.clips) if motion.coupling is None else motion.coupling
-    params = Parameters(torch.tensor(coupling).float(), mass.float())
-    positions = torch.from_numpy(np.nan_to_num(motion.positions - origin)).float()
-    sure = torch.from_numpy(motion.seen).float()
-    times = torch.from_numpy(motion.times[0])
-    tracks = Tracks(positions[:, :end], sure[:, :end], times[:end])
-    torch.manual_seed(seed)
-    head = build(term, motion.bodies, model_step(motion.interval)[0], motion.space)
-    task = TrackTask(
-        tracks, params, motion.interval, steps, seed, AHEAD, PRECISE, progress=progress
-    )
-    tell_scale(head, task)
-    units.start(head, held["numbers"])
-    train_by_shooting(head, task)
+    _check(held, motion)
+    known = even(motion.cut(0, end))
+    fitted = _untrained(term, held, known, seed)
+    tracks, law = fitted.tracks(known), fitted.law(known)
+    interval = known.interval / fitted.units.seconds
+    if fitted.kicked:
+        fitted = _bathed(fitted, tracks, law, interval)
+    elif is_few(fitted.head):
+        fit_few(fitted.head, tracks, law, interval, steps, progress)
+    else:
+        task = TrackTask(tracks, law, interval, steps, seed, AHEAD, PRECISE, progress=progress)
+        tell_scale(fitted.head, task)
+        train_by_shooting(fitted.head, task)
+    fitted.head.eval()
     if end >= motion.positions.shape[1]:
-        return Trained(head, units, None, None)
-    error, still = _foretold(head, positions, sure, params, motion.interval, end)
-    return Trained(head, units, units.length * error, units.length * still)
+        return Trained(fitted)
+    return _foretold(fitted, known, motion.positions[:, end:], motion.times[:, end:])
 
 
-def _check(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> None:
+def _check(held: Mapping[str, Any], motion: Motion) -> None:
     if (motion.bodies, motion.space) != (held["bodies"], held["space"]):
         raise InputError(
             f"fit: the specification is of {held['bodies']} bodies in {held['space']} "
             f"dimensions, the tracks are of {motion.bodies} in {motion.space}"
         )
+
+
+def _untrained(term: HeadTerm, held: Mapping[str, Any], motion: Motion, seed: int) -> Fitted:
+    units = Units.of(motion, _of_angles(term))
+    scalars: dict[str, float] = {}
     if any(isinstance(part, Bath) for part in term.parts()):
-        raise InputError("fit: a heat bath is not learned from tracks, only its rate is known")
+        found = held["numbers"].get("bath: temperature", {}).get("value")
+        known = found if found is not None and np.isfinite(found) else 0.0
+        scalars["temperature"] = known * (units.seconds / units.length) ** 2
+    params = law_of(held.get("mass", [1.0] * motion.bodies), scalars)
+    torch.manual_seed(seed)
+    head = built(term, units, params, motion.interval, motion.bodies, motion.space)
+    origin, seen = np.asarray(held["origin"], float), Seen.of(motion)
+    return Fitted(term, head, units, origin, params, motion.interval, seen)
 
 
-def _evened(motion: Motion, end: int) -> tuple[Motion, int]:
-    """The motion at even times, and the frame there before which the frame ``end`` lies."""
-    gaps = np.diff(motion.times, axis=1)
-    if np.abs(gaps - motion.interval).max() <= EVEN * motion.interval:
-        return motion, end
-    even = evened(motion)
-    since = motion.times[:, end - 1] - motion.times[:, 0]
-    return even, min(int(since.max() / motion.interval) + 1, even.positions.shape[1])
+def _of_angles(term: HeadTerm) -> bool:
+    """Whether the tracks are angles, which have no unit to be counted in."""
+    return isinstance(term, Links) or (isinstance(term, Each) and any(map(_of_angles, term.laws)))
 
 
-def _foretold(
-    head: Head,
-    positions: torch.Tensor,
-    sure: torch.Tensor,
-    params: Parameters,
-    interval: float,
-    end: int,
-) -> tuple[float, float]:
-    """Root mean squared distances in the tail: of the model, and of a body last seen that stays."""
-    times = interval * torch.arange(end)
-    start = by_shooting(head, Tracks(positions[:, :end], sure[:, :end], times), params, interval)
-    dt, every = model_step(interval)
-    ahead = positions.shape[1] - end
-    rolled = rollout(head, start, params, ahead * every, dt, every).states.q[:, 1:]
-    seen, weight = positions[:, end:], sure[:, end:]
+def _bathed(fitted: Fitted, tracks: Tracks, law: Parameters, interval: float) -> Fitted:
+    """The bath as the tracks show it, and as it was diagnosed where they do not."""
+    baths = [part for part in fitted.head.modules() if isinstance(part, ConstantBath)]
+    before = [float(bath.friction(law).detach()) for bath in baths]
+    found = measure_bath(fitted.head, tracks, law, interval, before[0] if before else None)
+    for bath in baths:
+        if found.rate is not None:
+            bath.set(found.rate)
+    if found.temperature is None:
+        return fitted
+    return replace(fitted, params=fitted.params.with_scalar("temperature", found.temperature))
 
-    def error(path: torch.Tensor) -> float:
-        squared = ((path - seen) ** 2).sum(-1)
-        return float(((squared * weight).sum() / weight.sum()).sqrt())
 
-    last = (sure[:, :end] * torch.arange(1, end + 1)[:, None]).argmax(1)  # frame, of each body
-    still = positions[torch.arange(len(last))[:, None], last, torch.arange(last.shape[1])]
-    return error(rolled), error(still[:, None].expand_as(seen))
+def _foretold(fitted: Fitted, known: Motion, positions: np.ndarray, times: np.ndarray) -> Trained:
+    """The tail: by the model, and by a body that stays where it last was seen."""
+    start, began, law = fitted.last(known), known.times[:, -1], fitted.law(known)
+    frames = int(np.ceil((times[:, -1] - began).max() / known.interval - 1e-6))
+    rolled = [
+        fitted.roll(start[[k]], float(began[k]), frames, known.interval, law[[k]])
+        for k in range(known.clips)
+    ]
+    path = np.stack([one.at(when) for one, when in zip(rolled, times, strict=True)])
+    seen = np.isfinite(known.positions).all(-1)
+    last = (seen * np.arange(1, seen.shape[1] + 1)[:, None]).argmax(1)  # frame, of each body
+    clips, bodies = np.ogrid[: known.clips, : known.bodies]
+    still = np.broadcast_to(known.positions[clips, last, bodies][:, None], positions.shape)
+
+    def error(guess: np.ndarray) -> float:
+        return float(np.sqrt(np.nanmean(((guess - positions) ** 2).sum(-1))))
+
+    return Trained(fitted, rolled[0], error(path), error(still))

@@ -10,9 +10,11 @@ from dynamics import build, from_config, terms
 from dynamics.fields import UniformField
 from dynamics.friction import Friction
 from tests.vidphys.diagnose.test_wall import thrown
+from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
-from vidphys.reading.specified import Units, train_specified
+from vidphys.reading.fitted import Units
+from vidphys.reading.specified import train_specified
 
 
 def test_units_are_the_spread_and_the_time_to_cross_it():
@@ -32,9 +34,9 @@ def test_units_are_the_spread_and_the_time_to_cross_it():
 @pytest.mark.parametrize("rate", [3e-4, 0.3, 300.0])
 def test_training_starts_at_the_numbers_found(law, strength, rate):
     term = terms.Hamiltonian(potentials=(terms.Uniform(),), ports=(terms.Drag(law, strength),))
-    head, units = build(term, 1, 0.01, 2), Units(length=2.0, seconds=5.0)
-    numbers = {"uniform: y": {"value": -9.8}, f"{law}: rate": {"value": rate}}
-    units.start(head, numbers)
+    numbers = {"uniform: x": (0.0, 1.0), "uniform: y": (-9.8, 0.1), f"{law}: rate": (rate, 0.1)}
+    started = from_config(as_specification(term, 1, (0, 0), numbers, True, 0.1)["terms"])
+    head = build(started.counted_in(length=2.0, seconds=5.0), 1, 0.01, 2)
     (field,) = (part for part in head.modules() if isinstance(part, UniformField))
     (port,) = (part for part in head.modules() if isinstance(part, Friction))
     assert field.acceleration.tolist() == pytest.approx([0.0, -9.8 * 25 / 2])
@@ -49,7 +51,7 @@ def test_a_bouncing_ball_is_foretold_as_well_in_pixels_and_milliseconds():
     for unit, second in ((1.0, 1.0), (300.0, 1e3)):
         motion = thrown(unit=unit, second=second)
         found = answer(motion, False, 0.3).specification
-        trained = train_specified(from_config(found["terms"]), found, motion, 84, 60, 0)
+        trained = train_specified(from_config(found["terms"]), found, motion, 84, 6, 0)
         errors.append(trained.error / unit)
         assert trained.error < 0.2 * trained.still
     assert errors[1] == pytest.approx(errors[0], rel=0.05)
@@ -59,10 +61,10 @@ def test_frames_at_uneven_times_train_the_same_model():
     motion = thrown()
     found = answer(motion, False, 0.3).specification
     term = from_config(found["terms"])
-    even = train_specified(term, found, motion, 84, 60, 0)
+    even = train_specified(term, found, motion, 84, 6, 0)
     kept = np.delete(np.arange(motion.positions.shape[1]), [20, 33, 34, 57])
     fewer = replace(motion, positions=motion.positions[:, kept], times=motion.times[:, kept])
-    trained = train_specified(term, found, fewer, 80, 60, 0)
+    trained = train_specified(term, found, fewer, 80, 6, 0)
     assert trained.still == pytest.approx(even.still, rel=0.02)
     assert trained.error < 0.2 * trained.still
 

@@ -76,24 +76,24 @@ def as_specification(
         "space": len(origin),
         "interval_seconds": interval,
         "origin": list(origin),
-        "terms": to_config(at_numbers(term, numbers)),
+        "terms": to_config(at_numbers(term, numbers, len(origin))),
         "numbers": {name: _finite(value) for name, value in numbers.items()},
         "explained": explained,
     }
 
 
-def at_numbers(term: Term, numbers: Mapping[str, tuple[float, float]]) -> Term:
+def at_numbers(term: Term, numbers: Mapping[str, tuple[float, float]], space: int) -> Term:
     """The same term, whose fields, frictions and bath start at the numbers that were found.
 
     Args:
         term: of the scene, or a part of it; a part with a number of its own keeps that.
         numbers: of the menu's terms, by kind and name, each with its standard error.
+        space: dimensions d.
     """
     known = {name: value for name, (value, _) in numbers.items() if np.isfinite(value)}
     if isinstance(term, terms.Uniform) and term.acceleration is None:
-        field = [known.get(f"uniform: {axis}") for axis in "xyz"]
-        found = tuple(x for x in field if x is not None)
-        return replace(term, acceleration=found) if found else term
+        found = tuple(known.get(f"uniform: {axis}", 0.0) for axis in "xyz"[:space])
+        return replace(term, acceleration=found) if any(found) else term
     if isinstance(term, terms.Drag) and term.rate is None:
         rate = known.get(f"{term.law}: rate")
         usable = rate is not None and (rate > 0 or term.strength == "free")
@@ -101,7 +101,7 @@ def at_numbers(term: Term, numbers: Mapping[str, tuple[float, float]]) -> Term:
     if isinstance(term, terms.ConstantBath) and term.rate is None:
         rate = known.get("linear: rate")
         return replace(term, rate=rate) if rate is not None and rate > 0 else term
-    return term.with_parts(lambda part: at_numbers(part, numbers))
+    return term.with_parts(lambda part: at_numbers(part, numbers, space))
 
 
 def _finite(pair: tuple[float, float]) -> dict[str, float | None]:
