@@ -21,7 +21,7 @@ from dynamics.fields import UniformField
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from dynamics.walls import Wall, Walled
-from vidphys.diagnose.wall.flights import Wall as Swing
+from vidphys.stress.flights import Wall as Swing
 from vidphys.stress.walls import height
 
 DOWN = (0.6, -0.8)  # a floor that is tilted, so that no axis is special

@@ -107,7 +107,9 @@ def diagnose(config: DiagnoseConfig) -> None:
     with run.locked(), Console(config.quiet, 2, "diagnose") as console:
         try:
             angles = loaded.angles or config.angles
-            found = answer(loaded.motion, angles, config.hold_out, points)
+            found = answer(
+                loaded.motion, angles, config.hold_out, points, frames is not None, loaded.units
+            )
         except ValueError as error:
             run.abandon()
             raise InputError(f"{config.input}: {error}") from error
@@ -158,7 +160,8 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
         binder = make_binder(config.binder, config.bodies, config.shadow)
         motion, video, notes = follow_clip(config.input, selection, binder)
-        return Loaded(motion, False, notes), video.frames
+        half = max(video.size) / 2  # pixels of a unit of the motion
+        return Loaded(motion, False, notes, "px", half), video.frames
     loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)

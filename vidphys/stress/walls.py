@@ -14,9 +14,9 @@ from dynamics.fields import UniformField
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap, Potential
 from dynamics.walls import Wall, Walled
-from vidphys.diagnose.wall.flights import Wall as Swing
 from vidphys.stress.bodies import DTYPES
 from vidphys.stress.case import Case
+from vidphys.stress.flights import Wall as Swing
 
 PULL = 2.0  # world units per second squared; a fall from 1 takes a second
 EXACT = {"float64": 1e-9, "float32": 2e-3}  # of the first height

@@ -279,7 +279,8 @@ def test_a_specification_builds_exactly_the_terms_that_were_found(tmp_path):
     found = infer(seen("falling-drag", 0.001))
     write_json(tmp_path / "s.json", specification(found, STEP))
     terms, rest = read_specification(tmp_path / "s.json")
-    assert terms == terms_of(frozenset({"uniform", "linear"}))
+    bare = terms_of(frozenset({"uniform", "linear"}))
+    assert list(map(type, terms.parts())) == list(map(type, bare.parts()))
     head = build(terms, rest["bodies"], 0.01)
     assert {name.split(".")[0] for name, _ in head.named_parameters()} == {"potential", "ports"}
     assert rest["numbers"]["linear: rate"]["value"] == pytest.approx(LINEAR, rel=0.05)

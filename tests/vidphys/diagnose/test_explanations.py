@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.vidphys.diagnose.test_diagnose import seen
-from tests.vidphys.diagnose.test_wall import thrown
-from vidphys.diagnose.diagnosis import diagnose_motion
+from tests.vidphys.diagnose.test_mechanisms import thrown
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import State, beside_simple
@@ -22,6 +21,10 @@ class Oracle(Explanation):
 
     motion: Motion
     end: int
+
+    @classmethod
+    def of(cls, motion, end, *_):
+        return cls(motion, end)
 
     kinds = ["miracle"]
     fastest = 2.0
@@ -50,11 +53,10 @@ class Oracle(Explanation):
 
 
 def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch):
-    monkeypatch.setattr(choice, "BEYOND_THE_MENU", (lambda *_: None, Oracle))
+    monkeypatch.setattr(choice, "FITTED", (lambda *_: None, Oracle.of))
     given = answer(thrown(), False, 0.3)
     at = given.lines.index("It was foreseen.")
-    assert given.lines[at + 1].startswith("The menu's terms alone would show")
-    assert "steps of 0.05 s" in given.lines[at + 2] and "is off by 0 (" in given.lines[at + 3]
+    assert "steps of 0.05 s" in given.lines[at + 1] and "is off by 0 (" in given.lines[at + 2]
     assert given.data["miracle"] == {"since": 84}
     assert (given.data["terms"], given.data["explained"]) == (["miracle"], True)
     assert given.data["forecast_error"]["model"] == given.numbers["forecast_rmse_model"] == 0
@@ -63,9 +65,9 @@ def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch)
     assert given.specification["explained"] and given.specification["mass"] == [1.0]
 
 
-def test_where_the_menu_explains_all_nothing_else_is_asked(monkeypatch):
-    monkeypatch.setattr(choice, "BEYOND_THE_MENU", (Oracle,))
-    motion = seen("trap-drag", clips=1, bodies=1)
-    found = diagnose_motion(motion)
-    assert found.explained and not found.inference.kicks
-    assert isinstance(choice.explain(found, motion, 48), ByMenu)
+def test_the_menu_is_asked_where_no_law_explains_all(monkeypatch):
+    monkeypatch.setattr(choice, "FITTED", ())
+    motion = seen("trap-drag", clips=1, bodies=1, frames=60)
+    found, told = choice.understand(motion, 48)
+    assert found.explained and isinstance(told, ByMenu)
+    assert told.verdict is not None and told.verdict.status == "explained"

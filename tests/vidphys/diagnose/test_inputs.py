@@ -169,9 +169,10 @@ def test_a_table_is_diagnosed_and_everything_is_written(tmp_path, capsys):
     assert (out / "figures" / "diagnosis.svg").exists()
     held = json.loads((out / "specification.json").read_text())
     term = from_config(held["terms"])
-    assert term.ports == (terms.Drag("linear", "positive"),)
-    assert term.potentials[1].stiffness == pytest.approx(1.5, rel=0.02)
-    assert "a trap" in capsys.readouterr().out
+    assert [(x.law, x.strength) for x in term.ports] == [("linear", "positive")]
+    trap = next(x for x in term.parts() if isinstance(x, terms.Trap))
+    assert trap.stiffness == pytest.approx(1.5, rel=0.02)
+    assert "as a spring does" in capsys.readouterr().out
     assert main(["diagnose", str(tmp_path / "t.csv"), "--out", str(out), "--hold-out", "0.2"]) == 2
     assert "--overwrite" in capsys.readouterr().err
 

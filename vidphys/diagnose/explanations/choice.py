@@ -2,33 +2,101 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from vidphys.diagnose.diagnosis import Diagnosis
+import numpy as np
+
+from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion, nothing_to_see
 from vidphys.diagnose.explanations.explanation import Explanation
+from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
-from vidphys.diagnose.explanations.wall import ByWall
-from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT
+from vidphys.diagnose.recordings.motion import Motion, Unseen
+from vidphys.diagnose.recordings.noise import Noise, measure_noise
+from vidphys.diagnose.recordings.units import Units
 
-BEYOND_THE_MENU: tuple[Callable[[Motion, int], Explanation | None], ...] = (ByWall.of,)
+Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
+FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
+RANK = (NOT, MOSTLY, EXPLAINED)
+NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the menu is not asked
+CLEARLY = 0.7  # of the laws' error in the frames held out, to which the menu must bring it
 
 
-def explain(found: Diagnosis, motion: Motion, end: int) -> Explanation | None:
-    """The menu, or where it explains nothing or only by random kicks, the first that does more.
+def understand(
+    motion: Motion, end: int, angles: bool = False, camera: bool = False, units: Units | None = None
+) -> tuple[Diagnosis, Explanation | None]:
+    """What a recording shows: by laws fitted to the whole of it, or by the menu of terms.
+
+    The menu is asked where the laws do not explain all, and believed where it foretells more.
 
     Args:
-        found: of the motion before ``end``.
         motion: the whole recording.
         end: first frame that nothing is fitted to.
+        angles: whether the coordinates are joint angles in radians.
+        camera: whether places are in a picture, counted from its middle.
+        units: in which lengths are told.
 
     Returns:
-        ``None`` where there is nothing to explain.
+        The diagnosis by the menu, empty where it was not asked; and the explanation, ``None`` where
+        there is nothing to explain.
     """
+    part, units = motion.cut(0, end), units or Units()
+    moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
+    laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
+    if laws is not None and _enough(laws):
+        return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
+    try:
+        noise, refused = measure_noise(part), nothing_to_see(part)
+        if refused and (laws is None or _status(laws) == NOT):
+            return Diagnosis(part, noise, refused), None
+        found = diagnose_motion(part, angles)
+    except Unseen:
+        if laws is None or not laws.one_law:
+            raise
+        return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False, ""), ""), laws
     if found.inference is None:
-        return None
-    if not found.explained or found.inference.kicks:
-        for fit in BEYOND_THE_MENU:
-            other = fit(motion, end)
-            if other is not None:
-                return other
-    return ByMenu(found, found.inference, motion, end)
+        return found, laws
+    menu = ByMenu(found, found.inference, motion, end)
+    return (found, menu) if laws is None or _foretells_more(menu, laws) else (found, laws)
+
+
+def _best_of(
+    makers: Sequence[Maker], motion: Motion, end: int, angles: bool, camera: bool, units: Units
+) -> Explanation | None:
+    """The one that foretells most, of those that can be fitted; the first of equals."""
+    made = [make(motion, end, angles, camera, units) for make in makers]
+    fitted = [x for x in made if x is not None]
+    return max(fitted, key=lambda x: (RANK.index(_status(x)), -_error(x)), default=None)
+
+
+def _status(explanation: Explanation) -> str:
+    if explanation.verdict is None:
+        return EXPLAINED if explanation.explained else NOT
+    return explanation.verdict.status
+
+
+def _error(explanation: Explanation) -> float:
+    """Of its forecast; infinite where there is none."""
+    tail = explanation.forecast()
+    return np.inf if tail is None else tail.errors["model"]
+
+
+def _enough(laws: Explanation) -> bool:
+    """Whether the menu has nothing to add: one law has nearly all of the motion."""
+    if _status(laws) == EXPLAINED:
+        return True
+    alone = laws.one_law and _status(laws) == MOSTLY
+    return alone and laws.verdict is not None and laws.verdict.share > NEARLY_ALL
+
+
+def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:
+    """Whether the menu's terms are to be believed rather than laws."""
+    rank, other = RANK.index(_status(menu)), RANK.index(_status(laws))
+    if menu.verdict is None:
+        # Nothing was held out, or what it says cannot be rolled: a bath, a law that changes. Such
+        # terms are believed only where nothing smooth explains as much.
+        odd = bool(menu.inference.kicks or menu.found.parts)
+        return menu.explained and (_status(laws) == NOT or not (odd or laws.one_law))
+    if rank != other:
+        return rank > other
+    return _error(menu) < CLEARLY * _error(laws)

@@ -8,6 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from vidphys.diagnose.explanations.forecast import Validation
+from vidphys.diagnose.explanations.verdict import Verdict
+from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.weak.spectrum import Mode
 
 
@@ -40,6 +42,21 @@ class Explanation(Protocol):
     def explained(self) -> bool:
         """Whether nothing above the noise is left over."""
         return True
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """How far it may be trusted; ``None`` where that is not known."""
+        return None
+
+    @property
+    def one_law(self) -> bool:
+        """Whether all bodies move by one law, so that there is nothing between them to ask for."""
+        return False
+
+    @property
+    def noise(self) -> Noise | None:
+        """Of the positions, as it leaves it; ``None`` where it tells nothing of that."""
+        return None
 
     @property
     def fastest(self) -> float:

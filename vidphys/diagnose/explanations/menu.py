@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,10 @@ from vidphys.diagnose.explanations.forecast import (
     roll,
 )
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.explanations.verdict import Verdict, judge
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, modes_of_model
+from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
@@ -112,12 +115,30 @@ class ByMenu(Explanation):
             lines.append(f"Power of the coupling: {found.power.why}.")
         return lines
 
-    def forecast(self) -> Validation | None:
-        if self.found.look is None:
+    @cached_property
+    def verdict(self) -> Verdict | None:
+        """By its forecast, where it can be rolled over frames that were held out."""
+        tail = self.forecast()
+        if tail is None:
             return None
+        seen = self.motion.cut(0, self.end).positions
+        spread = float(
+            np.sqrt(np.nanmean(((seen - np.nanmean(seen, 1, keepdims=True)) ** 2).sum(-1)))
+        )
+        left = float(np.sqrt(self.inference.fitted.variance * self.motion.space))
+        return judge(1 - (left / spread) ** 2, left, spread, tail)
+
+    def forecast(self) -> Validation | None:
+        if self.end >= self.motion.positions.shape[1] or self.inference.kicks or self.found.parts:
+            return None
+        look = self.found.look or LongFit(self.inference.fitted, self.inference.windows)
+        start, a = last_state(look)
+        begin = self.motion.times[-1, self.end - 1]
         tail = self.motion.cut(self.end)
-        start, a = last_state(self.found.look)
-        path = roll(self.found.look.fitted.structure, start, tail.times[-1])
+        try:
+            path = roll(look.fitted.structure, start, np.append(begin, tail.times[-1]))[1:]
+        except FloatingPointError:
+            return None
         return beside_simple(path, tail, start, a)
 
     def oscillations(self) -> list[Oscillation]:

@@ -76,6 +76,11 @@ def measure_noise(motion: Motion) -> Noise:
             "tell its motion from noise; follow fewer bodies, or use another part of the recording"
         )
     sigma, order = best
+    return noise_of(sigma, motion, order)
+
+
+def noise_of(sigma: float, motion: Motion, order: int = 0) -> Noise:
+    """Noise of a size that is known, beside what moves; ``order`` 0: not by differences."""
     steps = np.linalg.norm(np.diff(motion.positions, axis=1), axis=-1)
     step = float(np.nanmedian(steps))
     blur = sigma * _blurred(motion.space)

@@ -10,6 +10,7 @@ import numpy as np
 
 from vidphys.data.formats import read_recording
 from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.units import Units
 from vidphys.errors import InputError
 
 
@@ -21,13 +22,20 @@ class Loaded:
         motion: the tracks.
         angles: whether coordinates are angles in radians.
         notes: what was found, a line each.
-        unit: that positions are counted in (``m``, ``px``, ``rad``); empty where nothing says it.
+        unit: that lengths are told in (``m``, ``px``, ``rad``); empty where nothing says it.
+        per: of that unit in one unit of the motion.
     """
 
     motion: Motion
     angles: bool
     notes: tuple[str, ...]
     unit: str = ""
+    per: float = 1.0
+
+    @property
+    def units(self) -> Units:
+        """In which lengths are told."""
+        return Units(self.unit, self.per)
 
 
 def read_tracks(

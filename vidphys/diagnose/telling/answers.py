@@ -8,22 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion
-from vidphys.diagnose.explanations.choice import explain
+from vidphys.diagnose.diagnosis import Diagnosis
+from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
-from vidphys.diagnose.explanations.menu import ASKED
+from vidphys.diagnose.explanations.menu import ASKED, ByMenu
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
+from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.advice import Advice, suffices
 from vidphys.diagnose.telling.report import as_data, summary
 from vidphys.diagnose.telling.sufficient import with_measured
 from vidphys.diagnose.weak.spectrum import Mode
-from vidphys.diagnose.weak.windows import FEW
 from vidphys.points.point import Point
 from vidphys.statistics import NORMAL_95
 
+FEWEST = 10  # frames that are fitted at least, where some are held out
 BLANK = 160  # pixels of a recording's pictures where there is no clip
 
 
@@ -87,7 +88,14 @@ def _plane(positions: np.ndarray) -> np.ndarray:
     return np.concatenate([positions, np.zeros_like(positions)], -1)
 
 
-def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point] = ()) -> Answered:
+def answer(
+    motion: Motion,
+    angles: bool,
+    hold_out: float,
+    points: Sequence[Point] = (),
+    camera: bool = False,
+    units: Units | None = None,
+) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
     Args:
@@ -95,6 +103,8 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         angles: whether coordinates are joint angles.
         hold_out: share at the end of a single long clip that nothing is fitted to.
         points: measured speed against accuracy, from which integrator and encoder are chosen.
+        camera: whether places are in a picture, counted from its middle.
+        units: in which lengths are told.
 
     Raises:
         ValueError: a recording that is too short.
@@ -102,11 +112,11 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
     recorded, (begin, stop) = motion, free_frames(motion)
     motion = motion.cut(begin, stop)
     total = motion.positions.shape[1]
-    end = total
-    if motion.clips == 1 and total - int(hold_out * total) > FEW:
-        end = total - int(hold_out * total)
-    found = _later(diagnose_motion(motion.cut(0, end), angles), begin)
-    identity, explanation = check_identity(motion), explain(found, motion, end)
+    end, tail = total, max(int(hold_out * total), LEAST_FRAMES)
+    if motion.clips == 1 and hold_out > 0 and total - tail >= FEWEST:
+        end = total - tail
+    found, explanation = understand(motion, end, angles, camera, units)
+    found, identity = _later(found, begin), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
     answered = Answered(
         found,
@@ -118,14 +128,16 @@ def answer(motion: Motion, angles: bool, hold_out: float, points: Sequence[Point
         recorded.positions[0],
     )
     _left_out(answered, recorded, begin)
-    if found.inference is None or explanation is None:
+    if explanation is None:
         return answered
-    answered.probability.update({kind: found.inference.chance(kind) for kind in ASKED})
-    answered.numbers["residual_over_noise"] = float(np.sqrt(found.inference.leftover.excess))
+    if isinstance(explanation, ByMenu):
+        inference = explanation.inference
+        answered.probability.update({kind: inference.chance(kind) for kind in ASKED})
+        answered.numbers["residual_over_noise"] = float(np.sqrt(inference.leftover.excess))
     answered.data.update(explanation.data())
     answered.numbers.update(explanation.numbers())
     _rolled_on(answered, explanation, total - end)
-    described = {**explanation.specification(), "mass": found.motion.mass[0].tolist()}
+    described = {"mass": found.motion.mass[0].tolist(), **explanation.specification()}
     return replace(answered, specification=described)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu, named, specification
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.recordings.identity import Identity
 from vidphys.diagnose.telling.advice import Advice
@@ -26,15 +27,26 @@ def summary(
         advice: likewise.
     """
     lines = [identity.why + ".", _noise(found)]
-    if found.inference is None or explanation is None:
+    if explanation is None:
         return [*lines, f"No answer: {found.refused}."]
+    lines += [_verdict(explanation.verdict)] if explanation.verdict is not None else []
     lines += explanation.lines()
-    if not isinstance(explanation, ByMenu):
+    if found.inference is not None and not isinstance(explanation, ByMenu):
         lines.append(f"The menu's terms alone would show {named(found.inference)}.")
     if advice is not None:
         lines += [_advised(advice)] if advice.fastest > 0 else []
         lines += advice.measured
     return lines
+
+
+def _verdict(verdict: Verdict) -> str:
+    """How far the answer may be trusted."""
+    text = f"{verdict.status.capitalize()}: the model has {100 * verdict.share:.4g} % of the motion"
+    if verdict.horizon is None:
+        return text + "; nothing was held out that it could foretell."
+    return text + (
+        f" and foretells {verdict.horizon:.3g} s of the {verdict.held_out:.3g} s held out."
+    )
 
 
 def _noise(found: Diagnosis) -> str:
@@ -72,8 +84,9 @@ def as_data(
             "momentum_visible": found.noise.momentum_visible,
         },
         "refused": found.refused,
+        "status": _status(explanation),
         "explained": explanation is not None and explanation.explained,
-        "sure": found.sure,
+        "sure": found.sure or _status(explanation) == EXPLAINED,
         "terms": explanation.kinds if explanation is not None else [],
         "mass": found.motion.mass[0].tolist(),
         "parts": [_part(part, found.motion.interval) for part in found.inferences],
@@ -96,6 +109,15 @@ def as_data(
             "measured": list(advice.measured),
         }
     return data
+
+
+def _status(explanation: Explanation | None) -> str:
+    """One of the three; without frames held out, by what the fit leaves alone."""
+    if explanation is None:
+        return NOT
+    if explanation.verdict is None:
+        return EXPLAINED if explanation.explained else NOT
+    return explanation.verdict.status
 
 
 def _part(inference: Inference, interval: float) -> dict[str, Any]:

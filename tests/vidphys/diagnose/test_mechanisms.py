@@ -1,0 +1,292 @@
+"""Laws fitted to whole recordings: found with their numbers, and not where there are none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from dynamics import from_config, terms
+from vidphys.diagnose.mechanisms.fit import Errors, frames_of
+from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
+from vidphys.diagnose.mechanisms.measurement import Covariance, likeliest_errors
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.mechanisms.motion_kernel import rolled
+from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.telling.answers import answer
+from vidphys.stress.flights import Wall
+
+STEP = 1 / 30
+TRUE = Wall(0.3, 0.85, 16.0, 1.12, 0.3, -0.45, 0.0)
+BALL = Wall(0.0, 0.8, 0.0, 9.8, 0.0, -1.5, 0.0)
+
+
+def noisy(q, noise=0.002, step=STEP):
+    """One clip of places ``(t, d)``, ``(t, n, d)`` with white noise."""
+    q = q[None, :, None] if q.ndim == 2 else q[None]
+    return motion_of(q + noise * np.random.default_rng(0).standard_normal(q.shape), step)
+
+
+def swing(rate2, friction, start, frames, law="linear", step=STEP):
+    """Angles of a pendulum by another's integrator."""
+
+    def slope(_, y):
+        drag = {"linear": y[1], "square": abs(y[1]) * y[1], "dry": np.tanh(1e3 * y[1])}[law]
+        return [y[1], -rate2 * np.sin(y[0]) - friction * drag]
+
+    times = np.arange(frames) * step
+    found = solve_ivp(slope, (0, times[-1]), [start, 0.0], t_eval=times, rtol=1e-9, atol=1e-10)
+    return found.y[0]
+
+
+def hung(angles, length=300.0, aside=1.0):
+    """Places of a pendulum's weight in a picture that a slant narrows."""
+    return np.stack([aside * length * np.sin(angles), -length * np.cos(angles)], -1)
+
+
+def told(mechanism):
+    return {x.name: x for x in quantities(mechanism.groups[0].fit)}
+
+
+# the steps
+
+
+@pytest.mark.parametrize("law", ["linear", "square", "dry"])
+def test_the_compiled_steps_follow_another_integrator(law):
+    angles = swing(16.0, 0.2, 1.4, 120, law)
+    rates = np.zeros(3)
+    rates[["linear", "square", "dry"].index(law)] = 0.2
+    out = rolled(
+        np.arange(120) * STEP,
+        np.array([[1.4], [0.0]]),
+        np.zeros(1),
+        np.zeros((1, 1)),
+        np.array([16.0]),
+        rates,
+        np.zeros((0, 4)),
+        STEP / 4,
+    )
+    np.testing.assert_allclose(out[:, 0, 0], angles, atol=5e-4 if law == "dry" else 5e-5)
+
+
+@pytest.mark.parametrize("wall", [TRUE, BALL, replace(BALL, rate=0.5)])
+def test_bounces_are_those_of_the_closed_form(wall):
+    times = np.arange(60) * STEP
+    out = rolled(
+        times,
+        np.array([[wall.start], [wall.speed]]),
+        np.array([wall.pull + wall.stiffness * wall.place]),
+        np.array([[wall.stiffness]]),
+        np.zeros(1),
+        np.array([wall.rate, 0.0, 0.0]),
+        np.array([[1.0, wall.place, wall.restitution, 1.0]]),
+        STEP / 8,
+    )
+    np.testing.assert_allclose(out[:, 0, 0], wall.path(times), atol=2e-6)
+
+
+def test_what_dry_friction_holds_stands_still():
+    out = rolled(
+        np.arange(40) * 0.1,
+        np.array([[0.0], [1.0]]),
+        np.zeros(1),
+        np.array([[1.0]]),
+        np.zeros(1),
+        np.array([0.0, 0.0, 2.0]),
+        np.zeros((0, 4)),
+        0.01,
+    )
+    assert np.ptp(out[10:, 0, 0]) == 0 and 0 < out[-1, 0, 0] < 0.5
+
+
+# the errors
+
+
+def test_the_likelihood_of_lasting_errors_is_that_of_their_whole_matrix():
+    rng = np.random.default_rng(1)
+    times, trust = np.cumsum(rng.uniform(0.02, 0.1, 30)), rng.uniform(0.3, 1, 30)
+    errors = Errors(0.4, 1.3, 0.25)
+    apart = np.abs(times[:, None] - times)
+    matrix = 1.3**2 * np.exp(-apart / 0.25) + np.diag(0.16 / trust)
+    found, x = Covariance(times, trust, errors), rng.standard_normal((30, 2))
+    np.testing.assert_allclose(found.solve(x), np.linalg.solve(matrix, x), rtol=1e-9)
+    assert found.log_size == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-12)
+
+
+def test_errors_that_last_are_told_from_noise():
+    rng = np.random.default_rng(2)
+    frames = frames_of(motion_of(np.zeros((1, 400, 1, 1)), STEP))
+    smooth, keep = np.zeros(400), np.exp(-STEP / 0.6)
+    for i in range(1, 400):
+        smooth[i] = keep * smooth[i - 1] + 2 * np.sqrt(1 - keep**2) * rng.standard_normal()
+    white = 0.3 * rng.standard_normal(400)
+    found, _ = likeliest_errors(frames[0].stretches, [(smooth + white)[:, None]], 1e-9)
+    assert found.white == pytest.approx(0.3, rel=0.25) and found.smooth > 1.2
+    found, _ = likeliest_errors(frames[0].stretches, [white[:, None]], 1e-9)
+    assert found.white == pytest.approx(0.3, rel=0.1) and found.smooth < 0.1
+
+
+# pendulums
+
+
+@pytest.mark.parametrize("start", [0.2, 1.05, 2.2])
+def test_a_pendulum_in_the_picture_has_its_small_period_and_length_whatever_its_swing(start):
+    found = find_mechanism(noisy(hung(swing(19.6, 0.1, start, 240)), 1.0))
+    assert found.kinds == {"pendulum", "linear"}
+    quantity = told(found)
+    assert quantity["period"].value == pytest.approx(2 * np.pi / 19.6**0.5, rel=0.01)
+    assert quantity["length"].value == pytest.approx(300, rel=0.01 if start > 1 else 0.1)
+    for name, true in (("linear friction", 0.1), ("length", 300.0)):
+        assert abs(quantity[name].value - true) < 4 * quantity[name].error
+
+
+def test_a_slant_is_no_other_law():
+    found = find_mechanism(noisy(hung(swing(19.6, 0.1, 1.05, 240), aside=0.87), 1.0))
+    assert found.kinds == {"pendulum", "linear"}
+    assert told(found)["rate"].value == pytest.approx(19.6**0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("law, rate", [("linear", 0.15), ("square", 0.1), ("dry", 0.4)])
+def test_frictions_are_told_apart(law, rate):
+    angles = swing(12.0, rate, 1.0, 300, law)
+    found = find_mechanism(noisy(angles[:, None], 0.003), angles=True)
+    assert found.kinds == {"pendulum", law}
+    assert told(found)[f"{law} friction"].value == pytest.approx(rate, rel=0.05)
+
+
+def test_an_error_as_a_lens_leaves_it_does_not_hide_the_law():
+    places = hung(swing(19.6, 0.12, 0.8, 240))
+    bent = places * (1 + 4e-8 * (places**2).sum(-1, keepdims=True))
+    found = answer(noisy(bent, 0.3), False, 0.3, camera=True)
+    assert found.data["terms"] == ["linear", "pendulum"]
+    assert found.data["status"] in ("explained", "mostly explained")
+
+
+def test_two_pendulums_swing_each_on_its_own():
+    one, two = hung(swing(19.6, 0.1, 0.8, 200)), hung(swing(11.0, 0.2, -0.6, 200))
+    found = find_mechanism(noisy(np.stack([one, two + [500, 40]], 1), 0.7))
+    assert len(found.groups) == 2 and found.kinds == {"pendulum", "linear"}
+
+
+def test_springs_between_two_bodies_give_the_ratio_of_their_masses():
+    masses, own, between = np.array([1.0, 2.0]), np.array([6.0, 9.0]), 8.0
+
+    def slope(_, y):
+        pull = between * (y[0] - y[1])
+        force = -own * y[:2] + np.array([-pull, pull])
+        return [y[2], y[3], *(force / masses)]
+
+    times = np.arange(300) * STEP
+    path = solve_ivp(slope, (0, times[-1]), [1.0, -0.3, 0, 0], t_eval=times, rtol=1e-9).y[:2].T
+    found = find_mechanism(noisy(path[:, :, None], 0.005))
+    assert "pair" in found.kinds and len(found.groups) == 1
+    assert told(found)["mass ratio"].value == pytest.approx(2.0, rel=0.03)
+
+
+# walls
+
+
+def thrown(wall=BALL, unit=1.0, second=1.0, noise=0.004):
+    """A ball that flies on sideways while it bounces, in other units."""
+    times = np.arange(120) * STEP
+    q = np.stack([0.3 + 0.7 * times, -wall.path(times)], -1)
+    return noisy(unit * q, unit * noise, second * STEP)
+
+
+def test_impacts_are_found_between_the_right_frames_and_share_a_wall():
+    motion = thrown()
+    places = motion.positions[0, :, 0]
+    impacts = find_impacts(motion.times[0], places)
+    bounces = [end for _, end, _ in BALL.flights(120 * STEP) if end < 3.2]
+    for bounce in bounces[:3]:
+        assert min(abs(x.frame - bounce / STEP) for x in impacts) < 1.5
+    wall = walls_of(impacts, places)[0]
+    np.testing.assert_allclose(wall.normal, [0, -1], atol=0.05)
+    assert wall.restitution == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_smooth_swing_has_no_impacts():
+    angles = swing(25.0, 0.1, 1.2, 300)
+    for noise in (0.0, 0.002, 0.02):
+        motion = noisy(angles[:, None], noise)
+        assert not find_impacts(motion.times[0], motion.positions[0, :, 0])
+
+
+@pytest.mark.parametrize("unit, second", [(1.0, 1.0), (300.0, 1e3), (1e-6, 1e-3)])
+def test_a_bouncing_ball_shows_its_floor_and_gravity_in_any_units(unit, second):
+    found = find_mechanism(thrown(unit=unit, second=second))
+    assert found.kinds == {"uniform", "wall"}
+    quantity = told(found)
+    assert quantity["restitution"].value == pytest.approx(0.8, abs=0.01)
+    assert quantity["acceleration"].value == pytest.approx(9.8 * unit / second**2, rel=0.01)
+
+
+def test_a_bouncing_ball_is_foretold_and_its_model_has_a_field_and_a_wall_and_no_term_more():
+    given = answer(thrown(), False, 0.3)
+    assert given.data["terms"] == ["uniform", "wall"] and given.data["explained"]
+    assert given.numbers["forecast_rmse_model"] < 0.03
+    term = from_config(given.specification["terms"])
+    assert [type(x) for x in term.free.potentials] == [terms.Uniform] and not term.free.ports
+    assert (term.place, term.restitution) == pytest.approx((0.0, 0.8), abs=0.02)
+    np.testing.assert_allclose(term.normal, (0.0, -1.0), atol=0.02)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_swing_beside_a_wall_has_both(sign):
+    times = np.arange(240) * STEP
+    s = TRUE.path(times)
+    found = find_mechanism(noisy(sign * s[:, None]))
+    assert found.kinds == {"trap", "linear", "wall"}
+    quantity = told(found)
+    assert quantity["restitution"].value == pytest.approx(0.85, abs=0.02)
+    assert quantity["rate"].value == pytest.approx(4.0, rel=0.02)
+
+
+# what is no law
+
+
+def test_noise_alone_is_refused():
+    given = answer(noisy(np.zeros((80, 2)), 1.0), False, 0.3)
+    assert given.data["status"] == "not explained" and given.data["refused"]
+
+
+def test_a_law_holds_from_where_a_hand_lets_go():
+    fall = np.stack([2 * np.arange(60) * STEP, 6 - 4.9 * (np.arange(60) * STEP) ** 2], -1)
+    hand = fall[0] + 0.3 * np.cumsum(np.random.default_rng(3).standard_normal((20, 2)), 0)[::-1]
+    found = find_mechanism(noisy(np.concatenate([hand, fall]), 0.004))
+    assert found.kinds == {"uniform"} and 16 <= found.first <= 34
+    assert told(found)["acceleration"].value == pytest.approx(9.8, rel=0.02)
+
+
+def test_frames_that_are_missing_are_bridged():
+    motion = noisy(hung(swing(19.6, 0.1, 0.9, 240)), 1.0)
+    positions = motion.positions.copy()
+    for first in range(5, 240, 9):
+        positions[:, first : first + 4] = np.nan
+    given = answer(replace(motion, positions=positions), False, 0.3)
+    assert given.data["terms"] == ["linear", "pendulum"] and given.data["explained"]
+
+
+# rods
+
+
+def test_two_rods_that_hang_end_on_end_give_their_law_and_the_first_seconds_ahead():
+    link, inertia, swings, rate = 0.25, 0.1875, np.array([24.5, 6.13]), 0.02
+
+    def slope(_, y):
+        d, v = y[0] - y[1], y[2:]
+        force = -swings * np.sin(y[:2]) - rate * v
+        force += link * np.sin(d) * np.array([-(v[1] ** 2), v[0] ** 2])
+        matrix = np.array([[1, link * np.cos(d)], [link * np.cos(d), inertia]])
+        return [*v, *np.linalg.solve(matrix, force)]
+
+    times = np.arange(300) / 100
+    found = solve_ivp(slope, (0, 3), [1.5, 1.0, 0, 0], t_eval=times, rtol=1e-9)
+    motion = noisy(found.y[:2].T[:, :, None], 0.003, 0.01)
+    given = answer(motion, True, 0.3)
+    assert given.data["terms"] == ["chain", "linear"]
+    assert given.data["status"] in ("explained", "mostly explained")
+    fitted = find_mechanism(motion.cut(0, 210), angles=True).groups[0].fit.numbers
+    for name, true in (("link", link), ("inertia", inertia), ("swing 1", 24.5), ("swing 2", 6.13)):
+        assert fitted[name][0] == pytest.approx(true, rel=0.03)

@@ -1,0 +1,280 @@
+"""A motion explained by laws that were fitted to the whole of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
+from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
+from vidphys.diagnose.explanations.scene import as_scene
+from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict, judge
+from vidphys.diagnose.mechanisms.charts import Arc, Plane
+from vidphys.diagnose.mechanisms.fit import Fit, shown
+from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
+from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
+from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.noise import Noise, noise_of
+from vidphys.diagnose.recordings.units import GRAVITY, Units
+from vidphys.statistics import NORMAL_95
+
+ON = {
+    "plane": "moves freely",
+    "line": "moves on a line",
+    "angle": "swings",
+    "arc": "swings on an arc",
+}
+BY = {
+    "none": "nothing pulls it",
+    "uniform": "under a constant acceleration",
+    "trap": "about a place that it is pulled back to, as a spring does",
+    "pendulum": "as a pendulum",
+    "chain": "as two rods that hang end on end",
+}
+LOSES = {
+    "linear": "friction goes with its speed",
+    "square": "friction goes with the square of its speed",
+    "dry": "dry friction",
+}
+
+
+@dataclass(frozen=True)
+class ByMechanism(Explanation):
+    """What laws of a mechanism say of a recording.
+
+    Args:
+        mechanism: fitted to the frames before ``end``.
+        motion: the whole recording.
+        end: first frame that nothing was fitted to.
+        units: in which lengths are told.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    end: int
+    units: Units
+
+    @cached_property
+    def whole(self) -> Mechanism:
+        """The same laws with numbers from all frames, those that were held out among them."""
+        return self.mechanism.refitted(self.motion)
+
+    @property
+    def one_law(self) -> bool:
+        return len(self.mechanism.groups) == 1
+
+    @property
+    def noise(self) -> Noise:
+        """Of the positions, as the laws leave it."""
+        sigma = max(group.fit.errors.white for group in self.mechanism.groups)
+        return noise_of(sigma, self.motion)
+
+    @classmethod
+    def of(
+        cls, motion: Motion, end: int, angles: bool, camera: bool, units: Units
+    ) -> ByMechanism | None:
+        """The laws of a recording before ``end``, if any can be fitted."""
+        found = find_mechanism(motion.cut(0, end), angles, camera)
+        return None if found is None else cls(found, motion, end, units)
+
+    @property
+    def kinds(self) -> list[str]:
+        return sorted(self.mechanism.kinds)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        found = self.mechanism
+        return judge(found.share, found.left, found.spread, self.forecast(), self._period)
+
+    @property
+    def _period(self) -> float:
+        """Seconds of a swing, about: the way round a circle of the motion's size."""
+        part = self.motion.cut(0, self.end)
+        steps = np.linalg.norm(np.diff(part.positions, axis=1), axis=-1)
+        speed = np.nanmean(steps / np.diff(part.times, axis=1)[..., None])
+        return 2 * np.pi * self.mechanism.spread / max(float(speed), np.finfo(float).tiny)
+
+    @property
+    def explained(self) -> bool:
+        return self.verdict.status == EXPLAINED
+
+    @property
+    def fastest(self) -> float:
+        return max(
+            group.fit.model.law.rate({k: v for k, (v, _) in group.fit.numbers.items()})
+            for group in self.mechanism.groups
+        )
+
+    def lines(self) -> list[str]:
+        out = []
+        if self.mechanism.first:
+            frame = self.mechanism.first
+            time = float(self.motion.times[0, frame])
+            out.append(
+                f"The law holds from frame {frame} ({time:.3g} s) on; what is before is left out."
+            )
+        for group in self.whole.groups:
+            out += self._told(group)
+        return [*out, self._what_is_left()]
+
+    def _told(self, group: Group) -> list[str]:
+        fit, law = group.fit, group.fit.model.law
+        named = [f"Body {b + 1}" for b in group.bodies] if self.motion.bodies > 1 else ["The body"]
+        who = " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
+        moves = _where(fit) if len(named) == 1 else _where(fit).replace("s ", " ", 1)
+        how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
+        if fit.driven:
+            how[1] = "something drives it"
+        if law.walls:
+            how.append("it bounces off a wall" if len(law.walls) == 1 else "it bounces off walls")
+        if law.coupled:
+            how.append("springs hold the bodies together")
+        out = [f"{who} {moves}: {'; '.join(how)}."]
+        out += [f"  {self._number(x)}" for x in quantities(fit)]
+        out += [f"  {x}" for x in self._ruler(fit)]
+        return out
+
+    def _number(self, x: Quantity) -> str:
+        value, error = (self.units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
+        unit = self.units.named(x.length, x.seconds)
+        return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %)"
+
+    def _ruler(self, fit: Fit) -> list[str]:
+        """What gravity says of lengths: a falling or a hanging body is a ruler."""
+        known = {x.name: x.value for x in quantities(fit)}
+        if "rate" in known and fit.model.law.restoring == "pendulum":
+            metres = GRAVITY / known["rate"] ** 2
+            length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
+            if "length" in known and self.units.name != "m":
+                told = self.units.told(known["length"], 1)
+                return [
+                    f"{length} (a plain pendulum), and 1 m is {told / metres:.4g} {self.units.name}"
+                ]
+            return [f"{length} (a plain pendulum)"]
+        if "acceleration" in known and self.units.name == "px":
+            told = self.units.told(known["acceleration"], 1)
+            return [f"if it falls at {GRAVITY} m/s², 1 m is {told / GRAVITY:.4g} px"]
+        return []
+
+    def _what_is_left(self) -> str:
+        found = self.mechanism
+        errors = [group.fit.errors for group in found.groups]
+        worst = max(errors, key=lambda e: e.total)
+        left = self.units.told(found.left, 1)
+        text = f"This explains {100 * found.share:.4g} % of the motion; what is left is {left:.2g}"
+        text += f" {self.units.name}" if self.units.name else ""
+        if worst.smooth > worst.white:
+            return text + (
+                f", and lasts for {worst.memory:.2g} s, as a lens, perspective or a tracker's slow "
+                "mistakes leave it."
+            )
+        return text + ", different in every frame, as noise is."
+
+    def data(self) -> dict[str, Any]:
+        return {"mechanism": [self._data(group) for group in self.whole.groups]}
+
+    def _data(self, group: Group) -> dict[str, Any]:
+        fit, chart = group.fit, group.fit.model.charts[0]
+        held: dict[str, Any] = {
+            "bodies": list(group.bodies),
+            "moves on": chart.name,
+            "restoring": fit.model.law.restoring,
+            "friction": fit.model.law.friction,
+            "walls": len(fit.model.law.walls),
+            "quantities": {
+                x.name: {
+                    "value": self.units.told(x.value, x.length),
+                    "standard_error": self.units.told(x.error, x.length),
+                    "unit": self.units.named(x.length, x.seconds),
+                }
+                for x in quantities(fit)
+            },
+            "errors": {
+                "white": self.units.told(fit.errors.white, 1),
+                "smooth": self.units.told(fit.errors.smooth, 1),
+                "memory_seconds": fit.errors.memory,
+            },
+            "log_likelihood": fit.log_likelihood,
+            "others": [
+                {
+                    "moves on": x.model.charts[0].name,
+                    "terms": sorted(x.model.law.kinds),
+                    "less_likely_by": fit.score - x.score,
+                }
+                for x in group.others[:5]
+            ],
+        }
+        if isinstance(chart, Arc):
+            pivot = chart.pivot(fit.geometry[0])
+            held["pivot"] = [self.units.told(float(x), 1) for x in pivot]
+        return held
+
+    def numbers(self) -> dict[str, float]:
+        return {"share_explained": self.mechanism.share}
+
+    def forecast(self) -> Validation | None:
+        end, times = self.end, self.motion.times[-1]
+        if end >= len(times) or self.motion.clips > 1:
+            return None
+        path = self.mechanism.path(times[end - 3 :])
+        h = np.diff(times[end - 3 : end])
+        v = (path[2] - path[1]) / h[1]
+        a = (v - (path[1] - path[0]) / h[0]) / h.mean()
+        start = State(float(times[end - 1]), path[2], v, self.motion.mass[-1])
+        return beside_simple(path[3:], self.motion.cut(end), start, a)
+
+    def oscillations(self) -> list[Oscillation]:
+        return []
+
+    def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Each law that may be asked for, from the last fitted frame on."""
+        times = self.motion.times[-1]
+        start, last = times[min(self.end, len(times)) - 1], times[-1]
+        since = np.linspace(0, last - start + 0.3 * (start - times[0]), SAMPLES)
+        out = {}
+        for name, factor in _asked_of(self.mechanism).items():
+            parts = {}
+            for group in self.mechanism.groups:
+                path = _under(group.fit, factor, float(start - self.mechanism.begin[-1]), since)
+                parts.update({b: path[:, i] for i, b in enumerate(group.bodies)})
+            out[name] = (start + since, np.stack([parts[b] for b in sorted(parts)], 1))
+        return out
+
+    def specification(self) -> dict[str, Any]:
+        return as_scene(self.whole, self.motion.interval, self.verdict, self.motion.space)
+
+
+def _where(fit: Fit) -> str:
+    chart = fit.model.charts[0]
+    return ON["line" if isinstance(chart, Plane) and chart.space == 1 else chart.name]
+
+
+def _asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
+    """What may be changed of the laws: factors by the beginning of a number's name."""
+    kinds = mechanism.kinds
+    asked: dict[str, dict[str, float]] = {}
+    if kinds & set(LOSES):
+        asked["no friction"] = {name: 0.0 for name in LOSES}
+    if "pendulum" in kinds:
+        asked["half the length"] = {"swing": 2.0}
+    elif "trap" in kinds:
+        asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0}
+    elif "uniform" in kinds:
+        asked["twice the field"] = {"force": 2.0}
+    return asked
+
+
+def _under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) -> np.ndarray:
+    """Places ``(t, n, d)`` under changed numbers, from the fit's own state at ``start`` seconds."""
+    numbers, starts = fit.model.split(fit.values, len(fit.clips))
+    state = fit.model.law.roll(numbers, starts[-1], np.array([0.0, max(start, 1e-9)]))[-1]
+    changed = numbers.copy()
+    for i, name in enumerate(fit.model.law.names):
+        changed[i] *= next((x for key, x in factors.items() if name.startswith(key)), 1.0)
+    law = replace(fit.model.law, nears=False)
+    kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
+    rolled = law.roll(changed[kept], state, since)[:, 0]
+    return shown(fit.model, rolled, fit.geometry)

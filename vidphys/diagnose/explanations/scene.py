@@ -1,0 +1,163 @@
+"""The scene of fitted laws: as terms from which exactly that model is built."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dynamics import terms
+from dynamics.terms import HeadTerm, PotentialTerm
+from vidphys.diagnose.explanations.specification import as_specification
+from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict
+from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line
+from vidphys.diagnose.mechanisms.fit import Fit
+from vidphys.diagnose.mechanisms.mechanism import Mechanism
+from vidphys.diagnose.recordings.units import GRAVITY
+
+SLOWEST = 1e-6  # per second, of a friction that is there
+
+
+def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int) -> dict[str, Any]:
+    """The specification of laws; see :func:`as_specification`.
+
+    Args:
+        mechanism: the laws.
+        interval: seconds between frames.
+        verdict: on them.
+        space: dimensions of the positions.
+    """
+    laws: dict[int, HeadTerm] = {}
+    numbers: dict[str, tuple[float, float]] = {}
+    masses = np.ones(sum(len(g.bodies) for g in mechanism.groups))
+    springs: tuple[terms.Spring, ...] = ()
+    origin = [0.0] * space
+    for group in mechanism.groups:
+        fit = group.fit
+        if fit.model.law.restoring == "chain":
+            rests = [float(x[0]) for x in fit.geometry]
+            held = as_specification(
+                _rods(fit),
+                2,
+                [float(np.mean(rests))],
+                fit.numbers,
+                verdict.status == EXPLAINED,
+                interval,
+            )
+            return {**held, "mass": [1.0, 1.0]}
+        if fit.model.law.coupled:
+            masses[list(group.bodies)] = _masses(fit)
+            springs = _springs(fit, masses)
+        for place, body in enumerate(group.bodies):
+            one = _Body(fit, place, float(masses[body]))
+            laws[body] = one.term()
+            if isinstance(one.chart, Angle):
+                origin = [float(fit.geometry[place][0])]
+        said = f"body {group.bodies[0] + 1}: " if len(mechanism.groups) > 1 else ""
+        numbers |= {said + name: number for name, number in fit.numbers.items()}
+    ordered = tuple(laws[body] for body in sorted(laws))
+    term = ordered[0] if len(ordered) == 1 else terms.Each(ordered, springs)
+    explained = verdict.status == EXPLAINED
+    held = as_specification(term, len(ordered), origin, numbers, explained, interval)
+    return {**held, "mass": masses.tolist()}
+
+
+def _rods(fit: Fit) -> terms.Links:
+    """Rods of one length with the fitted numbers; of masses and lengths only these are told."""
+    known = {name: value for name, (value, _) in fit.numbers.items()}
+    length = GRAVITY * known["link"] / known["swing 2"]
+    lower = known["link"] / length**2
+    both = known["swing 1"] / (GRAVITY * length)
+    inertia = (1 - both * length**2, known["inertia"] - lower * length**2)
+    ports = (terms.Drag("linear", "positive", rate=max(known.get("linear", 0.0), SLOWEST)),)
+    return terms.Links((length,) * 2, (both - lower, lower), GRAVITY, inertia, ports)
+
+
+def _masses(fit: Fit) -> np.ndarray:
+    """Of bodies between which springs act, from how each answers to them; their mean is one."""
+    pulls = np.array([fit.numbers[f"coupling {i + 1}"][0] for i in range(len(fit.model.charts))])
+    masses = 1 / pulls
+    return masses / masses.mean()
+
+
+def _springs(fit: Fit, masses: np.ndarray) -> tuple[terms.Spring, ...]:
+    count = len(fit.model.charts)
+    stiffness = fit.numbers["coupling 1"][0] * float(masses[0]) / max(count - 1, 1)
+    pairs = [(i, j) for i in range(count) for j in range(i + 1, count)]
+    return tuple(terms.Spring(i, j, stiffness) for i, j in pairs)
+
+
+class _Body:
+    """One body of a fit."""
+
+    def __init__(self, fit: Fit, place: int, mass: float) -> None:
+        self.fit, self.law, self.mass = fit, fit.model.law, mass
+        self.chart: Chart = fit.model.charts[place]
+        self.geometry = fit.geometry[place]
+        self.own = f" {place + 1}" if self.law.apart and len(fit.model.charts) > 1 else ""
+        self.place, self.part = place, fit.model.slices[place]
+        self.longer = self._longer()
+
+    def number(self, name: str) -> float:
+        return self.fit.numbers[name][0]
+
+    def _longer(self) -> float:
+        """Length along a rail over the coordinate that counts it."""
+        if not isinstance(self.chart, Line):
+            return 1.0
+        return float(np.linalg.norm(self._rail()[1]))
+
+    def _rail(self) -> tuple[np.ndarray, np.ndarray]:
+        assert isinstance(self.chart, Line)
+        size = self.chart.across.shape[1]
+        point = self.chart.across @ self.geometry[:size]
+        return point, np.array(self.chart.along) + self.chart.across @ self.geometry[
+            size : 2 * size
+        ]
+
+    def term(self) -> HeadTerm:
+        """The body's whole model."""
+        law = self._walled(self._free())
+        if isinstance(self.chart, Arc):
+            lowest, across, up = self.chart.vectors(self.geometry)
+            return terms.OnArc(_row(lowest + up), _row(across), _row(-up), law)
+        if isinstance(self.chart, Line):
+            point, direction = self._rail()
+            return terms.OnLine(_row(point), _row(direction), law)
+        return law
+
+    def _free(self) -> terms.Hamiltonian:
+        potentials: tuple[PotentialTerm, ...] = (terms.NoPotential(),)
+        if self.law.restoring in ("uniform", "trap"):
+            force = self.longer * np.array(
+                [self.number(f"force {i + 1}") for i in range(self.part.start, self.part.stop)]
+            )
+        if self.law.restoring == "uniform":
+            potentials = (terms.Uniform(_row(force)),)
+        elif self.law.restoring == "trap":
+            stiffness = self.number(f"stiffness{self.own}")
+            potentials = (terms.Trap(self.mass * stiffness, _row(force / stiffness), True),)
+        elif self.law.restoring == "pendulum":
+            potentials = (terms.Pendulum(self.number(f"swing{self.own}")),)
+        return terms.Hamiltonian(potentials=potentials, ports=self._ports())
+
+    def _ports(self) -> tuple[terms.Drag, ...]:
+        ports = []
+        for friction in self.law.frictions:
+            unit = {"linear": 1.0, "square": 1 / self.longer}.get(friction, self.longer)
+            rate = self.mass * unit * self.number(friction)
+            ports.append(terms.Drag(friction, "positive" if rate > 0 else "free", rate=rate))
+        return tuple(ports)
+
+    def _walled(self, free: terms.Hamiltonian) -> HeadTerm:
+        """Beside the wall that is struck, the first where there are two."""
+        if not self.law.walls:
+            return free
+        normal = self.law.walls[0].turned(self.fit.numbers.get("turn 1", (0.0, 0.0))[0])
+        restitution = float(np.clip(self.number("restitution 1"), 0.0, 1.0))
+        place = self.longer * self.number("wall 1")
+        return terms.Walled(free, place, restitution, _row(normal))
+
+
+def _row(vector: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(x) for x in vector)

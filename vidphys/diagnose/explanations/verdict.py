@@ -1,0 +1,81 @@
+"""How far a model may be trusted: by what it explains, and how far ahead it foretells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vidphys.diagnose.explanations.forecast import Validation
+
+EXPLAINED, MOSTLY, NOT = "explained", "mostly explained", "not explained"
+NEAR = 0.1  # of the motion's spread: farther off, a model no longer foretells
+NOISE = 3.0  # or so many standard deviations of the errors that the fit left
+ALL, MOST = 0.99, 0.9  # shares of the fitted motion
+LONG = 1 / 3  # of the frames held out, that must be foretold
+SWINGS = 2.0  # or so many, where motion is chaotic
+AVERAGED = 5  # frames, over which a forecast's error is taken
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a recording is explained.
+
+    Args:
+        status: one of the three.
+        share: of the fitted motion's variance.
+        left: root mean square distance that the fit leaves, unit of the positions.
+        horizon: seconds of the held-out frames that are foretold; ``None`` where none were held
+            out.
+        held_out: seconds of them.
+    """
+
+    status: str
+    share: float
+    left: float
+    horizon: float | None
+    held_out: float
+
+
+def judge(
+    share: float, left: float, spread: float, tail: Validation | None, period: float = np.inf
+) -> Verdict:
+    """The verdict on a model.
+
+    Args:
+        share, left: see :class:`Verdict`.
+        spread: root mean square distance of the bodies from their means, of the fitted frames.
+        tail: the forecast of what was held out.
+        period: seconds of a swing, about; two of them are far ahead whatever was held out.
+    """
+    if tail is None or len(tail.times) < 2:
+        status = MOSTLY if share >= ALL else NOT
+        return Verdict(status, share, left, None, 0.0)
+    near = max(NEAR * spread, NOISE * left)
+    miss = _averaged(np.sqrt(np.nanmean(((tail.forecasts["model"] - tail.seen) ** 2).sum(-1), -1)))
+    lost = np.flatnonzero(miss > near)
+    held_out = float(tail.times[-1] - tail.times[0])
+    horizon = float(tail.times[lost[0]] - tail.times[0]) if len(lost) else held_out
+    upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
+    own, *others = (_rms(path[:upto] - tail.seen[:upto]) for path in tail.forecasts.values())
+    better = own < max(min(others), NOISE * left)
+    if share >= ALL and horizon >= held_out and better:
+        status = EXPLAINED
+    elif share >= MOST and horizon >= min(LONG * held_out, SWINGS * period) and better:
+        status = MOSTLY
+    else:
+        status = NOT
+    return Verdict(status, share, left, horizon, held_out)
+
+
+def _rms(miss: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean((miss**2).sum(-1))))
+
+
+def _averaged(miss: np.ndarray) -> np.ndarray:
+    """The same, averaged over neighbouring frames; frames that show nothing are left out."""
+    seen = np.isfinite(miss)
+    width = np.ones(AVERAGED)
+    total = np.convolve(np.where(seen, miss, 0.0), width, mode="same")
+    count = np.convolve(seen.astype(float), width, mode="same")
+    return total / np.maximum(count, 1.0)

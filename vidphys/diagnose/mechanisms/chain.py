@@ -1,0 +1,80 @@
+"""Two rods that hang end on end, by their angles: a double pendulum.
+
+Its motion may be chaotic, so that no start leads through the whole recording: the law's numbers are
+fitted to several short windows, each with a start of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.charts import Angle
+from vidphys.diagnose.mechanisms.fit import Fit, Frames, Model, fit, frames_of
+from vidphys.diagnose.mechanisms.guesses import local
+from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+
+WINDOWS = 6
+RADIANS = 4.0  # that a window's angles turn through, about
+LONGEST = 60  # frames of a window
+HALVES = (2, 4)  # frames on each side of a local polynomial
+SMALL = 1e-3
+
+
+def chained(motion: Motion) -> Fit | None:
+    """The law of two rods, if it can be fitted.
+
+    Args:
+        motion: two angles in radians, seen in most frames.
+    """
+    rate = float(np.sqrt(np.nanmean(np.diff(motion.positions, axis=1) ** 2))) or 1.0
+    size = int(np.clip(RADIANS / rate, LEAST_FRAMES, min(LONGEST, motion.positions.shape[1])))
+    clips = _windows(motion, size)
+    if not clips:
+        return None
+    model = Model(Law(2, "chain", "linear", apart=True), (Angle(), Angle()))
+    found = []
+    for half in HALVES:
+        numbers, rests = _regressed(motion, half)
+        starts = [_start(clip, rests, half) for clip in clips]
+        found.append(fit(clips, model, np.concatenate([numbers, *starts])))
+    return min((x for x in found if x is not None), key=lambda x: x.left, default=None)
+
+
+def _windows(motion: Motion, size: int) -> list[Frames]:
+    """Some over the recording, in which all is seen; the last of them at its end."""
+    total = motion.positions.shape[1]
+    firsts = np.unique(np.linspace(0, total - size, WINDOWS).astype(int))
+    out = []
+    for first in firsts:
+        cut = motion.cut(first, first + size)
+        for number in np.flatnonzero(cut.seen.all((1, 2))):
+            clip = frames_of(cut.take(np.array([number])))[0]
+            begin = float(motion.times[number, first] - motion.times[number, 0])
+            out.append(Frames(clip.times, clip.seen, clip.stretches, begin))
+    return out
+
+
+def _regressed(motion: Motion, half: int) -> tuple[np.ndarray, np.ndarray]:
+    """The law's numbers, and where the rods hang, by least squares on accelerations."""
+    parts = []
+    for path, times, seen in zip(motion.positions, motion.times, motion.seen, strict=True):
+        at = seen.all(-1)
+        parts.append(local(times[at], path[at, :, 0], half))
+    (s1, s2), (v1, v2), (a1, a2) = (np.concatenate([getattr(x, n) for x in parts]).T for n in "sva")
+    d = s1 - s2
+    first = np.stack([-np.cos(d) * a2 - np.sin(d) * v2**2, -np.sin(s1), np.cos(s1), -v1], 1)
+    link, down1, aside1, rate = np.linalg.lstsq(first, a1, rcond=None)[0]
+    second = np.stack([-np.cos(d) * a1 + np.sin(d) * v1**2, -np.sin(s2), np.cos(s2), -v2], 1)
+    over, down2, aside2, _ = np.linalg.lstsq(second, a2, rcond=None)[0]
+    inertia = float(link / over) if link > 0 and over > 0 else 1.0
+    link = float(np.clip(link, SMALL, 0.95 * np.sqrt(inertia)))
+    swings = np.hypot(down1, aside1), inertia * np.hypot(down2, aside2)
+    rests = np.array([np.arctan2(aside1, down1), np.arctan2(aside2, down2)])
+    return np.array([*swings, link, inertia, max(float(rate), 0.0)]), rests
+
+
+def _start(clip: Frames, rests: np.ndarray, half: int) -> np.ndarray:
+    places = np.concatenate([x.places for x in clip.stretches], 1)
+    seen = local(clip.times, places, half)
+    return np.concatenate([seen.s[0] - rests, seen.v[0]])

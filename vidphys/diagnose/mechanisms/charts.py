@@ -1,0 +1,133 @@
+"""How generalised coordinates show in the picture: a plane, a line, an arc about a pivot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+class Chart:
+    """Places of a body from its coordinates; linear in a few numbers of geometry.
+
+    Args of its methods are coordinates ``(t, k)``.
+    """
+
+    name = ""
+    size = 1  # coordinates that it takes
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        """What does not depend on the geometry, ``(t, d)``."""
+        raise NotImplementedError
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        """What goes with each number of the geometry, ``(t, d, m)``."""
+        raise NotImplementedError
+
+    def shown(self, s: np.ndarray, geometry: np.ndarray) -> np.ndarray:
+        """Places ``(t, d)``."""
+        return self.fixed(s) + self.columns(s) @ geometry
+
+
+@dataclass(frozen=True)
+class Plane(Chart):
+    """The coordinates are the places themselves."""
+
+    space: int
+    name = "plane"
+
+    @property
+    def size(self) -> int:  # type: ignore[override]
+        return self.space
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        return s
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        return np.zeros((*s.shape, 0))
+
+
+@dataclass(frozen=True)
+class Line(Chart):
+    """A body on a line, or a rail that bends a little across it.
+
+    Args:
+        along: of the line, ``(d,)``, of length one; the coordinate is the place along it.
+        bends: whether the rail has a curvature in the picture.
+    """
+
+    along: tuple[float, ...]
+    bends: bool = False
+    name = "line"
+
+    @property
+    def across(self) -> np.ndarray:
+        """Directions across the line, ``(d, d - 1)``."""
+        full = np.linalg.svd(np.array(self.along)[None])[2]
+        return full[1:].T
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        return s * np.array(self.along)
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        shapes = [np.ones_like(s), s, *([s**2] if self.bends else [])]
+        return np.concatenate([shape[:, :, None] * self.across for shape in shapes], -1)
+
+
+@dataclass(frozen=True)
+class Angle(Chart):
+    """A table's angle, counted from where it hangs."""
+
+    name = "angle"
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        return s
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        return np.ones((*s.shape, 1))
+
+
+@dataclass(frozen=True)
+class Arc(Chart):
+    """A body on a circle about a pivot, seen from the front or aslant.
+
+    The geometry is the lowest point, and the two vectors of the circle's plane: along the arc
+    there, and up. From the front they have one length, that of the string, and a right angle.
+
+    Args:
+        aslant: the circle may show as an ellipse.
+    """
+
+    aslant: bool = False
+    name = "arc"
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        return np.zeros((len(s), 2))
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        x, y, one, none = np.sin(s), 1 - np.cos(s), np.ones_like(s), np.zeros_like(s)
+        right, up = np.concatenate([x, none], 1), np.concatenate([none, x], 1)
+        if self.aslant:
+            rest = [np.concatenate([y, none], 1), np.concatenate([none, y], 1)]
+            turned = [right, up, *rest]
+        else:
+            turned = [np.concatenate([x, y], 1), np.concatenate([-y, x], 1)]
+        centre = [np.concatenate([one, none], 1), np.concatenate([none, one], 1)]
+        return np.stack([*centre, *turned], -1)
+
+    def vectors(self, geometry: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The lowest point, the vector along the arc there, and the one up to the pivot."""
+        if self.aslant:
+            return geometry[:2], geometry[2:4], geometry[4:6]
+        a, b = geometry[2:]
+        return geometry[:2], np.array([a, b]), np.array([-b, a])
+
+    def pivot(self, geometry: np.ndarray) -> np.ndarray:
+        """Where the string hangs."""
+        lowest, _, up = self.vectors(geometry)
+        return lowest + up
+
+    def length(self, geometry: np.ndarray) -> float:
+        """Of the string, unit of the positions: the longer of the two, because slant shortens."""
+        _, along, up = self.vectors(geometry)
+        return float(max(np.linalg.norm(along), np.linalg.norm(up)))

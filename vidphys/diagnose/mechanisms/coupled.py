@@ -1,0 +1,46 @@
+"""Springs between bodies that each have a trap or a swing of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.fit import Fit, Frames, Model, race
+from vidphys.diagnose.mechanisms.law import Law
+
+CLEARLY = 20.0  # of log likelihood after its price, by which one law must beat a law for each
+PULLS = (0.03, 0.1, 0.3, 1.0)  # of the stiffness, that couplings begin at
+
+
+def coupled(clips: Sequence[Frames], each: Sequence[Fit]) -> Fit | None:
+    """One law of all bodies, if the evidence for it is clearer than for a law of each."""
+    models = [x.model for x in each]
+    one = all(m.law.coordinates == 1 and not m.law.walls for m in models)
+    restoring = {m.law.restoring for m in models}
+    if not one or restoring not in ({"trap"}, {"pendulum"}):
+        return None
+    law = Law(len(each), restoring.pop(), "linear", apart=True, coupled=True)
+    model = Model(law, tuple(m.charts[0] for m in models))
+    found = race(clips, [(model, [guess]) for guess in _guesses(law, each, len(clips))])
+    best = max(found, key=lambda x: x.score, default=None)
+    if best is None or best.score < sum(x.score for x in each) + CLEARLY:
+        return None
+    return best
+
+
+def _guesses(law: Law, each: Sequence[Fit], clips: int) -> list[np.ndarray]:
+    """From the bodies' own laws, with couplings of several strengths."""
+    known = [{name: value for name, (value, _) in x.numbers.items()} for x in each]
+    own = "stiffness" if law.restoring == "trap" else "swing"
+    starts = [x.model.split(x.values, clips)[1] for x in each]
+    start = np.concatenate(starts, -1).ravel()
+    stiff = float(np.mean([k[own] for k in known]))
+    out = []
+    for share in PULLS:
+        numbers = {f"{own} {i + 1}": k[own] / (1 + share) for i, k in enumerate(known)}
+        numbers |= {f"force {i + 1}": k.get("force 1", 0.0) for i, k in enumerate(known)}
+        numbers |= {f"coupling {i + 1}": share * stiff for i in range(len(known))}
+        numbers["linear"] = float(np.mean([k.get("linear", 0.0) for k in known]))
+        out.append(np.concatenate([[numbers[name] for name in law.names], start]))
+    return out

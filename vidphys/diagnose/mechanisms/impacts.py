@@ -1,0 +1,199 @@
+"""Impacts: frames between which a speed changes at once, found before any law is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.signal import find_peaks
+
+SIDES = (3, 4, 6, 9, 14, 20)  # frames on each side of a kink
+CHANCE = 1e-3  # that noise lets two parabolas with a kink leave so much less than one cubic, of all
+SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a frame interval, at which a kink is tried
+GAP = 3.0  # usual frame intervals, over each of a side's, from which frames are not in a row
+RIDGE = 1e-12
+TURN = 0.1  # of the path's length, that a turn must stand out by
+WITHIN = 0.6  # of the frames between turns: longer sides take a turn for a kink
+HARD = 0.35  # of the usual speed, that an impact changes it by
+SURE = 5.0  # standard errors of the change
+ALIKE = 0.9  # cosine between the directions of two impacts on one wall
+FLAT = 0.25  # of the path's extent along the normal, within which one wall's impacts lie
+
+
+@dataclass(frozen=True)
+class Impact:
+    """A speed that changes at once.
+
+    Args:
+        frame: the last before it, of those in which the body was seen.
+        side: frames on each side that tell of it.
+        place: where, ``(k,)``.
+        before, after: velocities, ``(k,)``.
+    """
+
+    frame: int
+    side: int
+    place: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    @property
+    def change(self) -> np.ndarray:
+        """Of the velocity, ``(k,)``."""
+        return self.after - self.before
+
+
+def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
+    """Impacts of one body, by time: what the fewest frames tell that tell of any.
+
+    Args:
+        times: of the frames that show it, seconds.
+        s: coordinates ``(t, k)``.
+    """
+    speed = float(np.sqrt(((np.diff(s, axis=0) / np.diff(times)[:, None]) ** 2).sum(-1).mean()))
+    found: list[Impact] = []
+    for side in SIDES:
+        if len(times) < 2 * side + 2 or side > max(WITHIN * _between_turns(s), SIDES[0]):
+            break
+        kinks = _kinks(times, s, side)
+        hard = np.linalg.norm(kinks.change, axis=1)
+        clear = (kinks.gain > 1) & (hard > HARD * speed) & (hard > SURE * kinks.error)
+        told, chosen = bool(found), [x.frame for x in found]
+        for k in sorted(np.flatnonzero(clear), key=lambda k: -hard[k] * np.log1p(kinks.gain[k])):
+            impact = kinks.impact(int(k))
+            if all(abs(impact.frame - other) > side for other in chosen):
+                chosen.append(impact.frame)
+                found.append(impact)
+        if told:  # longer sides take a turn for a kink
+            break
+    return sorted(found, key=lambda x: x.frame)
+
+
+def seen_as(impacts: list[Impact], times: np.ndarray, s: np.ndarray) -> list[Impact]:
+    """The same impacts in other coordinates ``(t, k)``."""
+    kinks = {side: _kinks(times, s, side) for side in {x.side for x in impacts}}
+    return [kinks[x.side].impact(x.frame - x.side + 1) for x in impacts]
+
+
+@dataclass(frozen=True)
+class _Kinks:
+    """Of each window of ``2 side`` frames: the best kink in its middle."""
+
+    side: int
+    gain: np.ndarray  # how much less it leaves than a cubic, over what chance may do
+    error: np.ndarray  # of a change of speed
+    numbers: np.ndarray  # place, velocity before, half the acceleration, change; (w, 4, k)
+
+    @property
+    def change(self) -> np.ndarray:
+        return self.numbers[:, 3]
+
+    def impact(self, window: int) -> Impact:
+        place, before, _, change = self.numbers[window]
+        return Impact(window + self.side - 1, self.side, place, before, before + change)
+
+
+def _kinks(times: np.ndarray, s: np.ndarray, side: int) -> _Kinks:
+    windows = np.lib.stride_tricks.sliding_window_view
+    t = windows(times, 2 * side)
+    x = windows(s, 2 * side, axis=0).transpose(0, 2, 1)
+    # An impact lasts for a few frames where they follow fast; those do not count.
+    away = np.abs(np.arange(2 * side) - (side - 0.5)) > side // 5
+    t, x, last, next_ = t[:, away], x[:, away], t[:, side - 1], t[:, side]
+    scale = (t[:, -1] - t[:, 0]) / 2
+    u = (t - last[:, None]) / scale[:, None]
+    left_smooth, _ = _left(np.stack([np.ones_like(u), u, u**2, u**3], -1), x)
+    left, numbers = np.full(len(t), np.inf), np.zeros((len(t), 4, s.shape[1]))
+    for share in SHARES:
+        kink = last + share * (next_ - last)
+        u = (t - kink[:, None]) / scale[:, None]
+        design = np.stack([np.ones_like(u), u, u**2, np.maximum(u, 0)], -1)
+        tried, found = _left(design, x)
+        better = tried < left
+        left = np.where(better, tried, left)
+        numbers = np.where(better[:, None, None], found, numbers)
+    numbers = numbers / scale[:, None, None] ** np.array([0, 1, 2, 1])[:, None]
+    freedom = max(x[0].size - numbers[0].size, 1)
+    ratio = stats.f.isf(CHANCE / len(times), freedom, freedom)
+    sigma = np.sqrt(left / freedom)
+    error = sigma / float(np.median(np.diff(times))) / np.sqrt(side)
+    gap = 2 * scale > GAP * side * np.median(np.diff(times))
+    gain = left_smooth / np.maximum(ratio * left, np.finfo(float).tiny)
+    return _Kinks(side, np.where(gap, 0.0, gain), error, numbers)
+
+
+def _between_turns(s: np.ndarray) -> float:
+    """Frames from one turn of a path to the next, in the direction in which it is longest."""
+    away = s - s.mean(0)
+    along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
+    clear = TURN * float(np.ptp(along))
+    turns = sum(len(find_peaks(x, prominence=clear)[0]) for x in (along, -along))
+    return len(s) / (turns + 1)
+
+
+def _left(design: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sum of squares that least squares leave in each window ``(w,)``, and the numbers."""
+    turned = design.transpose(0, 2, 1)
+    numbers = np.linalg.solve(turned @ design + RIDGE * np.eye(4), turned @ x)
+    return ((x - design @ numbers) ** 2).sum((1, 2)), numbers
+
+
+@dataclass(frozen=True)
+class Struck:
+    """A wall that several impacts tell of.
+
+    Args:
+        normal: towards it, ``(k,)``.
+        place: along the normal.
+        restitution: speed across it after an impact over that before, the median.
+        along: the same of the speed along it.
+        count: impacts.
+    """
+
+    normal: np.ndarray
+    place: float
+    restitution: float
+    along: float
+    count: int
+
+
+def walls_of(impacts: list[Impact], s: np.ndarray) -> list[Struck]:
+    """Walls that impacts share, those struck most often first.
+
+    Args:
+        impacts: of one body.
+        s: all its coordinates ``(t, k)``.
+    """
+    left, walls = list(impacts), []
+    while left:
+        first = max(left, key=lambda x: float(np.linalg.norm(x.change)))
+        normal = -first.change / np.linalg.norm(first.change)
+        same = [x for x in left if -x.change @ normal > ALIKE * np.linalg.norm(x.change)]
+        normal = -np.sum([x.change for x in same], axis=0)
+        normal = normal / np.linalg.norm(normal)
+        depth, extent = np.array([x.place @ normal for x in same]), np.ptp(s @ normal)
+        same = [x for x, d in zip(same, depth, strict=True) if depth.max() - d < FLAT * extent]
+        left = [x for x in left if all(x is not y for y in same)]
+        walls.append(_struck(same, normal))
+    return sorted(walls, key=lambda w: -w.count)
+
+
+def _struck(impacts: list[Impact], normal: np.ndarray) -> Struck:
+    across = [(x.before @ normal, x.after @ normal) for x in impacts]
+    lost = [-after / before for before, after in across if before > 0]
+    beside = [
+        (
+            np.linalg.norm(x.after - x.after @ normal * normal),
+            np.linalg.norm(x.before - x.before @ normal * normal),
+        )
+        for x in impacts
+    ]
+    kept = [after / before for after, before in beside if before > 0]
+    return Struck(
+        normal,
+        float(np.median([x.place @ normal for x in impacts])),
+        float(np.clip(np.median(lost), 0.05, 1.0)) if lost else 0.5,
+        float(np.clip(np.median(kept), 0.05, 1.0)) if kept and len(normal) > 1 else 1.0,
+        len(impacts),
+    )

@@ -1,0 +1,153 @@
+"""A law of motion by name: which accelerations it has, and where its numbers lie in a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.motion_kernel import rolled
+
+RESTORING = ("none", "uniform", "trap", "pendulum", "chain")
+FRICTIONS = ("none", "linear", "square", "dry", "linear+dry", "linear+square")
+RATES = ("linear", "square", "dry")  # the order in which the kernel takes them
+FINE = 0.15  # radians of the fastest motion that one step turns at most
+NEAREST = 0.02  # of its first distance, that a body comes to the camera at most
+STEPS = (1, 64)  # in a frame, at least and at most
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane that bodies bounce off.
+
+    Args:
+        normal: towards it, ``(k,)``, of length one.
+        turns: whether the normal is fitted too; one bounce alone does not tell it from what the
+            bounce takes along the wall.
+    """
+
+    normal: tuple[float, ...]
+    turns: bool = False
+
+    def turned(self, angle: float) -> np.ndarray:
+        """The normal turned by radians, where there is a plane to turn it in."""
+        if len(self.normal) != 2:
+            return np.array(self.normal)
+        (x, y), c, s = self.normal, np.cos(angle), np.sin(angle)
+        return np.array([c * x - s * y, s * x + c * y])
+
+
+@dataclass(frozen=True)
+class Law:
+    """Accelerations of k coordinates.
+
+    Args:
+        coordinates: k.
+        restoring: of :data:`RESTORING`; a uniform field, a trap about any centre, what an angle
+            hangs in, or two rods that hang end on end, by their angles.
+        friction: of :data:`FRICTIONS`.
+        apart: each coordinate has its own trap, or swing, and its own friction.
+        coupled: springs between all pairs of coordinates, where they are apart.
+        walls: that there are.
+        nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
+            distance from the middle grows as 1 / (1 - nearing t).
+    """
+
+    coordinates: int
+    restoring: str = "none"
+    friction: str = "none"
+    apart: bool = False
+    coupled: bool = False
+    walls: tuple[Wall, ...] = ()
+    nears: bool = False
+    names: tuple[str, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self._names()))
+
+    def _names(self) -> list[str]:
+        k = self.coordinates
+        each = [f" {i + 1}" for i in range(k)] if self.apart and k > 1 else [""]
+        names = []
+        if self.restoring == "trap":
+            names += [f"stiffness{x}" for x in each]
+        if self.restoring in ("uniform", "trap"):
+            names += [f"force {i + 1}" for i in range(k)]
+        if self.restoring in ("pendulum", "chain"):
+            names += [f"swing{x}" for x in each]
+        if self.restoring == "chain":
+            names += ["link", "inertia"]
+        if self.coupled:
+            names += [f"coupling {i + 1}" for i in range(k)]
+        if self.friction != "none":
+            names += self.frictions
+        names += ["nearing"] if self.nears else []
+        for number, wall in enumerate(self.walls, 1):
+            names += [f"wall {number}", f"restitution {number}"]
+            names += [f"along {number}"] if len(wall.normal) > 1 else []
+            names += [f"turn {number}"] if wall.turns else []
+        return names
+
+    @property
+    def frictions(self) -> tuple[str, ...]:
+        """Its frictions, each by itself."""
+        return () if self.friction == "none" else tuple(self.friction.split("+"))
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of its terms, as the menu calls them."""
+        kinds = {self.restoring, *self.frictions} - {"none"}
+        kinds |= {"wall"} if self.walls else set()
+        return frozenset(kinds | ({"pair"} if self.coupled else set()))
+
+    def rate(self, numbers: Mapping[str, float]) -> float:
+        """The fastest rate of its motion, radians per second; 0 where nothing swings."""
+        stiff = [abs(x) for name, x in numbers.items() if name.startswith(("stiff", "swing"))]
+        stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
+        return float(np.sqrt(sum(stiff)))
+
+    def roll(self, values: np.ndarray, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Coordinates and rates ``(t, 2, k)`` from a start ``(2, k)`` at the first of the times."""
+        k = self.coordinates
+        numbers = dict(zip(self.names, values.tolist(), strict=True))
+        force, stiffness, swing = np.zeros(k), np.zeros((k, k)), np.zeros(k)
+        for i in range(k):
+            own = f" {i + 1}" if self.apart and k > 1 else ""
+            force[i] = numbers.get(f"force {i + 1}", 0.0)
+            stiffness[i, i] = numbers.get(f"stiffness{own}", 0.0)
+            swing[i] = numbers.get(f"swing{own}", 0.0)
+            if self.coupled:
+                pull = numbers[f"coupling {i + 1}"]
+                stiffness[i] -= pull / max(k - 1, 1)
+                stiffness[i, i] += pull + pull / max(k - 1, 1)
+        friction = np.array([numbers.get(name, 0.0) for name in RATES])
+        walls = np.zeros((len(self.walls), k + 3))
+        for number, wall in enumerate(self.walls, 1):
+            row = walls[number - 1]
+            row[:k] = wall.turned(numbers.get(f"turn {number}", 0.0))
+            row[k:] = (
+                numbers[f"wall {number}"],
+                numbers[f"restitution {number}"],
+                numbers.get(f"along {number}", 1.0),
+            )
+        interval = float(np.median(np.diff(times)))
+        steps = np.clip(self.rate(numbers) * interval / FINE, *STEPS)
+        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
+            out = rolled(
+                times,
+                start,
+                force,
+                stiffness,
+                swing,
+                friction,
+                walls,
+                interval / float(np.ceil(steps)) * (1 + 1e-9),
+                apart=self.apart,
+                rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
+            )
+            if self.nears:
+                out[:, 0] /= np.maximum(1 - numbers["nearing"] * (times - times[0]), NEAREST)[
+                    :, None
+                ]
+            return out

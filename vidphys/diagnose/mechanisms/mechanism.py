@@ -1,0 +1,177 @@
+"""What moves the bodies of a recording: each by a law of its own, or several by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.chain import chained
+from vidphys.diagnose.mechanisms.choose import fits_of
+from vidphys.diagnose.mechanisms.coupled import coupled
+from vidphys.diagnose.mechanisms.fit import Fit, fit, frames_of
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+
+MOST_CLIPS, MOST_BODIES = 8, 4
+GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
+SURELY = 10.0  # standard errors, by which the link between two rods is there
+MOST_FRAMES = 1500
+WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
+NEAR_BEST = 2.0  # times the least that is left from any first frame
+LATER = (0.08, 0.16, 0.25, 0.35, 0.5)  # of the frames: where a law is tried to hold from
+
+
+@dataclass(frozen=True)
+class Group:
+    """Bodies that one law moves.
+
+    Args:
+        bodies: their numbers.
+        fit: of the law.
+        others: other laws that were fitted to them, best first.
+    """
+
+    bodies: tuple[int, ...]
+    fit: Fit
+    others: tuple[Fit, ...] = ()
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Laws of all bodies.
+
+    Args:
+        groups: of bodies, each with its law.
+        first: frame from which the laws hold; a hand may have held a body before.
+        begin: seconds of that frame, of each clip's own time.
+    """
+
+    groups: tuple[Group, ...]
+    first: int
+    begin: np.ndarray
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Of all terms."""
+        return frozenset().union(*(group.fit.kinds for group in self.groups))
+
+    @property
+    def left(self) -> float:
+        """Root mean square distance that the laws leave, unit of the positions."""
+        return float(np.sqrt(np.mean([group.fit.left**2 for group in self.groups])))
+
+    @property
+    def spread(self) -> float:
+        """The same of bodies that would stand at their means."""
+        return float(np.sqrt(np.mean([group.fit.spread**2 for group in self.groups])))
+
+    @property
+    def share(self) -> float:
+        """Of the motion, that the laws explain: 1 less what is left of its variance."""
+        return 1 - (self.left / self.spread) ** 2
+
+    def refitted(self, motion: Motion) -> Mechanism:
+        """The same laws with numbers from all frames from the first one that they hold at."""
+        rest = thinned(motion.cut(self.first))
+        groups = []
+        for group in self.groups:
+            if group.fit.model.law.restoring == "chain":
+                return self  # of windows, which frames that were held out do not lengthen
+            found = fit(frames_of(rest, group.bodies), group.fit.model, group.fit.values)
+            if found is None or found.left > WORSE * group.fit.left:
+                found = group.fit
+            groups.append(replace(group, fit=found))
+        return replace(self, groups=tuple(groups))
+
+    def path(self, times: np.ndarray, clip: int = -1) -> np.ndarray:
+        """Places ``(t, n, d)`` at times of the clip, not before the laws hold."""
+        since = times - self.begin[clip]
+        parts = {b: i for group in self.groups for i, b in enumerate(group.bodies)}
+        rolled = {group.bodies: group.fit.path(since, clip) for group in self.groups}
+        whose = {b: group.bodies for group in self.groups for b in group.bodies}
+        return np.stack([rolled[whose[b]][:, parts[b]] for b in sorted(whose)], 1)
+
+
+def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -> Mechanism | None:
+    """The likeliest laws of a recording's bodies, each body by itself unless they are coupled.
+
+    Args:
+        motion: few clips of few bodies.
+        angles: whether the coordinates are angles in radians.
+        camera: whether places are in a picture, counted from its middle.
+    """
+    if motion.clips > MOST_CLIPS or motion.bodies > MOST_BODIES:
+        return None
+    motion, stride = thinned(motion), _stride(motion)
+    first, groups = 0, _groups(motion, angles, camera)
+    if groups is None or not all(map(_holds, groups)):
+        first, groups = _later(motion, angles, camera, groups)
+    if groups is None:
+        return None
+    begin = motion.times[:, first].copy()
+    if groups[0].fit.model.law.restoring == "chain":
+        begin = motion.times[0, 0] + np.array([clip.begin for clip in groups[0].fit.clips])
+    return Mechanism(groups, first * stride, begin)
+
+
+def thinned(motion: Motion) -> Motion:
+    """Fewer frames of a long recording, as many as a fit needs."""
+    step = _stride(motion)
+    if step == 1:
+        return motion
+    return replace(motion, positions=motion.positions[:, ::step], times=motion.times[:, ::step])
+
+
+def _stride(motion: Motion) -> int:
+    return max(1, motion.positions.shape[1] // MOST_FRAMES)
+
+
+def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | None:
+    if motion.bodies == 2 and angles:
+        rods = chained(motion)
+        if rods is not None and rods.left < GOOD * rods.spread and _linked(rods):
+            return (Group((0, 1), rods),)
+    groups = []
+    for body in range(motion.bodies):
+        frames = frames_of(motion, [body])
+        if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
+            return None
+        fits = fits_of(frames, angles, camera)
+        if not fits:
+            return None
+        groups.append(Group((body,), fits[0], tuple(fits[1:])))
+    if motion.bodies > 1:
+        joint = coupled(frames_of(motion), [group.fit for group in groups])
+        if joint is not None:
+            return (Group(tuple(range(motion.bodies)), joint),)
+    return tuple(groups)
+
+
+def _linked(rods: Fit) -> bool:
+    """Whether each rod feels the other."""
+    link, error = rods.numbers["link"]
+    return link > SURELY * error
+
+
+def _holds(group: Group) -> bool:
+    """Whether its law leaves little, or nothing that lasts."""
+    fit = group.fit
+    return fit.left < GOOD * fit.spread or fit.errors.smooth < fit.errors.white
+
+
+def _later(
+    motion: Motion, angles: bool, camera: bool, whole: tuple[Group, ...] | None
+) -> tuple[int, tuple[Group, ...] | None]:
+    """The first later frame from which laws hold; else the whole recording."""
+    total, tried = motion.positions.shape[1], []
+    for share in LATER:
+        first = int(share * total)
+        if total - first < LEAST_FRAMES + 2 or motion.clips > 1:
+            break
+        groups = _groups(motion.cut(first), angles, camera)
+        if groups is not None and all(map(_holds, groups)):
+            tried.append((first, groups, max(group.fit.left for group in groups)))
+    if not tried:
+        return 0, whole
+    least = min(left for _, _, left in tried)
+    return next((first, groups) for first, groups, left in tried if left <= NEAR_BEST * least)

@@ -1,0 +1,239 @@
+"""The motion of a few coordinates under a law of a few numbers, stepped in compiled loops.
+
+With coordinates s and v = ds/dt,
+
+    dv/dt = force - stiffness s - swing sin s - linear v - square |v| v - dry v/|v|
+
+or, of two rods that hang end on end, with link b, inertia a and d = s_1 - s_2,
+
+    dv_1/dt + b (cos d dv_2/dt + sin d v_2^2) = -swing_1 sin s_1 - friction
+    a dv_2/dt + b (cos d dv_1/dt - sin d v_1^2) = -swing_2 sin s_2 - friction
+
+and walls n.s = place, at which the speed across them turns round and shrinks. Steps are
+fourth-order Runge-Kutta; the step that meets a wall ends there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from loops import kernel
+
+LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
+HALVINGS = 40
+
+
+@kernel
+def _accelerate(
+    s: np.ndarray,
+    v: np.ndarray,
+    force: np.ndarray,
+    stiffness: np.ndarray,
+    swing: np.ndarray,
+    friction: np.ndarray,
+    apart: bool,
+    rods: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    size = len(s)
+    speed = 0.0
+    for i in range(size):
+        speed += v[i] * v[i]
+    speed = np.sqrt(speed)
+    for i in range(size):
+        own = abs(v[i]) if apart else speed
+        rate = friction[0] + friction[1] * own
+        if own > 0.0:
+            rate += friction[2] / own
+        total = force[i] - swing[i] * np.sin(s[i]) - rate * v[i]
+        for j in range(size):
+            total -= stiffness[i, j] * s[j]
+        out[i] = total
+    if rods[1] > 0.0:
+        d = s[0] - s[1]
+        across, link = np.sin(d) * rods[0], np.cos(d) * rods[0]
+        one, two = out[0] - across * v[1] * v[1], out[1] + across * v[0] * v[0]
+        size_of = rods[1] - link * link
+        out[0] = (rods[1] * one - link * two) / size_of
+        out[1] = (two - link * one) / size_of
+
+
+@kernel
+def _holds(
+    s: np.ndarray,
+    force: np.ndarray,
+    stiffness: np.ndarray,
+    swing: np.ndarray,
+    dry: float,
+) -> bool:
+    """Whether dry friction holds what stands at ``s``."""
+    pull = 0.0
+    for i in range(len(s)):
+        total = force[i] - swing[i] * np.sin(s[i])
+        for j in range(len(s)):
+            total -= stiffness[i, j] * s[j]
+        pull += total * total
+    return pull <= dry * dry
+
+
+@kernel
+def _step(
+    s: np.ndarray,
+    v: np.ndarray,
+    h: float,
+    law: tuple,
+    work: np.ndarray,
+) -> None:
+    """One Runge-Kutta step from ``s``, ``v`` into ``work[8]``, ``work[9]``."""
+    force, stiffness, swing, friction, apart, rods = law
+    a1, a2, a3, a4 = work[0], work[1], work[2], work[3]
+    s2, v2, v3 = work[4], work[5], work[6]
+    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, a1)
+    for i in range(len(s)):
+        s2[i] = s[i] + 0.5 * h * v[i]
+        v2[i] = v[i] + 0.5 * h * a1[i]
+    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, a2)
+    for i in range(len(s)):
+        s2[i] = s[i] + 0.5 * h * v2[i]
+        v3[i] = v[i] + 0.5 * h * a2[i]
+    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, a3)
+    v4 = work[7]
+    for i in range(len(s)):
+        s2[i] = s[i] + h * v3[i]
+        v4[i] = v[i] + h * a3[i]
+    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, a4)
+    for i in range(len(s)):
+        work[8, i] = s[i] + h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i])
+        work[9, i] = v[i] + h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
+
+
+@kernel
+def _beyond(
+    s: np.ndarray,
+    wall: np.ndarray,
+) -> float:
+    depth = -wall[len(s)]
+    for i in range(len(s)):
+        depth += wall[i] * s[i]
+    return depth
+
+
+@kernel
+def _bounce(
+    s: np.ndarray,
+    v: np.ndarray,
+    wall: np.ndarray,
+) -> None:
+    """Turn the speed across a wall round; what is along it keeps a share of its own."""
+    size = len(s)
+    across, depth = 0.0, _beyond(s, wall)
+    for i in range(size):
+        across += wall[i] * v[i]
+    restitution, along = wall[size + 1], wall[size + 2]
+    for i in range(size):
+        s[i] -= depth * wall[i]
+        v[i] = along * (v[i] - across * wall[i]) - restitution * across * wall[i]
+
+
+@kernel
+def _rolled(
+    times: np.ndarray,
+    start: np.ndarray,
+    law: tuple,
+    walls: np.ndarray,
+    most: float,
+    out: np.ndarray,
+) -> None:
+    size = start.shape[1]
+    force, stiffness, swing, friction, _apart, _rods = law
+    work = np.zeros((10, size))
+    s, v = start[0].copy(), start[1].copy()
+    out[0, 0], out[0, 1] = s, v
+    landed = LANDED * (times[-1] - times[0])
+    stuck, since = False, np.inf
+    for frame in range(1, len(times)):
+        gap = times[frame] - times[frame - 1]
+        count = int(np.ceil(gap / most))
+        h = gap / count
+        for _ in range(count):
+            if stuck:
+                break
+            left = h
+            for _bounces in range(4):
+                _step(s, v, left, law, work)
+                hit, when = -1, left
+                for k in range(len(walls)):
+                    if _beyond(work[8], walls[k]) > 0.0:
+                        low, high = 0.0, when
+                        for _half in range(HALVINGS):
+                            middle = 0.5 * (low + high)
+                            _step(s, v, middle, law, work)
+                            if _beyond(work[8], walls[k]) > 0.0:
+                                high = middle
+                            else:
+                                low = middle
+                        hit, when = k, high
+                        _step(s, v, when, law, work)
+                if hit < 0:
+                    break
+                s[:], v[:] = work[8], work[9]
+                _bounce(s, v, walls[hit])
+                left -= when
+                since += when
+                if since < landed:  # it lies at the wall: only what is along it goes on
+                    across = 0.0
+                    for i in range(size):
+                        across += walls[hit][i] * v[i]
+                    for i in range(size):
+                        v[i] -= across * walls[hit][i]
+                    stuck = size == 1
+                since = 0.0
+                if left <= 0.0 or stuck:
+                    break
+            if stuck or left <= 0.0:
+                continue
+            turned = 0.0
+            for i in range(size):
+                turned += v[i] * work[9, i]
+            s[:], v[:] = work[8], work[9]
+            since += left
+            if (
+                friction[2] > 0.0
+                and turned <= 0.0
+                and _holds(s, force, stiffness, swing, friction[2])
+            ):
+                v[:] = 0.0
+                stuck = True
+        out[frame, 0], out[frame, 1] = s, v
+
+
+def rolled(
+    times: Float[np.ndarray, " t"],
+    start: Float[np.ndarray, "2 k"],
+    force: Float[np.ndarray, " k"],
+    stiffness: Float[np.ndarray, "k k"],
+    swing: Float[np.ndarray, " k"],
+    friction: Float[np.ndarray, " 3"],
+    walls: Float[np.ndarray, "w _"],
+    most: float,
+    apart: bool = False,
+    rods: tuple[float, float] = (0.0, 0.0),
+) -> Float[np.ndarray, "t 2 k"]:
+    """Coordinates and their rates at each time.
+
+    Args:
+        times: seconds, increasing; the start is at the first.
+        start: coordinates and rates.
+        force, stiffness, swing: accelerations, see the module.
+        friction: the linear rate, the square one, and the dry deceleration.
+        walls: of each its normal ``(k,)``, place, restitution, and the share of the speed along it
+            that a bounce leaves.
+        most: seconds of a step at most.
+        rods: link and inertia of two rods that hang end on end; no inertia: there are none.
+        apart: friction goes with each coordinate's own speed, not with the length of the velocity.
+    """
+    out = np.empty((len(times), *start.shape))
+    law = (force, stiffness, swing, friction, apart, np.array(rods))
+    _rolled(times, start, law, walls, most, out)
+    return out

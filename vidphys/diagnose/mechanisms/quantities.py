@@ -1,0 +1,102 @@
+"""The numbers that a physicist asks of a fitted law, each with its standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.fit import Fit
+
+NUDGE = 1e-5
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its unit.
+
+    Args:
+        name: for people and programs.
+        value, error: and its standard error, units of the positions and seconds.
+        length, seconds: powers of those units that it goes with.
+    """
+
+    name: str
+    value: float
+    error: float
+    length: int = 0
+    seconds: int = 0
+
+
+Joint = Callable[[np.ndarray, tuple[np.ndarray, ...]], float]
+
+
+def quantities(fit: Fit) -> list[Quantity]:
+    """Of a fit, those that can be told."""
+    return [
+        Quantity(name, *_with_error(fit, told), length, seconds)
+        for name, told, length, seconds in _asked(fit)
+    ]
+
+
+def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
+    """Name, how it follows from values and geometry, and its powers of length and seconds."""
+    law = fit.model.law
+    at = {name: i for i, name in enumerate(law.names)}
+
+    def number(name: str) -> Joint:
+        return lambda values, _: float(values[at[name]])
+
+    for name in law.names:
+        root, _, which = name.partition(" ")
+        of = f" {which}" if which and law.apart else ""
+        if root in ("stiffness", "swing"):
+            yield f"rate{of}", _rate(at[name], 1.0), 0, -1
+            yield f"period{of}", _rate(at[name], -1.0), 0, 1
+        elif root in ("linear", "square", "dry"):
+            length, seconds = {"linear": (0, -1), "square": (-1, 0), "dry": (1, -2)}[root]
+            turns = fit.model.charts[0].name in ("arc", "angle")
+            yield f"{root} friction", number(name), 0 if turns else length, seconds
+        elif root in ("restitution", "along"):
+            said = root if root == "restitution" else "speed kept along the wall"
+            yield said + (f" {which}" if len(law.walls) > 1 else ""), number(name), 0, 0
+        elif root == "nearing":
+            yield "nearing", number(name), 0, -1
+    if law.restoring == "uniform":
+        forces = [at[f"force {i + 1}"] for i in range(law.coordinates)]
+        yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
+    if law.coupled and law.coordinates == 2:
+        one, two = at["coupling 1"], at["coupling 2"]
+        yield "mass ratio", lambda values, _: float(values[one] / values[two]), 0, 0
+    arc = fit.model.charts[0]
+    if isinstance(arc, Arc):
+        yield "length", lambda _, geometry: arc.length(geometry[0]), 1, 0
+
+
+def _rate(at: int, power: float) -> Joint:
+    def told(values: np.ndarray, _: tuple[np.ndarray, ...]) -> float:
+        rate = float(np.sqrt(max(values[at], np.finfo(float).tiny)))
+        return rate if power > 0 else 2 * np.pi / rate
+
+    return told
+
+
+def _with_error(fit: Fit, told: Joint) -> tuple[float, float]:
+    """A number and its standard error, by its slope along every number of the fit."""
+    joint = np.concatenate([fit.values, *fit.geometry])
+    ends = np.cumsum([len(fit.values), *(len(g) for g in fit.geometry)])
+
+    def at(x: np.ndarray) -> float:
+        parts = tuple(x[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return told(x[: ends[0]], parts)
+
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
+    slope = np.zeros(len(joint))
+    for i in np.flatnonzero(spread):
+        nudge = min(NUDGE * spread[i], 0.01 * abs(joint[i]) or NUDGE * spread[i])
+        step = np.zeros(len(joint))
+        step[i] = nudge
+        slope[i] = (at(joint + step) - at(joint - step)) / (2 * nudge)
+    return at(joint), float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))

@@ -1,1 +1,0 @@
-"""One body beside a wall, fitted over the whole recording."""
