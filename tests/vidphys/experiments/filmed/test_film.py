@@ -10,7 +10,7 @@ from vidphys.errors import InputError
 from vidphys.experiments.filmed import encode
 from vidphys.experiments.filmed.camera import along
 from vidphys.experiments.filmed.encode import write_h264
-from vidphys.experiments.filmed.film import clip_of, compose, pictures, truth_of
+from vidphys.experiments.filmed.film import clip_of, compose, pictures, read_at, truth_of
 from vidphys.experiments.filmed.folder import film_clip, film_folder
 from vidphys.experiments.filmed.nuisances import PARTS, Nuisances, nuisances, part_of
 from vidphys.experiments.filmed.scenes.kinds import KINDS
@@ -88,6 +88,15 @@ def test_a_camera_that_stays_has_the_same_truth_in_both_pictures():
     assert truth.pixels == pytest.approx(truth.steady)
     moved = truth_of(short("spring", replace(CLEAN, pan=2.0)))
     assert np.abs(moved.pixels - moved.steady).max() > 2
+
+
+def test_a_rolling_shutter_reads_a_high_body_before_a_low_one():
+    clip = short("bounce", replace(CLEAN, readout=0.03))
+    truth = truth_of(clip)
+    rows = truth.pixels[..., 1] / (truth.size[0] - 1)
+    late = read_at(clip, truth.times) - truth.times[:, None]
+    assert late == pytest.approx((rows - 0.5) * 0.03, abs=1e-6)
+    assert late[0, 0] < 0  # it falls from the top
 
 
 def test_the_ruler_says_how_many_pixels_a_metre_has():
