@@ -70,7 +70,7 @@ def ask(clip: Path, size: tuple[int, int]) -> Answer:
     try:
         motion, _, _ = follow_clip(clip, ClipSelection(), MotionBinder())
         track = pixels_of(motion.positions[0], size)
-        found = answer(motion, False, HELD_OUT)
+        found = answer(motion, False, HELD_OUT, camera=True)
     except ValueError as error:
         return Answer(track, frozenset(), NOT, [], None, time.perf_counter() - began, str(error))
     rolled = found.rolled.get("model")
