@@ -24,11 +24,14 @@ class MotionTracks:
         camera: displacement of the still background in each frame, normalised image units,
             y upwards; subtract it from the positions to have them before a still camera.
         others: share of the frames in which something else moves that is as strong as a body.
+        radius: of each body in the picture, ``(t, n)``, normalised image units, which grows as it
+            comes nearer; NaN where it is not measured, ``None`` where the binder measures none.
     """
 
     tracks: Tracks
     camera: Float[torch.Tensor, "t 2"]
     others: float = 0.0
+    radius: Float[torch.Tensor, "t n"] | None = None
 
 
 class Binder(Protocol):

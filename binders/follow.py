@@ -1,33 +1,20 @@
-"""Blobs of each frame to bodies that keep identity, by the least acceleration."""
+"""The bodies of a clip: of all that can be followed, what moves most lawfully."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linear_sum_assignment
 
-REACH = 4.0
-LONGEST_COAST = 5  # frames in a row in which a body that is not seen goes on
-STARTS = 8  # parts of the clip in which it is tried to begin
-FAINT = 0.15
+from binders.blobs import Blobs
+from binders.hypotheses import Hypothesis
+from binders.lawful import Judged
+
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
-
-
-@dataclass(frozen=True)
-class Blobs:
-    """Candidate bodies of one frame.
-
-    Args:
-        centre: ``(k, 2)``, (x, y) in pixels, y downwards.
-        energy: how much changed there, ``(k,)``, arbitrary unit.
-        radius: of the disc of the same area, pixels, ``(k,)``.
-    """
-
-    centre: Float[np.ndarray, "k 2"]
-    energy: Float[np.ndarray, " k"]
-    radius: Float[np.ndarray, " k"]
+SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
+NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
+MOST = 8  # bodies, where nobody says how many
 
 
 @dataclass(frozen=True)
@@ -38,118 +25,87 @@ class Path:
         positions: ``(t, n, 2)`` pixels; interpolated in time where a body was not seen.
         confidence: ``(t, n)``: energy of the blob relative to the body's median, at most 1; 0
             where it was not seen.
-        radius: median radius of the blobs that were taken, pixels.
+        radius: ``(t, n)``, half the narrower width of a body, pixels; NaN where no blob shows it.
         others: share of the frames in which a blob that is as strong is not followed.
     """
 
     positions: Float[np.ndarray, "t n 2"]
     confidence: Float[np.ndarray, "t n"]
-    radius: float
+    radius: Float[np.ndarray, "t n"]
     others: float
 
 
-def follow(blobs: list[Blobs], bodies: int) -> Path:
-    """Follow the ``bodies`` strongest blobs of a frame to both ends of the clip.
+@dataclass(frozen=True)
+class Candidate:
+    """Something that may be a body.
 
-    A body takes the blob nearest to where it would be without acceleration, within a reach of
-    four radii plus twice what it has moved since it was seen (it may bounce); the stronger blob is
-    preferred, and one far fainter than the body has been is not the body. Of several starts, the
-    clearest frame of each part of the clip, the one counts whose bodies are seen most, beside what
-    else moves.
-
-    Raises:
-        ValueError: there is no frame with so many blobs.
+    Args:
+        body: where it was seen, in pixels of the working image.
+        judged: what speaks for it.
+        kind: which of the ways to find blobs shows it.
     """
-    clearest = [np.sort(b.energy)[-bodies] if len(b.energy) >= bodies else 0.0 for b in blobs]
-    if not any(clearest):
-        raise ValueError(
-            f"follow: no frame shows {bodies} moving bodies that its edge does not cut; check the "
-            "number of bodies, or keep changes of brightness (shadow 1)"
-        )
-    clear = STRONG * np.median([energy for energy in clearest if energy])
-    parts = np.array_split(range(len(blobs)), min(STARTS, len(blobs)))
-    starts = [int(max(part, key=clearest.__getitem__)) for part in parts]
-    found = [_followed(blobs, bodies, start) for start in starts if clearest[start] >= clear]
-    return _gather(blobs, max(found, key=lambda chosen: _seen(blobs, chosen)))
+
+    body: Hypothesis
+    judged: Judged
+    kind: int
 
 
-def _followed(blobs: list[Blobs], bodies: int, start: int) -> np.ndarray:
-    """Number of each body's blob, ``(t, n)``; -1 where it has none."""
-    chosen = np.full((len(blobs), bodies), -1)
-    chosen[start] = np.argsort(-blobs[start].energy)[:bodies]
-    _walk(blobs, chosen, range(start + 1, len(blobs)), start)
-    _walk(blobs, chosen, range(start - 1, -1, -1), start)
-    return chosen
+def ranked(candidates: list[Candidate]) -> list[Candidate]:
+    """The likeliest first, each body once."""
+    kept: list[Candidate] = []
+    for each in sorted(candidates, key=lambda c: -c.judged.score):
+        if each.judged.score > 0 and not any(_same(each.body, k.body) for k in kept):
+            kept.append(each)
+    return kept
 
 
-def _seen(blobs: list[Blobs], chosen: np.ndarray) -> float:
-    """Frames in which the bodies are seen, each by its energy over that of the strongest blob."""
-    return sum(
-        float(blob.energy[mine[mine >= 0]].sum() / blob.energy.max())
-        for blob, mine in zip(blobs, chosen, strict=True)
-        if len(blob.energy)
-    )
+def _same(one: Hypothesis, other: Hypothesis) -> bool:
+    both = one.seen & other.seen
+    if not both.any():
+        return False
+    apart = np.linalg.norm(one.positions[both] - other.positions[both], axis=-1)
+    near = apart < max(np.nanmedian(one.size), np.nanmedian(other.size))
+    return bool(near.sum() > SAME * one.seen.sum())
 
 
-def _walk(blobs: list[Blobs], chosen: np.ndarray, order: range, start: int) -> None:
-    """Fill ``chosen`` frame by frame in ``order``; -1 where a body has no blob."""
-    here = blobs[start].centre[chosen[start]]
-    radius = blobs[start].radius[chosen[start]]
-    energy = blobs[start].energy[chosen[start]]
-    speed = np.zeros_like(here)
-    fastest = np.zeros(len(here))
-    unseen = np.zeros(len(here))
-    for frame in order:
-        here = here + speed
-        fastest = np.where(unseen > LONGEST_COAST, fastest, np.linalg.norm(speed, axis=-1))
-        reach = REACH * radius + 2 * fastest * (1 + unseen)
-        found = _assign(blobs[frame], here, reach, FAINT * energy)
-        seen = found >= 0
-        new = np.where(seen[:, None], blobs[frame].centre[found], here) if seen.any() else here
-        # a half step towards the new speed: single centroids are noisy
-        correction = (new - here) / (1 + unseen[:, None])
-        speed = np.where(seen[:, None], speed + correction, speed)
-        speed[unseen > LONGEST_COAST] = 0
-        if seen.any():
-            energy = np.where(seen, 0.9 * energy + 0.1 * blobs[frame].energy[found], energy)
-        here, unseen = new, np.where(seen, 0, unseen + 1)
-        chosen[frame] = found
+def as_likely(candidates: list[Candidate]) -> int:
+    """How many, of those ranked, are nearly as likely bodies as the first."""
+    scores = [each.judged.score for each in candidates[:MOST]]
+    return sum(score >= NEARLY * scores[0] for score in scores)
 
 
-def _assign(
-    blobs: Blobs, predicted: np.ndarray, reach: np.ndarray, faintest: np.ndarray
-) -> np.ndarray:
-    """Blob of each body, or -1: distance over reach, less the blob's share of the energy."""
-    found = np.full(len(predicted), -1)
-    if len(blobs.energy) == 0:
-        return found
-    distance = np.linalg.norm(predicted[:, None] - blobs.centre[None], axis=-1) / reach[:, None]
-    out = (distance > 1) | (blobs.energy[None] < faintest[:, None])
-    cost = np.where(out, 1e6, distance - blobs.energy / blobs.energy.max())
-    for body, blob in zip(*linear_sum_assignment(cost), strict=True):
-        if cost[body, blob] < 1e6:
-            found[body] = blob
-    return found
+def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
+    """The bodies, none seen where a likelier one is: a blob shows one body."""
+    kept: list[Hypothesis] = []
+    for body in bodies:
+        free = body.seen
+        for other in kept:
+            away = np.linalg.norm(body.positions - other.positions, axis=-1)
+            free = free & ~(away < 0.5 * np.nanmedian(body.radius))
+        kept.append(replace(body, positions=np.where(free[:, None], body.positions, np.nan)))
+    return kept
 
 
-def _gather(blobs: list[Blobs], chosen: np.ndarray) -> Path:
-    frames, bodies = chosen.shape
-    positions = np.zeros((frames, bodies, 2))
-    confidence = np.zeros((frames, bodies))
-    radii, energies = [], []
-    for body in range(bodies):
-        seen = np.nonzero(chosen[:, body] >= 0)[0]
-        taken = [(blobs[t], chosen[t, body]) for t in seen]
-        centre = np.array([b.centre[k] for b, k in taken])
-        energy = np.array([b.energy[k] for b, k in taken])
-        radii += [b.radius[k] for b, k in taken]
+def path_of(blobs: list[Blobs], bodies: list[Hypothesis]) -> Path:
+    """The bodies side by side, with what was seen beside them."""
+    frames = len(blobs)
+    positions = np.zeros((frames, len(bodies), 2))
+    confidence = np.zeros((frames, len(bodies)))
+    for n, body in enumerate(bodies):
+        seen = np.nonzero(body.seen)[0]
         for axis in (0, 1):
-            positions[:, body, axis] = np.interp(np.arange(frames), seen, centre[:, axis])
-        energies.append(np.median(energy))
-        confidence[seen, body] = np.minimum(1.0, energy / energies[-1])
-    strong = STRONG * min(energies)
+            positions[:, n, axis] = np.interp(np.arange(frames), seen, body.positions[seen, axis])
+        confidence[seen, n] = np.minimum(1.0, body.energy[seen] / np.nanmedian(body.energy))
+    strong = STRONG * min(float(np.nanmedian(body.energy)) for body in bodies)
+    sizes = np.array([np.nanmedian(body.size) for body in bodies])
     others = [
-        (np.delete(blob.energy, mine[mine >= 0]) > strong).any()
-        for blob, mine in zip(blobs, chosen, strict=True)
+        bool((_far(b, places, sizes) & (b.energy > strong)).any())
+        for b, places in zip(blobs, positions, strict=True)
     ]
-    return Path(positions, confidence, float(np.median(radii)), float(np.mean(others)))
+    radius = np.stack([body.radius for body in bodies], 1)
+    return Path(positions, confidence, radius, float(np.mean(others)))
+
+
+def _far(blobs: Blobs, places: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    away = np.linalg.norm(blobs.centre[:, None] - places, axis=-1)
+    return (away > np.maximum(sizes, blobs.size[:, None])).all(1)

@@ -1,32 +1,41 @@
-"""A hand-made binder for real clips: whatever moves before a still background is a body.
+"""A hand-made binder for real clips: what moves before a background, and as bodies do, is a body.
 
-Per frame: undo the camera's drift, subtract the background, forget what a shadow explains, take
-the blobs that hold the most change and have no thin parts (a string is thin), and follow them by
-the least acceleration. Nothing is learned.
+The camera's drift is undone and the background subtracted. Lumps of change that have no thin parts
+(a string is thin) are followed by the least acceleration and by their looks, several at once; those
+whose motion is the most lawful are the bodies. Nothing is learned.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
-from scipy import ndimage
 
 from binders.base import BINDERS, MotionTracks
+from binders.blobs import Blobs
 from binders.camera import background_of, camera_drift, undo_drift
-from binders.follow import Blobs, Path, follow
+from binders.follow import Candidate, apart, as_likely, path_of, ranked
+from binders.hypotheses import Hypothesis, hypotheses
+from binders.lawful import judge
+from binders.lookalike import seen_again
+from binders.scenery import Scenery, lumps, threshold_of
 from binders.tracks import Tracks
+from binders.wanted import Wanted, in_working_pixels
 
 SAMPLED_FRAMES = 48
-WORKING_SIDE = 400
-CANDIDATES = 6
-NOISE_SIGMAS = 6.0
-LEAST_CHANGE = 10.0
-MISALIGNED = 0.5  # pixels
-HIDING = 2.5
+WORKING_SIDE = 480
+HIDING = 1.5, 4.0  # radii, and pixels
+LARGE = 0.2  # of the picture's shorter side, a radius beyond which the background is not cleaned
 PASSES = 2
+SHADOW = 0.6
+LIKE_IT = 10.0  # of :meth:`Wanted.likeness`, from which a pixel has the colour
+UNSAID = 0.02  # of the picture's shorter side: radius of a body of which only a place is said
+HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
+WITH_SHADOWS = 0.75  # how much less likely a blob is the body alone, that may have its shadow
+HIDDEN = 0.5  # of the best score, from which the background is cleaned of a hypothesis
 
 
 @BINDERS.register("motion")
@@ -35,12 +44,13 @@ class MotionBinder:
     """Follows the moving bodies of a clip before a background that stands (nearly) still.
 
     Args:
-        bodies: how many bodies to follow.
+        bodies: how many bodies to follow; unless given, as many as move nearly as lawfully.
         shadow: a pixel whose colour is the background's times a factor between this and its
-            inverse counts as lit differently, not as a body; 1 keeps every change (for bodies
-            that differ from their background in brightness alone).
-        thin: structures thinner than this many pixels (of the working image, at most 400 on its
+            inverse counts as lit differently, not as a body; 1 keeps every change. Unless given,
+            it is 0.6 where anything moves that differs in more than brightness.
+        thin: structures thinner than this many pixels (of the working image, at most 480 on its
             longer side) belong to no body: strings, rods, edges.
+        wanted: what is known of the bodies.
 
     Raises:
         ValueError: numbers outside these ranges.
@@ -55,14 +65,15 @@ class MotionBinder:
         [-0.75, 0.62]
     """
 
-    bodies: int = 1
-    shadow: float = 0.6
+    bodies: int | None = 1
+    shadow: float | None = None
     thin: int = 3
+    wanted: Wanted = Wanted()
 
     def __post_init__(self) -> None:
-        if self.bodies < 1:
+        if self.bodies is not None and self.bodies < 1:
             raise ValueError(f"bodies {self.bodies}: follow at least 1")
-        if not 0 < self.shadow <= 1:
+        if self.shadow is not None and not 0 < self.shadow <= 1:
             raise ValueError(f"shadow {self.shadow}: must be above 0 and at most 1")
 
     def __call__(
@@ -71,23 +82,76 @@ class MotionBinder:
         """See :class:`binders.base.Binder`.
 
         Raises:
-            ValueError: fewer than three frames, or no frame in which all bodies are seen.
+            ValueError: fewer than three frames, no frame in which all bodies are seen, or what is
+                said of them fits nothing that moves.
         """
-        if len(frames) < 3:
-            raise ValueError(f"MotionBinder: motion needs at least 3 frames, got {len(frames)}")
-        small, factor = _working_copy(frames)
-        sample, drift = _drift(small)
-        path = _follow_before_background(_steady(small, drift), sample, self)
-        half = max(frames.shape[1:3]) / 2 / factor
-        centre = np.array([frames.shape[2], frames.shape[1]]) / 2 / factor
-        up = np.array([1.0, -1.0])
-        positions = (path.positions + drift[:, None] + 0.5 - centre) / half * up
+        clip = _Clip(frames, times)
+        view = _view(clip, self)
+        bodies = [
+            seen_again(body, clip.still, view.changed) for body in apart(_chosen(clip, view, self))
+        ]
+        path = path_of(view.blobs[0], bodies)
         tracks = Tracks(
-            torch.from_numpy(positions)[None].float(),
+            torch.from_numpy(clip.normalised(path.positions + clip.drift[:, None]))[None].float(),
             torch.from_numpy(path.confidence)[None].float(),
             torch.from_numpy(times),
         )
-        return MotionTracks(tracks, torch.from_numpy(drift / half * up).float(), path.others)
+        camera = torch.from_numpy(clip.drift / clip.half * UP).float()
+        radius = torch.from_numpy(path.radius / clip.half).float()
+        return MotionTracks(tracks, camera, path.others, radius)
+
+    def candidates(
+        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
+    ) -> tuple[Float[np.ndarray, "t k 2"], Float[np.ndarray, " k"]]:
+        """What may be a body, the likeliest first, in the order that `Wanted.choose` counts.
+
+        Returns:
+            Places in pixels of the clip, NaN where one is not seen, and the usual radius of each.
+
+        Raises:
+            ValueError: fewer than three frames.
+        """
+        clip = _Clip(frames, times)
+        found = [each.body for each in _view(clip, self).candidates]
+        places = np.stack([b.positions + clip.drift for b in found], 1)
+        sizes = np.array([np.nanmedian(b.size) for b in found])
+        return clip.factor * (places + 0.5) - 0.5, clip.factor * sizes
+
+
+UP = np.array([1.0, -1.0])  # from rows that count downwards
+
+
+class _Clip:
+    """The clip at its working size, and as a camera without drift would have seen it."""
+
+    def __init__(self, frames: np.ndarray, times: np.ndarray) -> None:
+        if len(frames) < 3:
+            raise ValueError(f"MotionBinder: motion needs at least 3 frames, got {len(frames)}")
+        small, self.factor = _working_copy(frames)
+        self.sample, self.drift = _drift(small)
+        self.still = _steady(small, self.drift)
+        self.steps = (times - times[0]) / np.median(np.diff(times))
+        self.half = max(frames.shape[1:3]) / 2 / self.factor
+        self.centre = np.array([frames.shape[2], frames.shape[1]]) / 2 / self.factor
+
+    def normalised(self, pixels: np.ndarray) -> np.ndarray:
+        """Working pixels in normalised image units, y upwards."""
+        return (pixels + 0.5 - self.centre) / self.half * UP
+
+
+@dataclass(frozen=True)
+class _View:
+    """What is seen before the background.
+
+    Args:
+        blobs: of each frame, in each of the ways to find them.
+        changed: pixels that differ from the background in more than brightness, ``(t, h, w)``.
+        candidates: the likeliest body first.
+    """
+
+    blobs: list[list[Blobs]]
+    changed: np.ndarray
+    candidates: list[Candidate]
 
 
 def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:
@@ -95,43 +159,26 @@ def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 
     small, factor = _working_copy(frames)
     _, drift = _drift(small)
     half = max(frames.shape[1:3]) / 2 / factor
-    return torch.from_numpy(drift / half * np.array([1.0, -1.0])).float()
+    return torch.from_numpy(drift / half * UP).float()
 
 
 def _working_copy(frames: np.ndarray) -> tuple[np.ndarray, int]:
     """The frames at their working size, and the factor that they were shrunk by."""
     factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
-    return _shrink(frames, factor), factor
+    h, w = (n // factor for n in frames.shape[1:3])
+    if factor == 1:
+        return frames, 1
+    whole = (f[: h * factor, : w * factor] for f in frames)
+    small = np.empty((len(frames), h, w, 3), np.uint8)
+    for out, frame in zip(small, whole, strict=True):
+        cv2.resize(frame, (w, h), out, interpolation=cv2.INTER_AREA)
+    return small, factor
 
 
 def _drift(small: np.ndarray) -> tuple[list[int], np.ndarray]:
     """The frames that the background is known by, and its displacement in each frame (pixels)."""
     sample = np.unique(np.linspace(0, len(small) - 1, SAMPLED_FRAMES).astype(int)).tolist()
     return sample, camera_drift(small.mean(-1, dtype=np.float32), sample)
-
-
-def _follow_before_background(still: np.ndarray, sample: list[int], settings: MotionBinder) -> Path:
-    """Tracks before the background, which is cleaned of the bodies' ghosts once they are known."""
-    sampled = still[sample].astype(np.float32)
-    hidden = None
-    for _ in range(PASSES):
-        scenery = _Scenery(background_of(sampled, hidden), settings.shadow)
-        threshold = _threshold(np.stack([scenery.change(image) for image in sampled[::4]]))
-        blobs = [_blobs(scenery.change(image), threshold, settings) for image in still]
-        path = follow(blobs, settings.bodies)
-        hidden = _discs(path.positions[sample], HIDING * path.radius, still.shape[1:3])
-    return path
-
-
-def _shrink(frames: np.ndarray, factor: int) -> np.ndarray:
-    """Block means as bytes, one frame at a time (a float copy of a whole clip would not fit)."""
-    h, w = (n // factor * factor for n in frames.shape[1:3])
-    small = np.empty((len(frames), h // factor, w // factor, 3), np.uint8)
-    for out, frame in zip(small, frames, strict=True):
-        rows = frame[:h].reshape(h // factor, factor, -1, 3).sum(1, dtype=np.float32)
-        blocks = rows[:, :w].reshape(h // factor, w // factor, factor, 3).sum(2)
-        out[:] = np.rint(blocks / factor**2)
-    return small
 
 
 def _steady(frames: np.ndarray, drift: np.ndarray) -> np.ndarray:
@@ -142,67 +189,125 @@ def _steady(frames: np.ndarray, drift: np.ndarray) -> np.ndarray:
     return still
 
 
-class _Scenery:
-    """What stands still, and how much an image differs from it."""
-
-    def __init__(self, background: np.ndarray, shadow: float) -> None:
-        self.background, self.shadow = background, shadow
-        self.power = np.maximum(_dot(background, background), 1.0)
-        down, right = np.gradient(background, axis=(0, 1))
-        self.slack = MISALIGNED * np.sqrt(_dot(down, down) + _dot(right, right))
-
-    def change(self, image: np.ndarray) -> np.ndarray:
-        """Distance in RGB from the background under the light that explains the pixel best.
-
-        Less what a small misalignment makes of an edge of the background.
-        """
-        image = image.astype(np.float32)
-        light = _dot(image, self.background) / self.power
-        light = np.clip(light, self.shadow, 1 / self.shadow)
-        rest = image - light[..., None] * self.background
-        return np.maximum(np.sqrt(_dot(rest, rest)) - self.slack, 0)
+def _view(clip: _Clip, settings: MotionBinder) -> _View:
+    """What may be bodies before a background that is cleaned of those that are known."""
+    sampled = clip.still[clip.sample].astype(np.float32)
+    hidden = None
+    for _ in range(PASSES):
+        background = background_of(sampled, hidden)
+        blobs, changed, ghosts = _blobs(clip, background, sampled, settings)
+        candidates = ranked(
+            [each for kind, b in enumerate(blobs) for each in _judged(clip, b, kind, settings)]
+        )
+        haunted = ghosts[clip.sample]
+        often = haunted.sum(0) >= HAUNTED
+        hidden = _discs(candidates, clip) | (often & ~haunted)
+    return _View(blobs, changed, candidates)
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("hwc,hwc->hw", a, b)
+def _judged(clip: _Clip, blobs: list[Blobs], kind: int, settings: MotionBinder) -> list[Candidate]:
+    found = hypotheses(blobs, clip.steps)
+    doubt = WITH_SHADOWS if kind else 1.0
+    fits = [doubt * settings.wanted.fits(h, clip.factor) for h in found]
+    judged = judge(found, clip.steps, float(min(clip.still.shape[1:3])), fits)
+    return [Candidate(h, j, kind) for h, j in zip(found, judged, strict=True)]
 
 
-def _threshold(change: np.ndarray) -> float:
-    middle = float(np.median(change))
-    spread = 1.4826 * float(np.median(np.abs(change - middle)))
-    return max(LEAST_CHANGE, middle + NOISE_SIGMAS * spread)
+def _blobs(
+    clip: _Clip, background: np.ndarray, sampled: np.ndarray, settings: MotionBinder
+) -> tuple[list[list[Blobs]], np.ndarray, np.ndarray]:
+    """The blobs of each frame, which pixels changed, ``(t, h, w)`` boolean, and where ghosts are.
 
-
-def _blobs(change: np.ndarray, threshold: float, settings: MotionBinder) -> Blobs:
-    """The compact regions of a frame that changed most, with their weighted centroids.
-
-    One that the picture's edge cuts is left out: the middle of what is seen of it is not its own,
-    and it may be the hand or the person that set things going.
+    Where no shadow is named, once as they are without what a shadow explains, and once with it.
+    Where a colour is, they are what has it.
     """
-    core = ndimage.binary_opening(change > threshold, np.ones((settings.thin,) * 2, bool))
-    edge = np.ones(core.shape, bool)
-    edge[1:-1, 1:-1] = False
-    core &= ~ndimage.binary_propagation(core & edge, mask=core)
-    labels, count = ndimage.label(core)
-    y, x = np.nonzero(core)
-    label, change = labels[y, x] - 1, change[y, x]
+    said, wanted = settings.shadow, settings.wanted
+    scenes = [Scenery(background, shadow) for shadow in ([said] if said else [SHADOW, 1.0])]
+    limits = [threshold_of(np.stack([s.change(image) for image in sampled[::4]])) for s in scenes]
+    blobs: list[list[Blobs]] = [[] for _ in (scenes if wanted.colour is None else [0])]
+    changed = np.zeros(clip.still.shape[:3], bool)
+    height, width = clip.still.shape[1:3]
+    ghosts = np.zeros_like(changed)
+    inside = wanted.where(height, width, clip.factor)
+    for image, mask, ghost in zip(clip.still, changed, ghosts, strict=True):
+        changes = [scene.change(image) for scene in scenes]
+        mask[:] = changes[0] > limits[0]
+        if wanted.colour is None:
+            pairs = [(c, limit, mask, background) for c, limit in zip(changes, limits, strict=True)]
+        else:
+            pairs = [(wanted.likeness(image), LIKE_IT, np.ones_like(mask), image)]
+        for kind, (change, limit, coloured, behind) in zip(blobs, pairs, strict=True):
+            found, haunted = lumps(image, change, limit, settings.thin, coloured, behind)
+            ghost |= haunted
+            if inside is not None:
+                x, y = np.rint(found.centre).astype(int).T
+                found = found.only(inside[y, x])
+            kind.append(found)
+    return blobs, changed, ghosts
 
-    def total(value: np.ndarray | None) -> np.ndarray:
-        return np.bincount(label, value, minlength=count).astype(float)
 
-    # the weight saturates, so that texture and highlights inside a body do not move its centroid
-    weight = np.clip((change - threshold) / threshold, 0.01, 1.0)
-    centre = np.stack([total(weight * x), total(weight * y)], 1) / total(weight)[:, None]
-    energy, radius = total(change), np.sqrt(total(None) / np.pi)
-    strongest = np.argsort(-energy)[:CANDIDATES]
-    return Blobs(centre[strongest], energy[strongest], radius[strongest])
-
-
-def _discs(positions: np.ndarray, radius: float, size: tuple[int, int]) -> np.ndarray:
-    """Where bodies of ``radius`` pixels are, ``(t, h, w)`` boolean."""
+def _discs(candidates: list[Candidate], clip: _Clip) -> np.ndarray:
+    """Where likely bodies are in the sampled frames, with what is next to them, ``(t, h, w)``."""
+    size = clip.still.shape[1:3]
     y, x = np.ogrid[: size[0], : size[1]]
-    hidden = np.zeros((len(positions), *size), bool)
-    for frame, bodies in zip(hidden, positions, strict=True):
-        for px, py in bodies:
-            frame |= (x - px) ** 2 + (y - py) ** 2 <= radius**2
+    hidden = np.zeros((len(clip.sample), *size), bool)
+    for each in candidates:
+        radius = HIDING[0] * np.nanmedian(each.body.size) + HIDING[1]
+        if each.judged.score < HIDDEN * candidates[0].judged.score or radius > LARGE * min(size):
+            continue
+        seen = np.nonzero(each.body.seen)[0]
+        places = each.body.positions[seen]
+        px, py = (np.interp(clip.sample, seen, places[:, axis]) for axis in (0, 1))
+        for frame, cx, cy in zip(hidden, px, py, strict=True):
+            frame |= (x - cx) ** 2 + (y - cy) ** 2 <= radius**2
     return hidden
+
+
+def _chosen(clip: _Clip, view: _View, settings: MotionBinder) -> list[Hypothesis]:
+    """The bodies that are followed.
+
+    Raises:
+        ValueError: there are not so many.
+    """
+    found, wanted = view.candidates, settings.wanted
+    if wanted.choose:
+        if max(wanted.choose) > len(found) or min(wanted.choose) < 1:
+            raise ValueError(f"choose {max(wanted.choose)}: there are candidates 1 to {len(found)}")
+        return [found[number - 1].body for number in wanted.choose]
+    bodies = [each.body for each in found]
+    if wanted.at:
+        bodies = _at(clip, bodies, wanted)
+    count = settings.bodies or (len(bodies) if wanted.at else as_likely(found))
+    if not bodies or len(bodies) < count:
+        raise ValueError(
+            f"MotionBinder: no frame shows {count or 1} moving bodies that its edge does not cut; "
+            "check the number of bodies, or keep changes of brightness (shadow 1)"
+        )
+    return bodies[:count]
+
+
+def _at(clip: _Clip, bodies: list[Hypothesis], wanted: Wanted) -> list[Hypothesis]:
+    """The bodies that are where it was said, or else what looks like what is there."""
+    met = [(set(wanted.meets(body, clip.factor)), body) for body in bodies]
+    left, chosen = set(range(len(wanted.at))), []
+    for places, body in met:
+        if places & left:
+            chosen.append(body)
+            left -= places
+    return chosen + ([_told(clip, wanted, sorted(left))] if left else [])
+
+
+def _told(clip: _Clip, wanted: Wanted, places: list[int]) -> Hypothesis:
+    """A body of which only places are known."""
+    frames = len(clip.still)
+    positions, values = np.full((frames, 2), np.nan), np.full((5, frames), np.nan)
+    size = UNSAID * min(clip.still.shape[1:3])
+    if wanted.size is not None:
+        size = wanted.size / 2 / clip.factor
+    for x, y, frame in (wanted.at[place] for place in places):
+        if not 0 <= frame < frames:
+            raise ValueError(f"at frame {frame}: the frames that are used are 0 to {frames - 1}")
+        positions[frame] = in_working_pixels(x, y, clip.factor)
+        values[:, frame] = 1.0, size, size, 1.0, 0.0
+    energy, sizes, radius, compact, lit = values
+    return Hypothesis(positions, energy, sizes, radius, np.zeros((frames, 3)), compact, lit)

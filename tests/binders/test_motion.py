@@ -7,8 +7,11 @@ import pytest
 from scipy import ndimage
 
 from binders.base import MotionTracks
+from binders.blobs import Blobs
 from binders.camera import background_of, camera_drift, undo_drift
-from binders.follow import Blobs, follow
+from binders.follow import Candidate, Path, path_of, ranked
+from binders.hypotheses import hypotheses
+from binders.lawful import judge
 from binders.motion import MotionBinder
 
 FRAMES, HEIGHT, WIDTH = 60, 96, 128
@@ -113,11 +116,11 @@ def test_two_bodies_keep_their_identity() -> None:
 def test_grey_body_needs_brightness() -> None:
     frames = draw(swing()[:, None], still(), shade=0.0)
     grey = np.repeat(frames.mean(-1, keepdims=True), 3, -1).astype(np.uint8)
-    found = MotionBinder(shadow=1.0)(grey, times())
-    error = np.linalg.norm(pixels(found)[:, 0] - swing(), axis=-1)
-    assert np.sqrt((error**2).mean()) < 1.0
+    for binder in (MotionBinder(shadow=1.0), MotionBinder()):
+        error = np.linalg.norm(pixels(binder(grey, times()))[:, 0] - swing(), axis=-1)
+        assert np.sqrt((error**2).mean()) < 1.0
     with pytest.raises(ValueError, match=r"keep changes of brightness \(shadow 1\)"):
-        MotionBinder()(grey, times())
+        MotionBinder(shadow=0.6)(grey, times())
 
 
 def test_refuses_what_it_cannot_follow() -> None:
@@ -153,12 +156,28 @@ def test_background_without_the_ghost() -> None:
     assert found[0, 0, 0] == 100 and found[1, 1, 0] == 7
 
 
+def blobs(*centres: tuple[float, float], energy: tuple[float, ...] = (100.0,)) -> Blobs:
+    count = len(centres)
+    same, colour = np.full(count, 2.0), np.zeros((count, 3))
+    strong = np.resize(np.array(energy), count)
+    where = np.array(centres, float).reshape(count, 2)
+    return Blobs(where, strong, same, same, colour, np.ones(count), np.zeros(count))
+
+
 def one(x: float, energy: float = 100.0) -> Blobs:
-    return Blobs(np.array([[x, 0.0]]), np.array([energy]), np.array([2.0]))
+    return blobs((x, 0.0), energy=(energy,))
 
 
 def none() -> Blobs:
-    return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    return blobs()
+
+
+def follow(seen: list[Blobs], bodies: int) -> Path:
+    steps = np.arange(float(len(seen)))
+    found = hypotheses(seen, steps)
+    judged = judge(found, steps, 100.0, [1.0] * len(found))
+    likeliest = ranked([Candidate(h, j, 0) for h, j in zip(found, judged, strict=True)])
+    return path_of(seen, [each.body for each in likeliest[:bodies]])
 
 
 def test_gaps_are_interpolated_without_confidence() -> None:
@@ -179,13 +198,13 @@ def test_a_body_that_is_lost_does_not_become_another() -> None:
     path = follow([*slow, *gone, *[one(80)] * 3], 1)
     np.testing.assert_array_equal(path.confidence[:5, 0], 1)
     np.testing.assert_array_equal(path.confidence[5:, 0], 0)
-    path = follow([*slow, *gone, one(17), one(18), one(19)], 1)
-    np.testing.assert_array_equal(path.confidence[-3:, 0], 1)
+    path = follow([*slow, *gone, one(17), one(18), one(19), one(20)], 1)
+    np.testing.assert_array_equal(path.confidence[-4:, 0], 1)
 
 
 def test_what_is_strong_for_a_while_is_not_what_is_there_all_the_time() -> None:
     def both(x: float) -> Blobs:
-        return Blobs(np.array([[x, 0.0], [300.0, 0.0]]), np.array([100.0, 400.0]), np.full(2, 2.0))
+        return blobs((x, 0.0), (300.0, 0.0), energy=(100.0, 400.0))
 
     path = follow([one(x) if x < 30 else both(x) for x in range(40)], 1)
     np.testing.assert_array_equal(path.positions[:, 0, 0], range(40))
@@ -223,11 +242,10 @@ def test_a_bounce_is_followed() -> None:
 
 
 def test_crossing_bodies_go_on_as_they_went() -> None:
-    blobs = []
+    seen = []
     for t in range(9):
-        centre = np.array([[4.0 * t, 3.0], [32 - 4.0 * t, -3.0]])
-        order = [0, 1] if t % 2 else [1, 0]
-        blobs.append(Blobs(centre[order], np.array([100.0, 99.0]), np.array([2.0, 2.0])))
-    path = follow(blobs, 2)
+        centres = [(4.0 * t, 3.0), (32 - 4.0 * t, -3.0)]
+        seen.append(blobs(*(centres if t % 2 else centres[::-1]), energy=(100.0, 99.0)))
+    path = follow(seen, 2)
     first = path.positions[:, 0, 1]
     assert abs(first).min() == 3 and len(set(first)) == 1

@@ -56,7 +56,7 @@ def follow_clip(
             f"in {bound.others:.0%} of them something else moves as strongly; if it is a body of "
             f"the scene, follow more bodies than {positions.shape[2]}, else leave its frames out"
         )
-    lit = isinstance(binder, MotionBinder) and binder.shadow < 1
+    lit = isinstance(binder, MotionBinder) and (binder.shadow or 1) < 1
     if lit and unseen.mean((0, 1)).max() > SELDOM:
         notes.append(
             "a body is often not seen; if it differs from what is behind it in brightness alone, "

@@ -1,0 +1,122 @@
+"""Who is the body: what moves lawfully, and what a person says, on drawn clips with a decoy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from binders.lawful import foretold
+from binders.motion import MotionBinder
+from binders.wanted import Wanted
+from tests.binders.test_motion import HEIGHT, WIDTH, disc, draw, pixels, still, times
+
+T = np.arange(60)
+BALL = np.stack([12 + 1.6 * T, 20 + 0.05 * (T - 25.0) ** 2], 1)
+GREEN = np.array([60.0, 170.0, 70.0])
+
+
+def wander(seed: int = 3) -> np.ndarray:
+    """A large thing that goes here and there, as a person does."""
+    steps = np.random.default_rng(seed).normal(size=(60, 2))
+    slow = np.stack([np.convolve(s, np.ones(7) / 7, "same") for s in steps.T], 1)
+    return np.array([62.0, 70.0]) + [12.0, 3.0] * np.cumsum(slow, 0)
+
+
+def clip(paths: dict[float, np.ndarray], colours: dict[float, np.ndarray]) -> np.ndarray:
+    """Discs by their radius on the wall of the other tests, without strings or shadows."""
+    frames = draw(np.zeros((60, 0, 2)), still()).astype(float)
+    for radius, path in paths.items():
+        for image, centre in zip(frames, path, strict=True):
+            body = disc(centre, radius)
+            image[:] = image * (1 - body) + colours[radius] * body
+    return np.clip(frames, 0, 255).astype(np.uint8)
+
+
+def ball_and_person() -> np.ndarray:
+    red, coat = np.array([200.0, 40, 30]), np.array([30.0, 60, 200])
+    return clip({4.0: BALL, 8.0: wander()}, {4.0: red, 8.0: coat})
+
+
+def error(frames: np.ndarray, path: np.ndarray, **settings: object) -> float:
+    found = MotionBinder(**settings)(frames, times())
+    seen = found.tracks.confidence[0, :, 0].numpy() > 0
+    assert seen.mean() > 0.8  # the picture's edge may cut it
+    return float(np.linalg.norm(pixels(found)[:, 0] - path, axis=-1)[seen].max())
+
+
+def test_a_small_ball_is_followed_beside_a_person() -> None:
+    assert error(ball_and_person(), BALL) < 1.0
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        Wanted(at=((*wander()[30].tolist(), 30),)),
+        Wanted(region=(0.0, 50.0, 75.0, 46.0)),
+        Wanted(colour=(30, 60, 200)),
+        Wanted(size=16.0),
+        Wanted(mask=np.arange(WIDTH) < np.where(np.arange(HEIGHT) > 50, 75, 0)[:, None]),
+        Wanted(choose=(2,)),
+    ],
+    ids=["at", "region", "colour", "size", "mask", "choose"],
+)
+def test_a_person_says_otherwise(wanted: Wanted) -> None:
+    assert error(ball_and_person(), wander(), wanted=wanted) < 1.5
+
+
+def test_what_is_said_and_does_not_fit_is_refused() -> None:
+    frames = ball_and_person()
+    for wanted, said in (
+        (Wanted(choose=(40,)), "choose 40: there are candidates 1 to"),
+        (Wanted(region=(500.0, 0.0, 5.0, 5.0)), "leave nothing of the picture"),
+        (Wanted(mask=np.ones((9, 9), bool)), "the clip has another size"),
+        (Wanted(at=((3.0, 3.0, 99),)), "frames that are used are 0 to 59"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            MotionBinder(wanted=wanted)(frames, times())
+
+
+def test_as_many_bodies_as_move_lawfully() -> None:
+    other = np.stack([112 - 1.5 * T, 60 + 12 * np.cos(0.2 * T)], 1)
+    red, green = np.array([200.0, 40, 30]), GREEN
+    frames = clip({5.0: BALL, 5.5: other}, {5.0: red, 5.5: green})
+    assert MotionBinder(bodies=None)(frames, times()).tracks.positions.shape[2] == 2
+    alone = MotionBinder(bodies=None)(ball_and_person(), times())
+    assert alone.tracks.positions.shape[2] == 1
+
+
+def test_candidates_come_in_the_order_of_choosing() -> None:
+    places, radii = MotionBinder().candidates(ball_and_person(), times())
+    for k, (path, radius) in enumerate(((BALL, 4.0), (wander(), 8.0))):
+        assert np.nanmax(np.linalg.norm(places[:, k] - path, axis=-1)) < 1.5
+        assert radii[k] == pytest.approx(radius, rel=0.15)
+
+
+def test_a_body_that_stands_behind_another_for_a_while_is_kept() -> None:
+    """In the middle of the clip a broad post hides all but the looks of half of it."""
+    there = np.where(T < 20, 20 + 2.0 * T, np.where(T < 45, 60.0, 60 + 2.0 * (T - 45)))
+    path = np.stack([there, np.full(60, 40.0)], 1)
+    frames = clip({5.0: path}, {5.0: np.array([200.0, 40, 30])})
+    found = MotionBinder()(frames, times())
+    assert np.abs(pixels(found)[:, 0] - path).max() < 1.0
+    assert (found.tracks.confidence > 0).all()
+
+
+def test_a_body_that_comes_nearer_grows() -> None:
+    radius = np.linspace(4, 8, 60)
+    frames = draw(np.zeros((60, 0, 2)), still()).astype(float)
+    for image, centre, r in zip(frames, BALL, radius, strict=True):
+        body = disc(centre, r)
+        image[:] = image * (1 - body) + np.array([200.0, 40, 30]) * body
+    found = MotionBinder()(np.clip(frames, 0, 255).astype(np.uint8), times())
+    assert found.radius is not None
+    seen = found.radius[:, 0].numpy() * WIDTH / 2
+    assert np.nanmax(np.abs(seen / radius - 1)) < 0.15
+
+
+def test_a_throw_is_foretold_and_a_hand_is_not() -> None:
+    steps = np.arange(60.0)
+    noise = np.random.default_rng(0).normal(scale=0.2, size=(60, 2))
+    bounce = np.stack([2.0 * T, 60 - 40 * np.abs(np.sin(0.16 * T))], 1)
+    hand, throw = (foretold(path + noise, steps) for path in (wander(), BALL))
+    assert throw > 2 * hand and foretold(bounce + noise, steps) > 1.5 * hand
