@@ -46,7 +46,7 @@ class Judged:
     @property
     def score(self) -> float:
         """Their product, in which some count less."""
-        looks = self.steady * self.seen**0.75 * np.sqrt(self.compact) * self.clear * self.small
+        looks = self.steady * self.seen**0.6 * np.sqrt(self.compact) * self.clear * self.small
         return float(self.foretold * looks * self.fits * (1 - SHADOWY * self.lit))
 
 
