@@ -30,7 +30,7 @@ WRITTEN = (
     "figures/diagnosis.svg",
     "recordings/diagnosis.rrd",
 )
-ELSEWHERE = ("out", "profile", "overwrite", "quiet", "input", "trade")
+ELSEWHERE = ("out", "video", "profile", "overwrite", "quiet", "input", "trade")
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,8 @@ class DiagnoseConfig:
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
+        video: also draw the track, the forecast and a changed law over the clip's frames, into
+            this .mp4 file.
     """
 
     input: Annotated[Path, tyro.conf.Positional]
@@ -83,6 +85,7 @@ class DiagnoseConfig:
     profile: Path | None = None
     overwrite: bool = False
     quiet: bool = False
+    video: Path | None = None
 
 
 def diagnose(config: DiagnoseConfig) -> None:
@@ -121,6 +124,8 @@ def diagnose(config: DiagnoseConfig) -> None:
             console.result(line)
         summary, *others = (name for name in WRITTEN if (run.path / name).exists())
         console.result(f"written: {run.path / summary}, {', '.join(others)}")
+        if config.video is not None:
+            console.result(f"film: {config.video}")
 
 
 def _measured(folder: Path) -> list[Point]:
@@ -142,7 +147,7 @@ def _check(config: DiagnoseConfig) -> None:
         if (config.binder, config.bodies, config.shadow) != (None, None, None):
             make_binder(config.binder, config.bodies, config.shadow)
     else:
-        refuse(config, ("binder", "bodies", "shadow", "rate"), f"{config.input} is not a clip")
+        refuse(config, ("binder", "bodies", "shadow", "rate", "video"), f"{config.input} is not a clip")
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
         known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
@@ -238,6 +243,7 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
 def _draw(
     run: RunFolder, config: DiagnoseConfig, found: Answered, frames: np.ndarray | None
 ) -> None:
+    from vidphys.cli.recordings import draw_film, followed_alone
     from viz.diagnosis import diagnosis_figure
     from viz.figures import save_svg
     from viz.recording import write_overlay_recording
@@ -250,3 +256,5 @@ def _draw(
     if arrays is not None:
         meta = {"cell": "diagnosis", "clip": config.input.name}
         write_overlay_recording(arrays, meta, run.path / "recordings" / "diagnosis.rrd")
+    if config.video is not None and frames is not None:
+        draw_film(arrays or followed_alone(found.times, found.positions, frames), config.video)

@@ -13,7 +13,9 @@ from vidphys.cli.options import given_columns, require_file
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from vidphys.diagnose.recordings.motion import Motion
     from vidphys.reading.specified import Trained
+    from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
 
 CELL = "tracks/specified"
@@ -95,6 +97,7 @@ def fit(config: FitConfig) -> None:
         "seeds": [config.seed],
         "sha256": [sha256(config.tracks), sha256(config.specification)],
         "terms": to_config(term),
+        "clip_sha256": _clip_of(config.tracks),
         "sources": sources_of(config.tracks) | TERMS.sources(*names),
     }
     run = RunFolder.open(config.out, about, config.overwrite)
@@ -109,12 +112,42 @@ def fit(config: FitConfig) -> None:
             run.abandon()
             raise
         save_fitted(run.checkpoints("heads"), found.model, config.steps)
+        _keep(run, motion, found, config.tracks.name)
         recorder = _record(config, found)
         run.finish(f"specified-s{config.seed}", *recorder.tables())
         run.join()
         console.done(0)
         for row in recorder.rows:
             console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")
+
+
+def _keep(run: RunFolder, motion: Motion, found: Trained, name: str) -> None:
+    """The tracks, to be rolled on from, and the forecast, to be looked at."""
+    from vidphys.cli.fitted import TRACKS
+    from vidphys.cli.recordings import write_tracks_recording
+    from vidphys.diagnose.recordings.tables import write_tracks
+    from vidphys.runs.atomic import write_with
+
+    write_with(run.path / TRACKS, lambda path: write_tracks(path, motion))
+    if found.forecast is not None:
+        write_tracks_recording(
+            run.path / "recordings" / f"{CELL.replace('/', '-')}.rrd",
+            (motion.times[0], motion.positions[0]),
+            {"rollout": (found.forecast.times, found.forecast.positions)},
+            {"cell": CELL, "tracks": name},
+        )
+
+
+def _clip_of(tracks: Path) -> str | None:
+    """The hash of the clip whose tracks a diagnosis left there, where it did."""
+    from vidphys.cli.fitted import TRACKS
+    from vidphys.runs.folder import RunFolder
+
+    folder = RunFolder(tracks.parent)
+    if tracks.name != TRACKS or not folder.manifest_path.is_file():
+        return None
+    settings = folder.manifest()["settings"]
+    return settings.get("input_sha256") if settings.get("experiment") == "diagnose" else None
 
 
 def _record(config: FitConfig, found: Trained) -> Recorder:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from torch import Tensor
+
+from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from vidphys.data.video import ClipSelection, Video
@@ -14,6 +17,8 @@ if TYPE_CHECKING:
     from vidphys.reading.pipeline import Reading
     from vidphys.reading.scores import Told
     from vidphys.reading.training import Perceived
+
+BLANK = 160  # pixels of a recording's pictures where there is no clip
 
 
 def record_training(run: Path, perceived: Perceived, told: Told, selection: ClipSelection) -> None:
@@ -42,7 +47,12 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
 
 
 def record_rollout(
-    run: Path, video: Video, reading: Reading, changed: Forecast | None, extent: float
+    run: Path,
+    video: Video,
+    reading: Reading,
+    changed: Forecast | None,
+    extent: float,
+    film: Path | None = None,
 ) -> None:
     """Write the recording of one clip that a pipeline read and rolled on.
 
@@ -52,6 +62,7 @@ def record_rollout(
         reading: what the pipeline made of it.
         changed: its rollout under another law.
         extent: world units in half of the longer image side.
+        film: the video file to draw it into as well.
     """
     from viz.recording import write_overlay_recording
 
@@ -63,6 +74,101 @@ def record_rollout(
         arrays |= _rolled("changed", changed, video, reading.camera)
     meta = {"cell": "rollout", "clip": video.path.name}
     write_overlay_recording(arrays, meta, run / "recordings" / "rollout.rrd")
+    if film is not None:
+        draw_film(arrays, film)
+
+
+def write_tracks_recording(
+    path: Path,
+    track: tuple[np.ndarray, np.ndarray],
+    rolled: dict[str, tuple[np.ndarray, np.ndarray]],
+    meta: dict[str, str],
+    pictures: tuple[np.ndarray, np.ndarray] | None = None,
+    film: Path | None = None,
+) -> None:
+    """Write the recording of tracks that were rolled on; none in three dimensions.
+
+    Args:
+        path: the ``.rrd``.
+        track: times ``(t,)`` and places ``(t, n, d)``.
+        rolled: the same by role, ``rollout`` and perhaps ``changed``.
+        meta: what is shown, in words.
+        pictures: frames and times of the clip that the tracks are of, in normalised image units.
+        film: the video file to draw it into as well.
+    """
+    from viz.recording import write_overlay_recording
+
+    times, places = track
+    if places.shape[-1] > 2:
+        return
+    shown = _plane(places)
+    if pictures is None:
+        everything = [shown, *(_plane(there) for _, there in rolled.values())]
+        extent = 1.1 * max(float(np.nanmax(np.abs(x), initial=1e-9)) for x in everything)
+        frames, when = np.full((len(times), BLANK, BLANK, 3), 255, np.uint8), times
+    else:
+        (frames, when), extent = pictures, 1.0
+        after = np.clip(np.searchsorted(times, when - 1e-6), 0, len(times) - 1)
+        there = np.abs(times[after] - when) < 1e-6
+        shown = np.where(there[:, None, None], shown[after], np.nan)
+    arrays = {
+        "frames": frames,
+        "frame_times": when,
+        "readout": shown,
+        "half_extent": np.asarray(extent),
+    }
+    for role, (at, path_there) in rolled.items():
+        arrays |= {role: _plane(path_there), f"{role}_times": at}
+    write_overlay_recording(arrays, meta, path)
+    if film is not None:
+        draw_film(arrays, film)
+
+
+def followed_alone(
+    times: np.ndarray, places: np.ndarray, frames: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The arrays of a clip whose bodies were followed, and nothing foretold of them."""
+    nothing = np.full((2, *places.shape[1:]), np.nan)
+    return {
+        "frames": frames,
+        "frame_times": times,
+        "readout": places,
+        "rollout": nothing,
+        "rollout_times": times[-2:],
+        "half_extent": np.asarray(1.0),
+    }
+
+
+def draw_film(arrays: Mapping[str, np.ndarray], path: Path) -> None:
+    """Draw the arrays of a recording over their frames, into a video file.
+
+    Raises:
+        InputError: such a file cannot be written.
+    """
+    from viz.film import write_film
+
+    try:
+        write_film(arrays, path)
+    except ValueError as error:
+        raise InputError(f"--video {path}: {error}") from error
+
+
+def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write an ``.npz``, whole or not at all."""
+    from vidphys.runs.atomic import write_with
+
+    def save(partial: Path) -> None:
+        with partial.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+
+    write_with(path, save)
+
+
+def _plane(places: np.ndarray) -> np.ndarray:
+    """Places of one dimension drawn on the horizontal axis."""
+    if places.shape[-1] == 2:
+        return places
+    return np.concatenate([places, np.zeros_like(places)], -1)
 
 
 def _pictures(video: Video, read: Tensor, extent: float) -> dict[str, np.ndarray]:

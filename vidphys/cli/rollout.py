@@ -1,4 +1,4 @@
-"""``vidphys rollout``: a trained pipeline reads a clip and rolls it on, also under another law."""
+"""``vidphys rollout``: a trained model rolls a clip or a table on, also under another law."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.options import refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from vidphys.reading.forecasts import Forecast
     from vidphys.reading.pipeline import Reading
     from vidphys.runs.folder import RunFolder
@@ -23,21 +22,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RolloutConfig:
-    """Read a clip with a trained pipeline and roll on from its last frame.
+    """Roll a trained model on from the last frame of a clip or a table.
 
-    Example: vidphys rollout runs/clip clip.mp4 --beyond 5 --coupling -1 --out runs/flipped
+    Example: vidphys rollout runs/fitted --beyond 5 --law friction=0 length=0.5 --out runs/changed
 
     Writes rollout.npz (positions as a camera without drift sees them, in the units of the
-    training's labels) and a recording for `vidphys view`.
+    training's labels or of the tracks) and a recording for `vidphys view`.
 
     Args:
-        run: folder of a finished `vidphys train`.
-        clip: the video; the coupling and masses of a rendered one are known.
+        run: folder of a finished `vidphys fit` or `vidphys train`.
+        input: what is rolled on: a clip (the coupling and masses of a rendered one are known), or
+            for a fit also a table; the tracks that it was fitted to where none is given.
         out: the folder that is written.
         beyond: seconds to roll past the last frame.
         coupling: also roll under this coupling in place of the one that held.
-        no_friction: also roll without the friction that was learned.
-        head: the model that rolls: factored, its twin unstructured, or another of the training.
+        law: also roll with numbers of the law multiplied, each NAME=FACTOR: friction=0, length=0.5,
+            gravity=2, mass=2, mass2=3 (of one body), stiffness, restitution, temperature.
+        video: also draw the track, the forecast and the changed law over the clip's frames, into
+            this .mp4 file.
+        columns: what columns of a table are, as `vidphys diagnose` was told.
+        head: of a training, the model that rolls: factored (unless told otherwise), its twin
+            unstructured, or another.
         start: first frame that is read.
         stop: frame to stop before, from which it is rolled on.
         rate: frames per second, in place of the container's time stamps.
@@ -49,12 +54,14 @@ class RolloutConfig:
     """
 
     run: Annotated[Path, tyro.conf.Positional]
-    clip: Annotated[Path, tyro.conf.Positional]
+    input: Annotated[Path | None, tyro.conf.Positional] = None
     out: Path = Path("runs/rollout")
     beyond: float = 3.0
     coupling: float | None = None
-    no_friction: bool = False
-    head: str = "factored"
+    law: tuple[str, ...] = ()
+    video: Path | None = None
+    columns: tuple[str, ...] = ()
+    head: str | None = None
     start: int = 0
     stop: int | None = None
     rate: float | None = None
@@ -73,40 +80,55 @@ def rollout(config: RolloutConfig) -> None:
             that cannot do what is asked, or another run in the folder.
     """
     config = with_profile(config, "rollout")
+    if not config.beyond > 0:
+        raise InputError(f"--beyond {config.beyond}: must be above 0 seconds")
+    if (config.run / "checkpoints" / "heads" / "specified.json").is_file():
+        from vidphys.cli.fitted import roll_fitted
+
+        roll_fitted(config)
+    else:
+        _roll_trained(config)
+
+
+def _roll_trained(config: RolloutConfig) -> None:
+    """With a pipeline, which sees for itself."""
     from vidphys.cli.recordings import record_rollout
     from vidphys.data.dataset import clip_file
     from vidphys.data.video import ClipSelection, read_video, require_frames
+    from vidphys.reading.clip_dynamics import FACTORED
+    from vidphys.reading.laws import factors_of
     from vidphys.reading.pipeline import load_pipeline
     from vidphys.runs.folder import RunFolder
 
-    if not config.beyond > 0:
-        raise InputError(f"--beyond {config.beyond}: must be above 0 seconds")
     check_cuda(config.device)
-    file = clip_file(config.clip)
+    refuse(config, ("columns",), "a training rolls clips, not tables")
+    factors = factors_of(config.law)
+    if config.input is None:
+        raise InputError(f"{config.run}: a training rolls what it sees; give a clip")
+    file = clip_file(config.input)
     try:
         pipeline = load_pipeline(config.run, config.weights, config.device)
     except ValueError as error:
         raise InputError(str(error)) from error
     how = pipeline.reader.stride, pipeline.reader.side, config.rate
-    video = read_video(config.clip, ClipSelection(config.start, config.stop, *how))
+    video = read_video(config.input, ClipSelection(config.start, config.stop, *how))
     require_frames(video)
-    law = file.law(pipeline.reader.bodies)
+    law, head = file.law(pipeline.reader.bodies), config.head or FACTORED
     run = RunFolder.open(config.out, _about(config, video.sha256), config.overwrite)
     with run.locked(), Console(config.quiet, 1, "rollout") as console:
         try:
-            reading = pipeline(video.frames, video.times, law, config.beyond, config.head)
+            reading = pipeline(video.frames, video.times, law, config.beyond, head)
             changed = None
-            if config.coupling is not None or config.no_friction:
+            if config.coupling is not None or factors:
                 other = law if config.coupling is None else law.with_coupling(config.coupling)
                 began = float(video.times[-1])
-                changed = pipeline.roll(
-                    reading.state, began, other, config.beyond, config.head, not config.no_friction
-                )
+                changed = pipeline.roll(reading.state, began, other, config.beyond, head, factors)
         except ValueError as error:
             run.abandon()
-            raise InputError(f"{config.clip}: {error}") from error
+            raise InputError(f"{config.input}: {error}") from error
         _write(run.path / "rollout.npz", reading, changed)
-        record_rollout(run.path, video, reading, changed, pipeline.reader.half_extent)
+        extent = pipeline.reader.half_extent
+        record_rollout(run.path, video, reading, changed, extent, config.video)
         console.done(0)
         _show(run, reading, changed, console)
 
@@ -115,7 +137,7 @@ def _about(config: RolloutConfig, sha256: str) -> dict[str, Any]:
     from vidphys.reading.pipeline import FILE
     from vidphys.runs.atomic import sha256 as hash_of
 
-    kept = ("beyond", "coupling", "no_friction", "head", "start", "stop", "rate")
+    kept = ("beyond", "coupling", "law", "head", "start", "stop", "rate")
     return {
         "experiment": "rollout",
         "cells": ["rollout"],
@@ -127,11 +149,9 @@ def _about(config: RolloutConfig, sha256: str) -> dict[str, Any]:
 
 
 def _write(path: Path, reading: Reading, changed: Forecast | None) -> None:
-    import numpy as np
+    from vidphys.cli.recordings import write_arrays
 
-    from vidphys.runs.atomic import write_with
-
-    arrays: dict[str, np.ndarray] = {
+    arrays = {
         "times": reading.tracks.times.numpy(),
         "track": reading.tracks.positions[0].numpy(),
         "confidence": reading.tracks.confidence[0].numpy(),
@@ -142,19 +162,21 @@ def _write(path: Path, reading: Reading, changed: Forecast | None) -> None:
     if changed is not None:
         arrays["changed"] = changed.positions.numpy()
 
-    def save(partial: Path) -> None:
-        with partial.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-
-    write_with(path, save)
+    write_arrays(path, arrays)
 
 
 def _show(run: RunFolder, reading: Reading, changed: Forecast | None, console: Console) -> None:
+    from vidphys.reading.seen import Seen
+
     for name, found in (("the law that held", reading.rollout), ("the changed law", changed)):
         if found is None:
             continue
         for finding in found.findings:
             console.warn(f"{name}: {finding}")
+        seen = Seen.of(reading.tracks.times.numpy(), reading.tracks.positions[0].numpy())
+        beyond = seen.left(found.times.numpy(), found.positions.numpy())
+        if beyond is not None:
+            console.warn(f"{name} {beyond}: nothing there was ever checked")
         last = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in found.positions[-1].tolist())
         console.result(f"{name}: at {float(found.times[-1]):.4g} s {last}")
     console.result(f"arrays: {run.path / 'rollout.npz'}")

@@ -8,7 +8,7 @@ none, because real motion dies out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -192,24 +192,3 @@ def friction_of(head: Head) -> float | None:
         return None
     rates = [float(port.rate.detach()) for port in head.ports if isinstance(port, LinearFriction)]
     return rates[0] if rates else None
-
-
-def without_friction(dynamics: Dynamics, name: str, bodies: int) -> Head:
-    """A head with nothing that takes energy.
-
-    Args:
-        dynamics: it is one of these.
-        name: of the head.
-        bodies: number of bodies.
-
-    Raises:
-        InputError: the model has no friction of its own to take away.
-    """
-    head, term = dynamics.heads[name], dynamics.terms[name]
-    if not isinstance(term, terms.Hamiltonian) or FRICTION not in term.ports:
-        raise InputError(f"the {name} head of this run has no friction term")
-    left = tuple(port for port in term.ports if port != FRICTION)
-    bare = build(replace(term, ports=left), bodies, dynamics.dt, dynamics.chart.space)
-    weights = {k: v for k, v in head.state_dict().items() if not k.startswith("ports.")}
-    bare.load_state_dict(weights)
-    return bare.eval()

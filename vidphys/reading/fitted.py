@@ -14,10 +14,12 @@ import torch
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, build, from_config, rollout, to_config
 from dynamics.bath import Bath
+from dynamics.potentials import PairPotential
 from dynamics.terms import HeadTerm
 from vidphys.diagnose.recordings.evened import evened
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
+from vidphys.reading.laws import Law
 from vidphys.reading.seen import Seen
 from vidphys.runs import checkpoint
 from vidphys.shooting.initial_state import by_shooting
@@ -162,6 +164,24 @@ class Fitted:
         times = began + interval * np.arange(frames + 1)
         spread = q.std(0, ddof=1) if self.kicked else None
         return Rolled(times, q.mean(0), spread, said)
+
+    def under(self, factors: Mapping[str, float], coupling: float | None = None) -> Fitted:
+        """The same model under another law.
+
+        Args:
+            factors: on its quantities, see :meth:`vidphys.reading.laws.Law.changed`.
+            coupling: in place of the one that held.
+
+        Raises:
+            InputError: the model has no such number.
+        """
+        law = Law(self.head, self.params).changed(factors)
+        params = law.params
+        if coupling is not None:
+            if not any(isinstance(part, PairPotential) for part in self.head.modules()):
+                raise InputError("`coupling`: this model has no force between its bodies")
+            params = params.with_coupling(coupling)
+        return replace(self, head=law.head, params=params)
 
     def check(self, motion: Motion) -> None:
         """Refuse tracks of another scene.

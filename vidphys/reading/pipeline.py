@@ -6,6 +6,7 @@ looked for where they lie on this machine and refused if they are not the same.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,9 @@ from encoders.frozen.catalogue import load_encoder
 from readouts.kinds import MapShape, Recipe
 from vidphys.data.charts import chart_from_config
 from vidphys.errors import InputError
-from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed, without_friction
+from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed
 from vidphys.reading.forecasts import Forecast, forecast, state_at
+from vidphys.reading.laws import Law
 from vidphys.reading.reader import LoadedEncoder, Reader, steady
 from vidphys.runs import checkpoint
 from vidphys.shooting.step import model_step
@@ -98,7 +100,7 @@ class Pipeline:
         law: Parameters,
         beyond: float,
         head: str = FACTORED,
-        friction: bool = True,
+        factors: Mapping[str, float] | None = None,
     ) -> Forecast:
         """Roll on from a state, also under a law that never held.
 
@@ -108,17 +110,16 @@ class Pipeline:
             law: that is to hold from there on.
             beyond: seconds.
             head: name of the model.
-            friction: whether its friction holds too.
+            factors: on the numbers of the model, see :meth:`vidphys.reading.laws.Law.changed`.
 
         Raises:
-            InputError: an unknown head, or one that has no friction to do without.
+            InputError: an unknown head, or one that has no such number.
         """
         self._check_head(head)
-        dynamics = self.dynamics
-        model = dynamics.heads[head]
-        if not friction:
-            model = without_friction(dynamics, head, self.reader.bodies)
-        return forecast(model, state, law, dynamics, began, beyond)
+        other = Law(self.dynamics.heads[head], law).changed(factors or {})
+        ratio = (other.params.mass / law.mass).unsqueeze(-1).to(state.p)
+        state = PhaseState(state.q, state.p * ratio)  # a heavier body is as fast as it was
+        return forecast(other.head, state, other.params, self.dynamics, began, beyond)
 
     def _check_head(self, head: str) -> None:
         if head not in self.dynamics.heads:

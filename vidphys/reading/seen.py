@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vidphys.diagnose.recordings.motion import Motion
-
+MOST = 0.99
 BEYOND = 1.1  # times what was seen, from which on it is said
 
 
@@ -17,7 +16,7 @@ class Seen:
 
     Args:
         low, high: the least and the largest of each coordinate, ``d`` numbers.
-        speed: the largest distance from a frame to the next of any body, per second.
+        speed: the largest of any body, but for a hundredth of the frames.
     """
 
     low: tuple[float, ...]
@@ -25,11 +24,10 @@ class Seen:
     speed: float
 
     @classmethod
-    def of(cls, motion: Motion) -> Seen:
-        """All that a motion shows."""
-        places = motion.positions
-        low, high = np.nanmin(places, axis=(0, 1, 2)), np.nanmax(places, axis=(0, 1, 2))
-        return cls(tuple(low.tolist()), tuple(high.tolist()), _fastest(places[0], motion.times[0]))
+    def of(cls, times: np.ndarray, positions: np.ndarray) -> Seen:
+        """All that a recording shows, at times ``(t,)`` and places ``(t, n, d)``, NaN for none."""
+        low, high = np.nanmin(positions, axis=(0, 1)), np.nanmax(positions, axis=(0, 1))
+        return cls(tuple(low.tolist()), tuple(high.tolist()), _fastest(positions, times))
 
     def left(self, times: np.ndarray, positions: np.ndarray) -> str | None:
         """In words how a path leaves what was seen; ``None`` where it does not.
@@ -39,7 +37,10 @@ class Seen:
             positions: ``(t, n, d)``.
         """
         low, high = np.asarray(self.low), np.asarray(self.high)
-        reach = np.abs(positions - (low + high) / 2).max((0, 1)) / ((high - low) / 2).max()
+        middle, half = (low + high) / 2, (high - low) / 2
+        # along an axis on which nothing moved, a hundredth of the others' way is no leaving
+        half = np.maximum(half, max(0.01 * half.max(), np.finfo(float).tiny))
+        reach = (np.abs(positions - middle) / half).max((0, 1))
         said = []
         for axis, times_as_far in zip("xyz", reach, strict=False):
             if times_as_far > BEYOND:
@@ -51,5 +52,6 @@ class Seen:
 
 
 def _fastest(positions: np.ndarray, times: np.ndarray) -> float:
+    """The speed that one in a hundred is above: a single frame may be wrong."""
     away = np.linalg.norm(np.diff(positions, axis=0), axis=-1) / np.diff(times)[:, None]
-    return float(np.nanmax(away)) if np.isfinite(away).any() else 0.0
+    return float(np.nanquantile(away, MOST)) if np.isfinite(away).any() else 0.0

@@ -106,7 +106,7 @@ def _untrained(term: HeadTerm, held: Mapping[str, Any], motion: Motion, seed: in
     params = law_of(held.get("mass", [1.0] * motion.bodies), scalars)
     torch.manual_seed(seed)
     head = built(term, units, params, motion.interval, motion.bodies, motion.space)
-    origin, seen = np.asarray(held["origin"], float), Seen.of(motion)
+    origin, seen = np.asarray(held["origin"], float), Seen.of(motion.times[0], motion.positions[0])
     return Fitted(term, head, units, origin, params, motion.interval, seen)
 
 

@@ -356,7 +356,11 @@ class TestRollout:
         self, trained: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         run, clip = trained
-        asked = (("flip", "--coupling", "-1"), ("free", "--no-friction"), ("same", "--coupling=1"))
+        asked = (
+            ("flip", "--coupling", "-1"),
+            ("free", "--law", "friction=0"),
+            ("same", "--coupling=1"),
+        )
         apart = {}
         for name, *more in asked:
             assert rollout(run, clip, tmp_path / name, *more) == 0
@@ -377,8 +381,10 @@ class TestRollout:
         run, clip = trained
         twin = ["--head", "unstructured"]
         assert rollout(run, clip, tmp_path / "a", *twin) == 0
-        assert rollout(run, clip, tmp_path / "b", *twin, "--no-friction") == 2
-        assert "unstructured head of this run has no friction" in capsys.readouterr().err
+        assert rollout(run, clip, tmp_path / "b", *twin, "--law", "friction=0") == 2
+        assert (
+            "--law friction: this model has no such number; it has mass" in capsys.readouterr().err
+        )
         assert not (tmp_path / "b").exists()
 
     def test_other_weights_are_refused(

@@ -215,7 +215,8 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
     """
     structure, fitted = inference.structure, inference.fitted
     numbers: dict[str, tuple[float, float]] = {}
-    origin, trap, reach = [0.0] * inference.windows.frames.shape[-1], None, 1.0
+    origin = [0.0] * inference.windows.frames.shape[-1]
+    trap, reach, swing = None, 1.0, None
     for family in (PAIR, EXTERNAL, FRICTION):
         term = structure.term(family)
         if term is None or term not in inference.terms:
@@ -228,12 +229,15 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
         if term.kind == "trap":
             trap, *pulls = (float(x) for x in structure.of(term))
             origin = [pull / trap for pull in pulls]
+        if term.kind == "pendulum":
+            hanging, aside = (float(x) for x in structure.of(term))
+            swing, origin = float(np.hypot(hanging, aside)), [float(np.arctan2(aside, hanging))]
         if term.kind == "contact" and term.scale is not None:
             reach = float(term.scale)
     if inference.bathed:
         numbers["bath: temperature"] = temperature(inference), float("nan")
     return as_specification(
-        terms_of(inference.kinds, trap, reach),
+        terms_of(inference.kinds, trap, reach, swing),
         inference.windows.frames.shape[2],
         origin,
         numbers,

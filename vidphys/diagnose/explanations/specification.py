@@ -25,7 +25,10 @@ BATH = terms.ConstantBath()
 
 
 def terms_of(
-    kinds: frozenset[str], trap: float | None = None, reach: float = 1.0
+    kinds: frozenset[str],
+    trap: float | None = None,
+    reach: float = 1.0,
+    swing: float | None = None,
 ) -> terms.Hamiltonian:
     """The model that has these kinds of terms.
 
@@ -33,18 +36,21 @@ def terms_of(
         kinds: see :attr:`vidphys.diagnose.inference.inference.Inference.kinds`.
         trap: stiffness of the trap, where there is one.
         reach: of a contact, world units.
+        swing: squared rate of a pendulum's small swings, where there is one.
     """
     potentials: list[PotentialTerm] = [terms.NoPotential()]
     if "pair" in kinds:
         potentials = [terms.Radial()]
     elif "contact" in kinds:
         potentials = [terms.Knots(reach=reach)]
-    elif kinds & {"pendulum", "well"}:
+    elif "well" in kinds:
         potentials = [terms.FreePotential()]
+    elif "pendulum" in kinds:
+        potentials = [terms.FreePotential() if swing is None else terms.Pendulum(swing)]
     if "uniform" in kinds:
         potentials.append(terms.Uniform())
     if "trap" in kinds and trap is not None:
-        potentials.append(terms.Trap(trap))
+        potentials.append(terms.Trap(trap, learned=True))
     ports = [PORTS[kind] for kind in sorted(kinds) if kind in PORTS]
     if "bath" in kinds:
         # The bath brings its own friction: fluctuation and dissipation are one term.
