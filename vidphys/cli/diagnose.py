@@ -147,7 +147,9 @@ def _check(config: DiagnoseConfig) -> None:
         if (config.binder, config.bodies, config.shadow) != (None, None, None):
             make_binder(config.binder, config.bodies, config.shadow)
     else:
-        refuse(config, ("binder", "bodies", "shadow", "rate", "video"), f"{config.input} is not a clip")
+        refuse(
+            config, ("binder", "bodies", "shadow", "rate", "video"), f"{config.input} is not a clip"
+        )
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
         known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)

@@ -152,6 +152,7 @@ def _clip_of(tracks: Path) -> str | None:
 
 def _record(config: FitConfig, found: Trained) -> Recorder:
     from dynamics.build import parameter_count
+    from vidphys.reading.numbers import numbers_of
     from vidphys.runs.records import Origin, Recorder
 
     origin = Origin(
@@ -169,6 +170,8 @@ def _record(config: FitConfig, found: Trained) -> Recorder:
     )
     recorder = Recorder(origin)
     recorder.add_value("parameters", parameter_count(found.model.head))
+    for name, value in numbers_of(found.model).items():
+        recorder.add_value(name, value)
     if found.error is not None and found.still is not None:
         recorder.add_value("forecast_rmse", found.error)
         recorder.add_value("forecast_rmse_persistence", found.still)

@@ -1,0 +1,56 @@
+"""The numbers that a fitted model ended with, in the units of its tracks, by name."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from dynamics.bath import ConstantBath
+from dynamics.each import Each, Spring
+from dynamics.fields import Pendulum, UniformField
+from dynamics.friction import Friction
+from dynamics.links import Hanging
+from dynamics.potentials import HarmonicTrap
+from vidphys.reading.fitted import Fitted
+
+
+def numbers_of(fitted: Fitted) -> dict[str, float]:
+    """Rates per second, stiffness per second squared, accelerations in units of length.
+
+    Bodies with a law of their own have their number behind the name.
+    """
+    head, found = fitted.head, {}
+    parts = list(head.laws) if isinstance(head, Each) else [head]
+    with torch.no_grad():
+        for k, law in enumerate(parts, 1):
+            behind = f"_{k}" if len(parts) > 1 else ""
+            for part in law.modules():
+                for name, value in _numbers(part, fitted).items():
+                    found[f"{name}{behind}"] = value
+        for part in head.modules():
+            if isinstance(part, Spring):
+                name = f"spring_{part.first + 1}_{part.second + 1}"
+                found[name] = float(part.stiffness) / fitted.units.seconds**2
+    if "temperature" in fitted.params.scalars:
+        size = (fitted.units.length / fitted.units.seconds) ** 2
+        found["temperature"] = float(fitted.params.scalars["temperature"][0]) * size
+    return found
+
+
+def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
+    length, seconds = fitted.units.length, fitted.units.seconds
+    if isinstance(part, Pendulum):
+        return {"pendulum_rate2": float(part.rate2) / seconds**2}
+    if isinstance(part, Hanging):
+        return {"gravity": float(part.gravity) / seconds**2}
+    if isinstance(part, HarmonicTrap):
+        return {"trap_stiffness": float(part.stiffness) / seconds**2}
+    if isinstance(part, UniformField):
+        pull = (part.acceleration * length / seconds**2).tolist()
+        return {f"uniform_{axis}": x for axis, x in zip("xyz", pull, strict=False)}
+    if isinstance(part, ConstantBath):
+        return {"friction_bath": float(nn.functional.softplus(part.raw)) / seconds}
+    if isinstance(part, Friction):
+        unit = {"linear": 1 / seconds, "square": 1 / length, "dry": length / seconds**2}[part.law]
+        return {f"friction_{part.law}": float(part.coefficient(fitted.params)) * unit}
+    return {}
