@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -70,3 +71,34 @@ class Pendulum(nn.Module):
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         weight = params.mass.unsqueeze(-1) * self.rate2.to(q) * self.length
         return -weight * (q / self.length).sin()
+
+
+class Well(nn.Module):
+    """A force on each coordinate that is a cubic in it: a trap whose sides differ.
+
+    F = push - stiffness q + second q^2 - third q^3, in world units and of a unit mass.
+
+    Args:
+        stiffness, push, second, third: the coefficients.
+        learned: whether they are.
+    """
+
+    coefficients: Tensor
+
+    def __init__(
+        self, stiffness: float, push: float, second: float, third: float, learned: bool = True
+    ) -> None:
+        super().__init__()
+        number(self, "coefficients", [push, -stiffness, second, -third], learned)
+
+    @property
+    def stiffness(self) -> Tensor:
+        """At the origin, per second squared."""
+        return -self.coefficients[1]
+
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
+        powers = torch.stack([q, q**2 / 2, q**3 / 3, q**4 / 4], -1)
+        return -(powers @ self.coefficients.to(q)).sum((-2, -1))
+
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
+        return torch.stack([torch.ones_like(q), q, q**2, q**3], -1) @ self.coefficients.to(q)

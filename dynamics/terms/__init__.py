@@ -46,6 +46,7 @@ from dynamics.terms.potentials import (
     Trap,
     Triple,
     Uniform,
+    Well,
 )
 from dynamics.terms.table import HEADS
 from dynamics.terms.term import TERMS, HeadTerm, KineticTerm, PortTerm, PotentialTerm, Sizes, Term
@@ -103,6 +104,7 @@ __all__ = [
     "Uniform",
     "UntiedBath",
     "Walled",
+    "Well",
     "from_config",
     "to_config",
 ]

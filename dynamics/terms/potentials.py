@@ -161,6 +161,35 @@ class Pendulum(PotentialTerm):
         return replace(self, rate2=self.rate2 * seconds**2, length=self.length / length)
 
 
+@TERMS.register("well")
+@dataclass(frozen=True)
+class Well(PotentialTerm):
+    """F = push - stiffness q + second q^2 - third q^3 of each coordinate: sides that differ.
+
+    Args:
+        stiffness, push, second, third: in world units and seconds, of a unit mass.
+        learned: whether they are, from there on.
+    """
+
+    stiffness: float
+    push: float = 0.0
+    second: float = 0.0
+    third: float = 0.0
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> Potential:
+        return fields.Well(self.stiffness, self.push, self.second, self.third, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> Well:
+        return replace(
+            self,
+            stiffness=self.stiffness * seconds**2,
+            push=self.push * seconds**2 / length,
+            second=self.second * seconds**2 * length,
+            third=self.third * seconds**2 * length**2,
+        )
+
+
 def _dimensions(what: str, vector: tuple[float, ...] | None, sizes: Sizes) -> None:
     if vector is not None and len(vector) != sizes.space:
         raise ValueError(

@@ -214,6 +214,12 @@ UNITS = [
     (terms.OnCurve(tuple(CIRCLE), terms.Hamiltonian(potentials=(terms.Trap(2.0, (1.0,)),))), 1),
     (terms.OnChain(PIVOT, ACROSS, DOWN, (1.0, 0.5), terms.Links((1.0, 0.5), (1.0, 2.0), 9.8)), 2),
     (terms.Each((on(BRAKED), on(SWING)), (terms.Spring(0, 1, 1.5, 0.3),)), 2),
+    (
+        terms.OnLine(
+            PIVOT, ACROSS, terms.Hamiltonian(potentials=(terms.Well(4.0, 0.3, 0.5, -0.2),))
+        ),
+        1,
+    ),
     (terms.OnLine(PIVOT, ACROSS, terms.Walled(SWING, 0.2, 0.8, (1.0,))), 1),
 ]
 

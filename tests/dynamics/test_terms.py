@@ -31,6 +31,7 @@ FREE = terms.Hamiltonian(potentials=(terms.NoPotential(),))
 ON_CIRCLE = {"pivot": (0.0, 1.0), "across": (2.0, 0.0), "down": (0.0, -2.0)}
 NEEDED |= {
     terms.Pendulum: {"rate2": 4.0},
+    terms.Well: {"stiffness": 4.0},
     terms.Spring: {"first": 0, "second": 1, "stiffness": 2.0},
     terms.Each: {"laws": (FREE, FREE), "springs": (terms.Spring(0, 1, 2.0),)},
     terms.OnLine: {"point": (0.0, 1.0), "direction": (1.0, 0.0), "law": FREE},

@@ -14,7 +14,7 @@ from dynamics import Head, Parameters
 from dynamics.bath import ConstantBath
 from dynamics.curves import Arc, Chain
 from dynamics.each import Spring
-from dynamics.fields import Pendulum, UniformField
+from dynamics.fields import Pendulum, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging, LinkMetric
 from dynamics.numbers import unbent
@@ -79,7 +79,11 @@ QUANTITIES: dict[str, dict[type[nn.Module], Change]] = {
         Hanging: _times("gravity"),
     },
     "length": {Pendulum: _times("rate2", power=-1), LinkMetric: _longer},
-    "stiffness": {HarmonicTrap: _times("stiffness"), Spring: _times("stiffness")},
+    "stiffness": {
+        HarmonicTrap: _times("stiffness"),
+        Spring: _times("stiffness"),
+        Well: _times("coefficients"),
+    },
     "restitution": {Wall: _bounce},
 }
 SHAPED: dict[type[nn.Module], Change] = {Arc: _times("frame"), Chain: _times("lengths")}

@@ -7,7 +7,7 @@ from torch import nn
 
 from dynamics.bath import ConstantBath
 from dynamics.each import Each, Spring
-from dynamics.fields import Pendulum, UniformField
+from dynamics.fields import Pendulum, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging
 from dynamics.potentials import HarmonicTrap
@@ -43,6 +43,8 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
         return {"pendulum_rate2": float(part.rate2) / seconds**2}
     if isinstance(part, Hanging):
         return {"gravity": float(part.gravity) / seconds**2}
+    if isinstance(part, Well):
+        return {"well_stiffness": float(part.stiffness) / seconds**2}
     if isinstance(part, HarmonicTrap):
         return {"trap_stiffness": float(part.stiffness) / seconds**2}
     if isinstance(part, UniformField):

@@ -216,7 +216,7 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
     structure, fitted = inference.structure, inference.fitted
     numbers: dict[str, tuple[float, float]] = {}
     origin = [0.0] * inference.windows.frames.shape[-1]
-    trap, reach, swing = None, 1.0, None
+    trap, reach, swing, well = None, 1.0, None, None
     for family in (PAIR, EXTERNAL, FRICTION):
         term = structure.term(family)
         if term is None or term not in inference.terms:
@@ -229,6 +229,9 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
         if term.kind == "trap":
             trap, *pulls = (float(x) for x in structure.of(term))
             origin = [pull / trap for pull in pulls]
+        if term.kind == "well":
+            stiffness, push, second, third = (float(x) for x in structure.of(term))
+            well = stiffness, push, second, third
         if term.kind == "pendulum":
             hanging, aside = (float(x) for x in structure.of(term))
             swing, origin = float(np.hypot(hanging, aside)), [float(np.arctan2(aside, hanging))]
@@ -237,7 +240,7 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
     if inference.bathed:
         numbers["bath: temperature"] = temperature(inference), float("nan")
     return as_specification(
-        terms_of(inference.kinds, trap, reach, swing),
+        terms_of(inference.kinds, trap, reach, swing, well),
         inference.windows.frames.shape[2],
         origin,
         numbers,

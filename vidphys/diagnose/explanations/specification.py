@@ -29,6 +29,7 @@ def terms_of(
     trap: float | None = None,
     reach: float = 1.0,
     swing: float | None = None,
+    well: tuple[float, float, float, float] | None = None,
 ) -> terms.Hamiltonian:
     """The model that has these kinds of terms.
 
@@ -37,6 +38,7 @@ def terms_of(
         trap: stiffness of the trap, where there is one.
         reach: of a contact, world units.
         swing: squared rate of a pendulum's small swings, where there is one.
+        well: coefficients of a well, where there is one.
     """
     potentials: list[PotentialTerm] = [terms.NoPotential()]
     if "pair" in kinds:
@@ -44,7 +46,7 @@ def terms_of(
     elif "contact" in kinds:
         potentials = [terms.Knots(reach=reach)]
     elif "well" in kinds:
-        potentials = [terms.FreePotential()]
+        potentials = [terms.FreePotential() if well is None else terms.Well(*well)]
     elif "pendulum" in kinds:
         potentials = [terms.FreePotential() if swing is None else terms.Pendulum(swing)]
     if "uniform" in kinds:
