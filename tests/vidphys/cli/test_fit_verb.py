@@ -5,7 +5,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
-from tests.vidphys.diagnose.test_wall import thrown
+from tests.shared.bouncing import thrown
 from vidphys.cli import main
 from vidphys.diagnose.recordings.tables import write_tracks
 from vidphys.diagnose.telling.answers import answer

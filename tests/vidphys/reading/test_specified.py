@@ -9,7 +9,7 @@ import torch
 from dynamics import build, from_config, terms
 from dynamics.fields import UniformField
 from dynamics.friction import Friction
-from tests.vidphys.diagnose.test_wall import thrown
+from tests.shared.bouncing import thrown
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
