@@ -8,6 +8,7 @@ from vidphys.experiments.contacts import table as contacts
 from vidphys.experiments.core.cell import Table
 from vidphys.experiments.coupling import misspecification, selection
 from vidphys.experiments.filmed import table as filmed
+from vidphys.experiments.formulas import table as formulas
 from vidphys.experiments.friction import drag, engine
 from vidphys.experiments.gravity import families, planning, scale, sweeps, transport
 from vidphys.experiments.gravity import table as gravity
@@ -61,6 +62,7 @@ for table in (
     drag.DRAG,
     diagnose.DIAGNOSE,
     filmed.FILMED,
+    formulas.FORMULAS,
     probes.PROBES,
     pixel_heads.PIXEL_HEADS,
     perception_speed.PERCEPTION_SPEED,

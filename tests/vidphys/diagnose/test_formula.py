@@ -1,0 +1,120 @@
+"""Formulas of forces: found where they stand out, refused where several fit alike."""
+
+import numpy as np
+import pytest
+
+from vidphys.diagnose.formula.formula import formula_of, verdict_of
+from vidphys.diagnose.formula.grammar import words
+from vidphys.diagnose.formula.laws import coordinate_law, law_of
+from vidphys.diagnose.formula.shooting import cut, fit_law, roll
+from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.errors import InputError
+from vidphys.experiments.formulas.laws import developed, drawn
+from vidphys.experiments.formulas.table import EXACT, REFUSED, WRONG, judged
+
+X = np.linspace(-1.5, 1.8, 60)
+R = np.linspace(0.9, 2.5, 60)
+
+
+def noisy(f, share=0.002):
+    error = share * np.std(f)
+    return f + error * np.random.default_rng(0).standard_normal(len(f)), error
+
+
+@pytest.mark.parametrize(
+    "x, f, kind, numbers",
+    [
+        (X, -2.3 * X - 0.54 * X**3, ("x", "x^3"), (2.3, 0.54)),
+        (X, -np.sin(3 * X) - 0.5 * X, ("sin", "x"), (1.0, 0.5, 3.0)),
+        (X, -2 * np.sign(X) * np.abs(X) ** 1.37, ("sgn(x) |x|^p",), (2.0, 1.37)),
+        (R, R**-13 - R**-7, ("x^-13", "x^-7"), (1.0, 1.0)),
+    ],
+)
+def test_the_formula_of_a_force_is_found_with_its_numbers(x, f, kind, numbers):
+    values, error = noisy(f)
+    found = formula_of(x, values, error)
+    assert found is not None and found.kind == kind
+    told = sorted(abs(value) for value, *_ in found.numbers)
+    assert told == pytest.approx(sorted(numbers), rel=0.02)
+    for value, low, high in found.numbers:
+        assert low < value < high
+        truth = min(numbers, key=lambda number: abs(number - abs(value)))
+        assert low - (high - low) < np.sign(value) * truth < high + (high - low)
+    np.testing.assert_allclose(found.at(x), f, atol=5 * error)
+
+
+def test_what_is_told_is_written_as_a_physicist_does():
+    found = formula_of(X, -2.3 * X + 0.54 * X**3, 0.004)
+    assert found.text == "-2.3 x + 0.54 x^3"
+
+
+def test_no_formula_where_several_fit_or_none_does():
+    assert formula_of(X, *noisy(np.sin(X), 0.03)) is None  # a sine, or a cubic
+    steps = np.where(np.sin(9 * X) > 0, 1.0, -1.0)
+    assert verdict_of(X, *noisy(steps)).why.startswith("no formula")
+    with pytest.raises(ValueError, match="errors must be above zero"):
+        formula_of(X, X, 0.0)
+
+
+def test_words_of_a_positive_variable_are_defined_there():
+    for positive, x in ((True, R), (False, X)):
+        for term in words(positive):
+            for of in term.columns:
+                constants = tuple(np.array(0.7) for _ in term.constants)
+                assert np.isfinite(of(x, constants)).all(), term.name
+
+
+def spring(x, v, numbers):
+    return -numbers[0] * x - numbers[1] * v
+
+
+def test_pieces_that_are_tied_know_numbers_as_one_long_roll_does():
+    t = np.linspace(0, 20, 300)[None]
+    places = np.exp(-0.05 * t) * np.cos(np.sqrt(4 - 0.05**2) * t)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(places.shape)
+    pieces = cut(places + noise, t, 30, 2.0)
+    starts = np.stack([np.nan_to_num(pieces.x[:, 0]), np.gradient(places[0], t[0])[::30]], -1)
+    begun = np.array([3.5, 0.0])
+    apart = fit_law(spring, begun, starts, pieces)
+    one = fit_law(spring, apart.numbers, apart.starts, pieces, (0.03, 0.06))
+    errors = 0.01 * np.sqrt(np.diag(one.inverse))
+    assert np.abs(one.numbers - [4.0, 0.1]).max() < 4 * errors.max()
+    assert np.sqrt(np.diag(apart.inverse))[1] > 3 * np.sqrt(np.diag(one.inverse))[1]
+    rolled = roll(spring, one.numbers[:, None], one.starts.T[:, :, None], pieces)[..., 0]
+    np.testing.assert_allclose(rolled[-2, :-1], one.starts[1:, 0], atol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def duffing():
+    return coordinate_law(*developed()[0].recording(0))
+
+
+def test_a_law_off_the_menu_is_found_from_noisy_places_with_its_friction(duffing):
+    found = duffing
+    assert found.verdict.formula.kind == ("x", "x^3")
+    assert found.text.startswith("x'' = -2.3") and found.text.endswith("v")
+    ((name, rate, error),) = found.friction
+    assert name == "v" and abs(rate + 0.05) < 4 * error < 0.01
+
+
+def test_a_pair_is_its_distance_and_other_motions_are_refused():
+    with pytest.raises(InputError, match="pass each other"):
+        law_of(motion_of(np.random.default_rng(0).normal(size=(1, 30, 2, 1)), 0.1))
+    with pytest.raises(InputError, match="3 bodies in 2 dimensions"):
+        law_of(motion_of(np.zeros((1, 30, 3, 2)), 0.1))
+
+
+def test_laws_that_a_seed_draws_are_the_same_again_and_swing():
+    one, again = drawn(5, 3), drawn(5, 3)
+    assert [case.name for case in one] == [case.name for case in again]
+    for case in one:
+        places, times = case.recording(0)
+        assert np.isfinite(places).all() and places.shape == times.shape
+
+
+def test_another_formula_is_wrong_and_none_is_a_refusal(duffing):
+    case = next(case for case in developed() if case.name == "kinked")
+    assert judged(case, duffing) == WRONG
+    assert judged(developed()[0], duffing) == EXACT
+    none = type(duffing)(verdict_of(X, *noisy(np.sin(X), 0.03)), (), "", 0.0, None)
+    assert judged(case, none) == REFUSED

@@ -1,0 +1,210 @@
+"""A formula that was found, as a person reads it; and when none is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from vidphys.diagnose.formula.grammar import Term
+from vidphys.diagnose.formula.search import Samples, Sum, design, search
+from vidphys.statistics import NORMAL_95
+
+MARGIN, SLIGHT = 5.0, 1.0  # nats by which rivals must be worse: no longer ones, and longer ones
+STRANGE = 1e-3  # chance of so large a misfit, below which no formula of the grammar is believed
+CLEAR = 3.0  # times its error, that a coefficient differs from zero
+TINY = 1e-300
+TOLD = 3  # rivals that are told
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A sum of words with numbers.
+
+    Args:
+        terms: the words.
+        constants: of each word.
+        coefficients: of each word, one for each of its columns.
+        errors: standard errors: of all coefficients in their order, then of all constants.
+        variable: its name.
+    """
+
+    terms: tuple[Term, ...]
+    constants: tuple[tuple[float, ...], ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    errors: tuple[float, ...]
+    variable: str = "x"
+
+    @property
+    def kind(self) -> tuple[str, ...]:
+        """Names of the words, by which two formulas are compared."""
+        return tuple(sorted(term.name for term in self.terms))
+
+    @property
+    def numbers(self) -> tuple[tuple[float, float, float], ...]:
+        """Value and 95 % interval of each number: the coefficients, then the constants."""
+        flat = [v for part in (*self.coefficients, *self.constants) for v in part]
+        return tuple(
+            (value, value - NORMAL_95 * error, value + NORMAL_95 * error)
+            for value, error in zip(flat, self.errors, strict=True)
+        )
+
+    @property
+    def text(self) -> str:
+        """As one writes it: ``2.31 x + 0.54 x^3``."""
+        errors = iter(self.errors)
+        known = [[next(errors) for _ in part] for part in self.coefficients]
+        free = [[next(errors) for _ in part] for part in self.constants]
+        parts = [
+            _said(*each)
+            for each in zip(self.terms, self.coefficients, self.constants, known, free, strict=True)
+        ]
+        whole = " + ".join(parts).replace("+ -", "- ")
+        return whole if self.variable == "x" else _renamed(whole, self.variable)
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """The force at places ``(m,)``."""
+        return design(self.terms, self.constants, x) @ np.concatenate(self.coefficients)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A formula or why there is none.
+
+    Args:
+        formula: ``None`` where none stands out.
+        why: one sentence.
+        rivals: formulas that fit alike, the best first.
+    """
+
+    formula: Formula | None
+    why: str
+    rivals: tuple[str, ...] = ()
+
+
+def formula_of(x: np.ndarray, f: np.ndarray, error: np.ndarray | float) -> Formula | None:
+    """The short formula of a force, where one stands out.
+
+    Args:
+        x: places, ``(m,)``.
+        f: values of the force there, ``(m,)``.
+        error: their standard errors, ``(m,)`` or one for all; above zero.
+
+    Returns:
+        The formula; ``None`` where none of the grammar fits, or several fit alike.
+
+    Raises:
+        ValueError: arrays of other shapes, fewer than eight values, or errors that are not
+            positive.
+
+    Example:
+        >>> x = np.linspace(-1.5, 1.5, 40)
+        >>> found = formula_of(x, 2.3 * x + 0.54 * x**3, 0.005)
+        >>> found.text
+        '2.3 x + 0.54 x^3'
+    """
+    return verdict_of(x, f, error).formula
+
+
+def verdict_of(x: np.ndarray, f: np.ndarray, error: np.ndarray | float) -> Verdict:
+    """As :func:`formula_of`, with the reason and the rivals."""
+    x, f = np.asarray(x, float), np.asarray(f, float)
+    error = np.broadcast_to(np.asarray(error, float), x.shape)
+    if x.ndim != 1 or f.shape != x.shape or len(x) < 8:
+        raise ValueError(
+            f"formula_of: needs x and f of one shape (m >= 8,), got {x.shape, f.shape}"
+        )
+    if not (error > 0).all():
+        raise ValueError("formula_of: errors must be above zero; give those of the values")
+    samples = Samples(x, f, np.diag(1 / error), len(x))
+    found = [with_errors(one, samples) for one in search(samples)[:20]]
+    limit = [stats.chi2.isf(STRANGE, max(len(x) - one.numbers, 1)) for one, _ in found]
+    return chosen([(one, formula, one.misfit < most)
+                   for (one, formula), most in zip(found, limit, strict=True)])  # fmt: skip
+
+
+def with_errors(one: Sum, samples: Samples) -> tuple[Sum, Formula]:
+    """A sum as a formula: the errors of its numbers by their curvature."""
+    flat = np.concatenate([*one.coefficients, *one.constants])
+    count = sum(len(part) for part in one.coefficients)
+    cuts = np.cumsum([len(part) for part in (*one.coefficients, *one.constants)])[:-1]
+
+    def at(numbers: np.ndarray) -> np.ndarray:
+        parts = [tuple(part) for part in np.split(numbers, cuts)]
+        columns = design(one.terms, parts[len(one.terms) :], samples.x)
+        return samples.white @ (columns @ numbers[:count])
+
+    nudge = 1e-5 * (np.abs(flat) + 1e-3)
+    base = at(flat)
+    jacobian = np.stack(
+        [(at(flat + n * e) - base) / n for n, e in zip(nudge, np.eye(len(flat)), strict=True)], -1
+    )
+    errors = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)))
+    return one, Formula(one.terms, one.constants, one.coefficients, tuple(errors))
+
+
+def chosen(found: Sequence[tuple[Sum, Formula, bool]]) -> Verdict:
+    """The formula that stands out, or none.
+
+    Args:
+        found: sums, as formulas, and whether each leaves no more than noise.
+    """
+    sure = (each for each in found if each[2] and _clear(each[1]))
+    fitting = sorted(sure, key=lambda each: each[0].score)
+    if not fitting:
+        return Verdict(None, "no formula: none of the grammar fits to within the noise")
+    best, formula, _ = fitting[0]
+    rivals = [
+        (one, other)
+        for one, other, _ in fitting[1:]
+        if one.score < best.score + (MARGIN if one.numbers <= best.numbers else SLIGHT)
+    ]
+    if rivals:
+        told = tuple(other.text for _, other in rivals[:TOLD])
+        return Verdict(None, "no formula: several fit alike", (formula.text, *told))
+    return Verdict(formula, "a formula stands out")
+
+
+def _clear(formula: Formula) -> bool:
+    """Whether every word counts: its size, and each constant, is clear of zero."""
+    flat = iter(zip(formula.numbers, formula.errors, strict=True))
+    sizes = [[next(flat) for _ in part] for part in formula.coefficients]
+    words = [
+        sum((value / max(error, TINY)) ** 2 for (value, *_), error in each) / len(each)
+        for each in sizes
+    ]
+    rest = [(value / max(error, TINY)) ** 2 for (value, *_), error in flat]
+    return min([*words, *rest]) > CLEAR**2
+
+
+def _said(
+    term: Term,
+    coefficients: Sequence[float],
+    constants: Sequence[float],
+    errors: Sequence[float],
+    constant_errors: Sequence[float],
+) -> str:
+    """A word with its numbers, to as many digits as they are known."""
+    numbers = [_digits(v, e) for v, e in zip(constants, constant_errors, strict=True)]
+    front = _digits(coefficients[0], errors[0])
+    if len(coefficients) == 2:  # a wave
+        size = float(np.hypot(coefficients[0], coefficients[1]))
+        phase = float(np.arctan2(coefficients[1], coefficients[0]))
+        front, numbers = _digits(size, max(errors)), [*numbers, _digits(phase, max(errors) / size)]
+    word = term.text.format(*numbers).replace("--", "").replace("- -", "+ ")
+    return front if term.name == "1" else f"{front} {word}"
+
+
+def _digits(value: float, error: float) -> str:
+    """A number to the second digit of its error."""
+    if not (np.isfinite(error) and error > 0) or value == 0:
+        return f"{value:.4g}"
+    digits = int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(error)) + 2, 1, 6))
+    return f"{value:.{digits}g}"
+
+
+def _renamed(text: str, variable: str) -> str:
+    """Another letter for x; words that have an x in them are left alone."""
+    return text.replace("exp", "e_p").replace("x", variable).replace("e_p", "exp")
