@@ -15,7 +15,7 @@ from vidphys.statistics import NORMAL_95
 MARGIN, SLIGHT = 5.0, 1.0  # nats by which rivals must be worse: no longer ones, and longer ones
 STRANGE = 1e-3  # chance of so large a misfit, below which no formula of the grammar is believed
 CLEAR = 3.0  # times its error, that a coefficient differs from zero
-TINY = 1e-300
+TINY = 1e-100
 TOLD = 3  # rivals that are told
 
 

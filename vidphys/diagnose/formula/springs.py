@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
@@ -19,6 +20,8 @@ TIES = (1.0, 0.03)  # of the noise, that a piece may start from where the one be
 FASTER = 1.5  # times the usual swing, that the fastest is
 ROUND = 1e-2  # of the accelerations, that bends count at first
 WORSE = 1.1  # noise by which longer pieces may seem noisier
+DIFFERENCE = 3  # order, that noise is read from
+LEFT = 1.5  # times the noise about a smoothing spline, that a law may leave
 SIMPLE = ("", "v", "v |v|", "sgn(v)")
 
 SPEEDS: dict[str, tuple] = {
@@ -144,6 +147,9 @@ def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
     Args:
         x: places ``(clips, frames)``, NaN where not seen.
         times: seconds ``(clips, frames)``.
+
+    Returns:
+        The law; ``None`` where none rolls along the whole recording to within its noise.
     """
     near = smoothed(x, times)
     low, high = float(np.nanmin(x)), float(np.nanmax(x))
@@ -159,8 +165,17 @@ def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
         return None
     found = sorted(found, key=lambda each: each.score)
     finer = cut(x, times, min(length, x.shape[1]), max(_steepest(found[0]), FASTER * fastest))
+    own = _own_noise(x, times, near)
     long = [tied(replace(each, pieces=finer), fastest, SMOOTH * step**2) for each in found]
-    return min(long, key=lambda each: (not each.ties, each.score))
+    good = [each for each in long if each.ties and each.sigma < LEFT * own]
+    return min(good, key=lambda each: each.score) if good else None
+
+
+def _own_noise(x: np.ndarray, times: np.ndarray, near: Smoothed) -> float:
+    """Noise of the places: about the smoothing splines, or by differences, whichever is less."""
+    off = [path - spline(t) for path, t, spline in zip(x, times, near.paths, strict=True)]
+    differences = np.diff(x, DIFFERENCE, axis=1) / np.sqrt(comb(2 * DIFFERENCE, DIFFERENCE))
+    return float(min(np.nanstd(np.concatenate(off)), np.sqrt(np.nanmean(differences**2))))
 
 
 def _steepest(spring: Spring) -> float:
