@@ -13,7 +13,7 @@ from tests.shared.bouncing import thrown
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
-from vidphys.reading.fitted import Units
+from vidphys.reading.fitted import Units, even
 from vidphys.reading.specified import train_specified
 
 
@@ -77,3 +77,14 @@ def test_standing_still_is_where_a_body_was_last_seen():
     trained = train_specified(from_config(found["terms"]), found, motion, 84, 1, 0)
     away = np.linalg.norm(motion.positions[0, 84:] - shown, axis=-1)
     assert trained.still == pytest.approx(np.sqrt((away**2).mean()), rel=1e-4)
+
+
+def test_stamps_that_are_rounded_do_not_make_a_second_shorter():
+    times = np.arange(300)[None] / 30
+    motion = motion_of(np.sin(2.0 * times)[..., None, None], 1 / 30)
+    rounded = even(replace(motion, times=times.round(3)))
+    assert rounded.interval == pytest.approx(0.033)
+    path = np.sin(2.0 * rounded.times[0])
+    assert np.nanmax(np.abs(rounded.positions[0, :, 0, 0] - path)) < 5e-3
+    since = rounded.times[0, -1] - rounded.times[0, 0]
+    assert since == pytest.approx(299 / 30, abs=0.05) and len(path) > 300
