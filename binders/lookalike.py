@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
@@ -136,6 +135,8 @@ class _Search:
         return np.pad(self.changed[frame], self.half)[y : y + n, x : x + n]
 
     def _touched(self, frame: int, at: np.ndarray, shape: np.ndarray) -> bool:
+        import cv2
+
         outside = ~cv2.dilate(shape.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
         return bool((self._changed_around(frame, at) & outside).sum() > TOUCHED * shape.sum())
 
@@ -143,6 +144,8 @@ class _Search:
         self, model: int, frame: int, guess: np.ndarray, reach: float
     ) -> tuple[float, float, np.ndarray] | None:
         """Least mean squared difference around ``guess``, that beside it, and its place."""
+        import cv2
+
         patch = _cut(self.frames[model], self.found.positions[model], self.half)
         far = int(np.ceil(reach)) + self.half
         window = _cut(self.frames[frame], guess, far)
@@ -160,6 +163,8 @@ class _Search:
 
 def _cut(image: np.ndarray, centre: np.ndarray, half: int) -> np.ndarray | None:
     """A square around the nearest pixel; ``None`` where that is not in the picture."""
+    import cv2
+
     x, y = np.rint(centre).astype(int)
     h, w = image.shape[:2]
     if not (0 <= x < w and 0 <= y < h):

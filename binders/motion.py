@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
@@ -164,6 +163,8 @@ def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 
 
 def _working_copy(frames: np.ndarray) -> tuple[np.ndarray, int]:
     """The frames at their working size, and the factor that they were shrunk by."""
+    import cv2
+
     factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
     h, w = (n // factor for n in frames.shape[1:3])
     if factor == 1:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
@@ -51,6 +50,8 @@ class Scenery:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    import cv2
+
     return cv2.transform(a * b, np.ones((1, 3), np.float32))
 
 
@@ -83,6 +84,8 @@ def lumps(
         coloured: pixels that changed in more than brightness.
         behind: the background.
     """
+    import cv2
+
     above, square = (change > threshold).astype(np.uint8), np.ones((thin, thin), np.uint8)
     core = cv2.morphologyEx(above, cv2.MORPH_OPEN, square)
     count, labels = cv2.connectedComponents(core, connectivity=4)
@@ -106,6 +109,8 @@ def _ghosts(
     labels: np.ndarray, count: int, above: np.ndarray, image: np.ndarray, background: np.ndarray
 ) -> np.ndarray:
     """Which regions stand out from what is around them in the background, not in the picture."""
+    import cv2
+
     inside = np.nonzero(labels.ravel())[0]
     around = cv2.dilate(labels.astype(np.uint16), np.ones((AROUND, AROUND), np.uint8))
     beside = np.nonzero((around * (above == 0)).ravel())[0]
@@ -148,6 +153,8 @@ def _measured(
     pixels: np.ndarray,
     coloured: np.ndarray,
 ) -> Blobs:
+    import cv2
+
     centre = np.stack([totals.mean(x), totals.mean(y)], 1)
     dx, dy = x - centre[totals.label, 0], y - centre[totals.label, 1]
     xx, yy, xy = (totals.mean(v) for v in (dx * dx, dy * dy, dx * dy))

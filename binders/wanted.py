@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
@@ -69,6 +68,8 @@ class Wanted:
 
     def likeness(self, image: Shaped[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
         """How much each pixel has the colour, 0 to :data:`LIKE`."""
+        import cv2
+
         lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)
         pixel = np.array([[self.colour]], np.float32) / np.float32(255)
         apart = (lab - cv2.cvtColor(pixel, cv2.COLOR_RGB2Lab)[0, 0]) * HUE

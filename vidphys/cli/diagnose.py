@@ -11,6 +11,7 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.options import MOTION, given_columns, make_binder, refuse, require_file
 from vidphys.cli.profiles import with_profile
+from vidphys.cli.who import WhoOptions
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ ELSEWHERE = ("out", "video", "profile", "overwrite", "quiet", "input", "trade")
 
 
 @dataclass(frozen=True)
-class DiagnoseConfig:
+class DiagnoseConfig(WhoOptions):
     """Find which terms a scene requires, from recorded tracks or from a clip.
 
     Example: vidphys diagnose tracks.csv --out runs/diagnosis
@@ -56,7 +57,7 @@ class DiagnoseConfig:
         binder: what follows the bodies of a clip: motion, or package.module:name.
         bodies: that it follows; 1.
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
-            shadow rather than a body; 0.6, and 1 where bodies differ from it in brightness alone.
+            shadow rather than a body; 1 keeps every change. Found out unless given.
         start: first frame that is used.
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
@@ -144,12 +145,12 @@ def _check(config: DiagnoseConfig) -> None:
 
     if _is_clip(config.input):
         refuse(config, ("columns", "interval", "angles"), f"{config.input} is a clip, not a table")
-        if (config.binder, config.bodies, config.shadow) != (None, None, None):
-            make_binder(config.binder, config.bodies, config.shadow)
+        told = config.binder, config.bodies, config.shadow
+        if told != (None, None, None) or config.given:
+            make_binder(*told, config)
     else:
-        refuse(
-            config, ("binder", "bodies", "shadow", "rate", "video"), f"{config.input} is not a clip"
-        )
+        names = (*config.given, "binder", "bodies", "shadow", "rate", "video")
+        refuse(config, names, f"{config.input} is not a clip")
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
         known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
@@ -165,7 +166,7 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
         from vidphys.diagnose.recordings.clips import follow_clip
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
-        binder = make_binder(config.binder, config.bodies, config.shadow)
+        binder = make_binder(config.binder, config.bodies, config.shadow, config)
         motion, video, notes = follow_clip(config.input, selection, binder)
         half = max(video.size) / 2  # pixels of a unit of the motion
         return Loaded(motion, False, notes, "px", half), video.frames

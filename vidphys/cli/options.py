@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vidphys.cli.who import WhoOptions
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,7 +62,9 @@ def given_columns(columns: Iterable[str]) -> dict[str, str]:
     return pairs
 
 
-def make_binder(name: str | None, bodies: int | None, shadow: float | None) -> Binder:
+def make_binder(
+    name: str | None, bodies: int | None, shadow: float | None, who: WhoOptions | None = None
+) -> Binder:
     """The binder of a name, told what was given.
 
     Raises:
@@ -74,12 +77,17 @@ def make_binder(name: str | None, bodies: int | None, shadow: float | None) -> B
         factory = BINDERS[name]
     except ValueError as error:
         raise InputError(f"--binder {name}: {error}") from error
-    given = {"bodies": 1 if bodies is None else bodies} | (
+    given: dict[str, Any] = {"bodies": 1 if bodies is None else bodies} | (
         {} if shadow is None else {"shadow": shadow}
     )
+    if who is not None and who.given:
+        given = given | {"wanted": who.wanted()}
+        if bodies is None and (who.at or who.choose):
+            given = given | {"bodies": None}
     for each in given:
         if each not in inspect.signature(factory).parameters:
-            raise InputError(f"--{each}: would have no effect: --binder {name} takes none")
+            told = option(who.given[0]) if who is not None and each == "wanted" else f"--{each}"
+            raise InputError(f"{told}: would have no effect: --binder {name} takes none")
     try:
         return factory(**given)
     except ValueError as error:

@@ -12,6 +12,7 @@ from vidphys.cli.console import Console
 from vidphys.cli.options import MOTION, make_binder, option, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
+from vidphys.cli.who import WhoOptions
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
@@ -31,7 +32,7 @@ ELSEWHERE = ("data", "store", "out", "weights", "profile", "overwrite", "quiet")
 
 
 @dataclass(frozen=True)
-class TrainConfig(SeeingOptions):
+class TrainConfig(WhoOptions, SeeingOptions):
     """Train readouts and dynamics on a clip, a folder of clips, or a rendered folder.
 
     Example: vidphys train clips --encoder hiera --seeds 3 --out runs/clips
@@ -66,7 +67,7 @@ class TrainConfig(SeeingOptions):
             package.module:name.
         bodies: that it follows; 1.
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
-            shadow rather than a body; 0.6, and 1 where bodies differ from it in brightness alone.
+            shadow rather than a body; 1 keeps every change. Found out unless given.
         train_share: of the clips that is trained on; of a single clip, its first part.
         heads: trained beside factored and its twin unstructured; `vidphys parts` names them.
         head_steps: optimiser steps of each dynamics head.
@@ -123,12 +124,12 @@ def train(config: TrainConfig) -> int:
     from vidphys.runs.folder import RunFolder
 
     _check(config)
-    binder = make_binder(config.binder, config.bodies, config.shadow)
+    binder = make_binder(config.binder, config.bodies, config.shadow, config)
     check_cuda(config.device)
     dataset = find_dataset(config.data)
     if dataset.labelled:
         why = f"the tables of {config.data} tell the positions"
-        refuse(config, ("binder", "bodies", "shadow"), why)
+        refuse(config, (*config.given, "binder", "bodies", "shadow"), why)
     layers, options = config.layers or (None,), config.encoder_options
     try:
         encoders = load_layers(config.encoder, options, layers, config.weights, config.device)
