@@ -49,6 +49,11 @@ class Explanation(Protocol):
         return None
 
     @property
+    def sure(self) -> bool:
+        """Whether it explains all, and nothing else does nearly as well."""
+        return self.explained
+
+    @property
     def one_law(self) -> bool:
         """Whether all bodies move by one law, so that there is nothing between them to ask for."""
         return False

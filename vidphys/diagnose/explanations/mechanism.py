@@ -34,6 +34,7 @@ BY = {
     "pendulum": "as a pendulum",
     "chain": "as two rods that hang end on end",
 }
+CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
 LOSES = {
     "linear": "friction goes with its speed",
     "square": "friction goes with the square of its speed",
@@ -61,6 +62,17 @@ class ByMechanism(Explanation):
     def whole(self) -> Mechanism:
         """The same laws with numbers from all frames, those that were held out among them."""
         return self.mechanism.refitted(self.motion)
+
+    @property
+    def sure(self) -> bool:
+        """Whether it explains all, and no law of other terms is nearly as likely."""
+        rivals = (
+            group.fit.score - other.score
+            for group in self.mechanism.groups
+            for other in group.others
+            if other.kinds != group.fit.kinds
+        )
+        return self.explained and min(rivals, default=np.inf) > CLEAR
 
     @property
     def one_law(self) -> bool:
@@ -118,7 +130,17 @@ class ByMechanism(Explanation):
             )
         for group in self.whole.groups:
             out += self._told(group)
-        return [*out, self._what_is_left()]
+        return [*out, self._what_is_left(), *self._rivals()]
+
+    def _rivals(self) -> list[str]:
+        """Laws that are nearly as likely."""
+        out = []
+        for group in self.mechanism.groups:
+            near = [x for x in group.others if x.score > group.fit.score - CLEAR]
+            kinds = {" and ".join(sorted(x.kinds)) for x in near if x.kinds != group.fit.kinds}
+            if kinds:
+                out.append(f"Nearly as likely: {'; or '.join(sorted(kinds))}. A longer clip tells.")
+        return out
 
     def _told(self, group: Group) -> list[str]:
         fit, law = group.fit, group.fit.model.law

@@ -82,6 +82,10 @@ class ByMenu(Explanation):
         return self.found.explained
 
     @property
+    def sure(self) -> bool:
+        return self.found.sure
+
+    @property
     def fastest(self) -> float:
         return fastest_rate(self.inference)
 

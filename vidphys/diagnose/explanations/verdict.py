@@ -51,7 +51,8 @@ def judge(
     if tail is None or len(tail.times) < 2:
         status = MOSTLY if share >= ALL else NOT
         return Verdict(status, share, left, None, 0.0)
-    near = max(NEAR * spread, NOISE * left)
+    # A flight goes farther while it is foretold than while it was seen.
+    near = max(NEAR * spread, 0.5 * NEAR * tail.errors["persistence"], NOISE * left)
     miss = _averaged(np.sqrt(np.nanmean(((tail.forecasts["model"] - tail.seen) ** 2).sum(-1), -1)))
     lost = np.flatnonzero(miss > near)
     held_out = float(tail.times[-1] - tail.times[0])
@@ -59,9 +60,12 @@ def judge(
     upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
     own, *others = (_rms(path[:upto] - tail.seen[:upto]) for path in tail.forecasts.values())
     better = own < max(min(others), NOISE * left)
+    best = min(error for name, error in tail.errors.items() if name != "model")
+    to_the_end = tail.errors["model"] < max(best, NOISE * left)
+    far = to_the_end and horizon >= LONG * held_out
     if share >= ALL and horizon >= held_out and better:
         status = EXPLAINED
-    elif share >= MOST and horizon >= min(LONG * held_out, SWINGS * period) and better:
+    elif share >= MOST and better and (far or horizon >= SWINGS * period):
         status = MOSTLY
     else:
         status = NOT

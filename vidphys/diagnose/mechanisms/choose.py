@@ -13,10 +13,14 @@ from vidphys.diagnose.mechanisms.law import FRICTIONS
 from vidphys.diagnose.mechanisms.walled import walled
 
 FAR = 100.0  # of log likelihood: a base that is so much worse than the best has no friction tried
-LIKELIER = 3.0  # of log likelihood after its price, by which more numbers must be better
+LIKELIER = (
+    4.0  # of log likelihood after its price, by which a law must be better than a plainer one
+)
+NEARING = (
+    10.0  # of log likelihood after its price, from which a body is believed to near the camera
+)
 VAGUE_RATE = 0.15  # of a stiffness: a standard error from which nothing was seen to swing
 TURNS = 2.5  # radians of a swing that are seen at least
-DRIVEN = 5.0  # standard errors below zero, from which a friction is believed to be a drive
 VAGUE = 0.5  # standard error of a restitution, from which no bounce tells of it
 
 
@@ -38,17 +42,36 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
         found.append(base)
         if base.score > best - FAR:
             found += [x for x in _variants(clips, base, camera) if x is not None]
-    return ranked([x for x in found if _makes_sense(x)])
+    return ranked(_near_surely([x for x in found if _makes_sense(x)]))
+
+
+def _near_surely(fits: Sequence[Fit]) -> list[Fit]:
+    """Without bodies that near the camera where they may as well not: a few frames of a flight
+    are bent by both alike.
+    """
+    steady = max((x.score for x in fits if not x.model.law.nears), default=-np.inf)
+    return [x for x in fits if not x.model.law.nears or x.score > steady + NEARING]
 
 
 def ranked(fits: Sequence[Fit]) -> list[Fit]:
-    """Best first; of two that are nearly as likely, the one with fewer numbers."""
+    """Best first; of those that are nearly as likely, the plainest."""
     ordered = sorted(fits, key=lambda x: -x.score)
     if not ordered:
         return []
     near = [x for x in ordered if x.score > ordered[0].score - LIKELIER]
-    simplest = min(near, key=lambda x: len(x.covariance))
-    return [simplest, *(x for x in ordered if x is not simplest)]
+    plainest = min(near, key=_plain)
+    return [plainest, *(x for x in ordered if x is not plainest)]
+
+
+def _plain(found: Fit) -> tuple[int, int]:
+    """How much a law asks for: its numbers, and a friction that is not the usual one.
+
+    What swings slowly loses by a friction that goes with its speed, what falls through air by one
+    that goes with its square.
+    """
+    law = found.model.law
+    usual = "linear" if law.restoring in ("trap", "pendulum") else "square"
+    return len(found.covariance), int(law.friction not in ("none", usual))
 
 
 def _variants(clips: Sequence[Frames], base: Fit, camera: bool) -> list[Fit | None]:
@@ -104,6 +127,6 @@ def _makes_sense(found: Fit) -> bool:
         elif name.startswith("restitution"):
             if not (0 <= value < 1 + 2 * error and error < VAGUE):
                 return False
-        elif name == "linear" and value < 0 and not (swings and value < -DRIVEN * error):
+        elif name == "linear" and value < -2 * error:  # a drive, which the menu tells of
             return False
     return True

@@ -173,5 +173,8 @@ def _later(
             tried.append((first, groups, max(group.fit.left for group in groups)))
     if not tried:
         return 0, whole
+    # What a hand does at first looks like a body that nears the camera.
+    steady = [x for x in tried if not any(group.fit.model.law.nears for group in x[1])]
+    tried = steady or tried
     least = min(left for _, _, left in tried)
     return next((first, groups) for first, groups, left in tried if left <= NEAR_BEST * least)
