@@ -55,7 +55,7 @@ class DiagnoseConfig(WhoOptions):
         hold_out: share of one long recording, at its end, that nothing is fitted to and the
             forecast is scored on.
         binder: what follows the bodies of a clip: motion, or package.module:name.
-        bodies: that it follows; 1.
+        bodies: that it follows; unless given, as many as move by some law.
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
             shadow rather than a body; 1 keeps every change. Found out unless given.
         start: first frame that is used.
@@ -163,11 +163,15 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
 
     if _is_clip(config.input):
         from vidphys.data.video import ClipSelection
+        from vidphys.diagnose.mechanisms.mechanism import of_lawful_bodies
         from vidphys.diagnose.recordings.clips import follow_clip
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
-        binder = make_binder(config.binder, config.bodies, config.shadow, config)
+        binder = make_binder(config.binder, config.bodies, config.shadow, config, count=True)
         motion, video, notes = follow_clip(config.input, selection, binder)
+        if config.bodies is None and not config.given:
+            motion, left_out = of_lawful_bodies(motion)
+            notes = (*notes, *left_out)
         half = max(video.size) / 2  # pixels of a unit of the motion
         return Loaded(motion, False, notes, "px", half), video.frames
     loaded = read_tracks(config.input, given, config.interval)

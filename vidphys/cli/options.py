@@ -63,9 +63,18 @@ def given_columns(columns: Iterable[str]) -> dict[str, str]:
 
 
 def make_binder(
-    name: str | None, bodies: int | None, shadow: float | None, who: WhoOptions | None = None
+    name: str | None,
+    bodies: int | None,
+    shadow: float | None,
+    who: WhoOptions | None = None,
+    count: bool = False,
 ) -> Binder:
     """The binder of a name, told what was given.
+
+    Args:
+        name: of the binder; the hand-made one where not given.
+        bodies, shadow, who: what it is told.
+        count: let the hand-made one count the bodies, where their number is not given.
 
     Raises:
         InputError: an unknown name, numbers that make no sense, or one that it does not take.
@@ -82,8 +91,9 @@ def make_binder(
     )
     if who is not None and who.given:
         given = given | {"wanted": who.wanted()}
-        if bodies is None and (who.at or who.choose):
-            given = given | {"bodies": None}
+        count = count or bool(who.at or who.choose)
+    if bodies is None and count and name == MOTION:
+        given = given | {"bodies": None}
     for each in given:
         if each not in inspect.signature(factory).parameters:
             told = option(who.given[0]) if who is not None and each == "wanted" else f"--{each}"

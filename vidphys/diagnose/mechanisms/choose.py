@@ -114,10 +114,7 @@ def _usual_speed(base: Fit) -> float:
 
 def _makes_sense(found: Fit) -> bool:
     """Whether its numbers mean what their names say, and are told by what was seen."""
-    swings, lasts = (
-        found.model.law.restoring in ("trap", "pendulum"),
-        max(float(c.times[-1]) for c in found.clips),
-    )
+    lasts = max(float(clip.times[-1]) for clip in found.clips)
     for name, (value, error) in found.numbers.items():
         if name.startswith(("stiffness", "swing")):
             if not (value > 0 and error < VAGUE_RATE * value and value * lasts**2 > TURNS**2):

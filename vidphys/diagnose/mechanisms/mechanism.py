@@ -13,12 +13,13 @@ from vidphys.diagnose.mechanisms.fit import Fit, fit, frames_of
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 MOST_CLIPS, MOST_BODIES = 8, 4
+MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
 GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
 SURELY = 10.0  # standard errors, by which the link between two rods is there
 MOST_FRAMES = 1500
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
-LATER = (0.08, 0.16, 0.25, 0.35, 0.5)  # of the frames: where a law is tried to hold from
+LATER = (0.1, 0.2, 0.35, 0.5)  # of the frames: where a law is tried to hold from
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,40 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
     if groups[0].fit.model.law.restoring == "chain":
         begin = motion.times[0, 0] + np.array([clip.begin for clip in groups[0].fit.clips])
     return Mechanism(groups, first * stride, begin)
+
+
+def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
+    """The motion of bodies that a law moves, where there are such beside others; else of all.
+
+    A hand, a shadow or a face is followed as well as a ball, but moves by no law.
+
+    Args:
+        motion: of what was followed in a clip.
+
+    Returns:
+        The motion, and what a person should know of those that were left out.
+    """
+    if motion.bodies == 1:
+        return motion, ()
+    found = []
+    for body in range(min(motion.bodies, MOST_TRIED)):
+        alone = _of(motion, [body])
+        first, last = alone.shown()
+        if last - first >= LEAST_FRAMES:
+            laws = _groups(thinned(alone.cut(first, last)), angles=False, camera=True)
+            if laws is not None and all(map(_holds, laws)):
+                found.append(body)
+    if len(found) == motion.bodies or (not found and motion.bodies == 2):
+        return motion, ()  # of two that no law moves alone, each may move the other
+    found = found or [0]  # the binder's likeliest
+    said = (
+        f"{motion.bodies} things move; {len(found)} of them are looked at, as bodies of the scene"
+    )
+    return _of(motion, found), (said,)
+
+
+def _of(motion: Motion, bodies: list[int]) -> Motion:
+    return replace(motion, positions=motion.positions[:, :, bodies], mass=motion.mass[:, bodies])
 
 
 def thinned(motion: Motion) -> Motion:

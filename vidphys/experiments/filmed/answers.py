@@ -12,6 +12,7 @@ import numpy as np
 
 from binders.motion import MotionBinder
 from vidphys.data.video import ClipSelection
+from vidphys.diagnose.mechanisms.mechanism import of_lawful_bodies
 from vidphys.diagnose.recordings.clips import follow_clip
 from vidphys.diagnose.telling.answers import answer
 from vidphys.statistics import NORMAL_95
@@ -68,7 +69,8 @@ def ask(clip: Path, size: tuple[int, int]) -> Answer:
     began = time.perf_counter()
     track = np.full((0, 1, 2), np.nan)
     try:
-        motion, _, _ = follow_clip(clip, ClipSelection(), MotionBinder())
+        motion, _, _ = follow_clip(clip, ClipSelection(), MotionBinder(bodies=None))
+        motion, _ = of_lawful_bodies(motion)
         track = pixels_of(motion.positions[0], size)
         found = answer(motion, False, HELD_OUT, camera=True)
     except ValueError as error:
