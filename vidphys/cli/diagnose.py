@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from vidphys.diagnose.recordings.tables import Loaded
+    from vidphys.diagnose.recordings.units import Units
     from vidphys.diagnose.telling.answers import Answered
     from vidphys.points.point import Point
     from vidphys.runs.folder import RunFolder
@@ -61,6 +62,10 @@ class DiagnoseConfig(WhoOptions):
         start: first frame that is used.
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
+        scale: a length that is known in a clip's picture, and the pixels between which it lies
+            ("0.30 m = 10,200 310,200"): numbers are told in its unit.
+        gravity: m/s² of what hangs or falls freely (9.81): such a body is a ruler, and numbers are
+            told in metres.
         trade: what `vidphys trade` has measured, its run folder or profile: which integrator and
             which encoder suffice is chosen from it.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
@@ -82,6 +87,8 @@ class DiagnoseConfig(WhoOptions):
     start: int = 0
     stop: int | None = None
     rate: float | None = None
+    scale: str | None = None
+    gravity: float | None = None
     trade: Path | None = None
     profile: Path | None = None
     overwrite: bool = False
@@ -98,6 +105,10 @@ def diagnose(config: DiagnoseConfig) -> None:
     """
     if not 0 <= config.hold_out < 1:
         raise InputError(f"--hold-out {config.hold_out}: must be at least 0 and below 1")
+    if config.gravity is not None and not config.gravity > 0:
+        raise InputError(f"--gravity {config.gravity}: must be above 0")
+    if config.scale is not None:
+        _units(config, 1.0)
     given = given_columns(config.columns)
     _check(config)
     config = with_profile(config, "diagnose")
@@ -112,7 +123,12 @@ def diagnose(config: DiagnoseConfig) -> None:
         try:
             angles = loaded.angles or config.angles
             found = answer(
-                loaded.motion, angles, config.hold_out, points, frames is not None, loaded.units
+                loaded.motion,
+                angles,
+                config.hold_out,
+                points,
+                frames is not None,
+                replace(loaded.units, gravity=config.gravity),
             )
         except ValueError as error:
             run.abandon()
@@ -149,7 +165,7 @@ def _check(config: DiagnoseConfig) -> None:
         if told != (None, None, None) or config.given:
             make_binder(*told, config)
     else:
-        names = (*config.given, "binder", "bodies", "shadow", "rate", "video")
+        names = (*config.given, "binder", "bodies", "shadow", "rate", "scale", "video")
         refuse(config, names, f"{config.input} is not a clip")
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
@@ -172,14 +188,26 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
         if config.bodies is None and not config.given:
             motion, left_out = of_lawful_bodies(motion)
             notes = (*notes, *left_out)
-        half = max(video.size) / 2  # pixels of a unit of the motion
-        return Loaded(motion, False, notes, "px", half), video.frames
+        units = _units(config, max(video.size) / 2)  # pixels of a unit of the motion
+        return Loaded(motion, False, notes, units.name, units.per), video.frames
     loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
     return replace(loaded, motion=motion), None
+
+
+def _units(config: DiagnoseConfig, half: float) -> Units:
+    """In which lengths of a clip are told."""
+    from vidphys.diagnose.recordings.units import Units, scale_of
+
+    if config.scale is None:
+        return Units("px", half)
+    try:
+        return scale_of(config.scale, half)
+    except ValueError as error:
+        raise InputError(f"--scale {config.scale}: {error}") from error
 
 
 def _is_clip(path: Path) -> bool:

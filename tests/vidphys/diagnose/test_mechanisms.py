@@ -14,6 +14,7 @@ from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.recordings.units import Units, scale_of
 from vidphys.diagnose.telling.answers import answer
 from vidphys.stress.flights import Wall
 
@@ -290,3 +291,28 @@ def test_two_rods_that_hang_end_on_end_give_their_law_and_the_first_seconds_ahea
     fitted = find_mechanism(motion.cut(0, 210), angles=True).groups[0].fit.numbers
     for name, true in (("link", link), ("inertia", inertia), ("swing 1", 24.5), ("swing 2", 6.13)):
         assert fitted[name][0] == pytest.approx(true, rel=0.03)
+
+
+# units
+
+
+def test_a_known_length_or_gravity_gives_metres():
+    angles = swing(19.62, 0.1, 0.9, 240)
+    motion = noisy(hung(angles, 0.6), 0.002)  # half sides of a picture of 640 pixels
+    pixels = answer(motion, False, 0.3, camera=True, units=Units("px", 320.0))
+    length = pixels.data["mechanism"][0]["quantities"]["length"]
+    assert length["value"] == pytest.approx(192, rel=0.02) and length["unit"] == "px"
+    for units in (replace(Units("px", 320.0), gravity=9.81), scale_of("50 cm = 0,0 192,0", 320.0)):
+        told = answer(motion, False, 0.3, camera=True, units=units)
+        held = told.data["mechanism"][0]["quantities"]["length"]
+        metres = held["value"] * {"m": 1.0, "cm": 0.01}[held["unit"]]
+        assert metres == pytest.approx(0.5, rel=0.02)
+        assert f" {held['unit']} (95 %)" in "\n".join(told.lines)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "0.3 = 1,2 3,4", "0.3 m = 1,2", "0.3 m = 1,2 1,2", "0 m = 0,0 1,1"]
+)
+def test_a_scale_that_says_no_length_is_refused(text):
+    with pytest.raises(ValueError, match=r"write LENGTH UNIT|must be above 0"):
+        scale_of(text, 1.0)

@@ -74,6 +74,20 @@ class ByMechanism(Explanation):
         )
         return self.explained and min(rivals, default=np.inf) > CLEAR
 
+    @cached_property
+    def told_in(self) -> Units:
+        """The units; metres where gravity is known and something hangs or falls."""
+        gravity = self.units.gravity
+        if gravity is None:
+            return self.units
+        for group in self.whole.groups:
+            known = {x.name: x.value for x in quantities(group.fit)}
+            if "length" in known and "rate" in known:
+                return Units("m", gravity / known["rate"] ** 2 / known["length"])
+            if "acceleration" in known:
+                return Units("m", gravity / known["acceleration"])
+        return self.units
+
     @property
     def one_law(self) -> bool:
         return len(self.mechanism.groups) == 1
@@ -160,8 +174,8 @@ class ByMechanism(Explanation):
         return out
 
     def _number(self, x: Quantity) -> str:
-        value, error = (self.units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
-        unit = self.units.named(x.length, x.seconds)
+        value, error = (self.told_in.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
+        unit = self.told_in.named(x.length, x.seconds)
         return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %)"
 
     def _ruler(self, fit: Fit) -> list[str]:
@@ -170,14 +184,13 @@ class ByMechanism(Explanation):
         if "rate" in known and fit.model.law.restoring == "pendulum":
             metres = GRAVITY / known["rate"] ** 2
             length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
-            if "length" in known and self.units.name != "m":
-                told = self.units.told(known["length"], 1)
-                return [
-                    f"{length} (a plain pendulum), and 1 m is {told / metres:.4g} {self.units.name}"
-                ]
+            if "length" in known and self.told_in.name != "m":
+                told = self.told_in.told(known["length"], 1)
+                long = f"{told / metres:.4g} {self.told_in.name}"
+                return [f"{length} (a plain pendulum), and 1 m is {long}"]
             return [f"{length} (a plain pendulum)"]
-        if "acceleration" in known and self.units.name == "px":
-            told = self.units.told(known["acceleration"], 1)
+        if "acceleration" in known and self.told_in.name == "px":
+            told = self.told_in.told(known["acceleration"], 1)
             return [f"if it falls at {GRAVITY} m/s², 1 m is {told / GRAVITY:.4g} px"]
         return []
 
@@ -185,9 +198,9 @@ class ByMechanism(Explanation):
         found = self.mechanism
         errors = [group.fit.errors for group in found.groups]
         worst = max(errors, key=lambda e: e.total)
-        left = self.units.told(found.left, 1)
+        left = self.told_in.told(found.left, 1)
         text = f"This explains {100 * found.share:.4g} % of the motion; what is left is {left:.2g}"
-        text += f" {self.units.name}" if self.units.name else ""
+        text += f" {self.told_in.name}" if self.told_in.name else ""
         if worst.smooth > worst.white:
             return text + (
                 f", and lasts for {worst.memory:.2g} s, as a lens, perspective or a tracker's slow "
@@ -208,15 +221,15 @@ class ByMechanism(Explanation):
             "walls": len(fit.model.law.walls),
             "quantities": {
                 x.name: {
-                    "value": self.units.told(x.value, x.length),
-                    "standard_error": self.units.told(x.error, x.length),
-                    "unit": self.units.named(x.length, x.seconds),
+                    "value": self.told_in.told(x.value, x.length),
+                    "standard_error": self.told_in.told(x.error, x.length),
+                    "unit": self.told_in.named(x.length, x.seconds),
                 }
                 for x in quantities(fit)
             },
             "errors": {
-                "white": self.units.told(fit.errors.white, 1),
-                "smooth": self.units.told(fit.errors.smooth, 1),
+                "white": self.told_in.told(fit.errors.white, 1),
+                "smooth": self.told_in.told(fit.errors.smooth, 1),
                 "memory_seconds": fit.errors.memory,
             },
             "log_likelihood": fit.log_likelihood,
@@ -231,7 +244,7 @@ class ByMechanism(Explanation):
         }
         if isinstance(chart, Arc):
             pivot = chart.pivot(fit.geometry[0])
-            held["pivot"] = [self.units.told(float(x), 1) for x in pivot]
+            held["pivot"] = [self.told_in.told(float(x), 1) for x in pivot]
         return held
 
     def numbers(self) -> dict[str, float]:

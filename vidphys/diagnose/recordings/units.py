@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
+NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?"
+SCALE = re.compile(
+    rf"\s*({NUMBER})\s*([a-zµ]+)\s*=\s*({NUMBER}),({NUMBER})\s+({NUMBER}),({NUMBER})\s*", re.I
+)
 GRAVITY = 9.81  # m/s^2, at the ground
 
 
@@ -14,10 +19,13 @@ class Units:
     Args:
         name: of it, or empty.
         per: of it in one unit of the positions.
+        gravity: m/s^2, of what hangs or falls freely in the recording, where it is known: then
+            such a body tells how long a metre is.
     """
 
     name: str = ""
     per: float = 1.0
+    gravity: float | None = None
 
     def told(self, value: float, length: int) -> float:
         """A number that goes with a power of length."""
@@ -34,3 +42,23 @@ class Units:
         if not over:
             return above
         return f"{above or '1'}/{'/'.join(over)}"
+
+
+def scale_of(text: str, half: float) -> Units:
+    """Units from a length that is known in the picture, such as ``0.30 m = 10,200 310,200``.
+
+    Args:
+        text: the length, its unit, and the two pixels (column, row) that it lies between.
+        half: pixels of one unit of the positions.
+
+    Raises:
+        ValueError: it says something else, or its pixels are one.
+    """
+    found = SCALE.fullmatch(text)
+    if found is None:
+        raise ValueError("write LENGTH UNIT = X1,Y1 X2,Y2, for example 0.30 m = 10,200 310,200")
+    x1, y1, x2, y2 = (float(x) for x in found.groups()[2:])
+    pixels, length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5, float(found.group(1))
+    if not (pixels > 0 and length > 0):
+        raise ValueError("the length and the way between its two pixels must be above 0")
+    return Units(found.group(2), length / pixels * half)
