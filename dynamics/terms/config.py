@@ -22,7 +22,7 @@ def to_config(term: Term) -> dict[str, Any]:
         >>> spring = terms.Hamiltonian(potentials=(terms.Trap(2.0),))
         >>> held = terms.to_config(spring)
         >>> held["potentials"]
-        [{'term': 'trap', 'stiffness': 2.0}]
+        [{'term': 'trap', 'stiffness': 2.0, 'centre': None, 'learned': False}]
         >>> terms.from_config(held) == spring
         True
     """

@@ -5,7 +5,7 @@
 | encoder | rung edges/screened | --encoder edges | --encoder edges | reads none  | a row  |
 | term    | in the head         | in the head     | has no dynamics | its menu*   | a row  |
 | scene   | --scene             | its clips       | its clips       | its tracks  | a row  |
-| format  | reads no files      | .stack, .trk    | .stack          | .trk        | none*  |
+| format  | reads no files      | .stack, .marks  | .stack          | .marks      | none*  |
 
 `diagnose` weighs the terms of its menu; a specification may name any, and `fit` trains it. The
 matrix of `stress` has no file to ask a format about; ``check_format`` asks it here.
@@ -49,7 +49,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def strange(rendered: Path) -> Path:
-    """The same clips in the foreign formats: frames in a .stack, places in a .trk beside it."""
+    """The same clips in the foreign formats: frames in a .stack, places in a .marks beside it."""
     folder = rendered.parent / "strange"
     folder.mkdir()
     for clip in sorted((rendered / "clips").glob("*.avi")):
@@ -57,7 +57,7 @@ def strange(rendered: Path) -> Path:
         with (folder / f"{clip.stem}.stack").open("wb") as file:
             np.savez(file, frames=video.frames, rate=1 / video.interval)
         rows = np.loadtxt(clip.with_suffix(".csv"), delimiter=",", skiprows=1)
-        write_trk(folder / f"{clip.stem}.trk", rows[:, 1:].reshape(len(rows), 2, 2), rows[1, 0])
+        write_trk(folder / f"{clip.stem}.marks", rows[:, 1:].reshape(len(rows), 2, 2), rows[1, 0])
     return folder
 
 
@@ -79,7 +79,7 @@ def test_all_parts_pass_their_checkers(strange: Path) -> None:
     check_term(HEADS["screened"].potentials[0])
     check_head(HEADS["screened"], exchangeable=True)
     check_scene("screened-pair")
-    check_format("trk", strange / "00000.trk")
+    check_format("trk", strange / "00000.marks")
     check_format("stack", strange / "00000.stack")
 
 
@@ -161,9 +161,9 @@ def test_diagnose(strange: Path, tmp_path: Path) -> None:
 
     start, params = scene.sample(1, torch.Generator().manual_seed(0))
     states = scene.simulate(start, params, 2000, 20).states
-    write_trk(tmp_path / "long.trk", states.q[0].numpy(), 20 * scene.dt)
+    write_trk(tmp_path / "long.marks", states.q[0].numpy(), 20 * scene.dt)
     run = tmp_path / "run"
-    assert main(["diagnose", str(tmp_path / "long.trk"), "--out", str(run), "--quiet"]) == 0
+    assert main(["diagnose", str(tmp_path / "long.marks"), "--out", str(run), "--quiet"]) == 0
     assert settings(run)["sources"] == {"format trk": SOURCE}
     assert (run / "diagnosis.json").is_file()
 

@@ -19,7 +19,7 @@ def read_trk(path: Path, columns: Mapping[str, str], interval: float | None) -> 
         positions = np.array(places, float)[None] * scale
         rate = float(head["rate"])
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"not a .trk file ({error!r})") from error
+        raise ValueError(f"not a .marks file ({error!r})") from error
     times = np.arange(len(rows))[None] / rate
     unit = "pixels" if head["unit"] == "px" else "world"
     return Recording(positions, times, unit, notes=(f"trk in {head['unit']}",))
@@ -35,5 +35,5 @@ def read_stack(path: Path) -> tuple[float, int, Frames]:
     return rate, len(frames), ((frame, k / rate) for k, frame in enumerate(frames))
 
 
-TRK = TrackFormat((".trk",), read_trk)
+TRK = TrackFormat((".marks",), read_trk)
 STACK = ClipFormat((".stack",), read_stack)

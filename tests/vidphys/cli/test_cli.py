@@ -71,9 +71,9 @@ def test_wrong_input_is_one_line_and_leaves_nothing(arguments, words, capsys, tm
 
 
 def test_arguments_are_said_as_the_verb_s_options():
-    text = "`run`: holds another; give `no_friction`, or `bodies` by `vidphys render`"
+    text = "`run`: holds another; give `beyond`, or `bodies` by `vidphys render`"
     said = in_options(text, RolloutConfig)
-    assert said == "run: holds another; give --no-friction, or `bodies` by `vidphys render`"
+    assert said == "run: holds another; give --beyond, or `bodies` by `vidphys render`"
 
 
 def test_doctor_tells_versions(capsys):

@@ -1,5 +1,7 @@
 """The road goes on: what a specification names is fitted, rolled, changed, looked at and filmed."""
 
+import json
+
 import cv2
 import numpy as np
 import pyarrow.parquet as pq

@@ -473,10 +473,10 @@ class TestWrongInput:
             ("a,b\n1,2\n", "no coordinates among the columns a, b"),
             (
                 table.replace("u1,v1", "u1,v1,time"),
-                "not a table (CSV parse error: Expected 3 columns, got 2",
+                "2 numbers in a row, but 3 names: u1, v1, time",
             ),
             ("u1,v1,u2,v2\n" + "1,2,3,4\n" * FRAMES, "number of bodies 2, but clip0.avi has 1"),
-            ("u1,v1\n" + ",\n" * FRAMES, "body 1 is seen in no frame"),
+            ("u1,v1\n" + ",\n" * FRAMES, "no rows of numbers"),
         ):
             (folder / "clip1.csv").write_text(text)
             self._refused(folder, capsys, words)

@@ -42,11 +42,15 @@ ASKED: dict[str, terms.Term] = {
     "trap": terms.Trap(2.0),
     "shortcut": terms.Shortcut((terms.Radial(width=8),)),
     "walled": terms.Walled(terms.Hamiltonian(), 5.0, 0.5, (1.0, 0.0)),
+    "pendulum": terms.Pendulum(4.0),
+    "well": terms.Well(4.0, 0.3, 0.5, -0.2),
 }
 REFUSED = ("state-dependent-bath",)  # says why it cannot be built
 DISKS = "hard-disks"  # may not overlap, as the bodies of the other checks do
 IMPULSES = ("free-impulse", "restitution")  # act at once where bodies meet
-SPECIAL = (*JOINTS, *REFUSED, DISKS)
+# of places on a curve, where states of other checks are not; see tests/dynamics/test_bound.py
+BOUND = ("on-line", "on-arc", "on-curve", "on-chain", "links", "spring", "each")
+SPECIAL = (*JOINTS, *REFUSED, DISKS, *BOUND)
 
 
 @pytest.mark.parametrize("name", [name for name in terms.TERMS if name not in SPECIAL])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,12 +62,10 @@ class Law:
     coupled: bool = False
     walls: tuple[Wall, ...] = ()
     nears: bool = False
-    names: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(self._names()))
-
-    def _names(self) -> list[str]:
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of its numbers, in the order in which a fit has them."""
         k = self.coordinates
         each = [f" {i + 1}" for i in range(k)] if self.apart and k > 1 else [""]
         names = []
@@ -87,7 +86,7 @@ class Law:
             names += [f"wall {number}", f"restitution {number}"]
             names += [f"along {number}"] if len(wall.normal) > 1 else []
             names += [f"turn {number}"] if wall.turns else []
-        return names
+        return tuple(names)
 
     @property
     def frictions(self) -> tuple[str, ...]:

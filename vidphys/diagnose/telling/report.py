@@ -86,7 +86,7 @@ def as_data(
         "refused": found.refused,
         "status": _status(explanation),
         "explained": explanation is not None and explanation.explained,
-        "sure": explanation is not None and explanation.sure,
+        "sure": explanation is not None and bool(explanation.sure),
         "terms": explanation.kinds if explanation is not None else [],
         "mass": found.motion.mass[0].tolist(),
         "parts": [_part(part, found.motion.interval) for part in found.inferences],
