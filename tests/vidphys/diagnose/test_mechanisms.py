@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dynamics import from_config, terms
-from vidphys.diagnose.mechanisms.fit import Errors, frames_of
+from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
-from vidphys.diagnose.mechanisms.measurement import Covariance, likeliest_errors
+from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, likeliest_errors
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities

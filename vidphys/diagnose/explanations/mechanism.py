@@ -13,7 +13,7 @@ from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, b
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict, judge
 from vidphys.diagnose.mechanisms.charts import Arc, Plane
-from vidphys.diagnose.mechanisms.fit import Fit, shown
+from vidphys.diagnose.mechanisms.fitted import Fit, shown
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
 from vidphys.diagnose.recordings.motion import Motion

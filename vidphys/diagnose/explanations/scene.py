@@ -11,7 +11,7 @@ from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line
-from vidphys.diagnose.mechanisms.fit import Fit
+from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
 from vidphys.diagnose.recordings.units import GRAVITY
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle
-from vidphys.diagnose.mechanisms.fit import Fit, Frames, Model, fit, frames_of
+from vidphys.diagnose.mechanisms.fit import fit
+from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.guesses import local
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion

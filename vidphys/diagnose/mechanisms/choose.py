@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.fit import Fit, Frames, Model, fit, race
+from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import FRICTIONS
 from vidphys.diagnose.mechanisms.walled import walled

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.fit import Fit, Frames, Model, race
+from vidphys.diagnose.mechanisms.fit import race
+from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
 
 CLEARLY = 20.0  # of log likelihood after its price, by which one law must beat a law for each

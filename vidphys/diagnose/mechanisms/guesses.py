@@ -9,7 +9,8 @@ import numpy as np
 from scipy.signal import lombscargle
 
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Line, Plane
-from vidphys.diagnose.mechanisms.fit import Frames, Model
+from vidphys.diagnose.mechanisms.fitted import Model
+from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
 
 HALVES = (2, 4, 8, 14)  # frames on each side of a local polynomial

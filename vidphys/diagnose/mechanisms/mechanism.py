@@ -9,7 +9,9 @@ import numpy as np
 from vidphys.diagnose.mechanisms.chain import chained
 from vidphys.diagnose.mechanisms.choose import fits_of
 from vidphys.diagnose.mechanisms.coupled import coupled
-from vidphys.diagnose.mechanisms.fit import Fit, fit, frames_of
+from vidphys.diagnose.mechanisms.fit import fit
+from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 MOST_CLIPS, MOST_BODIES = 8, 4

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Arc
-from vidphys.diagnose.mechanisms.fit import Fit
+from vidphys.diagnose.mechanisms.fitted import Fit
 
 NUDGE = 1e-5
 

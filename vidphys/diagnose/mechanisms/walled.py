@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.fit import Frames, Model
+from vidphys.diagnose.mechanisms.fitted import Model
+from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Guess
 from vidphys.diagnose.mechanisms.impacts import Struck, seen_as, walls_of
 from vidphys.diagnose.mechanisms.law import Wall

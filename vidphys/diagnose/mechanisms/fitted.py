@@ -1,0 +1,156 @@
+"""A law with its charts, what it misses of a recording, and how well its numbers are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.charts import Chart
+from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.measurement import Errors
+
+
+@dataclass(frozen=True)
+class Model:
+    """A law and how its coordinates show: those of the first body first."""
+
+    law: Law
+    charts: tuple[Chart, ...]
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Coordinates of each body."""
+        ends = np.cumsum([chart.size for chart in self.charts])
+        return [slice(int(e) - c.size, int(e)) for e, c in zip(ends, self.charts, strict=True)]
+
+    def split(self, values: np.ndarray, clips: int) -> tuple[np.ndarray, np.ndarray]:
+        """The law's numbers, and the starts ``(clips, 2, k)``."""
+        count = len(self.law.names)
+        return values[:count], values[count:].reshape(clips, 2, self.law.coordinates)
+
+    def coordinates(self, values: np.ndarray, clips: Sequence[Frames]) -> list[np.ndarray]:
+        """Coordinates and rates of every frame of each clip, ``(t, 2, k)``."""
+        numbers, starts = self.split(values, len(clips))
+        return [
+            self.law.roll(numbers, start, clip.times)
+            for start, clip in zip(starts, clips, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A law fitted to a recording.
+
+    Args:
+        model: law and charts.
+        values: the law's numbers, then the starts.
+        geometry: numbers of each body's chart.
+        covariance: of the values and then the geometry.
+        errors: sizes of what the law misses.
+        log_likelihood: of the recording.
+        clips: what it was fitted to.
+        residuals: of each clip, of each body, ``(f, d)``.
+    """
+
+    model: Model
+    values: np.ndarray
+    geometry: tuple[np.ndarray, ...]
+    covariance: np.ndarray
+    errors: Errors
+    log_likelihood: float
+    clips: tuple[Frames, ...]
+    residuals: tuple[np.ndarray, ...]
+
+    @property
+    def count(self) -> int:
+        """Recorded coordinates."""
+        return sum(r.size for r in self.residuals)
+
+    @property
+    def score(self) -> float:
+        """Log likelihood less Schwarz's price of every number."""
+        return self.log_likelihood - 0.5 * np.log(self.count) * len(self.covariance)
+
+    @property
+    def left(self) -> float:
+        """Root mean square distance that the fit leaves, unit of the positions."""
+        return _rms(self.residuals)
+
+    @property
+    def spread(self) -> float:
+        """Root mean square distance of the bodies from their means."""
+        places = [s.places - s.places.mean(0) for clip in self.clips for s in clip.stretches]
+        return _rms(places)
+
+    @property
+    def numbers(self) -> dict[str, tuple[float, float]]:
+        """The law's numbers with their standard errors."""
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0))
+        names = self.model.law.names
+        return {name: (float(self.values[i]), float(errors[i])) for i, name in enumerate(names)}
+
+    @property
+    def driven(self) -> bool:
+        """Whether its friction adds energy."""
+        return "linear" in self.model.law.frictions and self.numbers["linear"][0] < 0
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Of the law's terms; a friction that adds energy is a drive."""
+        kinds = self.model.law.kinds
+        return kinds - {"linear"} | {"drive"} if self.driven else kinds
+
+    def path(self, times: np.ndarray, clip: int = -1) -> np.ndarray:
+        """Places ``(t, n, d)`` at increasing seconds since the clip's first frame."""
+        numbers, starts = self.model.split(self.values, len(self.clips))
+        since = np.concatenate([[0.0], times]) if times[0] > 0 else times
+        rolled = self.model.law.roll(numbers, starts[clip], since)[-len(times) :, 0]
+        return shown(self.model, rolled, self.geometry)
+
+
+def shown(model: Model, s: np.ndarray, geometry: Sequence[np.ndarray]) -> np.ndarray:
+    """Places ``(t, n, d)`` of coordinates ``(t, k)``."""
+    each = zip(model.charts, model.slices, geometry, strict=True)
+    return np.stack([chart.shown(s[:, part], numbers) for chart, part, numbers in each], 1)
+
+
+def _rms(parts: Sequence[np.ndarray]) -> float:
+    total = sum(float((x**2).sum()) for x in parts)
+    return float(np.sqrt(total / max(sum(len(x) for x in parts), 1)))
+
+
+def residuals_of(
+    clips: Sequence[Frames], model: Model, values: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Residuals of each clip and body ``(f, d)`` and each body's geometry, at its best."""
+    rolled = [x[:, 0] for x in model.coordinates(values, clips)]
+    geometry = [
+        _geometry(clips, rolled, chart, part, body)
+        for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True))
+    ]
+    out = []
+    for clip, s in zip(clips, rolled, strict=True):
+        for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True)):
+            told = chart.shown(s[clip.seen[body], part], geometry[body])
+            out.append(clip.stretches[body].places - told)
+    return out, geometry
+
+
+def _geometry(
+    clips: Sequence[Frames], rolled: Sequence[np.ndarray], chart: Chart, part: slice, body: int
+) -> np.ndarray:
+    """The numbers of a chart by least squares, given the coordinates."""
+    s = np.concatenate([x[c.seen[body], part] for x, c in zip(rolled, clips, strict=True)])
+    columns = chart.columns(s)
+    if columns.shape[-1] == 0 or not np.isfinite(columns).all():
+        return np.zeros(columns.shape[-1])
+    places = np.concatenate([c.stretches[body].places for c in clips])
+    trust = np.concatenate([c.stretches[body].trust for c in clips])
+    weight = np.sqrt(trust)[:, None]
+    rest = (places - chart.fixed(s)) * weight
+    design = (columns * weight[..., None]).reshape(-1, columns.shape[-1])
+    return np.linalg.lstsq(design, rest.ravel(), rcond=None)[0]

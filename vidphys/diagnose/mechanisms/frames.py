@@ -1,0 +1,65 @@
+"""What was seen in the clips of a recording, body by body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.impacts import Impact, find_impacts
+from vidphys.diagnose.mechanisms.measurement import Stretch
+from vidphys.diagnose.recordings.motion import Motion
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What was seen in one clip.
+
+    Args:
+        times: of all frames, seconds from the clip's first, ``(t,)``.
+        seen: frames in which each body was seen, of each body ``(f,)``.
+        stretches: of each body, at those frames.
+        begin: seconds from the recording's first frame to the first of these.
+    """
+
+    times: np.ndarray
+    seen: tuple[np.ndarray, ...]
+    stretches: tuple[Stretch, ...]
+    begin: float = 0.0
+
+    @cached_property
+    def impacts(self) -> list[Impact]:
+        """Of the first body."""
+        return find_impacts(self.stretches[0].times, self.stretches[0].places)
+
+    def upto(self, count: int) -> Frames:
+        """The first frames."""
+        few = [int((seen < count).sum()) for seen in self.seen]
+        return Frames(
+            self.times[:count],
+            tuple(seen[:n] for seen, n in zip(self.seen, few, strict=True)),
+            tuple(x.upto(n) for x, n in zip(self.stretches, few, strict=True)),
+        )
+
+
+def frames_of(motion: Motion, bodies: Sequence[int] | None = None) -> list[Frames]:
+    """The frames of each clip in which bodies were seen, all bodies if none are named."""
+    chosen = range(motion.bodies) if bodies is None else bodies
+    clips = []
+    for path, seen, times in zip(motion.positions, motion.seen, motion.times, strict=True):
+        at = [np.flatnonzero(seen[:, body]) for body in chosen]
+        since = times - times[0]
+        stretches = tuple(
+            Stretch(since[i], path[i, body], np.ones(len(i)))
+            for i, body in zip(at, chosen, strict=True)
+        )
+        clips.append(Frames(since, tuple(at), stretches))
+    return clips
+
+
+def spread_of(clips: Sequence[Frames]) -> float:
+    """Size of the motion, unit of the positions."""
+    parts = [s.places.var(0).sum() for clip in clips for s in clip.stretches if len(s.places)]
+    return max(float(np.sqrt(np.mean(parts))), np.finfo(float).tiny)

@@ -1,0 +1,116 @@
+"""The last steps of a fit, under the covariance that its own residuals tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
+from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.measurement import (
+    Covariance,
+    Stretch,
+    likeliest_errors,
+    trusted,
+)
+from vidphys.diagnose.weak.regression import gram_inverse
+
+NUDGE = 1e-6  # over the size of a number, for derivatives
+SWEEPS = 2  # of Gauss and Newton
+
+
+def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: float) -> Fit | None:
+    """Gauss and Newton's steps under the covariance of the errors, which the residuals tell."""
+    residuals, geometry = residuals_of(clips, model, values)
+    if not all(np.isfinite(r).all() for r in residuals):
+        return None
+    stretches = trusted([s for c in clips for s in c.stretches], residuals)
+    clips = _retrusted(clips, stretches)
+    joint = np.concatenate([values, *geometry])
+    least = 1e-9 * scale
+    errors, likely = likeliest_errors(stretches, residuals, least)
+    covariance = np.eye(len(joint))
+    for _ in range(SWEEPS):
+        slope = _slopes(clips, model, joint, scale)
+        if not all(np.isfinite(x).all() for x in slope):
+            return None
+        residuals = _missed(clips, model, joint)
+        gram, moment = np.zeros((len(joint),) * 2), np.zeros(len(joint))
+        for stretch, j, r in zip(stretches, slope, residuals, strict=True):
+            inverse = Covariance(stretch.times, stretch.trust, errors)
+            for axis in range(r.shape[1]):
+                solved = inverse.solve(np.concatenate([j[:, axis], r[:, axis, None]], 1))
+                gram += j[:, axis].T @ solved[:, :-1]
+                moment += j[:, axis].T @ solved[:, -1]
+        covariance = gram_inverse(gram)
+        step, before = covariance @ moment, likely
+        for shrink in (1.0, 0.25, 0.05):
+            trial = joint + shrink * step
+            missed = _missed(clips, model, trial)
+            if not all(np.isfinite(r).all() for r in missed):
+                continue
+            found = likeliest_errors(stretches, missed, least)
+            if found[1] >= likely:
+                joint, (errors, likely), residuals = trial, found, missed
+                break
+        if likely - before < 0.01:
+            break
+    count = len(values)
+    ends = np.cumsum([count, *(len(g) for g in geometry)])
+    parts = [joint[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return Fit(
+        model,
+        joint[:count],
+        tuple(parts),
+        covariance,
+        errors,
+        likely,
+        tuple(clips),
+        tuple(residuals),
+    )
+
+
+def _retrusted(clips: Sequence[Frames], stretches: Sequence[Stretch]) -> list[Frames]:
+    each = iter(stretches)
+    return [replace(clip, stretches=tuple(next(each) for _ in clip.stretches)) for clip in clips]
+
+
+def _missed(clips: Sequence[Frames], model: Model, joint: np.ndarray) -> list[np.ndarray]:
+    """Residuals with the geometry as given, not at its best."""
+    count = len(model.law.names) + 2 * model.law.coordinates * len(clips)
+    rolled, at, out = model.coordinates(joint[:count], clips), count, []
+    geometry = []
+    for chart, part in zip(model.charts, model.slices, strict=True):
+        size = chart.columns(rolled[0][:1, 0, part]).shape[-1]
+        geometry.append(joint[at : at + size])
+        at += size
+    for clip, s in zip(clips, rolled, strict=True):
+        for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True)):
+            told = chart.shown(s[clip.seen[body], 0, part], geometry[body])
+            out.append(clip.stretches[body].places - told)
+    return out
+
+
+def _slopes(
+    clips: Sequence[Frames], model: Model, joint: np.ndarray, scale: float
+) -> list[np.ndarray]:
+    """Derivatives of the told places by every number, of each residual ``(f, d, p)``."""
+    columns: list[list[np.ndarray]] = []
+    for i, value in enumerate(joint):
+        nudge = NUDGE * max(abs(float(value)), 1e-3 * _size(model, i, scale))
+        up, down = joint.copy(), joint.copy()
+        up[i] += nudge
+        down[i] -= nudge
+        pairs = zip(_missed(clips, model, up), _missed(clips, model, down), strict=True)
+        columns.append([(low - high) / (2 * nudge) for high, low in pairs])
+    return [np.stack([c[k] for c in columns], -1) for k in range(len(columns[0]))]
+
+
+def _size(model: Model, number: int, scale: float) -> float:
+    """A usual size of a number that may be zero, roughly."""
+    names = model.law.names
+    if number >= len(names) or names[number].startswith(("force", "wall")):
+        return scale if not any(c.name in ("arc", "angle") for c in model.charts) else 1.0
+    return 1.0
