@@ -17,6 +17,7 @@ from vidphys.diagnose.recordings.units import Units
 
 Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
 FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
+ODD = {"drive", "bath", "well"}
 RANK = (NOT, MOSTLY, EXPLAINED)
 NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the menu is not asked
 CLEARLY = 0.7  # of the laws' error in the frames held out, to which the menu must bring it
@@ -97,6 +98,8 @@ def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:
         # terms are believed only where nothing smooth explains as much.
         odd = bool(menu.inference.kicks or menu.found.parts)
         return menu.explained and (_status(laws) == NOT or not (odd or laws.one_law))
+    if ODD & set(menu.kinds) and _status(laws) != NOT:
+        return False  # what adds energy is believed only where nothing smooth explains as much
     if rank != other:
         return rank > other
     return _error(menu) < CLEARLY * _error(laws)

@@ -160,7 +160,7 @@ class ByMechanism(Explanation):
         fit, law = group.fit, group.fit.model.law
         named = [f"Body {b + 1}" for b in group.bodies] if self.motion.bodies > 1 else ["The body"]
         who = " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
-        moves = _where(fit) if len(named) == 1 else _where(fit).replace("s ", " ", 1)
+        moves = _where(fit) if len(named) == 1 else _plural(_where(fit))
         how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
         if fit.driven:
             how[1] = "something drives it"
@@ -285,6 +285,11 @@ class ByMechanism(Explanation):
 def _where(fit: Fit) -> str:
     chart = fit.model.charts[0]
     return ON["line" if isinstance(chart, Plane) and chart.space == 1 else chart.name]
+
+
+def _plural(said: str) -> str:
+    verb, _, rest = said.partition(" ")
+    return f"{verb.removesuffix('s')} {rest}".strip()
 
 
 def _asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:

@@ -59,9 +59,10 @@ def judge(
     horizon = float(tail.times[lost[0]] - tail.times[0]) if len(lost) else held_out
     upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
     own, *others = (_rms(path[:upto] - tail.seen[:upto]) for path in tail.forecasts.values())
-    better = own < max(min(others), NOISE * left)
+    enough = NOISE * left if share >= ALL else 0.0
+    better = own < max(min(others), enough)
     best = min(error for name, error in tail.errors.items() if name != "model")
-    to_the_end = tail.errors["model"] < max(best, NOISE * left)
+    to_the_end = tail.errors["model"] < max(best, enough)
     far = to_the_end and horizon >= LONG * held_out
     if share >= ALL and horizon >= held_out and better:
         status = EXPLAINED

@@ -126,6 +126,6 @@ def _makes_sense(found: Fit) -> bool:
         elif name.startswith("restitution"):
             if not (0 <= value < 1 + 2 * error and error < VAGUE):
                 return False
-        elif name == "linear" and value < -2 * error:  # a drive, which the menu tells of
+        elif name == "linear" and value < 0:  # a drive, which the menu tells of
             return False
     return True

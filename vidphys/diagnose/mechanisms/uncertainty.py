@@ -34,9 +34,9 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
     covariance = np.eye(len(joint))
     for _ in range(SWEEPS):
         slope = _slopes(clips, model, joint, scale)
-        if not all(np.isfinite(x).all() for x in slope):
-            return None
         residuals = _missed(clips, model, joint)
+        if not all(np.isfinite(x).all() for x in (*slope, *residuals)):
+            return None
         gram, moment = np.zeros((len(joint),) * 2), np.zeros(len(joint))
         for stretch, j, r in zip(stretches, slope, residuals, strict=True):
             inverse = Covariance(stretch.times, stretch.trust, errors)

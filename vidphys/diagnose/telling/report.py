@@ -41,7 +41,8 @@ def summary(
 
 def _verdict(verdict: Verdict) -> str:
     """How far the answer may be trusted."""
-    text = f"{verdict.status.capitalize()}: the model has {100 * verdict.share:.4g} % of the motion"
+    has = 100 * max(verdict.share, 0.0)
+    text = f"{verdict.status.capitalize()}: the model has {has:.4g} % of the motion"
     if verdict.horizon is None:
         return text + "; nothing was held out that it could foretell."
     return text + (
