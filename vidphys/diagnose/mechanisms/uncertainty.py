@@ -18,13 +18,14 @@ from vidphys.diagnose.mechanisms.measurement import (
 from vidphys.diagnose.weak.regression import gram_inverse
 
 NUDGE = 1e-6  # over the size of a number, for derivatives
+FLOWN = 1e6  # times the spread, from which a law flew apart
 SWEEPS = 2  # of Gauss and Newton
 
 
 def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: float) -> Fit | None:
     """Gauss and Newton's steps under the covariance of the errors, which the residuals tell."""
     residuals, geometry = residuals_of(clips, model, values)
-    if not all(np.isfinite(r).all() for r in residuals):
+    if not _near(residuals, scale):
         return None
     stretches = trusted([s for c in clips for s in c.stretches], residuals)
     clips = _retrusted(clips, stretches)
@@ -49,7 +50,7 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
         for shrink in (1.0, 0.25, 0.05):
             trial = joint + shrink * step
             missed = _missed(clips, model, trial)
-            if not all(np.isfinite(r).all() for r in missed):
+            if not _near(missed, scale):
                 continue
             found = likeliest_errors(stretches, missed, least)
             if found[1] >= likely:
@@ -70,6 +71,11 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
         tuple(clips),
         tuple(residuals),
     )
+
+
+def _near(residuals: Sequence[np.ndarray], scale: float) -> bool:
+    """Whether a law's paths stay anywhere near the recording."""
+    return all(bool((np.abs(r) < FLOWN * scale).all()) for r in residuals)
 
 
 def _retrusted(clips: Sequence[Frames], stretches: Sequence[Stretch]) -> list[Frames]:
