@@ -133,6 +133,10 @@ class ByMenu(Explanation):
         return judge(1 - (left / spread) ** 2, left, spread, tail)
 
     def forecast(self) -> Validation | None:
+        return self._tail
+
+    @cached_property
+    def _tail(self) -> Validation | None:
         if self.end >= self.motion.positions.shape[1] or self.inference.kicks or self.found.parts:
             return None
         look = self.found.look or LongFit(self.inference.fitted, self.inference.windows)

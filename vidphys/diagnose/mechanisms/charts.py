@@ -49,15 +49,13 @@ class Plane(Chart):
 
 @dataclass(frozen=True)
 class Line(Chart):
-    """A body on a line, or a rail that bends a little across it.
+    """A body on a line.
 
     Args:
         along: of the line, ``(d,)``, of length one; the coordinate is the place along it.
-        bends: whether the rail has a curvature in the picture.
     """
 
     along: tuple[float, ...]
-    bends: bool = False
     name = "line"
 
     @property
@@ -70,8 +68,7 @@ class Line(Chart):
         return s * np.array(self.along)
 
     def columns(self, s: np.ndarray) -> np.ndarray:
-        shapes = [np.ones_like(s), s, *([s**2] if self.bends else [])]
-        return np.concatenate([shape[:, :, None] * self.across for shape in shapes], -1)
+        return np.concatenate([x[:, :, None] * self.across for x in (np.ones_like(s), s)], -1)
 
 
 @dataclass(frozen=True)

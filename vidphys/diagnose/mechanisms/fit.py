@@ -77,9 +77,13 @@ def _missing(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: f
     return np.where(np.isfinite(joined), np.clip(joined, -MOST, MOST), MOST)
 
 
-def _held(model: Model, scale: float) -> np.ndarray:
-    """What holds numbers at their guess that the first frames say nothing of, those of a wall."""
-    held = np.zeros(len(model.law.names) + 2 * model.law.coordinates * 64)
+def _held(model: Model, count: int, scale: float) -> np.ndarray:
+    """What holds numbers at their guess that the first frames say nothing of, those of a wall.
+
+    Args:
+        count: numbers in all.
+    """
+    held = np.zeros(count)
     for i, name in enumerate(model.law.names):
         if name.startswith("wall"):
             held[i] = HELD / (1.0 if model.charts[0].name in ("arc", "angle") else scale)
@@ -96,12 +100,10 @@ def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: floa
 def _least_squares(
     clips: Sequence[Frames], model: Model, guess: np.ndarray, scale: float, tries: int
 ) -> OptimizeResult | None:
-    held = _held(model, scale)
+    held = _held(model, len(guess), scale)
 
     def left(values: np.ndarray) -> np.ndarray:
-        return np.concatenate(
-            [_missing(clips, model, values, scale), held[: len(guess)] * (values - guess)]
-        )
+        return np.concatenate([_missing(clips, model, values, scale), held * (values - guess)])
 
     try:
         found = least_squares(

@@ -132,12 +132,22 @@ def residuals_of(
         _geometry(clips, rolled, chart, part, body)
         for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True))
     ]
+    return missed(clips, model, rolled, geometry), geometry
+
+
+def missed(
+    clips: Sequence[Frames],
+    model: Model,
+    rolled: Sequence[np.ndarray],
+    geometry: Sequence[np.ndarray],
+) -> list[np.ndarray]:
+    """Residuals of each clip and body ``(f, d)`` of coordinates ``(t, k)`` shown by a geometry."""
     out = []
     for clip, s in zip(clips, rolled, strict=True):
         for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True)):
             told = chart.shown(s[clip.seen[body], part], geometry[body])
             out.append(clip.stretches[body].places - told)
-    return out, geometry
+    return out
 
 
 def _geometry(

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
+from vidphys.diagnose.mechanisms.fitted import Fit, Model, missed, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.measurement import (
     Covariance,
@@ -49,12 +49,12 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
         step, before = covariance @ moment, likely
         for shrink in (1.0, 0.25, 0.05):
             trial = joint + shrink * step
-            missed = _missed(clips, model, trial)
-            if not _near(missed, scale):
+            left = _missed(clips, model, trial)
+            if not _near(left, scale):
                 continue
-            found = likeliest_errors(stretches, missed, least)
+            found = likeliest_errors(stretches, left, least)
             if found[1] >= likely:
-                joint, (errors, likely), residuals = trial, found, missed
+                joint, (errors, likely), residuals = trial, found, left
                 break
         if likely - before < 0.01:
             break
@@ -86,17 +86,12 @@ def _retrusted(clips: Sequence[Frames], stretches: Sequence[Stretch]) -> list[Fr
 def _missed(clips: Sequence[Frames], model: Model, joint: np.ndarray) -> list[np.ndarray]:
     """Residuals with the geometry as given, not at its best."""
     count = len(model.law.names) + 2 * model.law.coordinates * len(clips)
-    rolled, at, out = model.coordinates(joint[:count], clips), count, []
-    geometry = []
+    rolled, at, geometry = [x[:, 0] for x in model.coordinates(joint[:count], clips)], count, []
     for chart, part in zip(model.charts, model.slices, strict=True):
-        size = chart.columns(rolled[0][:1, 0, part]).shape[-1]
+        size = chart.columns(rolled[0][:1, part]).shape[-1]
         geometry.append(joint[at : at + size])
         at += size
-    for clip, s in zip(clips, rolled, strict=True):
-        for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True)):
-            told = chart.shown(s[clip.seen[body], 0, part], geometry[body])
-            out.append(clip.stretches[body].places - told)
-    return out
+    return missed(clips, model, rolled, geometry)
 
 
 def _slopes(
