@@ -227,6 +227,8 @@ def test_a_bouncing_ball_is_foretold_and_its_model_has_a_field_and_a_wall_and_no
     given = answer(thrown(), False, 0.3)
     assert given.data["terms"] == ["uniform", "wall"] and given.data["explained"]
     assert given.numbers["forecast_rmse_model"] < 0.03
+    assert given.data["wall"]["axis"] == "y"
+    assert given.data["wall"]["place"] == pytest.approx(0.0, abs=0.02)
     term = from_config(given.specification["terms"])
     assert [type(x) for x in term.free.potentials] == [terms.Uniform] and not term.free.ports
     assert (term.place, term.restitution) == pytest.approx((0.0, 0.8), abs=0.02)

@@ -209,7 +209,9 @@ class ByMechanism(Explanation):
         return text + ", different in every frame, as noise is."
 
     def data(self) -> dict[str, Any]:
-        return {"mechanism": [self._data(group) for group in self.whole.groups]}
+        told: dict[str, Any] = {"mechanism": [self._data(group) for group in self.whole.groups]}
+        wall = _wall_of(self.whole.groups[0].fit) if self.motion.bodies == 1 else None
+        return told if wall is None else {**told, "wall": wall}
 
     def _data(self, group: Group) -> dict[str, Any]:
         fit, chart = group.fit, group.fit.model.charts[0]
@@ -285,6 +287,20 @@ class ByMechanism(Explanation):
 def _where(fit: Fit) -> str:
     chart = fit.model.charts[0]
     return ON["line" if isinstance(chart, Plane) and chart.space == 1 else chart.name]
+
+
+def _wall_of(fit: Fit) -> dict[str, Any] | None:
+    """Across which axis the first wall stands, and where, unit of the positions."""
+    law = fit.model.law
+    if not law.walls:
+        return None
+    normal = law.walls[0].turned(fit.numbers.get("turn 1", (0.0, 0.0))[0])
+    place = fit.numbers["wall 1"][0]
+    on, beyond = (
+        shown(fit.model, x * normal[None], fit.geometry)[0, 0] for x in (place, 1.01 * place + 1e-6)
+    )
+    axis = int(np.abs(beyond - on).argmax())
+    return {"axis": "xyz"[axis], "place": float(on[axis])}
 
 
 def _plural(said: str) -> str:

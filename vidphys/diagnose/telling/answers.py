@@ -185,7 +185,7 @@ def _rolled_on(answered: Answered, explanation: Explanation, tail: int) -> None:
             f"The model follows the recording for {follows:.3g} s at a time and no longer: "
             "the motion is chaotic, or a term is missing that changes little in so short a time."
         )
-    forecast = explanation.forecast() if tail > LEAST_FRAMES else None
+    forecast = explanation.forecast() if tail >= LEAST_FRAMES else None
     if forecast is not None:
         _validated(answered, forecast)
     _oscillations(answered, explanation.oscillations())
