@@ -129,6 +129,7 @@ def diagnose(config: DiagnoseConfig) -> None:
                 points,
                 frames is not None,
                 replace(loaded.units, gravity=config.gravity),
+                loaded.used,
             )
         except ValueError as error:
             run.abandon()
@@ -176,6 +177,7 @@ def _check(config: DiagnoseConfig) -> None:
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
     """The tracks, and the pictures where there are any."""
     from vidphys.diagnose.recordings.tables import Loaded, read_tracks
+    from vidphys.diagnose.recordings.used import Used
 
     if _is_clip(config.input):
         from vidphys.data.video import ClipSelection
@@ -184,18 +186,20 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.nda
 
         selection = ClipSelection(config.start, config.stop, rate=config.rate)
         binder = make_binder(config.binder, config.bodies, config.shadow, config, count=True)
-        motion, video, notes = follow_clip(config.input, selection, binder)
+        followed = follow_clip(config.input, selection, binder)
+        motion, video, notes = followed.motion, followed.video, followed.notes
         if config.bodies is None and not config.given:
             motion, left_out = of_lawful_bodies(motion)
             notes = (*notes, *left_out)
         units = _units(config, max(video.size) / 2)  # pixels of a unit of the motion
-        return Loaded(motion, False, notes, units.name, units.per), video.frames
+        return Loaded(motion, False, notes, units.name, units.per, followed.used), video.frames
     loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
-    return replace(loaded, motion=motion), None
+    used = Used(loaded.motion.positions.shape[1], config.start)
+    return replace(loaded, motion=motion, used=used), None
 
 
 def _units(config: DiagnoseConfig, half: float) -> Units:

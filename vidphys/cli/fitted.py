@@ -131,9 +131,10 @@ def _of_clip(config: RolloutConfig, fitted: Fitted) -> Recorded:
         motion = motion.cut(int(first), int(first) + int(within.sum()))
         return Recorded(motion.cut(*motion.shown()), pictures)
     binder = make_binder(None, len(fitted.params.mass[0]), None)
-    motion, _, notes = follow_clip(config.input, selection, binder)
+    followed = follow_clip(config.input, selection, binder)
+    motion = followed.motion
     said = "another clip than the fit's: its strongest movers are followed"
-    return Recorded(motion.cut(*motion.shown()), pictures, (*notes, said))
+    return Recorded(motion.cut(*motion.shown()), pictures, (*followed.notes, said))
 
 
 def _about(config: RolloutConfig, motion: Motion) -> dict[str, Any]:

@@ -59,6 +59,11 @@ class Explanation(Protocol):
         return False
 
     @property
+    def first(self) -> int:
+        """First frame that it says something of; a hand may have held a body before."""
+        return 0
+
+    @property
     def noise(self) -> Noise | None:
         """Of the positions, as it leaves it; ``None`` where it tells nothing of that."""
         return None

@@ -93,6 +93,10 @@ class ByMechanism(Explanation):
         return len(self.mechanism.groups) == 1
 
     @property
+    def first(self) -> int:
+        return self.mechanism.first
+
+    @property
     def noise(self) -> Noise:
         """Of the positions, as the laws leave it."""
         sigma = max(group.fit.errors.white for group in self.mechanism.groups)
@@ -136,12 +140,6 @@ class ByMechanism(Explanation):
 
     def lines(self) -> list[str]:
         out = []
-        if self.mechanism.first:
-            frame = self.mechanism.first
-            time = float(self.motion.times[0, frame])
-            out.append(
-                f"The law holds from frame {frame} ({time:.3g} s) on; what is before is left out."
-            )
         for group in self.whole.groups:
             out += self._told(group)
         return [*out, self._what_is_left(), *self._rivals()]

@@ -11,6 +11,7 @@ import numpy as np
 from vidphys.data.formats import read_recording
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.units import Units
+from vidphys.diagnose.recordings.used import Used
 from vidphys.errors import InputError
 
 
@@ -24,6 +25,7 @@ class Loaded:
         notes: what was found, a line each.
         unit: that lengths are told in (``m``, ``px``, ``rad``); empty where nothing says it.
         per: of that unit in one unit of the motion.
+        used: which frames of the recording the motion is of; all of it unless given.
     """
 
     motion: Motion
@@ -31,6 +33,7 @@ class Loaded:
     notes: tuple[str, ...]
     unit: str = ""
     per: float = 1.0
+    used: Used | None = None
 
     @property
     def units(self) -> Units:

@@ -17,6 +17,7 @@ from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
 from vidphys.diagnose.recordings.units import Units
+from vidphys.diagnose.recordings.used import Used
 from vidphys.diagnose.telling.advice import Advice, suffices
 from vidphys.diagnose.telling.report import as_data, summary
 from vidphys.diagnose.telling.sufficient import with_measured
@@ -95,6 +96,7 @@ def answer(
     points: Sequence[Point] = (),
     camera: bool = False,
     units: Units | None = None,
+    used: Used | None = None,
 ) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
@@ -105,18 +107,20 @@ def answer(
         points: measured speed against accuracy, from which integrator and encoder are chosen.
         camera: whether places are in a picture, counted from its middle.
         units: in which lengths are told.
+        used: which frames of the recording the motion is of; all of it unless given.
 
     Raises:
         ValueError: a recording that is too short.
     """
     recorded, (begin, stop) = motion, free_frames(motion)
+    used = used or Used(motion.positions.shape[1])
     motion = motion.cut(begin, stop)
     total = motion.positions.shape[1]
     end, tail = total, max(int(hold_out * total), LEAST_FRAMES)
     if motion.clips == 1 and hold_out > 0 and total - tail >= FEWEST:
         end = total - tail
     found, explanation = understand(motion, end, angles, camera, units)
-    found, identity = _later(found, begin), check_identity(motion)
+    found, identity = _later(found, used.first + begin), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
     answered = Answered(
         found,
@@ -127,7 +131,7 @@ def answer(
         recorded.times[0],
         recorded.positions[0],
     )
-    _left_out(answered, recorded, begin)
+    _left_out(answered, recorded, used, (begin, stop), explanation)
     if explanation is None:
         return answered
     if isinstance(explanation, ByMenu):
@@ -158,22 +162,33 @@ def _advice(
     return with_measured(by_rule, motion, found.noise, points) if points else by_rule
 
 
-def _left_out(answered: Answered, recorded: Motion, begin: int) -> None:
-    """Say which frames were left out, because they show no body or something holds it there."""
-    first, stop = recorded.shown()
-    noun = "body is" if recorded.bodies == 1 else "bodies are"
+def _left_out(
+    answered: Answered,
+    recorded: Motion,
+    used: Used,
+    free: tuple[int, int],
+    explanation: Explanation | None,
+) -> None:
+    """Say which frames are looked at, and why the others are not."""
+    (first, stop), (begin, _) = recorded.shown(), free
+    last, why = recorded.positions.shape[1], []
+    noun = "body" if recorded.bodies == 1 else "bodies"
+    if stop - first < last:
+        answered.data["shown"] = {"first": used.first + first, "last": used.first + stop - 1}
+        if used.within(first, stop):
+            verb = "is" if recorded.bodies == 1 else "are"
+            why.append(
+                f"the {noun} {verb} in view from {used.first + first} to {used.first + stop - 1}"
+            )
     if begin > first:
-        time = float(recorded.times[0, begin])
-        answered.data["held_until"] = {"frame": begin, "time": time}
-        held = (
-            f"The {noun} held still until {time:.3g} s (frame {begin}); only the rest is looked at."
-        )
-        answered.lines.insert(0, held)
-    frames = recorded.positions.shape[1]
-    if stop - first < frames:
-        answered.data["shown"] = {"first": first, "last": stop - 1}
-        shown = f"The {noun} in view from frame {first} to {stop - 1} of {frames}."
-        answered.lines.insert(0, shown)
+        frame = used.first + begin
+        answered.data["held_until"] = {"frame": frame, "time": float(recorded.times[0, begin])}
+        why.append(f"something holds the {noun} until {frame - 1}")
+    if explanation is not None and explanation.first:
+        begin += explanation.first
+        why.append(f"one law holds from {used.first + begin} on")
+    answered.data["frames"] = used.data(begin, stop)
+    answered.lines.insert(0, used.line(begin, stop, why))
 
 
 def _rolled_on(answered: Answered, explanation: Explanation, tail: int) -> None:

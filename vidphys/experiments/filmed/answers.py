@@ -69,8 +69,8 @@ def ask(clip: Path, size: tuple[int, int]) -> Answer:
     began = time.perf_counter()
     track = np.full((0, 1, 2), np.nan)
     try:
-        motion, _, _ = follow_clip(clip, ClipSelection(), MotionBinder(bodies=None))
-        motion, _ = of_lawful_bodies(motion)
+        followed = follow_clip(clip, ClipSelection(), MotionBinder(bodies=None))
+        motion, _ = of_lawful_bodies(followed.motion)
         track = pixels_of(motion.positions[0], size)
         found = answer(motion, False, HELD_OUT, camera=True)
     except ValueError as error:
