@@ -32,7 +32,7 @@ WRITTEN = (
     "figures/diagnosis.svg",
     "recordings/diagnosis.rrd",
 )
-ELSEWHERE = ("out", "video", "profile", "overwrite", "quiet", "input", "trade")
+ELSEWHERE = ("out", "look", "video", "profile", "overwrite", "quiet", "input", "trade")
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,8 @@ class DiagnoseConfig(WhoOptions):
         trade: what `vidphys trade` has measured, its run folder or profile: which integrator and
             which encoder suffice is chosen from it.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        look: only draw what may be a body, numbered, into look.png in the run folder; one of them
+            is then followed with --choose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
         video: also draw the track, the forecast and a changed law over the clip's frames, into
@@ -91,6 +93,7 @@ class DiagnoseConfig(WhoOptions):
     gravity: float | None = None
     trade: Path | None = None
     profile: Path | None = None
+    look: bool = False
     overwrite: bool = False
     quiet: bool = False
     video: Path | None = None
@@ -112,6 +115,9 @@ def diagnose(config: DiagnoseConfig) -> None:
     given = given_columns(config.columns)
     _check(config)
     config = with_profile(config, "diagnose")
+    if config.look:
+        _look(config)
+        return
     from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
 
@@ -146,6 +152,19 @@ def diagnose(config: DiagnoseConfig) -> None:
             console.result(f"film: {config.video}")
 
 
+def _look(config: DiagnoseConfig) -> None:
+    from vidphys.cli.look import look
+    from vidphys.data.video import ClipSelection
+
+    binder = make_binder(config.binder, config.bodies, config.shadow, config, count=True)
+    selection = ClipSelection(config.start, config.stop, rate=config.rate)
+    with Console(config.quiet, 1, "look") as console:
+        lines = look(config.input, selection, binder, config.out)
+        console.done(0)
+        for line in lines:
+            console.result(line)
+
+
 def _measured(folder: Path) -> list[Point]:
     from vidphys.trade.session import load_points
 
@@ -166,7 +185,7 @@ def _check(config: DiagnoseConfig) -> None:
         if told != (None, None, None) or config.given:
             make_binder(*told, config)
     else:
-        names = (*config.given, "binder", "bodies", "shadow", "rate", "scale", "video")
+        names = (*config.given, "binder", "bodies", "shadow", "rate", "scale", "video", "look")
         refuse(config, names, f"{config.input} is not a clip")
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
