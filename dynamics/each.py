@@ -1,4 +1,4 @@
-"""Bodies that each follow a law of their own, and springs between their coordinates."""
+"""Bodies that each follow a law of their own, and springs and contacts between them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.bound import Bound
+from dynamics.collide import Contact
 from dynamics.findings import Finding
 from dynamics.head import Head, Trajectory, stepped
 from dynamics.integrators import Memory
@@ -55,24 +56,32 @@ class Spring(nn.Module):
 
 
 class Each(Head):
-    """One law for each body, and springs between them where there are any.
+    """One law for each body, and springs and contacts between them where there are any.
 
     A spring acts on the coordinates of its two bodies: along their curves, or in a space of one
-    dimension. Half of its kick comes before a step and half after.
+    dimension. Half of its kick comes before a step and half after. What collides in a step is
+    taken back to where it touched.
 
     Args:
         laws: of one body each.
         springs: between them.
+        contacts: of bodies that may collide, in their coordinates.
     """
 
-    def __init__(self, laws: Sequence[Head], springs: Sequence[Spring] = ()) -> None:
+    def __init__(
+        self,
+        laws: Sequence[Head],
+        springs: Sequence[Spring] = (),
+        contacts: Sequence[Contact] = (),
+    ) -> None:
         super().__init__()
         self.laws, self.springs = nn.ModuleList(laws), nn.ModuleList(springs)
+        self.contacts = nn.ModuleList(contacts)
 
     def trajectory(
         self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1
     ) -> Trajectory:
-        if not self.springs:
+        if not self.springs and not self.contacts:
             found = [
                 law.trajectory(start[..., [i], :], _of(params, i), steps, dt, every).states
                 for i, law in self._all()
@@ -130,7 +139,8 @@ class Each(Head):
 
     @property
     def conserves(self) -> bool:
-        return all(law.conserves for _, law in self._all())
+        elastic = all(contact.elastic for contact in self._touching())
+        return elastic and all(law.conserves for _, law in self._all())
 
     @property
     def depends_on(self) -> tuple[str, ...]:
@@ -142,6 +152,9 @@ class Each(Head):
     def _pulling(self) -> list[Spring]:
         return [cast(Spring, spring) for spring in self.springs]
 
+    def _touching(self) -> list[Contact]:
+        return [cast(Contact, contact) for contact in self.contacts]
+
     def _within(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory
     ) -> tuple[PhaseState, Memory]:
@@ -151,7 +164,10 @@ class Each(Head):
         for i, law in self._all():
             inner = law.law if isinstance(law, Bound) else law
             later.append(inner.advance(state[..., [i], :], _of(params, i), dt)[0])
-        return self._kicked(_joined(later), dt / 2), None
+        state = self._kicked(_joined(later), dt / 2)
+        for contact in self._touching():
+            state = contact.collided(state, params.mass, dt)
+        return state, None
 
     def _kicked(self, state: PhaseState, dt: float) -> PhaseState:
         for spring in self._pulling():

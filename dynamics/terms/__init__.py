@@ -4,7 +4,7 @@
 :func:`dynamics.build` makes the model of it, and :func:`to_config` writes it down.
 """
 
-from dynamics.terms.bound import Each, Links, OnArc, OnChain, OnCurve, OnLine, Spring
+from dynamics.terms.bound import Contact, Each, Links, OnArc, OnChain, OnCurve, OnLine, Spring
 from dynamics.terms.config import from_config, to_config
 from dynamics.terms.heads import (
     Attention,
@@ -55,6 +55,7 @@ __all__ = [
     "Attention",
     "Bath",
     "ConstantBath",
+    "Contact",
     "Diffusion",
     "Displacement",
     "Drag",

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from dynamics import curves, each, links
+from dynamics import collide, curves, each, links
 from dynamics.bound import Bound
 from dynamics.generalised import GeneralisedHamiltonian
 from dynamics.integrators import INTEGRATORS
@@ -236,26 +236,60 @@ class Spring(Term):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> each.Spring:
-        bodies = range(sizes.bodies)
-        if self.first not in bodies or self.second not in bodies or self.first == self.second:
-            raise ValueError(
-                f"Spring: joins two of {sizes.bodies} bodies, counted from 0, got {self.first} "
-                f"and {self.second}"
-            )
+        _two_of("Spring", self.first, self.second, sizes)
         return each.Spring(self.first, self.second, self.stiffness, self.rest, self.learned)
 
     def counted_in(self, length: float, seconds: float) -> Spring:
         return replace(self, stiffness=self.stiffness * seconds**2, rest=self.rest / length)
 
 
+@TERMS.register("contact")
+@dataclass(frozen=True)
+class Contact(Term):
+    """Two bodies that collide; see :class:`Each` and :class:`dynamics.collide.Contact`.
+
+    Args:
+        first, second: indices i and j of the bodies, from 0.
+        reach: their distance as they touch, in the coordinates' unit.
+        restitution: speed at which they part over that at which they met.
+        rub: share of the speed across the line between them that a collision takes.
+        side: on a line, 1 where the second lies ahead of the first, else -1.
+        learned: whether reach and restitution are, from there on.
+    """
+
+    first: int
+    second: int
+    reach: float
+    restitution: float
+    rub: float = 0.0
+    side: float = 1.0
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> collide.Contact:
+        _two_of("Contact", self.first, self.second, sizes)
+        return collide.Contact(
+            self.first,
+            self.second,
+            self.reach,
+            self.restitution,
+            self.rub,
+            self.side,
+            self.learned,
+        )
+
+    def counted_in(self, length: float, seconds: float) -> Contact:
+        return replace(self, reach=self.reach / length)
+
+
 @TERMS.register("each")
 @dataclass(frozen=True)
 class Each(HeadTerm):
-    """A law for each body, and springs between their coordinates.
+    """A law for each body, and springs and contacts between their coordinates.
 
     Args:
         laws: of one body each, in the bodies' order.
         springs: between bodies on curves, or in one dimension of space.
+        contacts: of bodies that may collide.
 
     Example:
         Two carts on one rail, each on a spring of its own, and one between them:
@@ -269,6 +303,7 @@ class Each(HeadTerm):
 
     laws: tuple[HeadTerm, ...]
     springs: tuple[Spring, ...] = ()
+    contacts: tuple[Contact, ...] = ()
 
     def build(self, sizes: Sizes) -> each.Each:
         if len(self.laws) != sizes.bodies:
@@ -286,15 +321,24 @@ class Each(HeadTerm):
                     )
         one = replace(sizes, bodies=1, conditions=sizes.conditions - sizes.bodies + 1)
         laws = [law.build(one) for law in self.laws]
-        return each.Each(laws, springs)
+        return each.Each(laws, springs, [contact.build(sizes) for contact in self.contacts])
 
     def counted_in(self, length: float, seconds: float) -> Each:
-        def unit(spring: Spring) -> float:
-            return 1.0 if isinstance(self.laws[spring.first], OnCircle) else length
+        def unit(pair: Spring | Contact) -> float:
+            return 1.0 if isinstance(self.laws[pair.first], OnCircle) else length
 
         return Each(
             tuple(law.counted_in(length, seconds) for law in self.laws),
             tuple(spring.counted_in(unit(spring), seconds) for spring in self.springs),
+            tuple(contact.counted_in(unit(contact), seconds) for contact in self.contacts),
+        )
+
+
+def _two_of(what: str, first: int, second: int, sizes: Sizes) -> None:
+    bodies = range(sizes.bodies)
+    if first not in bodies or second not in bodies or first == second:
+        raise ValueError(
+            f"{what}: joins two of {sizes.bodies} bodies, counted from 0, got {first} and {second}"
         )
 
 

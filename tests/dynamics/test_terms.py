@@ -33,6 +33,7 @@ NEEDED |= {
     terms.Pendulum: {"rate2": 4.0},
     terms.Well: {"stiffness": 4.0},
     terms.Spring: {"first": 0, "second": 1, "stiffness": 2.0},
+    terms.Contact: {"first": 0, "second": 1, "reach": 0.5, "restitution": 0.8},
     terms.Each: {"laws": (FREE, FREE), "springs": (terms.Spring(0, 1, 2.0),)},
     terms.OnLine: {"point": (0.0, 1.0), "direction": (1.0, 0.0), "law": FREE},
     terms.OnArc: {**ON_CIRCLE, "law": FREE},

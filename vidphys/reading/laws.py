@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from dynamics import Head, Parameters
 from dynamics.bath import ConstantBath
+from dynamics.collide import Contact
 from dynamics.curves import Arc, Chain
 from dynamics.each import Spring
 from dynamics.fields import Pendulum, UniformField, Well
@@ -40,13 +41,13 @@ def _times(*names: str, power: int = 1) -> Callable[[Any, float], None]:
     return change
 
 
-def _bounce(wall: Any, factor: float) -> None:
-    if not 0 <= wall.restitution * factor <= 1:
+def _bounce(hit: Any, factor: float) -> None:
+    if not 0 <= float(hit.restitution) * factor <= 1:
         raise InputError(
-            f"`law` restitution={factor:g}: the wall keeps {wall.restitution:.3g} of the speed; "
-            "with so much more it would give energy"
+            f"`law` restitution={factor:g}: what is hit keeps {float(hit.restitution):.3g} of the "
+            "speed; with so much more it would give energy"
         )
-    wall.restitution *= factor
+    hit.restitution *= factor
 
 
 def _slowed(port: Any, factor: float) -> None:
@@ -84,7 +85,7 @@ QUANTITIES: dict[str, dict[type[nn.Module], Change]] = {
         Spring: _times("stiffness"),
         Well: _times("coefficients"),
     },
-    "restitution": {Wall: _bounce},
+    "restitution": {Wall: _bounce, Contact: _bounce},
 }
 SHAPED: dict[type[nn.Module], Change] = {Arc: _times("frame"), Chain: _times("lengths")}
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vidphys.diagnose.explanations.collided import collided
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
 from vidphys.diagnose.explanations.scene import as_scene
@@ -166,7 +167,11 @@ class ByMechanism(Explanation):
             how.append("it bounces off a wall" if len(law.walls) == 1 else "it bounces off walls")
         if law.coupled:
             how.append("springs hold the bodies together")
+        if "collision" in law.kinds:
+            how[0] = "nothing pulls them" if law.restoring == "none" else how[0]
+            how.append("they collide")
         out = [f"{who} {moves}: {'; '.join(how)}."]
+        out += [f"  {x}" for x in collided(fit, group.bodies)]
         out += [f"  {self._number(x)}" for x in quantities(fit)]
         out += [f"  {x}" for x in self._ruler(fit)]
         return out
@@ -267,10 +272,13 @@ class ByMechanism(Explanation):
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Each law that may be asked for, from the last fitted frame on."""
         times = self.motion.times[-1]
-        start, last = times[min(self.end, len(times)) - 1], times[-1]
-        since = np.linspace(0, last - start + 0.3 * (start - times[0]), SAMPLES)
+        stop, last = times[min(self.end, len(times)) - 1], times[-1]
         out = {}
         for name, factor in _asked_of(self.mechanism).items():
+            # What collisions do with other masses is seen from before they happen.
+            again = any(key.startswith("mass") for key in factor)
+            start = times[self.mechanism.first] if again else stop
+            since = np.linspace(0, last - start + 0.3 * (stop - times[0]), SAMPLES)
             parts = {}
             for group in self.mechanism.groups:
                 path = _under(group.fit, factor, float(start - self.mechanism.begin[-1]), since)
@@ -318,6 +326,8 @@ def _asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0}
     elif "uniform" in kinds:
         asked["twice the field"] = {"force": 2.0}
+    if "collision" in kinds:
+        asked["a second body of twice the mass"] = {"mass 2": 2.0}
     return asked
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line
+from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
 from vidphys.diagnose.recordings.units import GRAVITY
@@ -31,6 +33,7 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
     numbers: dict[str, tuple[float, float]] = {}
     masses = np.ones(sum(len(g.bodies) for g in mechanism.groups))
     springs: tuple[terms.Spring, ...] = ()
+    contacts: tuple[terms.Contact, ...] = ()
     origin = [0.0] * space
     for group in mechanism.groups:
         fit = group.fit
@@ -48,6 +51,10 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
         if fit.model.law.coupled:
             masses[list(group.bodies)] = _masses(fit)
             springs = _springs(fit, masses)
+        if isinstance(fit.model.law, Colliding):
+            told = {name: value for name, (value, _) in fit.numbers.items()}
+            masses[list(group.bodies)] = fit.model.law.masses(told)
+            contacts += _contacts(fit, group.bodies)
         for place, body in enumerate(group.bodies):
             one = _Body(fit, place, float(masses[body]))
             laws[body] = one.term()
@@ -56,7 +63,7 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
         said = f"body {group.bodies[0] + 1}: " if len(mechanism.groups) > 1 else ""
         numbers |= {said + name: number for name, number in fit.numbers.items()}
     ordered = tuple(laws[body] for body in sorted(laws))
-    term = ordered[0] if len(ordered) == 1 else terms.Each(ordered, springs)
+    term = ordered[0] if len(ordered) == 1 else terms.Each(ordered, springs, contacts)
     explained = verdict.status == EXPLAINED
     held = as_specification(term, len(ordered), origin, numbers, explained, interval)
     return {**held, "mass": masses.tolist()}
@@ -87,6 +94,24 @@ def _springs(fit: Fit, masses: np.ndarray) -> tuple[terms.Spring, ...]:
     return tuple(terms.Spring(i, j, stiffness) for i, j in pairs)
 
 
+def _contacts(fit: Fit, bodies: Sequence[int]) -> tuple[terms.Contact, ...]:
+    law, rub = fit.model.law, fit.numbers.get("rub", (0.0, 0.0))[0]
+    assert isinstance(law, Colliding)
+    longer = _Body(fit, 0, 1.0).longer
+    restitution = float(np.clip(fit.numbers["restitution"][0], 0.0, 1.0))
+    return tuple(
+        terms.Contact(
+            bodies[c.one],
+            bodies[c.two],
+            longer * fit.numbers[f"reach {i}"][0],
+            restitution,
+            rub,
+            c.side,
+        )
+        for i, c in enumerate(law.contacts, 1)
+    )
+
+
 class _Body:
     """One body of a fit."""
 
@@ -94,7 +119,9 @@ class _Body:
         self.fit, self.law, self.mass = fit, fit.model.law, mass
         self.chart: Chart = fit.model.charts[place]
         self.geometry = fit.geometry[place]
-        self.own = f" {place + 1}" if self.law.apart and len(fit.model.charts) > 1 else ""
+        self.collides = isinstance(self.law, Colliding)
+        apart = self.law.apart or self.collides
+        self.own = f" {place + 1}" if apart and len(fit.model.charts) > 1 else ""
         self.place, self.part = place, fit.model.slices[place]
         self.longer = self._longer()
 
@@ -129,8 +156,9 @@ class _Body:
     def _free(self) -> terms.Hamiltonian:
         potentials: tuple[PotentialTerm, ...] = (terms.NoPotential(),)
         if self.law.restoring in ("uniform", "trap"):
+            first = 0 if self.collides else self.part.start  # a field is common to what collides
             force = self.longer * np.array(
-                [self.number(f"force {i + 1}") for i in range(self.part.start, self.part.stop)]
+                [self.number(f"force {i + 1}") for i in range(first, first + self.chart.size)]
             )
         if self.law.restoring == "uniform":
             potentials = (terms.Uniform(_row(force)),)
@@ -145,7 +173,7 @@ class _Body:
         ports = []
         for friction in self.law.frictions:
             unit = {"linear": 1.0, "square": 1 / self.longer}.get(friction, self.longer)
-            rate = self.mass * unit * self.number(friction)
+            rate = self.mass * unit * self.number(friction + (self.own if self.collides else ""))
             ports.append(terms.Drag(friction, "positive" if rate > 0 else "free", rate=rate))
         return tuple(ports)
 

@@ -31,7 +31,9 @@ def fit(clips: Sequence[Frames], model: Model, guess: np.ndarray) -> Fit | None:
 
 
 def race(
-    clips: Sequence[Frames], runners: Sequence[tuple[Model, Sequence[np.ndarray]]]
+    clips: Sequence[Frames],
+    runners: Sequence[tuple[Model, Sequence[np.ndarray]]],
+    lengths: Sequence[int] = (),
 ) -> list[Fit]:
     """Fit several laws over ever longer beginnings of the recording, and drop those that fall back.
 
@@ -40,10 +42,11 @@ def race(
     Args:
         clips: what was seen.
         runners: laws with guesses: the law's numbers, then the starts of all clips.
+        lengths: frames of those beginnings; ever longer by a share where not given.
     """
     scale, running = spread_of(clips), list(runners)
     longest = max(len(c.times) for c in clips)
-    for count in _lengths(longest):
+    for count in lengths or _lengths(longest):
         part = [clip.upto(count) for clip in clips]
         tries = LAST if count == longest else ON_THE_WAY
         ended = []
@@ -78,16 +81,17 @@ def _missing(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: f
 
 
 def _held(model: Model, count: int, scale: float) -> np.ndarray:
-    """What holds numbers at their guess that the first frames say nothing of, those of a wall.
+    """What holds numbers at their guess that the first frames say nothing of, those of a wall
+    or of a collision.
 
     Args:
         count: numbers in all.
     """
     held = np.zeros(count)
     for i, name in enumerate(model.law.names):
-        if name.startswith("wall"):
+        if name.startswith(("wall", "reach")):
             held[i] = HELD / (1.0 if model.charts[0].name in ("arc", "angle") else scale)
-        elif name.startswith(("restitution", "along", "turn")):
+        elif name.startswith(("restitution", "along", "turn", "mass", "rub")):
             held[i] = HELD
     return held
 

@@ -96,7 +96,7 @@ class Fit:
     @property
     def driven(self) -> bool:
         """Whether its friction adds energy."""
-        return "linear" in self.model.law.frictions and self.numbers["linear"][0] < 0
+        return self.numbers.get("linear", (0.0, 0.0))[0] < 0
 
     @property
     def kinds(self) -> frozenset[str]:

@@ -54,9 +54,9 @@ def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
     speed = float(np.sqrt(((np.diff(s, axis=0) / np.diff(times)[:, None]) ** 2).sum(-1).mean()))
     found: list[Impact] = []
     for side in SIDES:
-        if len(times) < 2 * side + 2 or side > max(WITHIN * _between_turns(s), SIDES[0]):
+        if len(times) < 2 * side + 2 or side > max(WITHIN * between_turns(s), SIDES[0]):
             break
-        kinks = _kinks(times, s, side)
+        kinks = kinks_of(times, s, side)
         hard = np.linalg.norm(kinks.change, axis=1)
         clear = (kinks.gain > 1) & (hard > HARD * speed) & (hard > SURE * kinks.error)
         told, chosen = bool(found), [x.frame for x in found]
@@ -72,16 +72,17 @@ def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
 
 def seen_as(impacts: list[Impact], times: np.ndarray, s: np.ndarray) -> list[Impact]:
     """The same impacts in other coordinates ``(t, k)``."""
-    kinks = {side: _kinks(times, s, side) for side in {x.side for x in impacts}}
+    kinks = {side: kinks_of(times, s, side) for side in {x.side for x in impacts}}
     return [kinks[x.side].impact(x.frame - x.side + 1) for x in impacts]
 
 
 @dataclass(frozen=True)
-class _Kinks:
+class Kinks:
     """Of each window of ``2 side`` frames: the best kink in its middle."""
 
     side: int
     gain: np.ndarray  # how much less it leaves than a cubic, over what chance may do
+    sigma: np.ndarray  # of a coordinate, that it leaves
     error: np.ndarray  # of a change of speed
     numbers: np.ndarray  # place, velocity before, half the acceleration, change; (w, 4, k)
 
@@ -94,7 +95,8 @@ class _Kinks:
         return Impact(window + self.side - 1, self.side, place, before, before + change)
 
 
-def _kinks(times: np.ndarray, s: np.ndarray, side: int) -> _Kinks:
+def kinks_of(times: np.ndarray, s: np.ndarray, side: int) -> Kinks:
+    """The best kink between the middle frames of each window of coordinates ``(t, k)``."""
     windows = np.lib.stride_tricks.sliding_window_view
     t = windows(times, 2 * side)
     x = windows(s, 2 * side, axis=0).transpose(0, 2, 1)
@@ -120,10 +122,10 @@ def _kinks(times: np.ndarray, s: np.ndarray, side: int) -> _Kinks:
     error = sigma / float(np.median(np.diff(times))) / np.sqrt(side)
     gap = 2 * scale > GAP * side * np.median(np.diff(times))
     gain = left_smooth / np.maximum(ratio * left, np.finfo(float).tiny)
-    return _Kinks(side, np.where(gap, 0.0, gain), error, numbers)
+    return Kinks(side, np.where(gap, 0.0, gain), sigma, error, numbers)
 
 
-def _between_turns(s: np.ndarray) -> float:
+def between_turns(s: np.ndarray) -> float:
     """Frames from one turn of a path to the next, in the direction in which it is longest."""
     away = s - s.mean(0)
     along = away @ np.linalg.svd(away, full_matrices=False)[2][0]

@@ -8,11 +8,13 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms.chain import chained
 from vidphys.diagnose.mechanisms.choose import fits_of
+from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.recordings.parted import parted
 
 MOST_CLIPS, MOST_BODIES = 8, 4
 MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
@@ -130,8 +132,11 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     """
     if motion.bodies == 1:
         return motion, ()
-    found = []
+    motion = parted(motion)
+    found = [body for group in _meeting(thinned(motion), camera=True) for body in group.bodies]
     for body in range(min(motion.bodies, MOST_TRIED)):
+        if body in found:
+            continue
         alone = _of(motion, [body])
         first, last = alone.shown()
         if last - first >= LEAST_FRAMES:
@@ -140,7 +145,7 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
                 found.append(body)
     if len(found) == motion.bodies or (not found and motion.bodies == 2):
         return motion, ()  # of two that no law moves alone, each may move the other
-    found = found or [0]  # the binder's likeliest
+    found = sorted(found) or [0]  # the binder's likeliest
     said = (
         f"{motion.bodies} things move; {len(found)} of them are looked at, as bodies of the scene"
     )
@@ -168,8 +173,11 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
         rods = chained(motion)
         if rods is not None and rods.left < GOOD * rods.spread and _linked(rods):
             return (Group((0, 1), rods),)
-    groups = []
+    groups = [] if angles else _meeting(motion, camera)
+    met = {body for group in groups for body in group.bodies}
     for body in range(motion.bodies):
+        if body in met:
+            continue
         frames = frames_of(motion, [body])
         if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
             return None
@@ -177,11 +185,21 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
         if not fits:
             return None
         groups.append(Group((body,), fits[0], tuple(fits[1:])))
-    if motion.bodies > 1:
+    if motion.bodies > 1 and not met:
         joint = coupled(frames_of(motion), [group.fit for group in groups])
         if joint is not None:
             return (Group(tuple(range(motion.bodies)), joint),)
     return tuple(groups)
+
+
+def _meeting(motion: Motion, camera: bool) -> list[Group]:
+    """Bodies that meet each other, and then go on by the law of collisions."""
+    groups = []
+    for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
+        fits = colliding(frames_of(motion, party), camera)
+        if fits:
+            groups.append(Group(party, fits[0], tuple(fits[1:])))
+    return groups
 
 
 def _linked(rods: Fit) -> bool:

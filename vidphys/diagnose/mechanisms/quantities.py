@@ -58,7 +58,16 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         elif root in ("linear", "square", "dry"):
             length, seconds = {"linear": (0, -1), "square": (-1, 0), "dry": (1, -2)}[root]
             turns = fit.model.charts[0].name in ("arc", "angle")
-            yield f"{root} friction", number(name), 0 if turns else length, seconds
+            whose = f"{root} friction {which}".strip()
+            yield whose, number(name), 0 if turns else length, seconds
+        elif root == "mass":  # over the first body's
+            several = f" {which}" if "mass 3" in law.names else ""
+            yield f"mass ratio{several}", number(name), 0, 0
+        elif root == "reach":
+            several = f" {which}" if "reach 2" in law.names else ""
+            yield f"distance at contact{several}", number(name), 1, 0
+        elif root == "rub":
+            yield "speed across lost at contact", number(name), 0, 0
         elif root in ("restitution", "along"):
             said = root if root == "restitution" else "speed kept along the wall"
             yield said + (f" {which}" if len(law.walls) > 1 else ""), number(name), 0, 0

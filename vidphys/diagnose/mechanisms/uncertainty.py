@@ -34,7 +34,7 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
     errors, likely = likeliest_errors(stretches, residuals, least)
     covariance = np.eye(len(joint))
     for _ in range(SWEEPS):
-        slope = _slopes(clips, model, joint, scale)
+        slope = slopes_of(clips, model, joint, scale)
         residuals = _missed(clips, model, joint)
         if not all(np.isfinite(x).all() for x in (*slope, *residuals)):
             return None
@@ -94,7 +94,7 @@ def _missed(clips: Sequence[Frames], model: Model, joint: np.ndarray) -> list[np
     return missed(clips, model, rolled, geometry)
 
 
-def _slopes(
+def slopes_of(
     clips: Sequence[Frames], model: Model, joint: np.ndarray, scale: float
 ) -> list[np.ndarray]:
     """Derivatives of the told places by every number, of each residual ``(f, d, p)``."""
@@ -112,6 +112,6 @@ def _slopes(
 def _size(model: Model, number: int, scale: float) -> float:
     """A usual size of a number that may be zero, roughly."""
     names = model.law.names
-    if number >= len(names) or names[number].startswith(("force", "wall")):
+    if number >= len(names) or names[number].startswith(("force", "wall", "reach")):
         return scale if not any(c.name in ("arc", "angle") for c in model.charts) else 1.0
     return 1.0

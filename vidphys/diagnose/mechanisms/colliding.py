@@ -1,0 +1,105 @@
+"""A law of bodies that each go on by themselves until they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.colliding_kernel import rolled
+from vidphys.diagnose.mechanisms.law import NEAREST, RATES, Law
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies that may meet.
+
+    Args:
+        one, two: their numbers.
+        side: on a line, the sign of the second's place as the first sees it.
+    """
+
+    one: int
+    two: int
+    side: float = 1.0
+
+
+@dataclass(frozen=True)
+class Colliding(Law):
+    """Bodies of the same number of coordinates each, and contacts between them.
+
+    Momentum is kept in a collision, whatever is lost of the speed. A field is common to all bodies;
+    each has a friction of its own.
+
+    Args:
+        contacts: of the pairs that meet.
+        rubs: whether a collision takes of the speed across the line of centres too; spins are not
+            seen, so it is one share of all collisions.
+        tilted: a camera sees the plane aslant: a place s shows at s / (1 + tilt . s).
+        bent: its lens bends the picture: a place shows farther by lens |s|^2 of its distance.
+    """
+
+    contacts: tuple[Contact, ...] = (Contact(0, 1),)
+    rubs: bool = False
+    tilted: bool = False
+    bent: bool = False
+
+    @property
+    def bodies(self) -> int:
+        """How many meet."""
+        return 1 + max(max(c.one, c.two) for c in self.contacts)
+
+    @property
+    def space(self) -> int:
+        """Coordinates of each."""
+        return self.coordinates // self.bodies
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        forces = self.space if self.restoring == "uniform" else 0
+        return (
+            *(f"force {i + 1}" for i in range(forces)),
+            *(f"{name} {b + 1}" for name in self.frictions for b in range(self.bodies)),
+            *(f"mass {b + 1}" for b in range(1, self.bodies)),
+            *(f"reach {i + 1}" for i in range(len(self.contacts))),
+            "restitution",
+            *(("rub",) if self.rubs else ()),
+            *((f"tilt {i + 1}" for i in range(self.space)) if self.tilted else ()),
+            *(("lens",) if self.bent else ()),
+        )
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        return super().kinds | {"collision"}
+
+    def masses(self, numbers: Mapping[str, float]) -> np.ndarray:
+        """Of all bodies over the first one's."""
+        return np.array([1.0, *(numbers[f"mass {b + 1}"] for b in range(1, self.bodies))])
+
+    def roll(self, values: np.ndarray, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        known = dict(zip(self.names, values.tolist(), strict=True))
+        n, d = self.bodies, self.space
+        force = np.array([known.get(f"force {i + 1}", 0.0) for i in range(d)])
+        friction = [[known.get(f"{name} {b + 1}", 0.0) for name in RATES] for b in range(n)]
+        contacts = [
+            [c.one, c.two, known[f"reach {i + 1}"], c.side] for i, c in enumerate(self.contacts)
+        ]
+        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
+            out = rolled(
+                times,
+                start.reshape(2, n, d),
+                force,
+                np.array(friction),
+                self.masses(known),
+                np.array(contacts),
+                known["restitution"],
+                known.get("rub", 0.0),
+            )
+            if self.tilted:
+                tilt = np.array([known[f"tilt {i + 1}"] for i in range(d)])
+                out[:, 0] /= np.maximum(1 + out[:, 0] @ tilt, NEAREST)[..., None]
+            if self.bent:
+                out[:, 0] *= 1 + known["lens"] * (out[:, 0] ** 2).sum(-1, keepdims=True)
+        return out.reshape(len(times), 2, n * d)
