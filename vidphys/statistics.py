@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy import stats
+import scipy  # `scipy.stats` takes a second: loaded where it is asked
 
 MAX_EXACT_PAIRS = 20
 
@@ -25,7 +25,7 @@ def binomial_p(successes: int, seeds: int) -> float:
     """
     if seeds < 1 or not 0 <= successes <= seeds:
         raise ValueError(f"binomial_p: need 0 <= successes <= seeds, got {successes} of {seeds}")
-    return float(stats.binomtest(successes, seeds, 0.5, alternative="greater").pvalue)
+    return float(scipy.stats.binomtest(successes, seeds, 0.5, alternative="greater").pvalue)
 
 
 def sign_flip_p(first: Sequence[float], second: Sequence[float]) -> float:
@@ -128,7 +128,7 @@ def spearman(first: Sequence[float], second: Sequence[float]) -> float:
         raise ValueError("spearman: a value is not finite; count it as a failure, do not rank it")
     if np.ptp(x) == 0 or np.ptp(y) == 0:
         raise ValueError("spearman: a sample is constant and has no ranks")
-    return float(stats.spearmanr(x, y).statistic)
+    return float(scipy.stats.spearmanr(x, y).statistic)
 
 
 MIN_FOR_RANKS = 3

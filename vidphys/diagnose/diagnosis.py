@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.inference.changes import Switch, find_switch
@@ -136,7 +136,7 @@ def nothing_to_see(motion: Motion) -> str:
         _smoothness([x[:, rng.permutation(size)] for x in stretches], slow) for _ in range(SHUFFLES)
     ]
     beyond = (_smoothness(stretches, slow) - np.mean(mixed)) / max(float(np.std(mixed)), STILL)
-    if stats.norm.sf(beyond) > SURE:
+    if special.ndtr(-beyond) > SURE:
         return (
             "nothing above the noise moves smoothly: the bodies are at rest, the noise hides "
             "them, or the frames are out of order"

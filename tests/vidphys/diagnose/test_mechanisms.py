@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dynamics import from_config, terms
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, likeliest_errors
@@ -318,3 +319,20 @@ def test_a_known_length_or_gravity_gives_metres():
 def test_a_scale_that_says_no_length_is_refused(text):
     with pytest.raises(ValueError, match=r"write LENGTH UNIT|must be above 0"):
         scale_of(text, 1.0)
+
+
+def test_a_camera_askew_is_told_from_the_motion_and_its_view_has_an_inverse():
+    camera = np.array([0.2, -0.1, 0.03])
+    flat_places = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2))
+    assert view.flat(view.seen(flat_places, camera), camera) == pytest.approx(flat_places, abs=1e-5)
+    times = np.arange(40) * STEP
+    fall = np.stack([-0.7 + 0.9 * times, -0.6 + 2.0 * times - 1.6 * times**2], -1)
+    seen = view.seen(fall, camera)
+    seen += np.random.default_rng(1).normal(0, 5e-4, fall.shape)
+    motion = noisy(seen, 0.0)
+    straight = find_mechanism(motion)
+    askew = find_mechanism(motion, camera=True)
+    assert straight is not None and askew is not None
+    assert askew.kinds == {"uniform"} and askew.left < 0.5 * straight.left
+    numbers = askew.groups[0].fit.numbers
+    assert abs(numbers["force 2"][0] + 3.2) < 2 * numbers["force 2"][1]

@@ -10,7 +10,7 @@ from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion, nothing_to_se
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
-from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units
@@ -102,4 +102,6 @@ def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:
         return False  # what adds energy is believed only where nothing smooth explains as much
     if rank != other:
         return rank > other
+    if rank == RANK.index(NOT) and laws.verdict is not None and laws.verdict.share >= MOST:
+        return False  # neither explains all: the plainer is told
     return _error(menu) < CLEARLY * _error(laws)

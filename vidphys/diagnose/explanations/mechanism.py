@@ -14,7 +14,7 @@ from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, b
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict, judge
 from vidphys.diagnose.mechanisms.charts import Arc, Plane
-from vidphys.diagnose.mechanisms.fitted import Fit, shown
+from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
 from vidphys.diagnose.recordings.motion import Motion
@@ -49,27 +49,24 @@ class ByMechanism(Explanation):
 
     Args:
         mechanism: fitted to the frames before ``end``.
+        whole: the same laws with numbers from all frames, those that were held out among them.
         motion: the whole recording.
         end: first frame that nothing was fitted to.
         units: in which lengths are told.
     """
 
     mechanism: Mechanism
+    whole: Mechanism
     motion: Motion
     end: int
     units: Units
-
-    @cached_property
-    def whole(self) -> Mechanism:
-        """The same laws with numbers from all frames, those that were held out among them."""
-        return self.mechanism.refitted(self.motion)
 
     @property
     def sure(self) -> bool:
         """Whether it explains all, and no law of other terms is nearly as likely."""
         rivals = (
             group.fit.score - other.score
-            for group in self.mechanism.groups
+            for group in self.whole.groups
             for other in group.others
             if other.kinds != group.fit.kinds
         )
@@ -109,7 +106,7 @@ class ByMechanism(Explanation):
     ) -> ByMechanism | None:
         """The laws of a recording before ``end``, if any can be fitted."""
         found = find_mechanism(motion.cut(0, end), angles, camera)
-        return None if found is None else cls(found, motion, end, units)
+        return None if found is None else cls(*found.refitted(motion), motion, end, units)
 
     @property
     def kinds(self) -> list[str]:
@@ -148,7 +145,7 @@ class ByMechanism(Explanation):
     def _rivals(self) -> list[str]:
         """Laws that are nearly as likely."""
         out = []
-        for group in self.mechanism.groups:
+        for group in self.whole.groups:
             near = [x for x in group.others if x.score > group.fit.score - CLEAR]
             kinds = {" and ".join(sorted(x.kinds)) for x in near if x.kinds != group.fit.kinds}
             if kinds:
@@ -302,9 +299,7 @@ def _wall_of(fit: Fit) -> dict[str, Any] | None:
         return None
     normal = law.walls[0].turned(fit.numbers.get("turn 1", (0.0, 0.0))[0])
     place = fit.numbers["wall 1"][0]
-    on, beyond = (
-        shown(fit.model, x * normal[None], fit.geometry)[0, 0] for x in (place, 1.01 * place + 1e-6)
-    )
+    on, beyond = (fit.shown(x * normal[None])[0, 0] for x in (place, 1.01 * place + 1e-6))
     axis = int(np.abs(beyond - on).argmax())
     return {"axis": "xyz"[axis], "place": float(on[axis])}
 
@@ -341,4 +336,4 @@ def _under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray)
     law = replace(fit.model.law, nears=False)
     kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
     rolled = law.roll(changed[kept], state, since)[:, 0]
-    return shown(fit.model, rolled, fit.geometry)
+    return fit.shown(rolled)

@@ -13,6 +13,7 @@ NEAR = 0.1  # of the motion's spread: farther off, a model no longer foretells
 NOISE = 3.0  # or so many standard deviations of the errors that the fit left
 ALL, MOST = 0.99, 0.9  # shares of the fitted motion
 LONG = 1 / 3  # of the frames held out, that must be foretold
+AS_GOOD = 1.2  # times the best simple forecast's error; a constant pull is one of those
 SWINGS = 2.0  # or so many, where motion is chaotic
 AVERAGED = 5  # frames, over which a forecast's error is taken
 
@@ -60,9 +61,9 @@ def judge(
     upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
     own, *others = (_rms(path[:upto] - tail.seen[:upto]) for path in tail.forecasts.values())
     enough = NOISE * left if share >= ALL else 0.0
-    better = own < max(min(others), enough)
+    better = own < max(AS_GOOD * min(others), enough)
     best = min(error for name, error in tail.errors.items() if name != "model")
-    to_the_end = tail.errors["model"] < max(best, enough)
+    to_the_end = tail.errors["model"] < max(AS_GOOD * best, enough)
     far = to_the_end and horizon >= LONG * held_out
     if share >= ALL and horizon >= held_out and better:
         status = EXPLAINED

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
@@ -23,7 +24,20 @@ NEARING = (
 )
 VAGUE_RATE = 0.15  # of a stiffness: a standard error from which nothing was seen to swing
 TURNS = 2.5  # radians of a swing that are seen at least
+LEVEL = 2.0  # times its height, that a way is wide which is level, nearly
+UNTOLD = 0.5  # of a friction: a standard error from which the recording does not tell of it
 VAGUE = 0.5  # standard error of a restitution, from which no bounce tells of it
+
+
+def roughly(clips: Sequence[Frames], angles: bool) -> list[Fit]:
+    """The laws that come nearest, each with a friction that goes with the speed, or a drive.
+
+    Args:
+        clips: of the body.
+        angles: whether its coordinate is an angle in radians.
+    """
+    started = [guess for one in guesses(clips, angles) for guess in (one, *walled(clips, one))]
+    return race(clips, [(guess.model, guess.values) for guess in started])
 
 
 def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list[Fit]:
@@ -34,17 +48,28 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
         angles: whether its coordinate is an angle in radians.
         camera: whether its places are in a picture about whose middle they are counted.
     """
-    started = [guess for one in guesses(clips, angles) for guess in (one, *walled(clips, one))]
-    bases = race(clips, [(guess.model, guess.values) for guess in started])
+    bases = roughly(clips, angles)
     if not bases:
         return []
     best = max(base.score for base in bases)
     found = []
     for base in bases:
-        found.append(base)
-        if base.score > best - FAR:
-            found += [x for x in _variants(clips, base, camera) if x is not None]
-    return ranked(_near_surely([x for x in found if _makes_sense(x)]))
+        if base.score > best - FAR and _pulls_back(base):
+            started = pictured(clips, base) if camera else base
+            found += [started, *_variants(clips, started, camera)]
+        else:
+            found.append(base)
+    return ranked(_near_surely([x for x in found if makes_sense(x)]))
+
+
+def pictured(clips: Sequence[Frames], base: Fit) -> Fit:
+    """The same law of bodies that a camera sees slightly askew; as it is, where that fails."""
+    law = base.model.law
+    if clips[0].stretches[0].places.shape[1] != view.FLAT:
+        return base
+    model = Model(replace(law, pictured=True), base.model.charts)
+    values = np.insert(base.values, [len(law.names)] * len(view.NAMES), 0.0)
+    return fit(clips, model, values) or base
 
 
 def _near_surely(fits: Sequence[Fit]) -> list[Fit]:
@@ -66,17 +91,32 @@ def ranked(fits: Sequence[Fit]) -> list[Fit]:
 
 
 def _plain(found: Fit) -> tuple[int, int]:
-    """How much a law asks for: its numbers, and a friction that is not the usual one.
+    """How much a law asks for: its numbers, and what would be a coincidence.
 
     What swings slowly loses by a friction that goes with its speed, what falls through air by one
-    that goes with its square.
+    that goes with its square. A pull straight against a motion that it never turns round is rarer
+    than dry friction.
     """
     law = found.model.law
+    if law.restoring == "none":
+        return len(found.covariance), 0
     usual = "linear" if law.restoring in ("trap", "pendulum") else "square"
-    return len(found.covariance), int(law.friction not in ("none", usual))
+    odd = law.friction not in ("none", usual) or (law.restoring == "uniform" and _coasts(found))
+    return len(found.covariance), int(odd)
 
 
-def _variants(clips: Sequence[Frames], base: Fit, camera: bool) -> list[Fit | None]:
+def _coasts(found: Fit) -> bool:
+    """Whether a body in a picture gets slower on its level way, and never turns round."""
+    if not found.model.law.pictured or found.model.law.walls:
+        return False
+    paths = [s.places for clip in found.clips for s in clip.stretches]
+    across, up = np.abs(np.concatenate([p - p[0] for p in paths])).max(0)
+    rates = np.concatenate([x[:, 1] for x in found.model.coordinates(found.values, found.clips)])
+    speed, ahead = np.linalg.norm(rates, axis=-1), rates @ rates[0]
+    return bool(across > LEVEL * up and (np.diff(speed) <= 0).all() and (ahead >= 0).all())
+
+
+def _variants(clips: Sequence[Frames], base: Fit, camera: bool) -> list[Fit]:
     """The same with each other friction, and with none, from the base's numbers on.
 
     Args:
@@ -105,7 +145,7 @@ def _variants(clips: Sequence[Frames], base: Fit, camera: bool) -> list[Fit | No
     if seen_apart and law.restoring == "uniform" and base.model.charts[0].name == "plane":
         nears = Model(replace(law, friction="none", nears=True), base.model.charts)
         out.append(fit(clips, nears, np.insert(bare, at, -0.5 * rate)))
-    return out
+    return [x for x in out if x is not None]
 
 
 def _usual_speed(base: Fit) -> float:
@@ -114,18 +154,25 @@ def _usual_speed(base: Fit) -> float:
     return float(np.sqrt(squared.mean())) or 1.0
 
 
-def _makes_sense(found: Fit) -> bool:
-    """Whether its numbers mean what their names say, and are told by what was seen."""
+def _pulls_back(found: Fit) -> bool:
+    """Whether what pulls a body back, if anything does, shows in the recording."""
     lasts = max(float(clip.times[-1]) for clip in found.clips)
+    return all(
+        value > 0 and error < VAGUE_RATE * value and value * lasts**2 > TURNS**2
+        for name, (value, error) in found.numbers.items()
+        if name.startswith(("stiffness", "swing"))
+    )
+
+
+def makes_sense(found: Fit) -> bool:
+    """Whether its numbers mean what their names say, and are told by what was seen."""
     for name, (value, error) in found.numbers.items():
-        if name.startswith(("stiffness", "swing")):
-            if not (value > 0 and error < VAGUE_RATE * value and value * lasts**2 > TURNS**2):
-                return False
-        elif name in ("square", "dry") and not value > 0:
+        if name in found.model.law.frictions and not error < UNTOLD * abs(value):
             return False
-        elif name.startswith("restitution"):
-            if not (0 <= value < 1 + 2 * error and error < VAGUE):
-                return False
-        elif name == "linear" and value < 0:  # a drive, which the menu tells of
+        if name in ("square", "dry") and not value > 0:
             return False
-    return True
+        if name.startswith("restitution") and not (0 <= value < 1 + 2 * error and error < VAGUE):
+            return False
+        if name == "linear" and value < 0:  # a drive, which the menu tells of
+            return False
+    return _pulls_back(found)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms.choose import pictured
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
@@ -15,20 +16,39 @@ CLEARLY = 20.0  # of log likelihood after its price, by which one law must beat 
 PULLS = (0.03, 0.1, 0.3, 1.0)  # of the stiffness, that couplings begin at
 
 
-def coupled(clips: Sequence[Frames], each: Sequence[Fit]) -> Fit | None:
-    """One law of all bodies, if the evidence for it is clearer than for a law of each."""
-    models = [x.model for x in each]
-    one = all(m.law.coordinates == 1 and not m.law.walls for m in models)
-    restoring = {m.law.restoring for m in models}
-    if not one or restoring not in ({"trap"}, {"pendulum"}):
-        return None
-    law = Law(len(each), restoring.pop(), "linear", apart=True, coupled=True)
-    model = Model(law, tuple(m.charts[0] for m in models))
-    found = race(clips, [(model, [guess]) for guess in _guesses(law, each, len(clips))])
-    best = max(found, key=lambda x: x.score, default=None)
-    if best is None or best.score < sum(x.score for x in each) + CLEARLY:
+def coupled(
+    clips: Sequence[Frames], laws: Sequence[Sequence[Fit]], camera: bool = False
+) -> Fit | None:
+    """One law of all bodies, if the evidence for it is clearer than for a law of each.
+
+    Args:
+        clips: of all bodies.
+        laws: of each body alone, best first; those of them count that pull it back along one way.
+        camera: whether the places are in a picture.
+    """
+    runners = []
+    for restoring in ("trap", "pendulum"):
+        each = [next(filter(_pulled(restoring), fits), None) for fits in laws]
+        known = [x for x in each if x is not None]
+        if len(known) < len(laws):
+            continue
+        law = Law(len(known), restoring, "linear", apart=True, coupled=True)
+        model = Model(law, tuple(x.model.charts[0] for x in known))
+        runners += [(model, [guess]) for guess in _guesses(law, known, len(clips))]
+    best = max(race(clips, runners), key=lambda x: x.score, default=None) if runners else None
+    if best is not None and camera:
+        best = pictured(clips, best)
+    if best is None or best.score < sum(fits[0].score for fits in laws) + CLEARLY:
         return None
     return best
+
+
+def _pulled(restoring: str) -> Callable[[Fit], bool]:
+    def holds(fit: Fit) -> bool:
+        law = fit.model.law
+        return law.restoring == restoring and law.coordinates == 1 and not law.walls
+
+    return holds
 
 
 def _guesses(law: Law, each: Sequence[Fit], clips: int) -> list[np.ndarray]:

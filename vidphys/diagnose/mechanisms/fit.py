@@ -7,17 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames, spread_of
 from vidphys.diagnose.mechanisms.uncertainty import with_errors
 
 FEWEST = 8  # frames that a fit begins with
+PARTS = 12  # of a recording, of which at least one is fitted first
 GROWTH = 1.7
-LAST, ON_THE_WAY = 60, 20  # steps of a fit to all frames, and to some
+LAST, ON_THE_WAY = 40, 12  # steps of a fit to all frames, and to some
 MANY = 4  # clips, each with a start of its own, from which fewer steps are made
-TRIED = 3  # of several guesses, those that begin nearest
+TRIED = 2  # of several guesses, those that begin nearest
 BEHIND = 25.0  # times the best law's cost, from which another one is dropped
-HELD = 0.003  # of the spread: what moving a wall by a spread costs
+HELD = 0.003  # of the spread: what moving a wall by a spread costs, or a view by what is usual
 TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is dropped
 MOST = 1e6  # times the spread, by which a law that flew apart counts as missing a frame
 SOFT = 0.03  # of the spread: errors beyond count by their size while a fit begins
@@ -44,30 +46,31 @@ def race(
         runners: laws with guesses: the law's numbers, then the starts of all clips.
         lengths: frames of those beginnings; ever longer by a share where not given.
     """
-    scale, running = spread_of(clips), list(runners)
+    scale, running = spread_of(clips), [(model, guesses, guesses) for model, guesses in runners]
     longest = max(len(c.times) for c in clips)
     for count in lengths or _lengths(longest):
         part = [clip.upto(count) for clip in clips]
         tries = LAST if count == longest else ON_THE_WAY
         ended = []
-        for model, guesses in running:
+        for model, guesses, first in running:
             near = sorted(guesses, key=lambda x: _cost(part, model, x, scale))[:TRIED]
             found = [_least_squares(part, model, guess, scale, tries) for guess in near]
             good = [x for x in found if x is not None]
             if good:
                 best = min(good, key=lambda x: x.cost)
-                ended.append((float(best.cost), model, best.x))
+                ended.append((float(best.cost), model, best.x, first))
         if not ended:
             return []
-        most = BEHIND * max(min(cost for cost, _, _ in ended), count * SOFT**2 * TINY)
-        running = [(model, [x]) for cost, model, x in ended if cost <= most]
-    fits = [with_errors(list(clips), model, x[0], scale) for model, x in running]
+        most = BEHIND * max(min(cost for cost, *_ in ended), count * SOFT**2 * TINY)
+        # The first guesses stay in the race: what few frames bent may be better as it was.
+        running = [(model, [x, *first], first) for cost, model, x, first in ended if cost <= most]
+    fits = [with_errors(list(clips), model, x[0], scale) for model, x, _ in running]
     return [x for x in fits if x is not None]
 
 
 def _lengths(frames: int) -> list[int]:
     """How many frames are fitted, one after the other."""
-    counts, count = [], 2 * FEWEST
+    counts, count = [], max(2 * FEWEST, frames // PARTS)
     while count < frames:
         counts.append(count)
         count = int(GROWTH * count)
@@ -81,8 +84,7 @@ def _missing(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: f
 
 
 def _held(model: Model, count: int, scale: float) -> np.ndarray:
-    """What holds numbers at their guess that the first frames say nothing of, those of a wall
-    or of a collision.
+    """What holds numbers at their guess that frames may say nothing of: of walls, meetings, views.
 
     Args:
         count: numbers in all.
@@ -93,6 +95,8 @@ def _held(model: Model, count: int, scale: float) -> np.ndarray:
             held[i] = HELD / (1.0 if model.charts[0].name in ("arc", "angle") else scale)
         elif name.startswith(("restitution", "along", "turn", "mass", "rub")):
             held[i] = HELD
+        elif name in view.NAMES:
+            held[i] = HELD / view.USUAL[view.NAMES.index(name)]
     return held
 
 

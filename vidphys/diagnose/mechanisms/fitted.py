@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Chart
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
@@ -31,6 +32,13 @@ class Model:
         """The law's numbers, and the starts ``(clips, 2, k)``."""
         count = len(self.law.names)
         return values[:count], values[count:].reshape(clips, 2, self.law.coordinates)
+
+    def view(self, values: np.ndarray) -> np.ndarray | None:
+        """How a camera sees the plane of motion, ``(3,)``; ``None`` where none does."""
+        if not self.law.pictured:
+            return None
+        count = len(self.law.names)
+        return values[count - len(view.NAMES) : count]
 
     def coordinates(self, values: np.ndarray, clips: Sequence[Frames]) -> list[np.ndarray]:
         """Coordinates and rates of every frame of each clip, ``(t, 2, k)``."""
@@ -109,13 +117,14 @@ class Fit:
         numbers, starts = self.model.split(self.values, len(self.clips))
         since = np.concatenate([[0.0], times]) if times[0] > 0 else times
         rolled = self.model.law.roll(numbers, starts[clip], since)[-len(times) :, 0]
-        return shown(self.model, rolled, self.geometry)
+        return self.shown(rolled)
 
-
-def shown(model: Model, s: np.ndarray, geometry: Sequence[np.ndarray]) -> np.ndarray:
-    """Places ``(t, n, d)`` of coordinates ``(t, k)``."""
-    each = zip(model.charts, model.slices, geometry, strict=True)
-    return np.stack([chart.shown(s[:, part], numbers) for chart, part, numbers in each], 1)
+    def shown(self, s: np.ndarray) -> np.ndarray:
+        """Places ``(t, n, d)`` of coordinates ``(t, k)``."""
+        each = zip(self.model.charts, self.model.slices, self.geometry, strict=True)
+        flat = np.stack([chart.shown(s[:, part], numbers) for chart, part, numbers in each], 1)
+        camera = self.model.view(self.values)
+        return flat if camera is None else view.seen(flat, camera)
 
 
 def _rms(parts: Sequence[np.ndarray]) -> float:
@@ -127,31 +136,39 @@ def residuals_of(
     clips: Sequence[Frames], model: Model, values: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Residuals of each clip and body ``(f, d)`` and each body's geometry, at its best."""
-    rolled = [x[:, 0] for x in model.coordinates(values, clips)]
+    rolled, camera = [x[:, 0] for x in model.coordinates(values, clips)], model.view(values)
     geometry = [
-        _geometry(clips, rolled, chart, part, body)
+        _geometry(clips, rolled, chart, part, body, camera)
         for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True))
     ]
-    return missed(clips, model, rolled, geometry), geometry
+    return missed(clips, model, rolled, geometry, camera), geometry
 
 
+@np.errstate(all="ignore")  # of trial numbers that fly apart: the fit takes them back
 def missed(
     clips: Sequence[Frames],
     model: Model,
     rolled: Sequence[np.ndarray],
     geometry: Sequence[np.ndarray],
+    camera: np.ndarray | None,
 ) -> list[np.ndarray]:
     """Residuals of each clip and body ``(f, d)`` of coordinates ``(t, k)`` shown by a geometry."""
     out = []
     for clip, s in zip(clips, rolled, strict=True):
         for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True)):
             told = chart.shown(s[clip.seen[body], part], geometry[body])
+            told = told if camera is None else view.seen(told, camera)
             out.append(clip.stretches[body].places - told)
     return out
 
 
 def _geometry(
-    clips: Sequence[Frames], rolled: Sequence[np.ndarray], chart: Chart, part: slice, body: int
+    clips: Sequence[Frames],
+    rolled: Sequence[np.ndarray],
+    chart: Chart,
+    part: slice,
+    body: int,
+    camera: np.ndarray | None,
 ) -> np.ndarray:
     """The numbers of a chart by least squares, given the coordinates."""
     s = np.concatenate([x[c.seen[body], part] for x, c in zip(rolled, clips, strict=True)])
@@ -159,6 +176,7 @@ def _geometry(
     if columns.shape[-1] == 0 or not np.isfinite(columns).all():
         return np.zeros(columns.shape[-1])
     places = np.concatenate([c.stretches[body].places for c in clips])
+    places = places if camera is None else view.flat(places, camera)
     trust = np.concatenate([c.stretches[body].trust for c in clips])
     weight = np.sqrt(trust)[:, None]
     rest = (places - chart.fixed(s)) * weight

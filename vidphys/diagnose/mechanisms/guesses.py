@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lombscargle
+from scipy.fft import next_fast_len
 
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Line, Plane
 from vidphys.diagnose.mechanisms.fitted import Model
@@ -18,7 +18,7 @@ CUBIC = 4
 THIN = 0.35  # of the longer extent: a path that is wider is no line
 ROUND = 0.15  # of the path's extent, by which a circle may miss it
 LONGEST_RADIUS = 40.0  # extents of the path, from which an arc is a line
-TRIALS = 4000  # frequencies that are tried
+FINER = 8  # times the frequencies that a spectrum of so many frames has
 
 
 @dataclass(frozen=True)
@@ -151,13 +151,13 @@ def _regressed(seen: Sequence[Local], restoring: str, k: int) -> list[np.ndarray
 def _frequency(seen: Sequence[Local]) -> float:
     """The strongest frequency of the longest clip, 1/s."""
     one = max(seen, key=lambda x: x.times[-1] - x.times[0])
-    lasts = one.times[-1] - one.times[0]
-    highest = 0.5 / float(np.median(np.diff(one.times)))
-    count = int(min(TRIALS, max(50, 8 * highest * lasts)))
-    trials = np.linspace(0.25 / lasts, highest, count)
-    axis = int(one.s.var(0).argmax())
-    power = lombscargle(one.times, one.s[:, axis] - one.s[:, axis].mean(), 2 * np.pi * trials)
-    return float(trials[power.argmax()])
+    even = np.linspace(one.times[0], one.times[-1], len(one.times))
+    place = np.interp(even, one.times, one.s[:, int(one.s.var(0).argmax())])
+    padded = next_fast_len(FINER * len(even), real=True)
+    power = np.abs(np.fft.rfft(place - place.mean(), padded))
+    trials = np.fft.rfftfreq(padded, float(even[1] - even[0]))
+    slowest = 0.25 / (even[-1] - even[0])
+    return float(trials[np.where(trials >= slowest, power, 0.0).argmax()])
 
 
 def _angle(clips: Sequence[Frames]) -> Iterator[Guess]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 from scipy.signal import find_peaks
 
 SIDES = (3, 4, 6, 9, 14, 20)  # frames on each side of a kink
@@ -117,7 +117,7 @@ def kinks_of(times: np.ndarray, s: np.ndarray, side: int) -> Kinks:
         numbers = np.where(better[:, None, None], found, numbers)
     numbers = numbers / scale[:, None, None] ** np.array([0, 1, 2, 1])[:, None]
     freedom = max(x[0].size - numbers[0].size, 1)
-    ratio = stats.f.isf(CHANCE / len(times), freedom, freedom)
+    ratio = 1 / special.fdtri(freedom, freedom, CHANCE / len(times))
     sigma = np.sqrt(left / freedom)
     error = sigma / float(np.median(np.diff(times))) / np.sqrt(side)
     gap = 2 * scale > GAP * side * np.median(np.diff(times))

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 
 RESTORING = ("none", "uniform", "trap", "pendulum", "chain")
@@ -53,6 +54,7 @@ class Law:
         walls: that there are.
         nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
             distance from the middle grows as 1 / (1 - nearing t).
+        pictured: a camera sees the plane of motion slightly askew; see :mod:`.view`.
     """
 
     coordinates: int
@@ -62,6 +64,7 @@ class Law:
     coupled: bool = False
     walls: tuple[Wall, ...] = ()
     nears: bool = False
+    pictured: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -86,6 +89,7 @@ class Law:
             names += [f"wall {number}", f"restitution {number}"]
             names += [f"along {number}"] if len(wall.normal) > 1 else []
             names += [f"turn {number}"] if wall.turns else []
+        names += view.NAMES if self.pictured else []
         return tuple(names)
 
     @property
@@ -108,8 +112,33 @@ class Law:
 
     def roll(self, values: np.ndarray, start: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Coordinates and rates ``(t, 2, k)`` from a start ``(2, k)`` at the first of the times."""
-        k = self.coordinates
         numbers = dict(zip(self.names, values.tolist(), strict=True))
+        force, stiffness, swing, friction = self._forces(numbers)
+        # The usual interval: a gap is stepped over as finely as frames in a row.
+        interval = float(np.partition(np.diff(times), (len(times) - 1) // 2)[(len(times) - 1) // 2])
+        steps = min(max(np.ceil(self.rate(numbers) * interval / FINE), STEPS[0]), STEPS[1])
+        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
+            out = rolled(
+                times,
+                start,
+                force,
+                stiffness,
+                swing,
+                friction,
+                self._walls(numbers),
+                interval / float(steps) * (1 + 1e-9),
+                apart=self.apart,
+                rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
+            )
+            if self.nears:
+                out[:, 0] /= np.maximum(1 - numbers["nearing"] * (times - times[0]), NEAREST)[
+                    :, None
+                ]
+            return out
+
+    def _forces(self, numbers: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+        """As the kernel takes them: force, stiffness, swing and frictions."""
+        k = self.coordinates
         force, stiffness, swing = np.zeros(k), np.zeros((k, k)), np.zeros(k)
         for i in range(k):
             own = f" {i + 1}" if self.apart and k > 1 else ""
@@ -120,7 +149,11 @@ class Law:
                 pull = numbers[f"coupling {i + 1}"]
                 stiffness[i] -= pull / max(k - 1, 1)
                 stiffness[i, i] += pull + pull / max(k - 1, 1)
-        friction = np.array([numbers.get(name, 0.0) for name in RATES])
+        return force, stiffness, swing, np.array([numbers.get(name, 0.0) for name in RATES])
+
+    def _walls(self, numbers: Mapping[str, float]) -> np.ndarray:
+        """Of each its normal ``(k,)``, place, restitution, and what a bounce leaves along it."""
+        k = self.coordinates
         walls = np.zeros((len(self.walls), k + 3))
         for number, wall in enumerate(self.walls, 1):
             row = walls[number - 1]
@@ -130,23 +163,4 @@ class Law:
                 numbers[f"restitution {number}"],
                 numbers.get(f"along {number}", 1.0),
             )
-        interval = float(np.median(np.diff(times)))
-        steps = np.clip(self.rate(numbers) * interval / FINE, *STEPS)
-        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
-            out = rolled(
-                times,
-                start,
-                force,
-                stiffness,
-                swing,
-                friction,
-                walls,
-                interval / float(np.ceil(steps)) * (1 + 1e-9),
-                apart=self.apart,
-                rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
-            )
-            if self.nears:
-                out[:, 0] /= np.maximum(1 - numbers["nearing"] * (times - times[0]), NEAREST)[
-                    :, None
-                ]
-            return out
+        return walls

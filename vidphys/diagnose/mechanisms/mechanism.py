@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vidphys.diagnose.mechanisms.chain import chained
-from vidphys.diagnose.mechanisms.choose import fits_of
+from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit
-from vidphys.diagnose.mechanisms.frames import frames_of
+from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
@@ -21,9 +22,10 @@ MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves the
 GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
 SURELY = 10.0  # standard errors, by which the link between two rods is there
 MOST_FRAMES = 1500
+RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
-LATER = (0.1, 0.2, 0.35, 0.5)  # of the frames: where a law is tried to hold from
+LATER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # of the frames: where a law is tried to hold from
 
 
 @dataclass(frozen=True)
@@ -75,18 +77,20 @@ class Mechanism:
         """Of the motion, that the laws explain: 1 less what is left of its variance."""
         return 1 - (self.left / self.spread) ** 2
 
-    def refitted(self, motion: Motion) -> Mechanism:
-        """The same laws with numbers from all frames from the first one that they hold at."""
+    def refitted(self, motion: Motion) -> tuple[Mechanism, Mechanism]:
+        """With numbers from all frames from the first one that the laws hold at.
+
+        Of laws that the fitted frames do not tell apart, all frames choose.
+
+        Returns:
+            The chosen laws with their numbers as they are, and with those from all frames.
+        """
+        if any(group.fit.model.law.restoring == "chain" for group in self.groups):
+            return self, self  # of windows, which frames that were held out do not lengthen
         rest = thinned(motion.cut(self.first))
-        groups = []
-        for group in self.groups:
-            if group.fit.model.law.restoring == "chain":
-                return self  # of windows, which frames that were held out do not lengthen
-            found = fit(frames_of(rest, group.bodies), group.fit.model, group.fit.values)
-            if found is None or found.left > WORSE * group.fit.left:
-                found = group.fit
-            groups.append(replace(group, fit=found))
-        return replace(self, groups=tuple(groups))
+        pairs = [_refitted(frames_of(rest, group.bodies), group) for group in self.groups]
+        few, all_ = (tuple(groups) for groups in zip(*pairs, strict=True))
+        return replace(self, groups=few), replace(self, groups=all_)
 
     def path(self, times: np.ndarray, clip: int = -1) -> np.ndarray:
         """Places ``(t, n, d)`` at times of the clip, not before the laws hold."""
@@ -95,6 +99,19 @@ class Mechanism:
         rolled = {group.bodies: group.fit.path(since, clip) for group in self.groups}
         whose = {b: group.bodies for group in self.groups for b in group.bodies}
         return np.stack([rolled[whose[b]][:, parts[b]] for b in sorted(whose)], 1)
+
+
+def _refitted(clips: Sequence[Frames], group: Group) -> tuple[Group, Group]:
+    """With the law that all frames choose: its numbers as they are, and from all frames."""
+    near = [x for x in group.others if x.score > group.fit.score - RIVALS]
+    fitted = [(x, fit(clips, x.model, x.values)) for x in (group.fit, *near)]
+    good = [(few, x) for few, x in fitted if x is not None and x.left < WORSE * few.left]
+    if not good:
+        return group, group
+    order = ranked([x for _, x in good if makes_sense(x)] or [good[0][1]])
+    few = next(few for few, x in good if x is order[0])
+    others = tuple(x for x in (group.fit, *group.others) if x is not few)
+    return Group(group.bodies, few, others), Group(group.bodies, order[0], tuple(order[1:]))
 
 
 def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -> Mechanism | None:
@@ -109,8 +126,11 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
         return None
     motion, stride = thinned(motion), _stride(motion)
     first, groups = 0, _groups(motion, angles, camera)
-    if groups is None or not all(map(_holds, groups)):
-        first, groups = _later(motion, angles, camera, groups)
+    if groups is None or not all(_holds(group.fit) for group in groups):
+        later = _first_lawful(motion, angles)
+        found = _groups(motion.cut(later), angles, camera) if later else None
+        if found is not None and all(_holds(group.fit) for group in found):
+            first, groups = later, found
     if groups is None:
         return None
     begin = motion.times[:, first].copy()
@@ -141,7 +161,7 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         first, last = alone.shown()
         if last - first >= LEAST_FRAMES:
             laws = _groups(thinned(alone.cut(first, last)), angles=False, camera=True)
-            if laws is not None and all(map(_holds, laws)):
+            if laws is not None and all(_holds(group.fit) for group in laws):
                 found.append(body)
     if len(found) == motion.bodies or (not found and motion.bodies == 2):
         return motion, ()  # of two that no law moves alone, each may move the other
@@ -186,7 +206,8 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
             return None
         groups.append(Group((body,), fits[0], tuple(fits[1:])))
     if motion.bodies > 1 and not met:
-        joint = coupled(frames_of(motion), [group.fit for group in groups])
+        laws = [(group.fit, *group.others) for group in groups]
+        joint = coupled(frames_of(motion), laws, camera)
         if joint is not None:
             return (Group(tuple(range(motion.bodies)), joint),)
     return tuple(groups)
@@ -208,28 +229,25 @@ def _linked(rods: Fit) -> bool:
     return link > SURELY * error
 
 
-def _holds(group: Group) -> bool:
-    """Whether its law leaves little, or nothing that lasts."""
-    fit = group.fit
+def _holds(fit: Fit) -> bool:
+    """Whether a law leaves little, or nothing that lasts."""
     return fit.left < GOOD * fit.spread or fit.errors.smooth < fit.errors.white
 
 
-def _later(
-    motion: Motion, angles: bool, camera: bool, whole: tuple[Group, ...] | None
-) -> tuple[int, tuple[Group, ...] | None]:
-    """The first later frame from which laws hold; else the whole recording."""
+def _first_lawful(motion: Motion, angles: bool) -> int:
+    """The first later frame from which a law holds for each body; 0 where there is none."""
     total, tried = motion.positions.shape[1], []
     for share in LATER:
         first = int(share * total)
         if total - first < LEAST_FRAMES + 2 or motion.clips > 1:
             break
-        groups = _groups(motion.cut(first), angles, camera)
-        if groups is not None and all(map(_holds, groups)):
-            tried.append((first, groups, max(group.fit.left for group in groups)))
-    if not tried:
-        return 0, whole
-    # What a hand does at first looks like a body that nears the camera.
-    steady = [x for x in tried if not any(group.fit.model.law.nears for group in x[1])]
-    tried = steady or tried
-    least = min(left for _, _, left in tried)
-    return next((first, groups) for first, groups, left in tried if left <= NEAR_BEST * least)
+        rest, worst = motion.cut(first), 0.0
+        for body in range(motion.bodies):
+            frames = frames_of(rest, [body])
+            enough = min(len(clip.stretches[0].times) for clip in frames) >= LEAST_FRAMES
+            laws = [x for x in roughly(frames, angles) if _holds(x)] if enough else []
+            worst = max(worst, min((x.left for x in laws), default=np.inf))
+        if np.isfinite(worst):
+            tried.append((first, worst))
+    least = min((left for _, left in tried), default=0.0)
+    return next((first for first, left in tried if left <= NEAR_BEST * least), 0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.fitted import Fit, Model, missed, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.measurement import (
@@ -32,13 +33,15 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
     joint = np.concatenate([values, *geometry])
     least = 1e-9 * scale
     errors, likely = likeliest_errors(stretches, residuals, least)
+    prior = _prior(model, len(joint))
+    likely -= 0.5 * float(prior @ joint**2)
     covariance = np.eye(len(joint))
     for _ in range(SWEEPS):
         slope = slopes_of(clips, model, joint, scale)
         residuals = _missed(clips, model, joint)
         if not all(np.isfinite(x).all() for x in (*slope, *residuals)):
             return None
-        gram, moment = np.zeros((len(joint),) * 2), np.zeros(len(joint))
+        gram, moment = np.diag(prior), -prior * joint
         for stretch, j, r in zip(stretches, slope, residuals, strict=True):
             inverse = Covariance(stretch.times, stretch.trust, errors)
             for axis in range(r.shape[1]):
@@ -52,9 +55,10 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
             left = _missed(clips, model, trial)
             if not _near(left, scale):
                 continue
-            found = likeliest_errors(stretches, left, least)
-            if found[1] >= likely:
-                joint, (errors, likely), residuals = trial, found, left
+            sizes, found = likeliest_errors(stretches, left, least)
+            found -= 0.5 * float(prior @ trial**2)
+            if found >= likely:
+                joint, errors, likely, residuals = trial, sizes, found, left
                 break
         if likely - before < 0.01:
             break
@@ -71,6 +75,15 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
         tuple(clips),
         tuple(residuals),
     )
+
+
+def _prior(model: Model, count: int) -> np.ndarray:
+    """Precision of each number before anything is seen; 0 but for the camera's view."""
+    prior = np.zeros(count)
+    if model.law.pictured:
+        end = len(model.law.names)
+        prior[end - len(view.USUAL) : end] = 1 / np.array(view.USUAL) ** 2
+    return prior
 
 
 def _near(residuals: Sequence[np.ndarray], scale: float) -> bool:
@@ -91,7 +104,7 @@ def _missed(clips: Sequence[Frames], model: Model, joint: np.ndarray) -> list[np
         size = chart.columns(rolled[0][:1, part]).shape[-1]
         geometry.append(joint[at : at + size])
         at += size
-    return missed(clips, model, rolled, geometry)
+    return missed(clips, model, rolled, geometry, model.view(joint))
 
 
 def slopes_of(

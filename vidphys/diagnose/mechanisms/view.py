@@ -1,0 +1,31 @@
+"""What a camera does to a plane that bodies move in: perspective and a lens, both slight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+NAMES = ("tilt 1", "tilt 2", "lens")
+USUAL = (0.1, 0.1, 0.02)  # standard deviations: a plane tilted by 10 degrees, a phone's lens
+FLAT = 2  # dimensions of the plane
+ROUNDS = 4  # until a place in the picture agrees with what the lens makes of it
+NEAREST = 0.05
+
+
+def flat(places: np.ndarray, view: np.ndarray) -> np.ndarray:
+    """Places in the plane ``(…, 2)`` of those in the picture.
+
+    Args:
+        places: ``(…, 2)``, units of half the picture's longer side, counted from its middle.
+        view: two slopes of the plane's distance, and the lens's distortion, ``(3,)``.
+    """
+    straight = places * (1 - view[2] * (places**2).sum(-1, keepdims=True))
+    return straight / np.maximum(1 + straight @ view[:2], NEAREST)[..., None]
+
+
+def seen(places: np.ndarray, view: np.ndarray) -> np.ndarray:
+    """Places in the picture ``(…, 2)`` of those in the plane, the inverse of :func:`flat`."""
+    straight = places / np.maximum(1 - places @ view[:2], NEAREST)[..., None]
+    out = straight
+    for _ in range(ROUNDS if view[2] else 0):
+        out = straight / (1 - view[2] * (out**2).sum(-1, keepdims=True)).clip(NEAREST)
+    return out
