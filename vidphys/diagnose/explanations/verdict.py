@@ -54,7 +54,10 @@ def judge(
         return Verdict(status, share, left, None, 0.0)
     # A flight goes farther while it is foretold than while it was seen.
     near = max(NEAR * spread, 0.5 * NEAR * tail.errors["persistence"], NOISE * left)
-    miss = _averaged(np.sqrt(np.nanmean(((tail.forecasts["model"] - tail.seen) ** 2).sum(-1), -1)))
+    squares = ((tail.forecasts["model"] - tail.seen) ** 2).sum(-1)
+    bodies = np.isfinite(squares).sum(-1)
+    mean = np.nansum(squares, -1) / np.maximum(bodies, 1)
+    miss = _averaged(np.sqrt(np.where(bodies > 0, mean, np.nan)))
     lost = np.flatnonzero(miss > near)
     held_out = float(tail.times[-1] - tail.times[0])
     horizon = float(tail.times[lost[0]] - tail.times[0]) if len(lost) else held_out

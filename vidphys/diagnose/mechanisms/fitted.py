@@ -132,6 +132,7 @@ def _rms(parts: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(total / max(sum(len(x) for x in parts), 1)))
 
 
+@np.errstate(all="ignore")  # of trial numbers that fly apart: the fit takes them back
 def residuals_of(
     clips: Sequence[Frames], model: Model, values: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -144,7 +145,6 @@ def residuals_of(
     return missed(clips, model, rolled, geometry, camera), geometry
 
 
-@np.errstate(all="ignore")  # of trial numbers that fly apart: the fit takes them back
 def missed(
     clips: Sequence[Frames],
     model: Model,

@@ -96,6 +96,7 @@ def _retrusted(clips: Sequence[Frames], stretches: Sequence[Stretch]) -> list[Fr
     return [replace(clip, stretches=tuple(next(each) for _ in clip.stretches)) for clip in clips]
 
 
+@np.errstate(all="ignore")  # as in a fit
 def _missed(clips: Sequence[Frames], model: Model, joint: np.ndarray) -> list[np.ndarray]:
     """Residuals with the geometry as given, not at its best."""
     count = len(model.law.names) + 2 * model.law.coordinates * len(clips)
