@@ -306,8 +306,18 @@ def _draw(
     from viz.figures import save_svg
     from viz.recording import write_overlay_recording
 
+    units = found.told_in
+    wall = found.data.get("wall")
     figure = diagnosis_figure(
-        found.times, found.positions, found.probability, found.rolled, found.data.get("wall")
+        found.times,
+        units.per * found.positions,
+        {name: (when, units.per * path) for name, (when, path) in found.rolled.items()},
+        None if found.path is None else (found.path[0], units.per * found.path[1]),
+        said=found.headline,
+        unit=units.name,
+        picture=None if frames is None else (frames[len(frames) // 2], units.per),
+        probability=found.probability,
+        wall=None if wall is None else {**wall, "place": units.per * wall["place"]},
     )
     save_svg(figure, run.path / "figures" / "diagnosis.svg")
     arrays = found.showcase(frames)

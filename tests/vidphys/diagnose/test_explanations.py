@@ -56,7 +56,8 @@ def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch)
     monkeypatch.setattr(choice, "FITTED", (lambda *_: None, Oracle.of))
     given = answer(thrown(), False, 0.3)
     at = given.lines.index("It was foreseen.")
-    assert "steps of 0.05 s" in given.lines[at + 1] and "is off by 0 (" in given.lines[at + 2]
+    assert "it is off by 0 (persistence by " in given.lines[at + 1]
+    assert "steps of 0.05 s" in given.lines[-1]
     assert given.data["miracle"] == {"since": 84}
     assert (given.data["terms"], given.data["explained"]) == (["miracle"], True)
     assert given.data["forecast_error"]["model"] == given.numbers["forecast_rmse_model"] == 0

@@ -44,7 +44,7 @@ def look(cost, error, encoder):
 
 
 def noise(sigma, step=0.05):
-    return Noise(sigma * SPREAD, 3, step, True, "")
+    return Noise(sigma * SPREAD, 3, step, True)
 
 
 MEASURED = [

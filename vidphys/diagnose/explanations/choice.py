@@ -54,7 +54,7 @@ def understand(
     except Unseen:
         if laws is None or not laws.one_law:
             raise
-        return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False, ""), ""), laws
+        return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False), ""), laws
     if found.inference is None:
         return found, laws
     menu = ByMenu(found, found.inference, motion, end)

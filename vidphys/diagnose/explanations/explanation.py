@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.verdict import Verdict
 from vidphys.diagnose.recordings.noise import Noise
+from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.weak.spectrum import Mode
 
 
@@ -64,6 +65,11 @@ class Explanation(Protocol):
         return 0
 
     @property
+    def told_in(self) -> Units | None:
+        """Units of its own, where it knows better ones."""
+        return None
+
+    @property
     def noise(self) -> Noise | None:
         """Of the positions, as it leaves it; ``None`` where it tells nothing of that."""
         return None
@@ -87,6 +93,10 @@ class Explanation(Protocol):
     def numbers(self) -> dict[str, float]:
         """Its own entries of the records, by metric."""
         return {}
+
+    def path(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times and positions ``(t, n, d)`` over the first clip; ``None`` where it has no path."""
+        return None
 
     def forecast(self) -> Validation | None:
         """The tail beside simple forecasts; ``None`` where it cannot be rolled on."""

@@ -41,6 +41,13 @@ LOSES = {
     "square": "friction goes with the square of its speed",
     "dry": "dry friction",
 }
+SHORT = {
+    "linear": "friction ~ v",
+    "square": "friction ~ v²",
+    "dry": "dry friction",
+    "uniform": "constant acceleration",
+    "trap": "spring to a place",
+}
 
 
 @dataclass(frozen=True)
@@ -147,9 +154,14 @@ class ByMechanism(Explanation):
         out = []
         for group in self.whole.groups:
             near = [x for x in group.others if x.score > group.fit.score - CLEAR]
-            kinds = {" and ".join(sorted(x.kinds)) for x in near if x.kinds != group.fit.kinds}
+            kinds = {
+                ", ".join(SHORT.get(kind, kind) for kind in sorted(x.kinds)) or "no force"
+                for x in near
+                if x.kinds != group.fit.kinds
+            }
             if kinds:
-                out.append(f"Nearly as likely: {'; or '.join(sorted(kinds))}. A longer clip tells.")
+                said = "; or ".join(sorted(kinds))
+                out.append(f"Nearly as likely: {said}. A longer recording would tell.")
         return out
 
     def _told(self, group: Group) -> list[str]:
@@ -198,9 +210,7 @@ class ByMechanism(Explanation):
         found = self.mechanism
         errors = [group.fit.errors for group in found.groups]
         worst = max(errors, key=lambda e: e.total)
-        left = self.told_in.told(found.left, 1)
-        text = f"This explains {100 * found.share:.4g} % of the motion; what is left is {left:.2g}"
-        text += f" {self.told_in.name}" if self.told_in.name else ""
+        text = f"What is left is {self.told_in.length(found.left)}"
         if worst.smooth > worst.white:
             return text + (
                 f", and lasts for {worst.memory:.2g} s, as a lens, perspective or a tracker's slow "
@@ -251,6 +261,11 @@ class ByMechanism(Explanation):
 
     def numbers(self) -> dict[str, float]:
         return {"share_explained": self.mechanism.share}
+
+    def path(self) -> tuple[np.ndarray, np.ndarray]:
+        times = self.motion.times[0]
+        times = times[times >= self.mechanism.begin[0]]
+        return times, self.mechanism.path(times, 0)
 
     def forecast(self) -> Validation | None:
         end, times = self.end, self.motion.times[-1]

@@ -114,7 +114,7 @@ class ByMenu(Explanation):
         if not found.explained:
             left = (part.leftover for part in found.inferences)
             why = "; ".join(x.why for x in left if not x.explained)
-            lines.append(f"None of the menu's terms explains all of it: {why}.")
+            lines.append(f"No term explains all of it: {why}.")
         if found.power is not None:
             lines.append(f"Power of the coupling: {found.power.why}.")
         return lines

@@ -55,10 +55,14 @@ def check_identity(motion: Motion) -> Identity:
 
 
 def _said(motion: Motion, share: np.ndarray, crossings: int, jumps: int) -> str:
-    noun = "body" if motion.bodies == 1 else "bodies"
-    text = f"{motion.bodies} {noun}, each seen in {share.min():.0%} of the frames or more"
+    noun, each = ("body", "") if motion.bodies == 1 else ("bodies", "each ")
+    least = share.min()
+    often = "every frame" if least == 1 else f"{min(least, 0.994):.0%} of the frames"
+    text = f"{motion.bodies} {noun}, {each}seen in {often}" + (
+        " or more" if each and least < 1 else ""
+    )
     if crossings:
         text += f"; in {crossings} frames two are nearer than a step: names may have been swapped"
     if jumps:
-        text += f"; {jumps} steps look like jumps"
+        text += f"; it jumps {jumps} times" if motion.bodies == 1 else f"; there are {jumps} jumps"
     return text

@@ -23,14 +23,12 @@ class Noise:
         order: of the differences that it was read from.
         step: median distance that a body moves from frame to frame, world units.
         momentum_visible: whether a central difference shows a usual speed above its noise.
-        why: one sentence.
     """
 
     sigma: float
     order: int
     step: float
     momentum_visible: bool
-    why: str
 
 
 def blur_seen(step: float, space: int) -> float:
@@ -83,9 +81,4 @@ def noise_of(sigma: float, motion: Motion, order: int = 0) -> Noise:
     """Noise of a size that is known, beside what moves; ``order`` 0: not by differences."""
     steps = np.linalg.norm(np.diff(motion.positions, axis=1), axis=-1)
     step = float(np.nanmedian(steps))
-    blur = sigma * _blurred(motion.space)
-    visible = bool(sigma < blur_seen(step, motion.space))
-    why = (
-        f"a body moves {step:.3g} from frame to frame, a difference of frames is sure to {blur:.2g}"
-    )
-    return Noise(sigma, order, step, visible, why)
+    return Noise(sigma, order, step, bool(sigma < blur_seen(step, motion.space)))

@@ -31,6 +31,15 @@ class Units:
         """A number that goes with a power of length."""
         return value * self.per**length
 
+    def length(self, value: float) -> str:
+        """A length in words, of two digits."""
+        told = self.told(value, 1)
+        return (
+            f"{told:.0f} {self.name}".rstrip()
+            if told >= 100
+            else f"{told:.2g} {self.name}".rstrip()
+        )
+
     def named(self, length: int, seconds: int) -> str:
         """The unit of a number that goes with powers of length and of seconds."""
         over = [

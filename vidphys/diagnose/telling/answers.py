@@ -19,7 +19,7 @@ from vidphys.diagnose.recordings.release import free_frames
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.recordings.used import Used
 from vidphys.diagnose.telling.advice import Advice, suffices
-from vidphys.diagnose.telling.report import as_data, summary
+from vidphys.diagnose.telling.report import about, as_data, summary
 from vidphys.diagnose.telling.sufficient import with_measured
 from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.points.point import Point
@@ -42,6 +42,8 @@ class Answered:
         times, positions: of the first clip, all of it.
         probability: of each term.
         rolled: times and positions past the fitted part, ``model`` and changed laws.
+        path: times and positions of the model over all frames, where it has such.
+        told_in: in which lengths are told.
     """
 
     found: Diagnosis
@@ -53,6 +55,14 @@ class Answered:
     positions: np.ndarray
     probability: dict[str, float] = field(default_factory=dict)
     rolled: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    path: tuple[np.ndarray, np.ndarray] | None = None
+    told_in: Units = field(default_factory=Units)
+
+    @property
+    def headline(self) -> list[str]:
+        """The verdict and the law, and which frames are used."""
+        used, *told = self.lines
+        return [*[line for line in told if not line.startswith(" ")][:2], used]
 
     def showcase(self, frames: np.ndarray | None) -> dict[str, np.ndarray] | None:
         """Arrays of the recording; ``None`` where there is no plane to draw, or no forecast."""
@@ -124,15 +134,18 @@ def answer(
     advice = _advice(found, explanation, motion, points)
     answered = Answered(
         found,
-        summary(found, identity, explanation, advice),
+        summary(found, explanation),
         as_data(found, identity, explanation, advice),
         None,
         {"noise_sigma": found.noise.sigma},
         recorded.times[0],
         recorded.positions[0],
+        told_in=(None if explanation is None else explanation.told_in) or units or Units(),
     )
+    said = about(found, identity, advice, answered.told_in)
     _left_out(answered, recorded, used, (begin, stop), explanation)
     if explanation is None:
+        answered.lines.extend(said)
         return answered
     if isinstance(explanation, ByMenu):
         inference = explanation.inference
@@ -141,8 +154,9 @@ def answer(
     answered.data.update(explanation.data())
     answered.numbers.update(explanation.numbers())
     _rolled_on(answered, explanation, total - end)
+    answered.lines.extend(said)
     described = {"mass": found.motion.mass[0].tolist(), **explanation.specification()}
-    return replace(answered, specification=described)
+    return replace(answered, specification=described, path=explanation.path())
 
 
 def _later(found: Diagnosis, frames: int) -> Diagnosis:
@@ -213,11 +227,12 @@ def _validated(answered: Answered, tail: Validation) -> None:
     answered.data["forecast_error"] = tail.errors
     for name, error in tail.errors.items():
         answered.numbers[f"forecast_rmse_{name.replace(' ', '_')}"] = error
-    others = ", ".join(f"{name} {e:.3g}" for name, e in tail.errors.items() if name != "model")
+    off = {name: answered.told_in.length(error) for name, error in tail.errors.items()}
+    others = ", ".join(f"{name} by {error}" for name, error in off.items() if name != "model")
     worse = "" if tail.beats_all else "; it is not better than all of them"
     answered.lines.append(
-        f"Rolled over the {len(tail.times)} frames that nothing was fitted to, the model is off "
-        f"by {tail.errors['model']:.3g} ({others}){worse}."
+        f"Over the last {len(tail.times)} frames, which nothing was fitted to, it is off by "
+        f"{off['model']} ({others}){worse}."
     )
 
 

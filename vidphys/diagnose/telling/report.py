@@ -8,31 +8,39 @@ import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.explanation import Explanation
-from vidphys.diagnose.explanations.menu import ASKED, ByMenu, named, specification
+from vidphys.diagnose.explanations.menu import ASKED, specification
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.recordings.identity import Identity
+from vidphys.diagnose.recordings.noise import Noise
+from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.advice import Advice
 
 
-def summary(
-    found: Diagnosis, identity: Identity, explanation: Explanation | None, advice: Advice | None
-) -> list[str]:
-    """What a person should know, a sentence each.
+def summary(found: Diagnosis, explanation: Explanation | None) -> list[str]:
+    """What is said of the motion, a sentence each.
 
     Args:
         found: what the menu of terms says.
-        identity: of the bodies.
         explanation: that was chosen, where there is any.
-        advice: likewise.
     """
-    lines = [identity.why + ".", _noise(found)]
     if explanation is None:
-        return [*lines, f"No answer: {found.refused}."]
-    lines += [_verdict(explanation.verdict)] if explanation.verdict is not None else []
-    lines += explanation.lines()
-    if found.inference is not None and not isinstance(explanation, ByMenu):
-        lines.append(f"The menu's terms alone would show {named(found.inference)}.")
+        return [f"No answer: {found.refused}."]
+    lines = [_verdict(explanation.verdict)] if explanation.verdict is not None else []
+    return lines + explanation.lines()
+
+
+def about(found: Diagnosis, identity: Identity, advice: Advice | None, units: Units) -> list[str]:
+    """What is said of the recording, and what suffices to simulate and to film the scene.
+
+    Args:
+        found: gives the noise.
+        identity: of the bodies.
+        advice: where there is any.
+        units: in which lengths are told.
+    """
+    lines = [identity.why + "."]
+    lines += [_noise(found.noise, units)] if np.isfinite(found.noise.sigma) else []
     if advice is not None:
         lines += [_advised(advice)] if advice.fastest > 0 else []
         lines += advice.measured
@@ -42,28 +50,26 @@ def summary(
 def _verdict(verdict: Verdict) -> str:
     """How far the answer may be trusted."""
     has = 100 * max(verdict.share, 0.0)
-    text = f"{verdict.status.capitalize()}: the model has {has:.4g} % of the motion"
+    text = f"{verdict.status.capitalize()}: the law has {has:.4g} % of the motion"
     if verdict.horizon is None:
         return text + "; nothing was held out that it could foretell."
+    if verdict.horizon >= verdict.held_out:
+        return text + f" and foretells all of the {verdict.held_out:.3g} s held out."
     return text + (
         f" and foretells {verdict.horizon:.3g} s of the {verdict.held_out:.3g} s held out."
     )
 
 
-def _noise(found: Diagnosis) -> str:
-    noise = found.noise
-    seen = (
-        "speeds show from frame to frame"
-        if noise.momentum_visible
-        else ("speeds show only over many frames")
-    )
-    return f"Positions have a noise of {noise.sigma:.3g}; {noise.why}: {seen}."
+def _noise(noise: Noise, units: Units) -> str:
+    sigma, step = (units.length(x) for x in (noise.sigma, noise.step))
+    text = f"A coordinate has a noise of {sigma}; a body moves {step} from frame to frame"
+    return text + ("." if noise.momentum_visible else ": its speed shows only over many frames.")
 
 
 def _advised(advice: Advice) -> str:
-    enough = "the recording has them" if advice.enough_frames else "the recording has fewer"
+    enough = "as here" if advice.enough_frames else "here there are fewer"
     return (
-        f"To roll it: {advice.integrator} with steps of {advice.dt:.2g} s; to see it: a frame "
+        f"To simulate it: {advice.integrator} with steps of {advice.dt:.2g} s; to film it: a frame "
         f"every {advice.frame_interval:.2g} s or more often ({enough})."
     )
 
