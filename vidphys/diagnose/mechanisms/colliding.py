@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.colliding_kernel import rolled
-from vidphys.diagnose.mechanisms.law import NEAREST, RATES, Law
+from vidphys.diagnose.mechanisms.law import RATES, Law
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,10 @@ class Colliding(Law):
         contacts: of the pairs that meet.
         rubs: whether a collision takes of the speed across the line of centres too; spins are not
             seen, so it is one share of all collisions.
-        tilted: a camera sees the plane aslant: a place s shows at s / (1 + tilt . s).
-        bent: its lens bends the picture: a place shows farther by lens |s|^2 of its distance.
     """
 
     contacts: tuple[Contact, ...] = (Contact(0, 1),)
     rubs: bool = False
-    tilted: bool = False
-    bent: bool = False
 
     @property
     def bodies(self) -> int:
@@ -66,8 +63,7 @@ class Colliding(Law):
             *(f"reach {i + 1}" for i in range(len(self.contacts))),
             "restitution",
             *(("rub",) if self.rubs else ()),
-            *((f"tilt {i + 1}" for i in range(self.space)) if self.tilted else ()),
-            *(("lens",) if self.bent else ()),
+            *(view.NAMES if self.pictured else ()),
         )
 
     @property
@@ -97,9 +93,4 @@ class Colliding(Law):
                 known["restitution"],
                 known.get("rub", 0.0),
             )
-            if self.tilted:
-                tilt = np.array([known[f"tilt {i + 1}"] for i in range(d)])
-                out[:, 0] /= np.maximum(1 + out[:, 0] @ tilt, NEAREST)[..., None]
-            if self.bent:
-                out[:, 0] *= 1 + known["lens"] * (out[:, 0] ** 2).sum(-1, keepdims=True)
         return out.reshape(len(times), 2, n * d)

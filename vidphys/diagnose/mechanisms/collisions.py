@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Chart, Line, Plane
 from vidphys.diagnose.mechanisms.choose import LIKELIER
 from vidphys.diagnose.mechanisms.colliding import Colliding, Contact
@@ -28,8 +29,6 @@ ADDED = (  # what a law is tried with beside collisions
     {"friction": "square"},
     {"restoring": "uniform"},
     {"rubs": True},
-    {"tilted": True},
-    {"bent": True},
 )
 
 
@@ -58,7 +57,8 @@ def colliding(clips: Sequence[Frames], camera: bool = False) -> list[Fit]:
     if not joined:
         return []
     runners = [
-        (model, [_guess(clips, found, model, along)]) for model, along in _models(clips, joined)
+        (model, [_guess(clips, found, model, along)])
+        for model, along in _models(clips, joined, camera)
     ]
     fits = sorted(race(clips, runners, _lengths(clips, found)), key=lambda x: -x.score)
     if not fits:
@@ -73,13 +73,14 @@ def colliding(clips: Sequence[Frames], camera: bool = False) -> list[Fit]:
 
 
 def _models(
-    clips: Sequence[Frames], meetings: Sequence[Meeting]
+    clips: Sequence[Frames], meetings: Sequence[Meeting], camera: bool
 ) -> list[tuple[Model, np.ndarray | None]]:
     """In the plane, and on a line where all bodies keep to parallel ones, with its direction."""
     bodies, space = len(clips[0].stretches), meetings[0].places.shape[1]
     pairs = sorted({(x.one, x.two) for x in meetings})
     out: list[tuple[Model, np.ndarray | None]] = []
-    plane = Colliding(bodies * space, contacts=_contacts(pairs, meetings, np.eye(space)[0]))
+    contacts = _contacts(pairs, meetings, np.eye(space)[0])
+    plane = Colliding(bodies * space, contacts=contacts, pictured=camera and space == view.FLAT)
     out.append((Model(plane, (Plane(space),) * bodies), None))
     if space > 1:
         along = _line(clips)
@@ -120,7 +121,8 @@ def _guess(
     law = model.law
     assert isinstance(law, Colliding)
     meetings = [x for each in found for x in each]
-    known = {"restitution": float(np.median([x.restitution for x in meetings]))}
+    known = dict.fromkeys(view.NAMES, 0.0)
+    known["restitution"] = float(np.median([x.restitution for x in meetings]))
     for number, contact in enumerate(law.contacts, 1):
         same = [x for x in meetings if (x.one, x.two) == (contact.one, contact.two)]
         if law.space == 1:
@@ -193,7 +195,7 @@ def _with_terms(clips: Sequence[Frames], base: Fit, camera: bool) -> tuple[Fit, 
     """The base with those terms that its residuals ask for, and what else was tried."""
     best, others = base, []
     for _ in range(ROUNDS):
-        models = _more(best, camera)
+        models = _more(best)
         tried = sorted(((_gain(best, other), k) for k, other in enumerate(models)), reverse=True)
         likely = [models[k] for gain, k in tried[:2] if gain > 0]
         better = [x for model in likely if (x := _fitted(clips, best, model)) is not None]
@@ -207,16 +209,15 @@ def _with_terms(clips: Sequence[Frames], base: Fit, camera: bool) -> tuple[Fit, 
     return best, others
 
 
-def _more(base: Fit, camera: bool) -> list[Model]:
-    """Models with one term more, or with what a camera does more."""
+def _more(base: Fit) -> list[Model]:
+    """Models with one term more."""
     law = base.model.law
     plain = Colliding(law.coordinates)
     out = []
     for change in ADDED:
         ((name, value),) = change.items()
         plane = base.model.charts[0].name == "plane" and base.model.charts[0].size == 2
-        seen_so = camera and plane if name in ("tilted", "bent") else plane or name != "rubs"
-        if getattr(law, name) == getattr(plain, name) and seen_so:
+        if getattr(law, name) == getattr(plain, name) and (plane or name != "rubs"):
             out.append(Model(replace(law, **change), base.model.charts))
     return out
 
