@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.vidphys.stress.test_flights import STEP, TRUE, stepped
 from vidphys.diagnose.recordings.motion import motion_of
-from vidphys.diagnose.recordings.release import free_frames, held_until
+from vidphys.diagnose.recordings.release import free_frames, held_until, held_within
 from vidphys.diagnose.telling.answers import answer
 
 FRAMES = 120
@@ -100,3 +100,32 @@ def test_the_frames_of_a_hold_are_still_shown(held_answer):
 def test_a_wall_is_said_and_no_heat_bath(held_answer):
     said = "\n".join(held_answer.lines)
     assert "it bounces off a wall" in said and "bath" not in said
+
+
+def caught(stop, again, frames=FRAMES):
+    """A swing that something stops where it is, holds, and lets go at frame ``again``."""
+    t = np.arange(frames) * STEP
+    s = np.cos(3.0 * t)
+    s[stop:again] = s[stop]
+    s[again:] = s[stop] * np.cos(3.0 * (t[again:] - t[again]))
+    return np.stack([0.2 * s, s], -1)
+
+
+@pytest.mark.parametrize("stop, again, longest", [(20, 45, (45, FRAMES)), (72, 95, (0, 72))])
+def test_a_hold_in_the_middle_is_left_out_with_the_shorter_part(stop, again, longest):
+    swing = recorded(caught(stop, again))
+    (start, free), *more = held_within(swing)
+    assert not more and abs(start - stop) <= 2 and 0 <= free - again <= 5
+    assert np.allclose(free_frames(swing), longest, atol=5)
+    begin, end = free_frames(swing)
+    said = answer(swing, False, 0.3).lines[0]
+    assert said.startswith(f"Frames {begin} to {end - 1} of {FRAMES} are used: something holds")
+    assert said.endswith(f"until {begin - 1}." if begin else f"from {end} on.")
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.5, 6.0), st.floats(0.05, 1.0), st.integers(0, 2**31))
+def test_a_swing_that_turns_slowly_or_comes_to_rest_is_not_held(rate, damping, seed):
+    t = np.arange(3 * FRAMES) * STEP
+    swing = np.exp(-damping * t) * np.cos(rate * t)
+    assert held_within(recorded(np.stack([swing, 0.1 * swing**2], -1), seed=seed)) == []

@@ -1,4 +1,4 @@
-"""Bodies that something holds when a recording begins: a hand that has yet to let go.
+"""Bodies that something holds, when a recording begins or in the middle of it, as a hand does.
 
 A hand is a constraint that ends, not a force of the scene. What is recorded before it lets go says
 nothing of the law and contradicts every model of it.
@@ -14,13 +14,40 @@ from vidphys.diagnose.recordings.noise import measure_noise
 FEWEST = 4  # frames in a row that show a body held
 SURE = 3  # frames in a row that show it moved
 STILL = 4.0  # times the noise of a position, within which a body has not moved
+HELD = 12  # frames in a row that show it held after it has moved
+FAR = 0.2  # of the size of the motion, that it then goes at least
 SUDDEN = 3.0  # times farther than from rest a body is after twice the frames, if it was held
 
 
 def free_frames(motion: Motion) -> tuple[int, int]:
-    """First frame in which bodies are seen that nothing holds, and the one after the last."""
+    """First frame in which bodies are seen that nothing holds, and the one after the last.
+
+    Where something holds them in the middle, it is the longest part without.
+    """
     first, last = motion.shown()
-    return first + held_until(motion.cut(first, last)), last
+    begin = first + held_until(motion.cut(first, last))
+    holds = held_within(motion.cut(begin, last)) if motion.clips == 1 else []
+    starts = [begin, *(begin + stop for _, stop in holds)]
+    stops = [*(begin + start for start, _ in holds), last]
+    return max(zip(starts, stops, strict=True), key=lambda part: part[1] - part[0])
+
+
+def held_within(motion: Motion) -> list[tuple[int, int]]:
+    """First frame of each hold of a moving body, and the one in which it is let go."""
+    path, near = motion.positions[0], STILL * measure_noise(motion).sigma
+    far, holds = FAR * float(np.nanmax(np.nanmax(path, 0) - np.nanmin(path, 0))), []
+    start = FEWEST
+    while start < len(path) - HELD - LEAST_FRAMES:
+        away = np.linalg.norm(path[start:] - path[start], axis=-1)
+        away = np.where(np.isfinite(away), away, np.inf).max(-1)
+        still = int((away > near).argmax())
+        later = min(2 * still, len(away) - 1)
+        gone = away[still : later + 1]
+        gone = gone[np.isfinite(gone)].max(initial=0.0)
+        if still >= HELD and gone > max(far, SUDDEN * near * (later / (still - 1)) ** 2):
+            holds.append((start, start + still))
+        start += max(still, 1)
+    return holds
 
 
 def held_until(motion: Motion) -> int:

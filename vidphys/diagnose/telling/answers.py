@@ -184,7 +184,7 @@ def _left_out(
     explanation: Explanation | None,
 ) -> None:
     """Say which frames are looked at, and why the others are not."""
-    (first, stop), (begin, _) = recorded.shown(), free
+    (first, stop), (begin, end) = recorded.shown(), free
     last, why = recorded.positions.shape[1], []
     noun = "body" if recorded.bodies == 1 else "bodies"
     if stop - first < last:
@@ -198,11 +198,13 @@ def _left_out(
         frame = used.first + begin
         answered.data["held_until"] = {"frame": frame, "time": float(recorded.times[0, begin])}
         why.append(f"something holds the {noun} until {frame - 1}")
+    if end < stop:
+        why.append(f"something holds the {noun} from {used.first + end} on")
     if explanation is not None and explanation.first:
         begin += explanation.first
         why.append(f"one law holds from {used.first + begin} on")
-    answered.data["frames"] = used.data(begin, stop)
-    answered.lines.insert(0, used.line(begin, stop, why))
+    answered.data["frames"] = used.data(begin, end)
+    answered.lines.insert(0, used.line(begin, end, why))
 
 
 def _rolled_on(answered: Answered, explanation: Explanation, tail: int) -> None:
