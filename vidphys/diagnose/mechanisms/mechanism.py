@@ -218,7 +218,7 @@ def _meeting(motion: Motion, camera: bool) -> list[Group]:
     groups = []
     for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
         fits = colliding(frames_of(motion, party), camera)
-        if fits:
+        if fits and _holds(fits[0]):
             groups.append(Group(party, fits[0], tuple(fits[1:])))
     return groups
 
