@@ -184,3 +184,17 @@ def test_another_mass_is_shown_from_before_the_collision():
     times, path = given.rolled["a second body of twice the mass"]
     true = PUCKS.path(np.r_[4.4, GLANCING[1:]], times)
     assert times[0] == 0 and np.abs(path - true).max() < 0.02
+
+
+def test_carts_that_meet_again_and_again_between_walls():
+    start = np.array([[[0.1], [0.7]], [[0.9], [-0.3]]])
+    walls = np.array([[0, -1.0, 0.0, 0.9, 1.0], [1, 1.0, 1.0, 0.8, 1.0]])
+    contact = np.array([[0.0, 1.0, 0.1, 1.0]])
+    times = np.arange(300) * STEP
+    path = rolled(times, start, np.zeros(1), NONE, np.array([1, 1.8]), contact, 0.85, 0.0, walls)
+    given = answer(recorded(path[:, 0], 0.002), False, 0.2)
+    assert given.data["terms"] == ["collision", "wall"]
+    known = given.data["mechanism"][0]["quantities"]
+    for name, true in (("mass ratio", 1.8), ("restitution", 0.85)):
+        assert known[name]["value"] == pytest.approx(true, rel=0.02)
+    assert "momentum is kept in 3 collisions" in "\n".join(given.lines)

@@ -173,7 +173,8 @@ class ByMechanism(Explanation):
         if fit.driven:
             how[1] = "something drives it"
         if law.walls:
-            how.append("it bounces off a wall" if len(law.walls) == 1 else "it bounces off walls")
+            it = "they bounce" if len(group.bodies) > 1 else "it bounces"
+            how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")
         if law.coupled:
             how.append("springs hold the bodies together")
         if "collision" in law.kinds:

@@ -179,11 +179,15 @@ class _Body:
 
     def _walled(self, free: terms.Hamiltonian) -> HeadTerm:
         """Beside the wall that is struck, the first where there are two."""
-        if not self.law.walls:
+        own = list(range(len(self.law.walls)))
+        if isinstance(self.law, Colliding):
+            own = [i for i in own if self.law.bouncing[i] == self.place]
+        if not own:
             return free
-        normal = self.law.walls[0].turned(self.fit.numbers.get("turn 1", (0.0, 0.0))[0])
-        restitution = float(np.clip(self.number("restitution 1"), 0.0, 1.0))
-        place = self.longer * self.number("wall 1")
+        i = own[0] + 1
+        normal = self.law.walls[own[0]].turned(self.fit.numbers.get(f"turn {i}", (0.0, 0.0))[0])
+        restitution = float(np.clip(self.number(f"restitution {i}"), 0.0, 1.0))
+        place = self.longer * self.number(f"wall {i}")
         return terms.Walled(free, place, restitution, _row(normal))
 
 

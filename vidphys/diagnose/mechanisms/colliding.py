@@ -38,10 +38,12 @@ class Colliding(Law):
         contacts: of the pairs that meet.
         rubs: whether a collision takes of the speed across the line of centres too; spins are not
             seen, so it is one share of all collisions.
+        bouncing: the body that bounces off each of the walls, whose normals are of its coordinates.
     """
 
     contacts: tuple[Contact, ...] = (Contact(0, 1),)
     rubs: bool = False
+    bouncing: tuple[int, ...] = ()
 
     @property
     def bodies(self) -> int:
@@ -63,12 +65,17 @@ class Colliding(Law):
             *(f"reach {i + 1}" for i in range(len(self.contacts))),
             "restitution",
             *(("rub",) if self.rubs else ()),
+            *(name for i in range(len(self.walls)) for name in self._of_wall(i + 1)),
             *(view.NAMES if self.pictured else ()),
         )
 
     @property
     def kinds(self) -> frozenset[str]:
         return super().kinds | {"collision"}
+
+    def _of_wall(self, number: int) -> list[str]:
+        along = [f"along {number}"] if self.space > 1 else []
+        return [f"wall {number}", f"restitution {number}", *along]
 
     def masses(self, numbers: Mapping[str, float]) -> np.ndarray:
         """Of all bodies over the first one's."""
@@ -82,6 +89,10 @@ class Colliding(Law):
         contacts = [
             [c.one, c.two, known[f"reach {i + 1}"], c.side] for i, c in enumerate(self.contacts)
         ]
+        walls = [
+            [body, *wall.normal, *(known[name] for name in self._of_wall(i)), *([1.0] * (d == 1))]
+            for i, (body, wall) in enumerate(zip(self.bouncing, self.walls, strict=True), 1)
+        ]
         with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
             out = rolled(
                 times,
@@ -92,5 +103,6 @@ class Colliding(Law):
                 np.array(contacts),
                 known["restitution"],
                 known.get("rub", 0.0),
+                np.array(walls).reshape(-1, d + 4),
             )
         return out.reshape(len(times), 2, n * d)

@@ -7,7 +7,7 @@ With the place s and the velocity v = ds/dt of a body, between its collisions
 A collision takes place where the distance of two bodies falls to their reach. What one body gains
 of momentum the other loses: along the line of centres their relative velocity turns round and
 shrinks to ``restitution`` of itself, across it it loses the share ``rub``. Steps are fourth-order
-Runge-Kutta; the step with a collision or a halt ends there.
+Runge-Kutta; the step with a collision, a bounce off a wall or a halt ends there.
 """
 
 from __future__ import annotations
@@ -186,11 +186,53 @@ def _until_contact(
 
 
 @kernel
+def _beyond(s: np.ndarray, wall: np.ndarray) -> float:
+    """How far a body is behind its wall."""
+    return _dot(wall[1 : 1 + s.shape[1]], s[int(wall[0])]) - wall[1 + s.shape[1]]
+
+
+@kernel
+def _until_wall(
+    s: np.ndarray,
+    v: np.ndarray,
+    h: float,
+    wall: np.ndarray,
+    law: tuple,
+    still: np.ndarray,
+    work: np.ndarray,
+) -> float:
+    """The same until a body meets its wall."""
+    if _beyond(work[5], wall) <= 0.0 or _dot(wall[1 : 1 + s.shape[1]], v[int(wall[0])]) <= 0.0:
+        return np.inf
+    low, high = 0.0, h
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        _step(s, v, middle, law, still, work)
+        if _beyond(work[5], wall) > 0.0:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@kernel
+def _bounce(v: np.ndarray, wall: np.ndarray) -> None:
+    """Turn a body's speed across its wall round; what is along it keeps a share of its own."""
+    body, size = int(wall[0]), v.shape[1]
+    across = _dot(wall[1 : 1 + size], v[body])
+    restitution, along = wall[2 + size], wall[3 + size]
+    for i in range(size):
+        beside = v[body, i] - across * wall[1 + i]
+        v[body, i] = along * beside - restitution * across * wall[1 + i]
+
+
+@kernel
 def _rolled(
     times: np.ndarray,
     start: np.ndarray,
     law: tuple,
     contacts: np.ndarray,
+    walls: np.ndarray,
     lighter: np.ndarray,
     restitution: float,
     rub: float,
@@ -204,7 +246,7 @@ def _rolled(
     for frame in range(1, len(times)):
         left = times[frame] - times[frame - 1]
         for event in range(MOST + 1):
-            when, touches, halts = left, -1, -1
+            when, touches, halts, bounces = left, -1, -1, -1
             _step(s, v, when, law, still, work)
             if event < MOST:
                 for body in range(bodies):
@@ -218,9 +260,16 @@ def _rolled(
                     if soon < when:
                         when, touches = soon, k
                     _step(s, v, when, law, still, work)
+                for k in range(len(walls)):
+                    soon = _until_wall(s, v, when, walls[k], law, still, work)
+                    if soon < when:
+                        when, bounces = soon, k
+                    _step(s, v, when, law, still, work)
             s[:], v[:] = work[5], work[6]
             left -= when
-            if touches >= 0:
+            if bounces >= 0:
+                _bounce(v, walls[bounces])
+            elif touches >= 0:
                 one, two = int(contacts[touches, 0]), int(contacts[touches, 1])
                 _collide(s, v, one, two, contacts[touches, 3], lighter, restitution, rub)
                 still[one], still[two] = False, False
@@ -241,6 +290,7 @@ def rolled(
     contacts: Float[np.ndarray, "c 4"],
     restitution: float,
     rub: float,
+    walls: Float[np.ndarray, "w _"] | None = None,
 ) -> Float[np.ndarray, "t 2 n d"]:
     """Places and velocities at each time.
 
@@ -253,8 +303,11 @@ def rolled(
         contacts: of each pair that may meet: the two bodies, their reach, and on a line the sign
             of the second's place as the first sees it.
         restitution, rub: see the module.
+        walls: of each the body that bounces off it, its normal ``(d,)``, place, restitution, and
+            the share of the speed along it that a bounce leaves; none where not given.
     """
     out = np.empty((len(times), *start.shape))
     law = (force, friction)
-    _rolled(times, start, law, contacts, 1 / masses, restitution, rub, out)
+    walls = np.zeros((0, start.shape[2] + 4)) if walls is None else walls
+    _rolled(times, start, law, contacts, walls, 1 / masses, restitution, rub, out)
     return out

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.alone import walled_apart
 from vidphys.diagnose.mechanisms.charts import Chart, Line, Plane
 from vidphys.diagnose.mechanisms.choose import LIKELIER
 from vidphys.diagnose.mechanisms.colliding import Colliding, Contact
@@ -15,6 +16,8 @@ from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import THIN
+from vidphys.diagnose.mechanisms.impacts import find_impacts
+from vidphys.diagnose.mechanisms.measurement import Stretch
 from vidphys.diagnose.mechanisms.meetings import Meeting, meetings_of
 from vidphys.diagnose.mechanisms.pushes import collisions_of, lasts, weighed, weighed_slopes
 
@@ -56,11 +59,12 @@ def colliding(clips: Sequence[Frames], camera: bool = False) -> list[Fit]:
     joined = [meeting for each in found for meeting in each]
     if not joined:
         return []
-    runners = [
-        (model, [_guess(clips, found, model, along)])
-        for model, along in _models(clips, joined, camera)
-    ]
-    fits = sorted(race(clips, runners, _lengths(clips, found)), key=lambda x: -x.score)
+    runners = []
+    for free, along in _models(clips, joined, camera):
+        model, known = walled_apart(clips, found, free, along)
+        runners.append((model, [_guess(clips, found, model, along, known)]))
+    walls = any(model.law.walls for model, _ in runners)
+    fits = sorted(race(clips, runners, _lengths(clips, found, walls)), key=lambda x: -x.score)
     if not fits:
         return []
     best, others = _with_terms(clips, fits[0], camera)
@@ -116,12 +120,13 @@ def _guess(
     found: Sequence[Sequence[Meeting]],
     model: Model,
     along: np.ndarray | None,
+    walls: Mapping[str, float],
 ) -> np.ndarray:
-    """Numbers of a law without friction, and starts, from the meetings."""
+    """Numbers of a law without friction, and starts, from the meetings and those of walls."""
     law = model.law
     assert isinstance(law, Colliding)
     meetings = [x for each in found for x in each]
-    known = dict.fromkeys(view.NAMES, 0.0)
+    known = {**walls, **dict.fromkeys(view.NAMES, 0.0)}
     known["restitution"] = float(np.median([x.restitution for x in meetings]))
     for number, contact in enumerate(law.contacts, 1):
         same = [x for x in meetings if (x.one, x.two) == (contact.one, contact.two)]
@@ -164,10 +169,12 @@ def _masses(meetings: Sequence[Meeting], bodies: int) -> np.ndarray:
 def _start(
     clip: Frames, meetings: Sequence[Meeting], law: Colliding, along: np.ndarray | None
 ) -> np.ndarray:
-    """Places and rates of all bodies at the clip's begin, by a parabola up to the first meeting."""
+    """Places and rates of all bodies at the clip's begin, by a parabola up to what changes them."""
     places, rates = [], []
     for body, stretch in enumerate(clip.stretches):
         own = [x.time for x in meetings if body in (x.one, x.two)]
+        if law.walls:
+            own += _struck(stretch)
         before = int(np.searchsorted(stretch.times, min(own, default=np.inf)))
         few = max(before, 3)
         t, x = stretch.times[:few], stretch.places[:few]
@@ -178,12 +185,19 @@ def _start(
     return np.concatenate([*places, *rates])
 
 
-def _lengths(clips: Sequence[Frames], found: Sequence[Sequence[Meeting]]) -> list[int]:
-    """Frames that are fitted one after the other, each time with one meeting more."""
+def _struck(stretch: Stretch) -> list[float]:
+    """Seconds at which a body's speed changes at once."""
+    return [float(stretch.times[x.frame]) for x in find_impacts(stretch.times, stretch.places)]
+
+
+def _lengths(clips: Sequence[Frames], found: Sequence[Sequence[Meeting]], walls: bool) -> list[int]:
+    """Frames that are fitted one after the other, each time with one meeting or bounce more."""
     longest = max(len(c.times) for c in clips)
     if len(clips) > 1:
         return [longest]
     times = [x.time for x in found[0]]
+    if walls:
+        times = sorted(times + [t for s in clips[0].stretches for t in _struck(s)])
     ends = [0.5 * (a + b) for a, b in zip(times[:-1], times[1:], strict=True)]
     return [*np.searchsorted(clips[0].times, ends).tolist(), longest]
 

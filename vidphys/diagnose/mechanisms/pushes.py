@@ -44,7 +44,9 @@ def collisions_of(found: Fit) -> list[Collision]:
         sizes = np.linalg.norm(change, axis=1)
         least = SUDDEN * float(np.median(sizes / steps)) * steps
         least += TINY * float(np.linalg.norm(v, axis=1).max())
-        for k in np.flatnonzero(sizes > least):
+        each = np.linalg.norm(change.reshape(len(change), found.model.law.bodies, -1), axis=-1)
+        both = (each > TINY * sizes[:, None]).sum(1) > 1  # a wall pushes one alone
+        for k in np.flatnonzero((sizes > least) & both):
             missed = s[k + 1] - v[k + 1] * steps[k] - s[k]  # of two straight lines that meet
             since = np.clip(-missed @ change[k] / sizes[k] ** 2, 0.0, steps[k])
             out.append(Collision(number, float(clip.times[k] + since), change[k]))

@@ -70,7 +70,11 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             yield "speed across lost at contact", number(name), 0, 0
         elif root in ("restitution", "along"):
             said = root if root == "restitution" else "speed kept along the wall"
-            yield said + (f" {which}" if len(law.walls) > 1 else ""), number(name), 0, 0
+            if "mass 2" in law.names:
+                which = f"at wall {which}" if which else ""
+            elif len(law.walls) < 2:
+                which = ""
+            yield f"{said} {which}".strip(), number(name), 0, 0
         elif root == "nearing":
             yield "nearing", number(name), 0, -1
     if law.restoring == "uniform":
