@@ -121,11 +121,11 @@ def test_a_clip_is_followed_after_its_cut_and_counted_from_its_begin(broken_clip
 
 
 def test_a_place_is_told_by_the_frame_of_the_clip(broken_clip):
-    x, y = swing()[20]
-    told = Wanted(at=((float(x), float(y), 30),))
+    x, y = swing()[10]
+    told = Wanted(at=((float(x), float(y), 20),))
     found = follow_clip(broken_clip, ClipSelection(start=2), MotionBinder(bodies=None, wanted=told))
     assert found.motion.bodies == 1
-    place = found.motion.positions[0, 28, 0]
+    place = found.motion.positions[0, 18, 0]
     assert np.allclose(place * [48, -48] + 47.5, [x, y], atol=1.0)
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-STANDS = 0.2  # of the steps before and after, that a body may seem to move in a frame shown twice
+STANDS = 0.12  # of the steps before and after, that a body may seem to move in a frame shown twice
 ONWARD = 0.5  # least cosine between those steps; it does not turn there
-SHOWN = 4.0  # times the noise of a place, from which a step shows
-SAME = 0.5  # of the picture's change before and after, that compression may leave
+SHOWN = 6.0  # times the noise of a place, from which a step shows
+SAME = 0.4  # of the picture's change before and after, that compression may leave
 PAUSE = 5  # frames in a row, from which the recording may have been paused
 MISSING = 3  # frames that may be missing at one place
 AROUND = 4  # frames before and after it, in which motion is smooth
