@@ -136,6 +136,7 @@ def diagnose(config: DiagnoseConfig) -> None:
                 frames is not None,
                 replace(loaded.units, gravity=config.gravity),
                 loaded.used,
+                lambda step, steps, _: console.stage(("formula", step, steps)),
             )
         except ValueError as error:
             run.abandon()

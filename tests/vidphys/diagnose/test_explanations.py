@@ -69,6 +69,7 @@ def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch)
 def test_the_menu_is_asked_where_no_law_explains_all(monkeypatch):
     monkeypatch.setattr(choice, "FITTED", ())
     motion = seen("trap-drag", clips=1, bodies=1, frames=60)
-    found, told = choice.understand(motion, 48)
-    assert found.explained and isinstance(told, ByMenu)
+    understood = choice.understand(motion, 48)
+    told = understood.explanation
+    assert understood.found.explained and isinstance(told, ByMenu)
     assert told.verdict is not None and told.verdict.status == "explained"

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion, nothing_to_see
 from vidphys.diagnose.explanations.explanation import Explanation
+from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units
+from vidphys.progress import Progress
 
 Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
 FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
@@ -23,12 +26,33 @@ NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the me
 CLEARLY = 0.7  # of the laws' error in the frames held out, to which the menu must bring it
 
 
-def understand(
-    motion: Motion, end: int, angles: bool = False, camera: bool = False, units: Units | None = None
-) -> tuple[Diagnosis, Explanation | None]:
-    """What a recording shows: by laws fitted to the whole of it, or by the menu of terms.
+@dataclass(frozen=True)
+class Understood:
+    """What a recording shows.
 
-    The menu is asked where the laws do not explain all, and believed where it foretells more.
+    Args:
+        found: the diagnosis by the menu, empty where it was not asked.
+        explanation: ``None`` where there is nothing to explain.
+        no_formula: why none was found, in a sentence, where one was sought; or empty.
+    """
+
+    found: Diagnosis
+    explanation: Explanation | None
+    no_formula: str = ""
+
+
+def understand(
+    motion: Motion,
+    end: int,
+    angles: bool = False,
+    camera: bool = False,
+    units: Units | None = None,
+    progress: Progress | None = None,
+) -> Understood:
+    """What a recording shows: by laws fitted to the whole of it, by the menu, or by a formula.
+
+    The menu is asked where the laws do not explain all, and believed where it foretells more; a
+    formula is sought where neither explains anything.
 
     Args:
         motion: the whole recording.
@@ -36,12 +60,27 @@ def understand(
         angles: whether the coordinates are joint angles in radians.
         camera: whether places are in a picture, counted from its middle.
         units: in which lengths are told.
-
-    Returns:
-        The diagnosis by the menu, empty where it was not asked; and the explanation, ``None`` where
-        there is nothing to explain.
+        progress: of the search for a formula.
     """
-    part, units = motion.cut(0, end), units or Units()
+    units = units or Units()
+    found, explanation = _known(motion, end, angles, camera, units)
+    one = motion.bodies == 1 and motion.space == 1
+    if explanation is None or _status(explanation) != NOT or not one:
+        return Understood(found, explanation)
+    sought = ByFormula.sought(motion, end, units, progress)
+    if isinstance(sought, str):
+        return Understood(found, explanation, sought)
+    if _status(sought) == NOT:
+        said = f"no formula: {sought.law.text} fits, but does not foretell what was held out"
+        return Understood(found, explanation, f"{said}; a longer recording would tell")
+    return Understood(found, sought)
+
+
+def _known(
+    motion: Motion, end: int, angles: bool, camera: bool, units: Units
+) -> tuple[Diagnosis, Explanation | None]:
+    """By laws, or by the menu."""
+    part = motion.cut(0, end)
     moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
     laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
     if laws is not None and _enough(laws):

@@ -108,5 +108,8 @@ class Explanation(Protocol):
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Times and positions ``(t, n, d)`` after ``end`` under laws that were never recorded."""
 
-    def specification(self) -> dict[str, Any]:
-        """The scene; see :func:`vidphys.diagnose.explanations.specification.as_specification`."""
+    def specification(self) -> dict[str, Any] | None:
+        """The scene; see :func:`vidphys.diagnose.explanations.specification.as_specification`.
+
+        ``None`` where no term of a model carries it.
+        """

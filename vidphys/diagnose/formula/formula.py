@@ -12,10 +12,12 @@ from vidphys.diagnose.formula.grammar import Term
 from vidphys.diagnose.formula.search import Samples, Sum, design, search
 from vidphys.statistics import NORMAL_95
 
-MARGIN, SLIGHT = 5.0, 1.0  # nats by which rivals must be worse: no longer ones, and longer ones
+# nats by which rivals must be worse: ones of no more numbers; ones with more; the same with a word
+MARGIN, LONGER, MORE = 5.0, 3.0, 1.0
 STRANGE = 1e-3  # chance of so large a misfit, below which no formula of the grammar is believed
 CLEAR = 3.0  # times its error, that a coefficient differs from zero
 TINY = 1e-100
+ALIKE = "no formula: several fit alike"
 TOLD = 3  # rivals that are told
 
 
@@ -81,7 +83,7 @@ class Verdict:
 
     formula: Formula | None
     why: str
-    rivals: tuple[str, ...] = ()
+    rivals: tuple[Formula, ...] = ()
 
 
 def formula_of(x: np.ndarray, f: np.ndarray, error: np.ndarray | float) -> Formula | None:
@@ -151,20 +153,42 @@ def chosen(found: Sequence[tuple[Sum, Formula, bool]]) -> Verdict:
     Args:
         found: sums, as formulas, and whether each leaves no more than noise.
     """
-    sure = (each for each in found if each[2] and _clear(each[1]))
-    fitting = sorted(sure, key=lambda each: each[0].score)
-    if not fitting:
+    fitting = sorted((each for each in found if each[2]), key=lambda each: each[0].score)
+    sure = [each for each in fitting if _clear(each[1])]
+    if not sure:
         return Verdict(None, "no formula: none of the grammar fits to within the noise")
-    best, formula, _ = fitting[0]
+    best, formula, _ = sure[0]
     rivals = [
-        (one, other)
-        for one, other, _ in fitting[1:]
-        if one.score < best.score + (MARGIN if one.numbers <= best.numbers else SLIGHT)
+        other
+        for one, other, _ in fitting
+        if one is not best
+        and one.score < best.score + _apart(best, one)
+        and _told(best, one, other)
     ]
     if rivals:
-        told = tuple(other.text for _, other in rivals[:TOLD])
-        return Verdict(None, "no formula: several fit alike", (formula.text, *told))
+        return Verdict(None, ALIKE, (formula, *rivals[:TOLD]))
     return Verdict(formula, "a formula stands out")
+
+
+def _apart(best: Sum, one: Sum) -> float:
+    """Nats by which a rival must be worse."""
+    if one.numbers <= best.numbers:
+        return MARGIN
+    own = [term for term in best.terms if term not in one.terms]
+    wide = [term for term in one.terms if term not in best.terms]
+    return MORE if all(any(_among(a, b) for b in wide) for a in own) else LONGER
+
+
+def _among(word: Term, wide: Term) -> bool:
+    """Whether a word is another at some constant: a sine is a wave."""
+    if wide.name == "wave":
+        return word.name in ("sin", "cos")
+    return wide.degree is None and word.power is not None
+
+
+def _told(best: Sum, one: Sum, other: Formula) -> bool:
+    """Whether a rival counts: with more numbers the data need not tell each of them."""
+    return one.numbers > best.numbers or _clear(other)
 
 
 def _clear(formula: Formula) -> bool:

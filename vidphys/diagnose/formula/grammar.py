@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 Column = Callable[[np.ndarray, Any], np.ndarray]  # of the variable, and of the constants
-GRID, COARSE = 36, 9  # values that a constant is tried at first: of a word with one, with two
+GRID, COARSE = 36, 11  # values that a constant is tried at first: of a word with one, with two
 SLOW, FAST = 0.35, 14.0  # constants from first to last, times the reach of the variable
 POWERS = (0.25, 6.0)  # exponents that are tried
 PLAIN, USUAL, RARE, PRODUCT = 2.5, 4.5, 6.0, 7.0  # prices, in nats
@@ -28,6 +28,7 @@ class Term:
         text: with ``{0}``, ``{1}`` for the constants; a word with two columns says itself anew.
         power: the exponent of a pure power, to tell it from one that is fitted.
         positive: whether it needs a variable above zero.
+        degree: power of the length that its column counts in; ``None``: that of its constant.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Term:
     text: str
     power: float | None = None
     positive: bool = False
+    degree: float | None = 0.0
 
     @property
     def numbers(self) -> int:
@@ -55,9 +57,9 @@ def _fixed(power: float, positive: bool) -> Term:
     price = PLAIN if plain else USUAL
     if whole and (power >= 0 or positive):
         name = "1" if power == 0 else "x" if power == 1 else f"x^{power:g}"
-        return Term(name, (lambda x, p: x**power,), (), price, name, power, positive=power < 0)
+        return Term(name, (lambda x, p: x**power,), (), price, name, power, power < 0, power)
     name = f"x^{power:g}" if positive else f"sgn(x) |x|^{power:g}"
-    return Term(name, (lambda x, p: signed(x, power),), (), USUAL, name, power)
+    return Term(name, (lambda x, p: signed(x, power),), (), USUAL, name, power, degree=power)
 
 
 def _one(name: str, of: Callable, text: str, constant: str = "rate", price: float = USUAL) -> Term:
@@ -72,7 +74,8 @@ def _times(power: float, word: Term) -> Term:
         for of in word.columns
     )
     name, text = f"{front} {word.name}", f"{front} {word.text}"
-    return Term(name, columns, word.constants, PRODUCT, text, positive=power < 0 or word.positive)
+    positive = power < 0 or word.positive
+    return Term(name, columns, word.constants, PRODUCT, text, None, positive, power)
 
 
 def _both(one: Term, two: Term) -> Term:
@@ -90,9 +93,16 @@ COS = _one("cos", lambda x, k: np.cos(k * x), "cos({0} x)")
 TANH = _one("tanh", lambda x, k: np.tanh(k * x), "tanh({0} x)")
 ATAN = _one("atan", lambda x, k: np.arctan(k * x), "atan({0} x)", price=RARE)
 LOG = Term("log", (lambda x, p: np.log(x),), (), USUAL, "log(x)", positive=True)
-FREE = _one("sgn(x) |x|^p", lambda x, p: signed(x, p), "sgn(x) |x|^{0}", "power", RARE)
+FREE = Term(
+    "sgn(x) |x|^p",
+    (lambda x, p: signed(x, p[0]),),
+    ("power",),
+    RARE,
+    "sgn(x) |x|^{0}",
+    degree=None,
+)
 FREE_POSITIVE = Term(
-    "x^p", (lambda x, p: x ** p[0],), ("signed power",), RARE, "x^{0}", positive=True
+    "x^p", (lambda x, p: x ** p[0],), ("signed power",), RARE, "x^{0}", None, True, None
 )
 WAVE = Term(
     "wave",
@@ -105,7 +115,7 @@ SOFT = tuple(
     _one(
         f"soft{n}",
         lambda x, k, n=n: k * x / (1 + (k * x) ** 2) ** (n / 2),
-        f"x/(1 + ({{0}} x)^2)^{n / 2:g}" if n != 2 else "x/(1 + ({0} x)^2)",
+        f"{{0}} x/(1 + ({{0}} x)^2)^{n / 2:g}" if n != 2 else "{0} x/(1 + ({0} x)^2)",
         price=RARE,
     )
     for n in (1, 2, 3)
@@ -150,8 +160,8 @@ def words(positive: bool) -> tuple[Term, ...]:
 
 def _absolute(power: float) -> Term:
     if power == 1:
-        return Term("|x|", (lambda x, p: np.abs(x),), (), USUAL, "|x|")
-    return Term("x |x|", (lambda x, p: x * np.abs(x),), (), USUAL, "x |x|", power)
+        return Term("|x|", (lambda x, p: np.abs(x),), (), USUAL, "|x|", degree=1.0)
+    return Term("x |x|", (lambda x, p: x * np.abs(x),), (), USUAL, "x |x|", power, degree=power)
 
 
 def tries(term: Term, low: float, high: float) -> list[tuple[float, ...]]:

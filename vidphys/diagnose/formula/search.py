@@ -8,6 +8,7 @@ word.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -18,14 +19,15 @@ from vidphys.diagnose.formula.grammar import Term, bounds, tries, words
 ROUGH = 0.03  # of the force's size: misfits that a grid of constants leaves
 FREEDOM, COST = 24, 2.0  # samples that a rough misfit counts as, and a number's price in nats
 BEAM = 150  # sums of two that a third is added to
-SINGLE, DOUBLE, TRIPLE = 25, 70, 60  # kinds of sums that are fitted in earnest
+SINGLE, DOUBLE, TRIPLE = 60, 900, 100  # kinds of sums that are fitted in earnest
 STARTS = 3
+ALIKE = 1e-13  # added to a Gram matrix, for words that are nearly one
 CANCEL = 6.0  # times the force's size, that a word may be of
 Start = tuple[tuple[float, ...], ...]
 ABOVE = 0.03  # of the largest value, from which a variable counts as positive
 MOST = 5  # numbers of a sum
 NEVER = 1e9
-FIRST, STEPS = 6, 30  # of a descent: at first, and in earnest
+FIRST, STEPS = 4, 30  # of a descent: at first, and in earnest
 GIVEN_UP = 40.0  # nats above the best so far
 EDGE = 1e-3  # of the range of a constant
 
@@ -72,13 +74,18 @@ def design(
     terms: Sequence[Term], constants: Sequence[tuple[float, ...]], x: np.ndarray
 ) -> np.ndarray:
     """Columns of all words at places, ``(samples, columns)``."""
+    out = np.empty((len(x), sum(len(term.columns) for term in terms)))
+    at = 0
     with np.errstate(all="ignore"):
-        columns = [
-            of(x, p) + 0 * x
-            for term, p in zip(terms, constants, strict=True)
-            for of in term.columns
-        ]
-    return np.nan_to_num(np.stack(columns, -1), nan=NEVER, posinf=NEVER, neginf=-NEVER)
+        for term, p in zip(terms, constants, strict=True):
+            for of in term.columns:
+                out[:, at] = of(x, p)
+                at += 1
+    return (
+        out
+        if np.isfinite(out.sum())
+        else np.nan_to_num(out, nan=NEVER, posinf=NEVER, neginf=-NEVER)
+    )
 
 
 @dataclass(frozen=True)
@@ -108,13 +115,20 @@ class Samples:
         return float(np.sqrt(np.mean(self.f**2)))
 
 
-def search(samples: Samples) -> list[Sum]:
-    """Sums of one to three words, the best first, one of each kind."""
+def search(samples: Samples, until: float = np.inf) -> list[Sum]:
+    """Sums of one to three words, the best first, one of each kind.
+
+    Args:
+        samples: of the force.
+        until: time, as :func:`time.thread_time` tells it, at which to stop with what there is.
+    """
     vocabulary = words(samples.positive)
     kinds = _kinds(samples, vocabulary)
     found: dict[tuple[str, ...], Sum] = {}
 
     def look(terms: tuple[Term, ...], start: Start, steps: int) -> None:
+        if time.thread_time() > until:
+            return
         least = min((one.score for one in found.values()), default=np.inf)
         fit = fitted(samples, terms, start, least, steps)
         if fit is not None and fit.score < found.get(fit.kind, fit).score + 1e-12:
@@ -162,8 +176,10 @@ def fitted(
 
     def solve(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         a = samples.white @ design(terms, parts(flat), samples.x)
-        scale = np.linalg.norm(a, axis=0) + 1e-300
-        c = np.linalg.lstsq(a / scale, y, rcond=1e-10)[0] / scale
+        gram = a.T @ a
+        scale = np.sqrt(gram.diagonal()) + 1e-300
+        gram = gram / scale / scale[:, None] + ALIKE * np.eye(len(scale))
+        c = np.linalg.solve(gram, a.T @ y / scale) / scale
         return c, y - a @ c
 
     flat = np.array([v for p in start for v in p])
@@ -251,7 +267,8 @@ def _kinds(samples: Samples, vocabulary: tuple[Term, ...]) -> list[Kind]:
 
     def rank(left: np.ndarray, members: np.ndarray) -> np.ndarray:
         misfit = np.log(np.maximum(left, 0) + ROUGH**2)
-        many = np.where(numbers[members].sum(-1) > MOST, np.inf, 0.0)
+        twice = (np.diff(np.sort(members, -1), axis=-1) == 0).any(-1)
+        many = np.where((numbers[members].sum(-1) > MOST) | twice, np.inf, 0.0)
         return FREEDOM / 2 * misfit + cost[members].sum(-1) + many
 
     ones = np.arange(len(b))[:, None]
@@ -327,16 +344,19 @@ def _best(
     ranked: np.ndarray, kinds: np.ndarray, members: np.ndarray, count: int
 ) -> list[list[tuple[int, ...]]]:
     """Groups of one kind, the best first, each with the few places to start from."""
-    order = np.argsort(ranked)[: 400 * count]
-    groups: dict[tuple[int, ...], list[tuple[int, ...]]] = {}
-    for index in order:
-        member = tuple(int(m) for m in members[index])
-        if len(set(member)) < len(member):
-            continue
-        kind = tuple(sorted(int(k) for k in kinds[index]))
-        if kind not in groups and len(groups) == count:
-            continue
-        group = groups.setdefault(kind, [])
-        if len(group) < STARTS:
-            group.append(member)
-    return list(groups.values())
+    ordered = np.sort(kinds, axis=-1)
+    code = np.zeros(len(ranked), np.int64)
+    for k in range(ordered.shape[1]):
+        code = code * (int(kinds.max()) + 1) + ordered[:, k]
+    order = np.lexsort((ranked, code))
+    first = np.flatnonzero(np.diff(code[order], prepend=-1))
+    last = np.append(first[1:], len(order))
+    best = np.argsort(ranked[order[first]])[:count]
+    return [
+        [
+            tuple(int(m) for m in members[i])
+            for i in order[first[g] : min(first[g] + STARTS, last[g])]
+        ]
+        for g in best
+        if np.isfinite(ranked[order[first[g]]])
+    ]

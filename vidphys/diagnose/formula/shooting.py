@@ -1,19 +1,22 @@
 """Laws of one coordinate fitted to where it was seen: rolled from piece to piece, all at once.
 
-A recording is cut into pieces, each with a start of its own; the law's numbers are common. Pieces
-and nudged numbers are rolled together, as one array, by Runge and Kutta's fourth order, to the
-frames' own times.
+A recording is cut into pieces, each with a start of its own; the law's numbers are common.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # (x, v, numbers (n, q)) -> a
-STEPS, TRIES = 12, 4
+from vidphys.diagnose.formula.rolling import rolled
+
+Columns = Callable[[np.ndarray, np.ndarray], np.ndarray]
+ROWS = 600  # of a table of the force
+MARGIN, NEAREST = 0.25, 0.6  # of the width, that it goes beyond; and of a lowest place above zero
+STEPS, TRIES = 40, 6
+PATIENCE, FAR_ABOVE = 8, 3.0  # steps until a law is given up that misses so many times too much
 FAR = 1e3  # times the spread of the places, beyond which a roll has gone astray
 FINEST = 4  # steps in a frame interval, at most
 TURN = 0.3  # radians of the fastest swing in a step
@@ -40,6 +43,17 @@ class Pieces:
     def seen(self) -> np.ndarray:
         """Where a place was seen."""
         return np.isfinite(self.x)
+
+    def joined(self) -> Pieces:
+        """Each clip as one piece."""
+        clips = int((~self.follows).sum())
+        x, times = (part[:, :-1].reshape(clips, -1) for part in (self.x, self.times))
+        return replace(self, x=x, times=times, follows=np.zeros(clips, bool))
+
+    def stepped(self, fastest: float) -> Pieces:
+        """The same, with steps short enough for a swing of so many radians per second."""
+        widest = float(np.max(np.diff(self.times, axis=1)))
+        return replace(self, substeps=int(np.clip(np.ceil(widest * fastest / TURN), 1, FINEST)))
 
 
 @dataclass(frozen=True)
@@ -82,44 +96,46 @@ def cut(x: np.ndarray, times: np.ndarray, length: int, fastest: float) -> Pieces
             pieces.append(piece)
             seconds.append(stamps[first : first + length + 1])
             follows.append(first > 0)
-    widest = float(np.max(np.diff(np.stack(seconds), axis=1)))
-    substeps = int(np.clip(np.ceil(widest * fastest / TURN), 1, FINEST))
-    return Pieces(np.stack(pieces), np.stack(seconds), np.array(follows), substeps)
+    return Pieces(np.stack(pieces), np.stack(seconds), np.array(follows), 1).stepped(fastest)
 
 
-def roll(law: Law, numbers: np.ndarray, starts: np.ndarray, pieces: Pieces) -> np.ndarray:
-    """Places at all frames, and at last the speed.
+@dataclass(frozen=True)
+class Law:
+    """An acceleration f(x) + g(v) with numbers; the last are those of the speed.
 
     Args:
-        law: acceleration.
-        numbers: ``(n, q)``, one column for each roll.
-        starts: ``(2, pieces, q)``.
-        pieces: give the times.
-
-    Returns:
-        ``(frames + 1, pieces, q)``.
+        columns: of the force's numbers ``(n,)`` and of places ``(m,)``: the force, and its
+            derivatives by its numbers, ``(m, 1 + n)``.
+        speeds: words of the speed, of :data:`vidphys.diagnose.formula.rolling.SPEEDS`.
+        low, high: places that were seen.
     """
-    x, v = starts
-    frames = pieces.x.shape[1]
-    out = np.empty((frames + 1, *x.shape))
-    out[0] = x
-    with np.errstate(all="ignore"):
-        for frame in range(1, frames):
-            gap = (pieces.times[:, frame] - pieces.times[:, frame - 1])[:, None]
-            h = gap / pieces.substeps
-            for _ in range(pieces.substeps):
-                a1 = law(x, v, numbers)
-                v2 = v + 0.5 * h * a1
-                a2 = law(x + 0.5 * h * v, v2, numbers)
-                v3 = v + 0.5 * h * a2
-                a3 = law(x + 0.5 * h * v2, v3, numbers)
-                v4 = v + h * a3
-                a4 = law(x + h * v3, v4, numbers)
-                x = x + h / 6 * (v + 2 * v2 + 2 * v3 + v4)
-                v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            out[frame] = x
-    out[-1] = v
-    return out
+
+    columns: Columns
+    speeds: tuple[str, ...]
+    low: float
+    high: float
+
+    def roll(
+        self, numbers: np.ndarray, starts: np.ndarray, times: np.ndarray, substeps: int
+    ) -> np.ndarray:
+        """Paths and their derivatives; see :func:`vidphys.diagnose.formula.rolling.rolled`.
+
+        Args:
+            numbers: ``(n,)``.
+            starts: place and speed of each piece, ``(pieces, 2)``.
+            times: seconds, ``(pieces, frames)``.
+            substeps: of a frame interval.
+        """
+        beyond = MARGIN * (self.high - self.low)
+        low = self.low - beyond
+        if self.low > 0:
+            low = max(low, NEAREST * self.low)
+        places, step = np.linspace(low, self.high + beyond, ROWS, retstep=True)
+        count = len(numbers) - len(self.speeds)
+        table = self.columns(numbers[:count], places)
+        return rolled(
+            times, starts, table, low, float(step), self.speeds, numbers[count:], substeps
+        )
 
 
 def fit_law(
@@ -129,6 +145,7 @@ def fit_law(
     pieces: Pieces,
     tie: tuple[float, float] | None = None,
     ridge: np.ndarray | None = None,
+    most: float = np.inf,
 ) -> Fit | None:
     """Fit a law's numbers and the pieces' starts by damped Gauss-Newton steps.
 
@@ -142,17 +159,20 @@ def fit_law(
             are one long roll where both are small.
         ridge: ``(k, n)``, rows whose products with the numbers are held small, in the unit of the
             places.
+        most: squares, far above which a law is given up.
 
     Returns:
         The fit; ``None`` where no roll stays near what was seen.
     """
     problem = _Problem(law, pieces, tie, np.zeros((0, len(numbers))) if ridge is None else ridge)
-    best, rolled = problem.cost(numbers, starts)
+    best, path = problem.cost(numbers, starts)
     if not np.isfinite(best):
         return None
     damping = 1e-4
-    for _ in range(STEPS):
-        normal, right = problem.equations(numbers, starts, rolled)
+    for step in range(STEPS):
+        if step >= PATIENCE and best > FAR_ABOVE * most:
+            return None
+        normal, right = problem.equations(numbers, starts, path)
         if not np.isfinite(normal).all():
             return None
         scale = np.sqrt(np.diag(normal).clip(1e-300))
@@ -160,23 +180,20 @@ def fit_law(
         gained = 0.0
         for _ in range(TRIES):
             move = np.linalg.solve(scaled + damping * np.eye(len(scale)), right / scale) / scale
-            new, begun = (
-                numbers + move[: len(numbers)],
-                starts + move[len(numbers) :].reshape(-1, 2),
-            )
-            tried, path = problem.cost(new, begun)
+            new = numbers + move[: len(numbers)]
+            begun = starts + move[len(numbers) :].reshape(-1, 2)
+            tried, rolled_on = problem.cost(new, begun)
             gained = best - tried
             if gained > 0:
-                numbers, starts, best, rolled = new, begun, tried, path
+                numbers, starts, best, path = new, begun, tried, rolled_on
                 damping = max(damping / 20, 1e-10)
                 break
             damping *= 20
-        if gained < ENOUGH * best:
+        if not gained > ENOUGH * best:
             break
     inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / scale / scale[:, None]
-    off = np.where(pieces.seen, pieces.x - rolled[:-1].T, 0.0)
     n = len(numbers)
-    return Fit(numbers, starts, float((off**2).sum()), inverse[:n, :n])
+    return Fit(numbers, starts, float((problem.off(path) ** 2).sum()), inverse[:n, :n])
 
 
 def fit_stages(
@@ -186,15 +203,11 @@ def fit_stages(
     pieces: Pieces,
     ties: tuple[tuple[float, float], ...],
     ridge: np.ndarray | None = None,
-    most: float = np.inf,
 ) -> Fit | None:
-    """As :func:`fit_law`, the pieces first apart and then tied, ever closer.
-
-    Squares above ``most`` are given up at once: tied pieces fit no better.
-    """
+    """As :func:`fit_law`, the pieces first apart and then tied, ever closer."""
     fit = fit_law(law, numbers, starts, pieces, None, ridge)
     for tie in ties:
-        if fit is None or fit.squares > most:
+        if fit is None:
             return None
         fit = fit_law(law, fit.numbers, fit.starts, pieces, tie, ridge)
     return fit
@@ -210,37 +223,38 @@ class _Problem:
     ridge: np.ndarray
 
     def cost(self, numbers: np.ndarray, starts: np.ndarray) -> tuple[float, np.ndarray]:
-        """Squares, infinite for a roll that goes astray; and the roll ``(frames + 1, pieces)``."""
-        rolled = roll(self.law, numbers[:, None], starts.T[:, :, None], self.pieces)[..., 0]
-        seen = self.pieces.seen
-        off = np.where(seen, self.pieces.x - rolled[:-1].T, 0.0)
+        """Squares, infinite for a roll that goes astray; and the roll, see :meth:`Law.roll`."""
+        pieces = self.pieces
+        path = self.law.roll(numbers, starts, pieces.times, pieces.substeps)
+        off = self.off(path)
         with np.errstate(all="ignore"):
             total = (off**2).sum() + ((self.ridge @ numbers) ** 2).sum()
-            total += (self.breaks(rolled, starts) ** 2).sum()
-        spread = np.nanmax(self.pieces.x) - np.nanmin(self.pieces.x)
+            total += (self.breaks(path, starts) ** 2).sum()
+        spread = np.nanmax(pieces.x) - np.nanmin(pieces.x)
         near = np.abs(off).max() < FAR * spread
-        return (float(total) if np.isfinite(total) and near else np.inf), rolled
+        return (float(total) if np.isfinite(total) and near else np.inf), path
 
-    def breaks(self, rolled: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    def off(self, path: np.ndarray) -> np.ndarray:
+        """What was seen less the roll, ``(pieces, frames)``; zero where nothing was seen."""
+        return np.where(self.pieces.seen, self.pieces.x - path[:, :-1, 0], 0.0)
+
+    def breaks(self, path: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """How far pieces start from where the ones before them end, ``(pieces - 1, 2)``."""
         if self.tie is None:
             return np.zeros((len(starts) - 1, 2))
-        ends = np.stack([rolled[-2], rolled[-1]], -1)
         follows = self.pieces.follows[1:, None]
-        return np.where(follows, starts[1:] - ends[:-1], 0.0) / np.array(self.tie)
+        return np.where(follows, starts[1:] - path[:-1, -2:, 0], 0.0) / np.array(self.tie)
 
     def equations(
-        self, numbers: np.ndarray, starts: np.ndarray, rolled: np.ndarray
+        self, numbers: np.ndarray, starts: np.ndarray, path: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and right side of a Gauss-Newton step."""
-        by = self._derivatives(numbers, starts)
         n, count = len(numbers), len(starts)
-        seen = self.pieces.seen
-        off = np.where(seen, self.pieces.x - rolled[:-1].T, 0.0)
-        rows = np.where(seen[..., None], by[:-1].swapaxes(0, 1), 0.0)  # (pieces, frames, n + 2)
+        off = self.off(path)
+        rows = np.where(self.pieces.seen[..., None], path[:, :-1, 1:], 0.0)
         normal, right = np.zeros((n + 2 * count,) * 2), np.zeros(n + 2 * count)
-        square = np.einsum("pfi,pfj->pij", rows, rows)
-        along = np.einsum("pfi,pf->pi", rows, off)
+        square = rows.swapaxes(1, 2) @ rows
+        along = (rows * off[..., None]).sum(1)
         normal[:n, :n] = square[:, :n, :n].sum(0) + self.ridge.T @ self.ridge
         right[:n] = along[:, :n].sum(0) - self.ridge.T @ (self.ridge @ numbers)
         for p in range(count):
@@ -250,10 +264,10 @@ class _Problem:
             normal[own, :n] += square[p, n:, :n]
             right[own] += along[p, n:]
         if self.tie is not None:
-            ends = by[-2:].transpose(1, 0, 2)  # (pieces, 2, n + 2)
-            broken = self.breaks(rolled, starts)
+            ends = path[:, -2:, 1:]  # (pieces, 2, n + 2)
+            broken = self.breaks(path, starts)
+            weight = 1 / np.array(self.tie)[:, None]
             for p in map(int, np.flatnonzero(self.pieces.follows[1:])):
-                weight = 1 / np.array(self.tie)[:, None]
                 row = np.zeros((2, n + 2 * count))
                 row[:, :n] = -ends[p, :, :n] * weight
                 row[:, n + 2 * p : n + 2 * p + 2] = -ends[p, :, n:] * weight
@@ -261,18 +275,3 @@ class _Problem:
                 normal += row.T @ row
                 right -= row.T @ broken[p]
         return normal, right
-
-    def _derivatives(self, numbers: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Of the roll by the numbers and by each piece's start, ``(frames + 1, pieces, n + 2)``."""
-        n = len(numbers)
-        spread = float(np.nanstd(self.pieces.x))
-        pace = spread / float(np.ptp(self.pieces.times[0])) + float(np.std(starts[:, 1]))
-        nudge = 1e-5 * (np.abs(numbers) + 1e-3 * np.abs(numbers).max() + 1e-9)
-        sizes = np.concatenate([nudge, [1e-5 * spread, 1e-5 * pace]])
-        many = np.tile(numbers[:, None], (1, n + 3))
-        many[np.arange(n), np.arange(n)] += nudge
-        begun = np.tile(starts.T[:, :, None], (1, 1, n + 3))
-        begun[0, :, n] += sizes[n]
-        begun[1, :, n + 1] += sizes[n + 1]
-        rolled = roll(self.law, many, begun, self.pieces)
-        return (rolled[..., :-1] - rolled[..., -1:]) / sizes

@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
+from scipy.interpolate import BSpline, make_smoothing_spline
 
 from vidphys.diagnose.formula.shooting import Fit, Law, Pieces, cut, fit_law, fit_stages
 
-KNOTS = 16
+KNOTS = 24
 PIECE = 0.6  # swings in a piece, about
 LEAST, MOST = 10, 60  # frames of a piece
 ENDS = 0.03  # share of the frames at each end whose speeds are not believed
 SMOOTH = 1e-4  # of the places' noise that the spline's bends may cost
 
-TIES = (1.0, 0.03)  # of the noise, that a piece may start from where the one before it ends
+TIES = (1.0, 0.03)  # of the noise, that a piece may start from where the last ends, before none may
 FASTER = 1.5  # times the usual swing, that the fastest is
 ROUND = 1e-2  # of the accelerations, that bends count at first
 WORSE = 1.1  # noise by which longer pieces may seem noisier
-DIFFERENCE = 3  # order, that noise is read from
+ORDERS = range(2, 8)  # of the differences that noise is read from
+SHARES = (0.95, 0.6)  # of the noise, that smoothing takes away
+SOFTEST, STIFFEST, BISECTIONS = 1e-4, 1e10, 16  # of smoothing, frames cubed
 LEFT = 1.5  # times the noise about a smoothing spline, that a law may leave
 SIMPLE = ("", "v", "v |v|", "sgn(v)")
 
-SPEEDS: dict[str, tuple] = {
+WORDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "v": lambda v: v,
+    "v |v|": lambda v: v * np.abs(v),
+    "sgn(v)": np.sign,
+    "v^3": lambda v: v**3,
+}
+SPEEDS: dict[str, tuple[str, ...]] = {
     "": (),
-    "v": (lambda v: v,),
-    "v |v|": (lambda v: v * np.abs(v),),
-    "sgn(v)": (np.sign,),
-    "v^3": (lambda v: v**3,),
-    "v + v |v|": (lambda v: v, lambda v: v * np.abs(v)),
-    "v + sgn(v)": (lambda v: v, np.sign),
-    "v + v^3": (lambda v: v, lambda v: v**3),
+    **{word: (word,) for word in WORDS},
+    **{f"v + {word}": ("v", word) for word in WORDS if word != "v"},
 }
 
 
@@ -58,6 +62,11 @@ class Basis:
         return first, np.stack(four) / 6
 
     @property
+    def ends(self) -> tuple[float, float]:
+        """The two places."""
+        return self.low, self.high
+
+    @property
     def width(self) -> float:
         """Of an interval between knots."""
         return (self.high - self.low) / (self.count - 3)
@@ -70,18 +79,14 @@ class Basis:
             out[np.arange(len(x)), first + k] += four[k]
         return out
 
-    def law(self, speeds: tuple) -> Law:
-        """Acceleration; the last numbers are of the terms of the speed."""
+    def law(self, speeds: str) -> Law:
+        """Acceleration, with words of the speed by a name of ``SPEEDS``."""
 
-        def accelerate(x: np.ndarray, v: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-            first, four = self.weights(np.nan_to_num(x))
-            columns = np.broadcast_to(np.arange(numbers.shape[1]), x.shape)
-            total = sum(four[k] * numbers[first + k, columns] for k in range(4))
-            for k, of in enumerate(speeds):
-                total = total + numbers[self.count + k] * of(v)
-            return total
+        def columns(numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
+            splines = self.matrix(x)
+            return np.concatenate([(splines @ numbers)[:, None], splines], 1)
 
-        return accelerate
+        return Law(columns, SPEEDS[speeds], self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ class Spring:
         fit: of all its numbers: the splines' first.
         pieces: of the recording.
         sigma: noise of the places.
-        ties: of the pieces to each other, one after the other; see :func:`fit_law`.
+        whole: whether each clip is one roll.
     """
 
     basis: Basis
@@ -102,14 +107,18 @@ class Spring:
     fit: Fit
     pieces: Pieces
     sigma: float
-    ties: tuple[tuple[float, float], ...]
+    whole: bool = False
 
     @property
     def score(self) -> float:
         """Misfit and a price for friction, in nats; less is better."""
-        count = int(self.pieces.seen.sum())
         numbers = len(SPEEDS[self.speeds])
-        return count / 2 * np.log(self.fit.squares) + numbers * (1 + np.log(count) / 2)
+        return self.count / 2 * np.log(self.fit.squares) + numbers * (1 + np.log(self.count) / 2)
+
+    @property
+    def count(self) -> int:
+        """Frames that were fitted."""
+        return int(self.pieces.seen.sum())
 
     @property
     def covariance(self) -> np.ndarray:
@@ -127,18 +136,40 @@ class Smoothed:
     paths: tuple
 
 
-def smoothed(x: np.ndarray, times: np.ndarray) -> Smoothed:
-    """Smooth clips ``(clips, frames)`` by cross-validation."""
+def smoothed(x: np.ndarray, times: np.ndarray, share: float) -> Smoothed:
+    """Smooth clips ``(clips, frames)`` so that a share of the places' noise is left."""
     parts, paths = [], []
     for path, t in zip(x, times, strict=True):
         seen = np.isfinite(path)
-        spline = make_smoothing_spline(t[seen], path[seen])
+        spline = _through(t[seen], path[seen], share * noise_of(path[None]))
         skip = max(2, int(ENDS * seen.sum()))
         inner = t[seen][skip:-skip]
         parts.append(np.stack([spline(inner), spline(inner, 1), spline(inner, 2)]))
         paths.append(spline)
     places, speeds, accelerations = np.concatenate(parts, 1)
     return Smoothed(places, speeds, accelerations, tuple(paths))
+
+
+def _through(t: np.ndarray, x: np.ndarray, far: float) -> BSpline:
+    """The smoothest spline no farther than that from the places, root mean square."""
+    step = float(np.median(np.diff(t)))
+    low, high = np.log(SOFTEST) + 3 * np.log(step), np.log(STIFFEST) + 3 * np.log(step)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        spline = make_smoothing_spline(t, x, lam=float(np.exp(middle)))
+        if np.std(x - spline(t)) > far:
+            high = middle
+        else:
+            low = middle
+    return spline
+
+
+def noise_of(x: np.ndarray) -> float:
+    """Noise of places ``(clips, frames)``, by the differences that tell the least of it."""
+    return min(
+        float(np.sqrt(np.nanmean(np.diff(x, order, axis=1) ** 2) / comb(2 * order, order)))
+        for order in ORDERS
+    )
 
 
 def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
@@ -151,31 +182,32 @@ def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
     Returns:
         The law; ``None`` where none rolls along the whole recording to within its noise.
     """
-    near = smoothed(x, times)
-    low, high = float(np.nanmin(x)), float(np.nanmax(x))
-    basis = Basis(low, high)
+    basis = Basis(float(np.nanmin(x)), float(np.nanmax(x)))
+    ridge = SMOOTH * float(np.median(np.diff(times))) ** 2
+    tries = [_apart(basis, x, times, share, ridge) for share in SHARES]
+    fastest, found = min(tries, key=lambda one: min((s.sigma for s in one[1]), default=np.inf))
+    if not found:
+        return None
+    best = min(found, key=lambda each: each.score)
+    finer = best.pieces.stepped(max(_steepest(best), FASTER * fastest))
+    long = [one_roll(replace(each, pieces=finer), fastest, ridge) for each in found]
+    own = noise_of(x)
+    good = [each for each in long if each is not None and each.sigma < LEFT * own]
+    return min(good, key=lambda each: each.score) if good else None
+
+
+def _apart(
+    basis: Basis, x: np.ndarray, times: np.ndarray, share: float, ridge: float
+) -> tuple[float, list[Spring]]:
+    """Springs with each friction, their pieces apart; and the usual swing, radians per second."""
+    near = smoothed(x, times, share)
     fastest = float(np.sqrt(np.mean(near.a**2) / np.mean((near.x - near.x.mean()) ** 2)))
     step = float(np.median(np.diff(times)))
     length = int(np.clip(PIECE * 2 * np.pi / fastest / step, LEAST, MOST))
     pieces = cut(x, times, min(length, x.shape[1]), FASTER * fastest)
     starts = _starts(pieces, near, times)
-    springs = [_loose(basis, name, near, pieces, starts, SMOOTH * step**2) for name in SIMPLE]
-    found = [spring for spring in springs if spring is not None]
-    if not found:
-        return None
-    found = sorted(found, key=lambda each: each.score)
-    finer = cut(x, times, min(length, x.shape[1]), max(_steepest(found[0]), FASTER * fastest))
-    own = _own_noise(x, times, near)
-    long = [tied(replace(each, pieces=finer), fastest, SMOOTH * step**2) for each in found]
-    good = [each for each in long if each.ties and each.sigma < LEFT * own]
-    return min(good, key=lambda each: each.score) if good else None
-
-
-def _own_noise(x: np.ndarray, times: np.ndarray, near: Smoothed) -> float:
-    """Noise of the places: about the smoothing splines, or by differences, whichever is less."""
-    off = [path - spline(t) for path, t, spline in zip(x, times, near.paths, strict=True)]
-    differences = np.diff(x, DIFFERENCE, axis=1) / np.sqrt(comb(2 * DIFFERENCE, DIFFERENCE))
-    return float(min(np.nanstd(np.concatenate(off)), np.sqrt(np.nanmean(differences**2))))
+    springs = (_loose(basis, name, near, pieces, starts, ridge) for name in SIMPLE)
+    return fastest, [spring for spring in springs if spring is not None]
 
 
 def _steepest(spring: Spring) -> float:
@@ -185,17 +217,19 @@ def _steepest(spring: Spring) -> float:
     return float(np.sqrt(np.abs(np.diff(force) / np.diff(places)).max()))
 
 
-def tied(spring: Spring, fastest: float, ridge: float) -> Spring:
-    """The same law as one long roll; where none goes along, the pieces stay apart."""
+def one_roll(spring: Spring, fastest: float, ridge: float) -> Spring | None:
+    """The same law as one roll of each clip; ``None`` where none goes along."""
     bends = ridge * _bends(spring.basis, len(spring.fit.numbers))
-    law = spring.basis.law(SPEEDS[spring.speeds])
+    law = spring.basis.law(spring.speeds)
     ties = tuple((close, close * fastest) for close in TIES)
     fit = fit_stages(law, spring.fit.numbers, spring.fit.starts, spring.pieces, ties, bends)
-    clips = int((~spring.pieces.follows).sum())
-    sigma = np.inf if fit is None else _noise(fit, spring.pieces, clips)
-    if fit is None or sigma > WORSE * spring.sigma:
-        return spring
-    return Spring(spring.basis, spring.speeds, fit, spring.pieces, sigma, ties)
+    if fit is None:
+        return None
+    begun, pieces = fit.starts[~spring.pieces.follows], spring.pieces.joined()
+    fit = fit_law(law, fit.numbers, begun, pieces, None, bends)
+    if fit is None or (sigma := _noise(fit, pieces, len(begun))) > WORSE * spring.sigma:
+        return None
+    return Spring(spring.basis, spring.speeds, fit, pieces, sigma, True)
 
 
 def _bends(basis: Basis, numbers: int) -> np.ndarray:
@@ -215,15 +249,15 @@ def _loose(
     basis: Basis, name: str, near: Smoothed, pieces: Pieces, starts: np.ndarray, ridge: float
 ) -> Spring | None:
     """A spring with these terms of the speed, its pieces apart."""
-    speeds = SPEEDS[name]
-    columns = np.concatenate([basis.matrix(near.x), *(of(near.v)[:, None] for of in speeds)], 1)
+    speeds = [WORDS[word](near.v)[:, None] for word in SPEEDS[name]]
+    columns = np.concatenate([basis.matrix(near.x), *speeds], 1)
     bends = _bends(basis, columns.shape[1])
     rows = np.concatenate([columns, ROUND * np.sqrt(len(near.x)) * bends])
     numbers = np.linalg.lstsq(rows, np.append(near.a, np.zeros(len(bends))), rcond=None)[0]
-    fit = fit_law(basis.law(speeds), numbers, starts, pieces, None, ridge * bends)
+    fit = fit_law(basis.law(name), numbers, starts, pieces, None, ridge * bends)
     if fit is None:
         return None
-    return Spring(basis, name, fit, pieces, _noise(fit, pieces, len(pieces.x)), ())
+    return Spring(basis, name, fit, pieces, _noise(fit, pieces, len(pieces.x)))
 
 
 def _starts(pieces: Pieces, near: Smoothed, times: np.ndarray) -> np.ndarray:

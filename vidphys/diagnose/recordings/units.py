@@ -40,17 +40,22 @@ class Units:
             else f"{told:.2g} {self.name}".rstrip()
         )
 
-    def named(self, length: int, seconds: int) -> str:
+    def named(self, length: float, seconds: int) -> str:
         """The unit of a number that goes with powers of length and of seconds."""
-        over = [
-            f"{name}{'²' if -power == 2 else ''}"
-            for name, power in ((self.name, length), ("s", seconds))
-            if power < 0 and name
-        ]
-        above = self.name if length > 0 else "s" if seconds > 0 else ""
-        if not over:
+        parts = [(name, p) for name, p in ((self.name, length), ("s", seconds)) if name and p]
+        above = " ".join(_raised(name, p) for name, p in parts if p > 0)
+        under = "/".join(_raised(name, -p) for name, p in parts if p < 0)
+        if not under:
             return above
-        return f"{above or '1'}/{'/'.join(over)}"
+        return f"{above or '1'}/{under}"
+
+
+def _raised(name: str, power: float) -> str:
+    if power == 1:
+        return name
+    if float(power).is_integer() and power < 10:
+        return name + "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power)]
+    return f"{name}^{power:.3g}"
 
 
 def scale_of(text: str, half: float) -> Units:

@@ -23,6 +23,7 @@ from vidphys.diagnose.telling.report import about, as_data, summary
 from vidphys.diagnose.telling.sufficient import with_measured
 from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.points.point import Point
+from vidphys.progress import Progress
 from vidphys.statistics import NORMAL_95
 
 FEWEST = 10  # frames that are fitted at least, where some are held out
@@ -107,6 +108,7 @@ def answer(
     camera: bool = False,
     units: Units | None = None,
     used: Used | None = None,
+    progress: Progress | None = None,
 ) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
@@ -118,6 +120,7 @@ def answer(
         camera: whether places are in a picture, counted from its middle.
         units: in which lengths are told.
         used: which frames of the recording the motion is of; all of it unless given.
+        progress: of the search for a formula, where nothing else explains the recording.
 
     Raises:
         ValueError: a recording that is too short.
@@ -129,8 +132,9 @@ def answer(
     end, tail = total, max(int(hold_out * total), LEAST_FRAMES)
     if motion.clips == 1 and hold_out > 0 and total - tail >= FEWEST:
         end = total - tail
-    found, explanation = understand(motion, end, angles, camera, units)
-    found, identity = _later(found, used.first + begin), check_identity(motion)
+    understood = understand(motion, end, angles, camera, units, progress)
+    explanation = understood.explanation
+    found, identity = _later(understood.found, used.first + begin), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
     answered = Answered(
         found,
@@ -144,6 +148,9 @@ def answer(
     )
     said = about(found, identity, advice, answered.told_in)
     _left_out(answered, recorded, used, (begin, stop), explanation)
+    if understood.no_formula:
+        answered.data["no_formula"] = understood.no_formula
+        answered.lines.append(f"{understood.no_formula[0].upper()}{understood.no_formula[1:]}.")
     if explanation is None:
         answered.lines.extend(said)
         return answered
@@ -155,8 +162,10 @@ def answer(
     answered.numbers.update(explanation.numbers())
     _rolled_on(answered, explanation, total - end)
     answered.lines.extend(said)
-    described = {"mass": found.motion.mass[0].tolist(), **explanation.specification()}
-    return replace(answered, specification=described, path=explanation.path())
+    answered, scene = replace(answered, path=explanation.path()), explanation.specification()
+    if scene is None:
+        return answered
+    return replace(answered, specification={"mass": found.motion.mass[0].tolist(), **scene})
 
 
 def _later(found: Diagnosis, frames: int) -> Diagnosis:

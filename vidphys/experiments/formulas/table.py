@@ -9,6 +9,7 @@ from vidphys import metrics
 from vidphys.diagnose.formula.laws import FoundLaw, coordinate_law
 from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.experiments.formulas.laws import FRAMES, NOISE, SWINGS, Case, developed, drawn
+from vidphys.experiments.formulas.sparse import sparse_law
 
 HELD_OUT = 30
 EXACT, REFUSED, WRONG = "exact", "refused", "wrong"
@@ -17,17 +18,27 @@ EXACT, REFUSED, WRONG = "exact", "refused", "wrong"
 def judged(case: Case, found: FoundLaw) -> str:
     """Whether a law was found as it is, not at all, or as another.
 
-    Words of x and of |x| are one where the places stay above zero.
+    Words of x and of |x| are one where the places stay above zero. The friction must be the law's
+    own, or be told as one of those that it may be.
     """
     formula = found.verdict.formula
     if formula is None:
         return REFUSED
+    rubbed = ("v" if case.friction else "") in found.frictions
+    return EXACT if rubbed and _same(case, formula.kind) else WRONG
+
+
+def judged_sparse(case: Case, kind: tuple[str, ...], rubbed: bool) -> str:
+    """The same of a sparse regression, which never refuses."""
+    return EXACT if rubbed == (case.friction > 0) and _same(case, kind) else WRONG
+
+
+def _same(case: Case, kind: tuple[str, ...]) -> bool:
+    """Whether a law's words are these."""
     if case.kind is None:
-        return WRONG
-    places = case.recording(0)[0]
-    positive = bool(np.nanmin(places) > 0)
-    same = _plain(formula.kind, positive) == _plain(case.kind, positive)
-    return EXACT if same else WRONG
+        return False
+    positive = bool(np.nanmin(case.recording(0)[0]) > 0)
+    return _plain(kind, positive) == _plain(case.kind, positive)
 
 
 def _plain(kind: tuple[str, ...], positive: bool) -> list[str]:
@@ -44,18 +55,31 @@ def run_developed(task: CellTask) -> None:
 
 
 def run_drawn(task: CellTask) -> None:
-    """Laws that the seed draws: nothing was tuned on them."""
+    """Laws that the seed draws, to tune on."""
     for seed in task.seeds:
         _run(task, seed, drawn(10_000 + seed, HELD_OUT))
 
 
+def run_held_out(task: CellTask) -> None:
+    """Laws that the seed draws, on which nothing was tuned."""
+    for seed in task.seeds:
+        _run(task, seed, drawn(20_000 + seed, HELD_OUT))
+
+
 def _run(task: CellTask, seed: int, cases: list[Case]) -> None:
-    answers = []
+    answers, sparse = [], []
     for number, case in enumerate(cases):
-        answers.append(judged(case, coordinate_law(*case.recording(seed + number))))
+        recording = case.recording(seed + number)
+        answers.append(judged(case, coordinate_law(*recording)))
+        sparse.append(judged_sparse(case, *sparse_law(*recording)))
         if task.progress is not None:
             task.progress(number + 1, len(cases), 0.0)
-    rows = task.recorder(seed, "formulas", "formula", None, "tracks", dtype="float64")
+    _keep(task, seed, "formula", answers)
+    _keep(task, seed, "sparse", sparse)
+
+
+def _keep(task: CellTask, seed: int, head: str, answers: list[str]) -> None:
+    rows = task.recorder(seed, "formulas", head, head, "tracks", dtype="float64")
     for metric, good in (
         ("exact", (EXACT,)),
         ("exact_or_refused", (EXACT, REFUSED)),
@@ -68,6 +92,6 @@ def _run(task: CellTask, seed: int, cases: list[Case]) -> None:
 
 FORMULAS = Table.told(
     "formulas",
-    cells={"developed": run_developed, "drawn": run_drawn},
+    cells={"developed": run_developed, "drawn": run_drawn, "held_out": run_held_out},
     settings={"frames": FRAMES, "noise": NOISE, "swings": SWINGS, "held_out": HELD_OUT},
 )

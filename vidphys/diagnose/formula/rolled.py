@@ -1,0 +1,140 @@
+"""A sum of words that was rolled along a recording, with what goes with the speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vidphys.diagnose.formula.formula import Formula
+from vidphys.diagnose.formula.grammar import bounds
+from vidphys.diagnose.formula.search import Sum, design
+from vidphys.diagnose.formula.shooting import Fit, Law, fit_law
+from vidphys.diagnose.formula.springs import SPEEDS, Spring
+
+NUDGE = 1e-6  # of a constant, by which derivatives are read
+SLIGHTLY = 1e-3  # friction to begin with
+HOPELESS = 60.0  # squares beyond those of the smooth law, in units of the noise's
+
+
+@dataclass(frozen=True)
+class Rolled:
+    """A sum that was rolled along the recording, with its friction.
+
+    Args:
+        sum: the words of the force.
+        speeds: the terms of the speed, a key of ``SPEEDS``.
+        fit: of all numbers: coefficients, constants, then those of the speed.
+        spring: the smooth law of the same recording.
+    """
+
+    sum: Sum
+    speeds: str
+    fit: Fit
+    spring: Spring
+
+    @property
+    def score(self) -> float:
+        """Misfit / 2 and all prices, in nats."""
+        drags = len(SPEEDS[self.speeds])
+        numbers = (self.sum.numbers + drags) / 2 * np.log(self.spring.count)
+        return self.fit.squares / self.spring.sigma**2 / 2 + numbers + self.sum.price + drags
+
+    @property
+    def believed(self) -> bool:
+        """Whether constants are still such as the grammar allows."""
+        basis = self.spring.basis
+        first = sum(len(part) for part in self.sum.coefficients)
+        constants = iter(self.fit.numbers[first:])
+        for term in self.sum.terms:
+            lows, highs = bounds(term, basis.low, basis.high)
+            if not all(a < next(constants) < b for a, b in zip(lows, highs, strict=True)):
+                return False
+        return True
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Standard errors of all numbers."""
+        return self.spring.sigma * np.sqrt(np.abs(np.diag(self.fit.inverse)))
+
+    @property
+    def friction(self) -> tuple[tuple[str, float, float], ...]:
+        """Words of the speed, with value and standard error."""
+        words = SPEEDS[self.speeds]
+        first = len(self.fit.numbers) - len(words)
+        return tuple(
+            (word, float(self.fit.numbers[first + k]), float(self.errors[first + k]))
+            for k, word in enumerate(words)
+        )
+
+    def formula(self, variable: str) -> tuple[Sum, Formula]:
+        """The sum with the numbers that were rolled, and how it is read."""
+        widths = [len(part) for part in (*self.sum.coefficients, *self.sum.constants)]
+        flat = self.fit.numbers[: sum(widths)]
+        parts = [tuple(part) for part in np.split(flat, np.cumsum(widths)[:-1])]
+        sizes, constants = tuple(parts[: len(self.sum.terms)]), tuple(parts[len(self.sum.terms) :])
+        errors = tuple(self.errors[: sum(widths)])
+        made = Formula(self.sum.terms, constants, sizes, errors, variable)
+        told = replace(
+            self.sum,
+            coefficients=sizes,
+            constants=constants,
+            misfit=self.fit.squares / self.spring.sigma**2,
+            score=self.score,
+        )
+        return told, made
+
+    def path(self, times: np.ndarray) -> np.ndarray:
+        """Places at seconds ``(t,)`` that begin with the last clip's first frame."""
+        law, _ = law_of_sum(self.sum, self.speeds, self.spring)
+        starts, substeps = self.fit.starts[-1:], self.spring.pieces.substeps
+        return law.roll(self.fit.numbers, starts, times[None], substeps)[0, :-1, 0]
+
+    def without_friction(self) -> Rolled:
+        """The same force, and nothing that goes with the speed; it was fitted to nothing."""
+        count = len(self.fit.numbers) - len(SPEEDS[self.speeds])
+        return replace(self, speeds="", fit=replace(self.fit, numbers=self.fit.numbers[:count]))
+
+
+def law_of_sum(one: Sum, speeds: str, spring: Spring) -> tuple[Law, np.ndarray]:
+    """A sum as an acceleration, with friction, and the sum's numbers."""
+    widths = [len(part) for part in (*one.coefficients, *one.constants)]
+    ends, words = np.cumsum([0, *widths]), len(one.terms)
+
+    def split(numbers: np.ndarray) -> tuple[np.ndarray, list[tuple[float, ...]]]:
+        parts = [tuple(numbers[a:b]) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return numbers[: ends[words]], parts[words:]
+
+    def columns(numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
+        sizes, constants = split(numbers)
+        plain = design(one.terms, constants, x)
+        force, out = plain @ sizes, [plain]
+        for k in range(ends[words], len(numbers)):
+            nudged = numbers.copy()
+            nudged[k] += (nudge := NUDGE * (abs(numbers[k]) + 1e-3))
+            other = design(one.terms, split(nudged)[1], x) @ sizes
+            out.append(((other - force) / nudge)[:, None])
+        return np.concatenate([force[:, None], *out], 1)
+
+    law = Law(columns, SPEEDS[speeds], spring.basis.low, spring.basis.high)
+    return law, np.concatenate([*one.coefficients, *one.constants])
+
+
+def rolled_along(one: Sum, speeds: str, drags: np.ndarray, spring: Spring) -> Rolled | None:
+    """A sum fitted to the recording in one roll; ``None`` where it misses more than noise."""
+    law, numbers = law_of_sum(one, speeds, spring)
+    most = spring.fit.squares + HOPELESS * spring.sigma**2
+    numbers = np.append(numbers, drags)
+    fit = fit_law(law, numbers, spring.fit.starts, spring.pieces, most=most)
+    return None if fit is None or fit.squares > most else Rolled(one, speeds, fit, spring)
+
+
+def braked(rolled: Rolled) -> list[Rolled]:
+    """The same sum with every other friction."""
+    told, _ = rolled.formula("x")
+    others = (
+        rolled_along(told, speeds, np.full(len(words), -SLIGHTLY), rolled.spring)
+        for speeds, words in SPEEDS.items()
+        if speeds != rolled.speeds
+    )
+    return [other for other in others if other is not None]
