@@ -15,7 +15,7 @@ from vidphys.diagnose.mechanisms.uncertainty import with_errors
 FEWEST = 8  # frames that a fit begins with
 PARTS = 12  # of a recording, of which at least one is fitted first
 GROWTH = 1.7
-LAST, ON_THE_WAY = 40, 12  # steps of a fit to all frames, and to some
+LAST, ON_THE_WAY = 40, 20  # steps of a fit to all frames, and to some
 MANY = 4  # clips, each with a start of its own, from which fewer steps are made
 TRIED = 2  # of several guesses, those that begin nearest
 BEHIND = 25.0  # times the best law's cost, from which another one is dropped
