@@ -122,7 +122,8 @@ class ByMechanism(Explanation):
     @cached_property
     def verdict(self) -> Verdict:
         found = self.mechanism
-        return judge(found.share, found.left, found.spread, self.forecast(), self._period)
+        straight = found.kinds == {"collision"}
+        return judge(found.share, found.left, found.spread, self.forecast(), self._period, straight)
 
     @property
     def _period(self) -> float:

@@ -39,7 +39,12 @@ class Verdict:
 
 
 def judge(
-    share: float, left: float, spread: float, tail: Validation | None, period: float = np.inf
+    share: float,
+    left: float,
+    spread: float,
+    tail: Validation | None,
+    period: float = np.inf,
+    straight: bool = False,
 ) -> Verdict:
     """The verdict on a model.
 
@@ -48,6 +53,8 @@ def judge(
         spread: root mean square distance of the bodies from their means, of the fitted frames.
         tail: the forecast of what was held out.
         period: seconds of a swing, about; two of them are far ahead whatever was held out.
+        straight: whether the model itself says that bodies go straight on from where the simple
+            forecasts begin; only bodies that stay are then a rival.
     """
     if tail is None or len(tail.times) < 2:
         status = MOSTLY if share >= ALL else NOT
@@ -62,10 +69,12 @@ def judge(
     held_out = float(tail.times[-1] - tail.times[0])
     horizon = float(tail.times[lost[0]] - tail.times[0]) if len(lost) else held_out
     upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
-    own, *others = (_rms(path[:upto] - tail.seen[:upto]) for path in tail.forecasts.values())
+    rivals = {"persistence"} if straight else tail.forecasts.keys() - {"model"}
+    own = _rms(tail.forecasts["model"][:upto] - tail.seen[:upto])
+    others = [_rms(tail.forecasts[name][:upto] - tail.seen[:upto]) for name in rivals]
     enough = NOISE * left if share >= ALL else 0.0
     better = own < max(AS_GOOD * min(others), enough)
-    best = min(error for name, error in tail.errors.items() if name != "model")
+    best = min(tail.errors[name] for name in rivals)
     to_the_end = tail.errors["model"] < max(AS_GOOD * best, enough)
     far = to_the_end and horizon >= LONG * held_out
     if share >= ALL and horizon >= held_out and better:
