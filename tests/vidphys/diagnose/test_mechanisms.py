@@ -11,7 +11,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, likeliest_errors
-from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism, of_lawful_bodies
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.recordings.motion import motion_of
@@ -336,3 +336,30 @@ def test_a_camera_askew_is_told_from_the_motion_and_its_view_has_an_inverse():
     assert askew.kinds == {"uniform"} and askew.left < 0.5 * straight.left
     numbers = askew.groups[0].fit.numbers
     assert abs(numbers["force 2"][0] + 3.2) < 2 * numbers["force 2"][1]
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
+    upper, lower, share = 0.25, 0.2, 0.4  # metres; of both masses, that the lower one has
+
+    def slope(_, y):
+        (a, b), (u, v) = y[:2], y[2:]
+        d, g = a - b, 9.81
+        mass = np.array([[upper, share * lower * np.cos(d)], [upper * np.cos(d), lower]])
+        force = [-g * np.sin(a) - share * lower * v**2 * np.sin(d), -g * np.sin(b)]
+        force[1] += upper * u**2 * np.sin(d)
+        return [u, v, *np.linalg.solve(mass, force)]
+
+    times = np.arange(150) * STEP
+    a, b = solve_ivp(slope, (0, 5), [0.7, -0.4, 0, 0], t_eval=times, rtol=1e-9, atol=1e-9).y[:2]
+    first = np.stack([0.1 + upper * np.sin(a), 0.4 - upper * np.cos(a)], -1)
+    second = first + lower * np.stack([np.sin(b), -np.cos(b)], -1)
+    places = np.stack([first, second], 1)[:, list(order)]
+    given = answer(noisy(places, 5e-4), False, 0.3, camera=True)
+    assert given.data["terms"] == ["chain"] and given.data["explained"]
+    told = given.data["mechanism"][0]["quantities"]
+    assert told["mass ratio"]["value"] == pytest.approx(share / (1 - share), rel=0.03)
+    assert told["length 2"]["value"] == pytest.approx(lower, rel=0.01)
+    assert (given.specification is None) == (order == (1, 0))
+    ordered, _ = of_lawful_bodies(noisy(places, 5e-4))
+    assert ordered.positions[0, 0, 0] == pytest.approx(first[0], abs=0.01)

@@ -17,6 +17,7 @@ from vidphys.diagnose.mechanisms.charts import Arc, Plane
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
+from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, noise_of
 from vidphys.diagnose.recordings.units import GRAVITY, Units
@@ -148,7 +149,10 @@ class ByMechanism(Explanation):
         out = []
         for group in self.whole.groups:
             out += self._told(group)
-        return [*out, self._what_is_left(), *self._rivals()]
+        out += [self._what_is_left(), *self._rivals()]
+        if self._from_below:
+            out.append("No model of it is written: give the body next to the pivot first.")
+        return out
 
     def _rivals(self) -> list[str]:
         """Laws that are nearly as likely."""
@@ -300,8 +304,18 @@ class ByMechanism(Explanation):
             out[name] = (start + since, np.stack([parts[b] for b in sorted(parts)], 1))
         return out
 
-    def specification(self) -> dict[str, Any]:
-        return as_scene(self.whole, self.motion.interval, self.verdict, self.motion.space)
+    @property
+    def _from_below(self) -> bool:
+        """Whether the first of two bodies hangs from the second; a model counts from the pivot."""
+        fit = self.whole.groups[0].fit
+        return isinstance(fit, RodsFit) and fit.rods.order != (0, 1)
+
+    def specification(self) -> dict[str, Any] | None:
+        return (
+            None
+            if self._from_below
+            else as_scene(self.whole, self.motion.interval, self.verdict, self.motion.space)
+        )
 
 
 def _where(fit: Fit) -> str:

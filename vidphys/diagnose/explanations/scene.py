@@ -15,6 +15,7 @@ from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line
 from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
+from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.recordings.units import GRAVITY
 
 SLOWEST = 1e-6  # per second, of a friction that is there
@@ -38,11 +39,12 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
     for group in mechanism.groups:
         fit = group.fit
         if fit.model.law.restoring == "chain":
-            rests = [float(x[0]) for x in fit.geometry]
+            rest = float(np.mean([x[0] for x in fit.geometry]))
+            pictured = isinstance(fit, RodsFit)
             held = as_specification(
-                _rods(fit),
+                _in_picture(fit, rest) if isinstance(fit, RodsFit) else _rods(fit),
                 2,
-                [float(np.mean(rests))],
+                origin if pictured else [rest],
                 fit.numbers,
                 verdict.status == EXPLAINED,
                 interval,
@@ -67,6 +69,14 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
     explained = verdict.status == EXPLAINED
     held = as_specification(term, len(ordered), origin, numbers, explained, interval)
     return {**held, "mass": masses.tolist()}
+
+
+def _in_picture(fit: RodsFit, rest: float) -> terms.OnChain:
+    """Two rods whose ends are seen; the upper one's is the first body."""
+    down = np.array([np.sin(rest), -np.cos(rest)])
+    across = np.array([-down[1], down[0]])
+    upper, lower = fit.rods.lengths.tolist()
+    return terms.OnChain(_row(fit.rods.pivot), _row(across), _row(down), (upper, lower), _rods(fit))
 
 
 def _rods(fit: Fit) -> terms.Links:

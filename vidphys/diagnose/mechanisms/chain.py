@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle
+from vidphys.diagnose.mechanisms.choose import ranked
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
@@ -34,13 +35,15 @@ def chained(motion: Motion) -> Fit | None:
     clips = _windows(motion, size)
     if not clips:
         return None
-    model = Model(Law(2, "chain", "linear", apart=True), (Angle(), Angle()))
     found = []
     for half in HALVES:
         numbers, rests = _regressed(motion, half)
         starts = [_start(clip, rests, half) for clip in clips]
-        found.append(fit(clips, model, np.concatenate([numbers, *starts])))
-    return min((x for x in found if x is not None), key=lambda x: x.left, default=None)
+        for friction in ("linear", "none"):
+            model = Model(Law(2, "chain", friction, apart=True), (Angle(), Angle()))
+            own = numbers[: len(model.law.names)]
+            found.append(fit(clips, model, np.concatenate([own, *starts])))
+    return next(iter(ranked([x for x in found if x is not None and not x.driven])), None)
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.choose import pictured
-from vidphys.diagnose.mechanisms.fit import race
+from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
+from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
@@ -36,11 +37,18 @@ def coupled(
         model = Model(law, tuple(x.model.charts[0] for x in known))
         runners += [(model, [guess]) for guess in _guesses(law, known, len(clips))]
     best = max(race(clips, runners), key=lambda x: x.score, default=None) if runners else None
-    if best is not None and camera:
-        best = pictured(clips, best)
-    if best is None or best.score < sum(fits[0].score for fits in laws) + CLEARLY:
+    if best is None:
         return None
-    return best
+    best = pictured(clips, best) if camera else best
+    likely = ranked([x for x in (best, _without_friction(clips, best)) if x and makes_sense(x)])
+    alone = sum(fits[0].score for fits in laws)
+    return likely[0] if likely and likely[0].score > alone + CLEARLY else None
+
+
+def _without_friction(clips: Sequence[Frames], found: Fit) -> Fit | None:
+    law = found.model.law
+    model = Model(replace(law, friction="none"), found.model.charts)
+    return fit(clips, model, np.delete(found.values, law.names.index("linear")))
 
 
 def _pulled(restoring: str) -> Callable[[Fit], bool]:

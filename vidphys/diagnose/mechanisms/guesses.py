@@ -191,7 +191,7 @@ def _arcs(clips: Sequence[Frames], places: np.ndarray) -> Iterator[Guess]:
     """A circle through the places, if there is one, and the pendulum on it."""
     if places.shape[1] != 2:
         return
-    circle = _circle(places)
+    circle = circle_through(places)
     if circle is None:
         return
     centre, _ = circle
@@ -222,7 +222,7 @@ def _mean_direction(away: np.ndarray) -> np.ndarray:
     return mean / size if size > 1e-9 else np.array([0.0, -1.0])
 
 
-def _circle(places: np.ndarray) -> tuple[np.ndarray, float] | None:
+def circle_through(places: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Centre and radius by least squares (Kasa 1976), if a circle comes near the places."""
     middle = places.mean(0)
     x = places - middle

@@ -14,6 +14,7 @@ from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
+from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
@@ -152,6 +153,9 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     """
     if motion.bodies == 1:
         return motion, ()
+    rods = rods_in_picture(motion) if motion.bodies == 2 else None
+    if rods is not None and rods.left < GOOD * rods.spread:
+        return _of(motion, list(rods.rods.order)), ()  # from the pivot on
     motion = parted(motion)
     found = [body for group in _meeting(thinned(motion), camera=True) for body in group.bodies]
     for body in range(min(motion.bodies, MOST_TRIED)):
@@ -160,8 +164,8 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         alone = _of(motion, [body])
         first, last = alone.shown()
         if last - first >= LEAST_FRAMES:
-            laws = _groups(thinned(alone.cut(first, last)), angles=False, camera=True)
-            if laws is not None and all(_holds(group.fit) for group in laws):
+            clips = frames_of(thinned(alone.cut(first, last)))
+            if any(_holds(fit) for fit in roughly(clips, angles=False)):
                 found.append(body)
     if len(found) == motion.bodies or (not found and motion.bodies == 2):
         return motion, ()  # of two that no law moves alone, each may move the other
@@ -189,8 +193,8 @@ def _stride(motion: Motion) -> int:
 
 
 def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | None:
-    if motion.bodies == 2 and angles:
-        rods = chained(motion)
+    if motion.bodies == 2 and (angles or (motion.clips == 1 and motion.space == 2)):
+        rods = chained(motion) if angles else rods_in_picture(motion)
         if rods is not None and rods.left < GOOD * rods.spread and _linked(rods):
             return (Group((0, 1), rods),)
     groups = [] if angles else _meeting(motion, camera)

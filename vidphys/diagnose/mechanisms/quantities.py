@@ -9,6 +9,7 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.rods import RodsFit
 
 NUDGE = 1e-5
 
@@ -35,10 +36,24 @@ Joint = Callable[[np.ndarray, tuple[np.ndarray, ...]], float]
 
 def quantities(fit: Fit) -> list[Quantity]:
     """Of a fit, those that can be told."""
-    return [
+    asked = [
         Quantity(name, *_with_error(fit, told), length, seconds)
         for name, told, length, seconds in _asked(fit)
     ]
+    return [*asked, *_of_rods(fit)] if isinstance(fit, RodsFit) else asked
+
+
+def _of_rods(fit: RodsFit) -> Iterator[Quantity]:
+    """Their lengths, and the mass at the lower one's end over that at the upper one's."""
+    (upper, lower), (vague, vaguer) = fit.rods.lengths, fit.rods.errors
+    yield Quantity("length 1", float(upper), float(vague), 1)
+    yield Quantity("length 2", float(lower), float(vaguer), 1)
+    link, error = fit.numbers["link"]
+    share = link * upper / lower  # of both masses, that the lower one has
+    if 0 < share < 1:
+        relative = np.hypot(error / link, np.hypot(vague / upper, vaguer / lower))
+        ratio = float(share / (1 - share))
+        yield Quantity("mass ratio", ratio, float(ratio * relative / (1 - share)))
 
 
 def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:

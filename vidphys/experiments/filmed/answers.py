@@ -18,7 +18,8 @@ from vidphys.diagnose.telling.answers import answer
 from vidphys.statistics import NORMAL_95
 
 HELD_OUT = 0.4  # of a clip, at its end
-ALIKE = {"spring": "pair", "rest-length": "pair"}  # forces between bodies, whatever their shape
+# Forces between bodies, whatever their shape; and two rods.
+ALIKE = {"spring": "pair", "rest-length": "pair", "double pendulum": "chain"}
 EXPLAINED, MOSTLY, NOT = "explained", "mostly explained", "not explained"
 
 

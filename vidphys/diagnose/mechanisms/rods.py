@@ -1,0 +1,133 @@
+"""A double pendulum by its weights in a picture: their places become the angles of two rods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from vidphys.diagnose.mechanisms.chain import chained
+from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.guesses import circle_through
+from vidphys.diagnose.recordings.motion import Motion
+
+STIFF = 0.06  # of its length, by which a rod's length may vary
+TELLING = 10.0  # frames of a clip that tell of a length, as a tracker's mistakes last
+SOFT = 0.03  # of the upper rod: misses beyond count by their size
+DOWN = -np.pi / 2  # the direction from which a rod's angle counts
+
+
+@dataclass(frozen=True)
+class Rods:
+    """Two rods end on end.
+
+    Args:
+        pivot: where the upper one hangs, ``(2,)``.
+        lengths, errors: of both, and their standard errors, ``(2,)``.
+        order: bodies at the end of the upper and the lower one.
+    """
+
+    pivot: np.ndarray
+    lengths: np.ndarray
+    errors: np.ndarray
+    order: tuple[int, int]
+
+    def angles(self, places: np.ndarray) -> np.ndarray:
+        """From hanging straight down, ``(t, 2)``, of places ``(t, 2, 2)``; NaN where unseen."""
+        upper, lower = (places[:, body] for body in self.order)
+        away = np.stack([upper - self.pivot, lower - upper], 1)
+        turned = np.arctan2(away[..., 1], away[..., 0]) - DOWN
+        out = np.full(turned.shape, np.nan)
+        for rod in range(2):
+            seen = np.isfinite(turned[:, rod])
+            out[seen, rod] = np.unwrap(turned[seen, rod])
+            out[:, rod] -= 2 * np.pi * np.round(np.nanmedian(out[:, rod]) / (2 * np.pi))
+        return out
+
+    def places(self, angles: np.ndarray) -> np.ndarray:
+        """Of both bodies, ``(t, 2, 2)``, from angles ``(t, 2)``."""
+        along = np.stack([np.cos(angles + DOWN), np.sin(angles + DOWN)], -1)
+        upper = self.pivot + self.lengths[0] * along[:, 0]
+        ends = upper, upper + self.lengths[1] * along[:, 1]
+        return np.stack([ends[self.order.index(body)] for body in range(2)], 1)
+
+
+@dataclass(frozen=True)
+class RodsFit(Fit):
+    """A law of angles that is shown, and misses, in a picture.
+
+    Args:
+        rods: whose angles they are.
+    """
+
+    rods: Rods
+
+    def shown(self, s: np.ndarray) -> np.ndarray:
+        return self.rods.places(super().shown(s)[..., 0])
+
+    @cached_property
+    def _paths(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Places as they were seen and as the law has them, of each clip."""
+        residuals, out = iter(self.residuals), []
+        for clip in self.clips:
+            seen = np.concatenate([stretch.places for stretch in clip.stretches], 1)
+            off = np.concatenate([next(residuals) for _ in clip.stretches], 1)
+            out.append((self.rods.places(seen), self.rods.places(seen - off)))
+        return out
+
+    @property
+    def left(self) -> float:
+        off = np.concatenate([seen - told for seen, told in self._paths])
+        return float(np.sqrt((off**2).sum(-1).mean()))
+
+    @property
+    def spread(self) -> float:
+        joined = np.concatenate([seen for seen, _ in self._paths])
+        return float(np.sqrt(((joined - joined.mean(0)) ** 2).sum(-1).mean()))
+
+
+def rods_in_picture(motion: Motion) -> RodsFit | None:
+    """The law of two rods whose ends are seen in a plane, if there are such rods.
+
+    Args:
+        motion: one clip of two bodies, up is up.
+    """
+    for rods in _candidates(motion.positions[0]):
+        angles = rods.angles(motion.positions[0])
+        fit = chained(replace(motion, positions=angles[None, :, :, None]))
+        if fit is not None:
+            return RodsFit(**{name: getattr(fit, name) for name in Fit.__match_args__}, rods=rods)
+    return None
+
+
+def _candidates(places: np.ndarray) -> Iterator[Rods]:
+    """Rods of nearly constant lengths, either body at the upper one's end."""
+    both = places[np.isfinite(places).all((-1, -2))]
+    if len(both) < 2:
+        return
+    for order in ((0, 1), (1, 0)):
+        upper, lower = (both[:, body] for body in order)
+        reach = np.linalg.norm(lower - upper, axis=-1)
+        circle = circle_through(upper)
+        if circle is None or np.std(reach) > STIFF * reach.mean():
+            continue
+        pivot = _pivot(upper, circle[0])
+        length = np.linalg.norm(upper - pivot, axis=-1)
+        if np.std(length) < STIFF * length.mean() and pivot[1] > upper[:, 1].mean():
+            seen = length, reach
+            errors = np.array([np.std(x) for x in seen]) / np.sqrt(TELLING)
+            yield Rods(pivot, np.array([np.median(x) for x in seen]), errors, order)
+
+
+def _pivot(upper: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """The centre to which distances are most alike."""
+
+    def off(centre: np.ndarray) -> np.ndarray:
+        away = np.linalg.norm(upper - centre, axis=-1)
+        return away - away.mean()
+
+    scale = SOFT * float(np.linalg.norm(upper - begin, axis=-1).mean())
+    return least_squares(off, begin, loss="soft_l1", f_scale=scale).x
