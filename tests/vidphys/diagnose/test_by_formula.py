@@ -11,8 +11,9 @@ from tests.vidphys.diagnose.test_explanations import Oracle
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.formula import ByFormula, _potentials
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
-from vidphys.diagnose.formula.formula import ALIKE, formula_of
+from vidphys.diagnose.formula.formula import ALIKE, Formula
 from vidphys.diagnose.formula.formula import Verdict as Judged
+from vidphys.diagnose.formula.grammar import words
 from vidphys.diagnose.formula.refusal import would_tell
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units
@@ -74,19 +75,27 @@ def test_it_is_sought_only_where_nothing_explains_the_recording(monkeypatch, mot
     assert isinstance(answer.explanation, Blind) and answer.no_formula == "no formula: it is late"
 
 
+def made(*words_with_numbers):
+    """A formula of words: name, coefficient, constants."""
+    known = {term.name: term for term in words(positive=False)}
+    names, sizes, constants = zip(*words_with_numbers, strict=True)
+    errors = (0.01,) * (len(names) + sum(len(part) for part in constants))
+    return Formula(tuple(known[n] for n in names), constants, tuple((s,) for s in sizes), errors)
+
+
 def test_a_model_carries_cubics_and_sines_and_nothing_else():
-    sine = formula_of(X, -2.0 * np.sin(3 * X) - 0.5 * X**2, 0.001)
+    sine = made(("sin", -2.0, (3.0,)), ("x^2", -0.5, ()))
     pendulum, well = _potentials(sine)
     assert isinstance(pendulum, Pendulum) and isinstance(well, Well)
     q = torch.tensor([[0.7]], dtype=torch.float64)
     told = -pendulum.rate2 * pendulum.length * np.sin(0.7 / pendulum.length) + well.second * 0.49
     assert told == pytest.approx(sine.at(q.numpy()[0])[0], rel=1e-4)
-    assert _potentials(formula_of(X, -2.0 * np.tanh(3 * X), 0.001)) is None
+    assert _potentials(made(("tanh", -2.0, (3.0,)))) is None
 
 
 def test_a_refusal_says_how_far_a_recording_must_reach_to_tell():
-    cubic = formula_of(X, X - X**3 / 6, 1e-4)
-    sine = formula_of(X, np.sin(X), 1e-5)
+    cubic = made(("x", 1.0, ()), ("x^3", -1 / 6, ()))
+    sine = made(("sin", 1.0, (1.0,)))
     told = would_tell(Judged(None, ALIKE, (sine, cubic)), -1.2, 1.5)
     place = float(told.split("that reaches ")[1].split(";")[0].split(" would")[0])
     assert 1.5 < abs(place) < 3.5

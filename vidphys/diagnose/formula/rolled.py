@@ -105,6 +105,7 @@ def law_of_sum(one: Sum, speeds: str, spring: Spring) -> tuple[Law, np.ndarray]:
         parts = [tuple(numbers[a:b]) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         return numbers[: ends[words]], parts[words:]
 
+    @np.errstate(all="ignore")  # a trial's constants may be beyond belief
     def columns(numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
         sizes, constants = split(numbers)
         plain = design(one.terms, constants, x)
