@@ -48,8 +48,13 @@ def undo_drift(
     """The image as a camera without drift would have seen it (linear interpolation)."""
     if not drift.any():
         return image
-    offset = [drift[1], drift[0], 0.0][: image.ndim]
-    return ndimage.shift(image, [-x for x in offset], order=1, mode="nearest")
+    for axis, shift in ((0, drift[1]), (1, drift[0])):
+        whole = int(np.floor(shift))
+        places = np.arange(image.shape[axis]) + whole
+        here, next_to = (np.clip(places + k, 0, image.shape[axis] - 1) for k in (0, 1))
+        part = np.asarray(shift - whole, image.dtype)
+        image = image.take(here, axis) * (1 - part) + image.take(next_to, axis) * part
+    return image
 
 
 def background_of(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from binders.hypotheses import Hypothesis
+from binders.placed import vertex
 
 AROUND = 1.3  # of the body's longer half, that is compared
 LONGEST = 2.0  # of its mean radius
@@ -155,7 +156,7 @@ class _Search:
         pictures = window.astype(np.float32), patch.astype(np.float32)
         cost = cv2.matchTemplate(*pictures, cv2.TM_SQDIFF, mask=shape) / shape.sum()
         y, x = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
-        shift = np.array([_vertex(cost[y], x), _vertex(cost[:, x], y)])
+        shift = np.array([vertex(cost[y], x), vertex(cost[:, x], y)])
         corner = np.rint(guess) - far + self.half
         offset = self.found.positions[model] - np.rint(self.found.positions[model])
         return float(cost[y, x]), float(np.quantile(cost, BESIDE)), corner + shift + offset
@@ -173,12 +174,3 @@ def _cut(image: np.ndarray, centre: np.ndarray, half: int) -> np.ndarray | None:
     left, right = max(0, half - x), max(0, x + half + 1 - w)
     inside = image[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
     return cv2.copyMakeBorder(inside, up, down, left, right, cv2.BORDER_REPLICATE)
-
-
-def _vertex(values: np.ndarray, best: int) -> float:
-    """The least of a parabola through the smallest value and its neighbours."""
-    if not 0 < best < len(values) - 1:
-        return float(best)
-    before, here, after = values[best - 1 : best + 2]
-    bend = before - 2 * here + after
-    return best + (0.5 * float(before - after) / float(bend) if bend > 0 else 0.0)

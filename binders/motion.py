@@ -16,10 +16,12 @@ from jaxtyping import Float, UInt8
 from binders.base import BINDERS, MotionTracks
 from binders.blobs import Blobs
 from binders.camera import background_of, camera_drift, undo_drift
+from binders.exchanged import told_apart
 from binders.follow import Candidate, apart, as_likely, path_of, ranked
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
 from binders.lookalike import seen_again
+from binders.placed import placed
 from binders.scenery import Scenery, lumps, threshold_of
 from binders.tracks import Tracks
 from binders.wanted import Wanted, in_working_pixels
@@ -87,7 +89,8 @@ class MotionBinder:
         clip = _Clip(frames, times)
         view = _view(clip, self)
         bodies = [
-            seen_again(body, clip.still, view.changed) for body in apart(_chosen(clip, view, self))
+            seen_again(placed(body, clip.still, view.changed, clip.steps), clip.still, view.changed)
+            for body in told_apart(apart(_chosen(clip, view, self)))
         ]
         path = path_of(view.blobs[0], bodies)
         tracks = Tracks(

@@ -16,6 +16,8 @@ COLOURED = 3.0  # a third of a body that changes in more than brightness is enou
 GHOST = 0.7  # of how the background stands out there, that a body does at least
 EDGE = 0.01  # of the picture's shorter side: as near as that, the edge cuts a region
 AROUND = 7  # pixels of a square, within which what is next to a region lies
+ARM = 0.5  # of the half width of a region, that its arms are narrower than
+STOUT = 0.85  # of its area, that is left of a region without arms when they are cut
 NOTICED = 20.0  # distance in Lab between colours that nobody takes for one another
 
 
@@ -94,6 +96,9 @@ def lumps(
     inner = labels.copy()
     inner[edge:-edge, edge:-edge] = 0
     keep[np.unique(inner)] = keep[0] = False
+    labels, whole = _without_arms(core, labels, count)
+    count = len(whole)
+    keep = keep[whole] & (np.bincount(labels.ravel(), minlength=count) > 0)
     ghosts = keep & _ghosts(labels, count, above, image, behind)
     keep &= ~ghosts
     number = np.cumsum(keep) - 1
@@ -103,6 +108,40 @@ def lumps(
     totals = _Totals(number[labels[y, x]], int(keep.sum()), weight)
     found = _measured(totals, x, y, change[y, x], image[y, x], coloured[y, x])
     return found.only(np.argsort(np.argsort(-found.energy)) < CANDIDATES), ghosts[labels]
+
+
+def _without_arms(
+    core: np.ndarray, labels: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Regions opened by a disc of half their own width, where that takes much off them.
+
+    Returns:
+        Their labels, and for each the region that it was of.
+    """
+    import cv2
+
+    ground = cv2.copyMakeBorder(core, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    deep = cv2.distanceTransform(ground, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    half = np.zeros(count, np.float32)
+    np.maximum.at(half, labels.ravel(), deep.ravel())
+    inner = ((deep > ARM * half[labels]) & (labels > 0)).astype(np.uint8)
+    parts, numbers = cv2.connectedComponents(inner, connectivity=8)
+    if parts == 1:
+        return labels, np.arange(count)
+    away, nearest = cv2.distanceTransformWithLabels(1 - inner, cv2.DIST_L2, 5)
+    of_seed = np.zeros(nearest.max() + 1, int)
+    of_seed[nearest[inner > 0]] = numbers[inner > 0]
+    part = of_seed[nearest]
+    whole = np.zeros(parts, int)
+    whole[numbers.ravel()] = labels.ravel()
+    whole[0] = 0
+    part = np.where((whole[part] == labels) & (away <= ARM * half[labels]), part, 0)
+    before = np.bincount(labels.ravel(), minlength=count)
+    after = np.bincount(labels[part > 0].ravel(), minlength=count)
+    stout = after > STOUT * before
+    alone = np.zeros(count, int)
+    alone[whole] = np.arange(parts)
+    return np.where(stout[labels], alone[labels], part), whole
 
 
 def _ghosts(

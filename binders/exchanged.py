@@ -1,0 +1,76 @@
+"""Bodies that were taken for one another where they met are told apart by their looks."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from binders.blobs import GROWN, RECOLOURED
+from binders.hypotheses import Hypothesis
+
+MET = 1.5  # times the sum of their sizes, within which they may be exchanged
+LOOKED_AT = 20  # frames before and after, that tell their looks
+FEWEST = 3
+SURE = 0.15  # of what one body may differ from itself, by which the exchange must fit better
+
+
+def told_apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
+    """The same bodies, exchanged from a meeting on where they look so."""
+    bodies = list(bodies)
+    for one, other in combinations(range(len(bodies)), 2):
+        for first, last in _meetings(bodies[one], bodies[other]):
+            if _exchanged(bodies[one], bodies[other], first, last):
+                middle = (first + last + 1) // 2
+                bodies[one], bodies[other] = (
+                    _joined(bodies[one], bodies[other], middle),
+                    _joined(bodies[other], bodies[one], middle),
+                )
+    return bodies
+
+
+def _meetings(one: Hypothesis, other: Hypothesis) -> list[tuple[int, int]]:
+    """First and last frame of each time in which they are near."""
+    both = np.nonzero(one.seen & other.seen)[0]
+    if not len(both):
+        return []
+    away = np.linalg.norm(one.positions - other.positions, axis=-1)[both]
+    frames = np.arange(len(one.seen))
+    reach = MET * (np.nanmedian(one.size) + np.nanmedian(other.size))
+    near = np.flatnonzero(np.interp(frames, both, away) < reach)
+    if not len(near):
+        return []
+    runs = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
+    return [(int(run[0]), int(run[-1])) for run in runs]
+
+
+def _exchanged(one: Hypothesis, other: Hypothesis, first: int, last: int) -> bool:
+    before, after = slice(max(0, first - LOOKED_AT), first), slice(last + 1, last + 1 + LOOKED_AT)
+    a, b = _looks(one, before), _looks(other, before)
+    c, d = _looks(one, after), _looks(other, after)
+    if a is None or b is None or c is None or d is None:
+        return False
+    kept = np.linalg.norm(a - c) + np.linalg.norm(b - d)
+    crossed = np.linalg.norm(a - d) + np.linalg.norm(b - c)
+    return bool(crossed < kept - SURE)
+
+
+def _looks(body: Hypothesis, part: slice) -> Float[np.ndarray, " looks"] | None:
+    """Colour and size, in units of what one body may differ from itself."""
+    size, colour = body.size[part], body.colour[part]
+    shown = np.isfinite(size)
+    if shown.sum() < FEWEST:
+        return None
+    shade = np.median(colour[shown], 0) / RECOLOURED
+    return np.append(shade, 2 * np.median(np.log(size[shown])) / GROWN)
+
+
+def _joined(before: Hypothesis, after: Hypothesis, frame: int) -> Hypothesis:
+    """The first until a frame, the second from it on."""
+    parts = {
+        f.name: np.concatenate([getattr(before, f.name)[:frame], getattr(after, f.name)[frame:]])
+        for f in fields(before)
+    }
+    return replace(before, **parts)

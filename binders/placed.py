@@ -1,0 +1,148 @@
+"""Where a body is, told by its whole outline or picture and not by what of it stands out.
+
+Part of a body may look as what is behind it does, or something may be at it: then the middle of
+what stands out is not the body's. What most frames agree on is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from binders.hypotheses import Hypothesis
+from binders.lawful import foretold
+
+ROUNDS = 3
+AROUND = 1.6  # of the body's mean radius, that is looked at
+REACH = 1.5, 0.7, 0.5  # radii, within which it is looked for in each round
+MODEL = 60  # frames that tell its looks
+AGREED = 0.5  # of the frames, in which a pixel is the body's
+RIM = 2  # pixels around it that are not
+SOFT = 0.7  # pixels, by which an outline is smoothed
+BETTER = 0.05  # of the logarithm of how far off a law is, to leave the blobs' middles
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """Patches of equal size, ``(side, side, c)``, and which of their pixels count."""
+
+    patch: np.ndarray
+    counts: np.ndarray
+
+
+def placed(
+    body: Hypothesis,
+    frames: UInt8[np.ndarray, "t h w 3"],
+    changed: Bool[np.ndarray, "t h w"],
+    times: Float[np.ndarray, " t"],
+) -> Hypothesis:
+    """The hypothesis at the places, of three ways to tell them, that are the most lawful.
+
+    They are the middles of its blobs, those of its outline, and those of its picture.
+
+    Args:
+        body: as blobs show it, pixels of the frames.
+        frames: before a still camera.
+        changed: what differs from the background in each.
+        times: of each frame, in units of the usual interval.
+    """
+    best, most = body, foretold(body.positions, times) + BETTER
+    for pictured in (False, True):
+        places = _refined(body, frames, changed, pictured)
+        told = foretold(places, times)
+        if told > most:
+            best, most = replace(body, positions=places), told
+    return best
+
+
+def _refined(
+    body: Hypothesis, frames: np.ndarray, changed: np.ndarray, pictured: bool
+) -> np.ndarray:
+    import cv2
+
+    size, seen = float(np.nanmedian(body.size)), np.nonzero(body.seen)[0]
+    half = max(3, int(np.ceil(AROUND * size)))
+    far = half + int(np.ceil(REACH[0] * size)) + 1
+    outlines, pictures = [], []
+    corners = np.rint(body.positions[seen]).astype(int) - far
+    for frame, corner in zip(seen, corners, strict=True):
+        outline = _window(changed[frame].astype(np.float32), corner, 2 * far + 1)
+        outlines.append(cv2.GaussianBlur(outline, (0, 0), SOFT))
+        if pictured:
+            pictures.append(_window(frames[frame], corner, 2 * far + 1).astype(np.float32))
+    shown = pictures if pictured else outlines
+    within = body.positions[seen] - corners
+    for reach in REACH:
+        looks = _looks(shown, outlines, within, half, pictured)
+        within = np.array(
+            [
+                _found(window, looks, place, reach * size)
+                for window, place in zip(shown, within, strict=True)
+            ]
+        )
+    places = body.positions.copy()
+    places[seen] = within + corners
+    return places
+
+
+def _window(image: np.ndarray, corner: np.ndarray, side: int) -> np.ndarray:
+    """A square, its upper left pixel at ``corner``; beyond the edge it is the edge's."""
+    size = image.shape[1::-1]
+    x, y = (np.clip(c + np.arange(side), 0, n - 1) for c, n in zip(corner, size, strict=True))
+    return image[np.ix_(y, x)]
+
+
+def _looks(
+    shown: list[np.ndarray],
+    outlines: list[np.ndarray],
+    places: np.ndarray,
+    half: int,
+    pictured: bool,
+) -> _Looks:
+    """What most frames agree on, about the places."""
+    import cv2
+
+    some = range(0, len(shown), max(1, len(shown) // MODEL))
+    square = (2 * half + 1, 2 * half + 1)
+
+    def cut(image: np.ndarray, place: np.ndarray) -> np.ndarray:
+        patch = cv2.getRectSubPix(image, square, place.astype(np.float32).tolist())
+        return patch.reshape(*square, -1)
+
+    outline = np.mean([cut(outlines[n], places[n]) for n in some], 0)
+    inside = (outline > AGREED).astype(np.uint8)[..., 0]
+    if pictured:
+        patch = np.median([cut(shown[n], places[n]) for n in some], 0)
+        return _Looks(patch.astype(np.float32), inside.astype(np.float32))
+    rim = cv2.dilate(inside, np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8))
+    return _Looks(outline.astype(np.float32), rim.astype(np.float32))
+
+
+def _found(window: np.ndarray, looks: _Looks, place: np.ndarray, reach: float) -> np.ndarray:
+    """Where in a window it fits best, near a place; the place where it is nowhere."""
+    import cv2
+
+    if not looks.counts.any():
+        return place
+    half, n = len(looks.patch) // 2, int(np.ceil(reach))
+    middle = np.rint(place).astype(int)
+    low = np.maximum(middle - n - half, 0)
+    high = np.minimum(middle + n + half + 1, window.shape[0])
+    if (high - low < 2 * half + 3).any():
+        return place
+    part = np.ascontiguousarray(window[low[1] : high[1], low[0] : high[0]])
+    mask = np.repeat(looks.counts[..., None], looks.patch.shape[2], 2)
+    cost = cv2.matchTemplate(part, looks.patch, cv2.TM_SQDIFF, mask=mask)
+    y, x = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
+    return low + half + np.array([vertex(cost[y], x), vertex(cost[:, x], y)])
+
+
+def vertex(values: Float[np.ndarray, " k"], best: int) -> float:
+    """The least of a parabola through the smallest value, at ``best``, and its neighbours."""
+    if not 0 < best < len(values) - 1:
+        return float(best)
+    before, here, after = values[best - 1 : best + 2].astype(float)
+    bend = before - 2 * here + after
+    return best + (0.5 * (before - after) / bend if bend > 0 else 0.0)

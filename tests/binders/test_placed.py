@@ -1,0 +1,73 @@
+"""A body's place where part of it does not stand out, or where something is at it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from binders.exchanged import told_apart
+from binders.hypotheses import Hypothesis
+from binders.motion import MotionBinder
+from binders.placed import placed
+
+FRAMES, SIDE, RADIUS = 60, 96, 7.0
+Y, X = np.mgrid[:SIDE, :SIDE]
+GREEN, GREY = (40, 160, 60), (90, 85, 80)
+
+
+def swing() -> np.ndarray:
+    angle = 0.7 * np.cos(0.3 * np.arange(FRAMES))
+    return np.stack([48 + 60 * np.sin(angle), 10 + 60 * np.cos(angle)], 1)
+
+
+def drawn(path: np.ndarray, rod: float) -> np.ndarray:
+    rng, frames = np.random.default_rng(0), []
+    for x, y in path:
+        shade = 185 + 10 * np.sin(X / 5) * np.cos(Y / 7)
+        image = np.repeat(shade[..., None], 3, 2)
+        along = np.clip(((X - 48) * (x - 48) + (Y - 10) * (y - 10)) / 60**2, 0, 1)
+        image[np.hypot(X - 48 - along * (x - 48), Y - 10 - along * (y - 10)) < rod] = GREY
+        inside = np.clip(RADIUS + 0.5 - np.hypot(X - x, Y - y), 0, 1)[..., None]
+        image = image * (1 - inside) + np.array(GREEN) * inside
+        frames.append(image + rng.normal(scale=1.5, size=image.shape))
+    return np.clip(np.stack(frames), 0, 255).astype(np.uint8)
+
+
+def worst(frames: np.ndarray, path: np.ndarray) -> float:
+    found = MotionBinder(bodies=1)(frames, np.arange(FRAMES) / 30).tracks.positions[0, :, 0].numpy()
+    return float(np.abs(found * SIDE / 2 * [1, -1] + SIDE / 2 - 0.5 - path).max())
+
+
+def test_the_rod_of_a_pendulum_is_no_part_of_its_weight() -> None:
+    path = swing()
+    assert worst(drawn(path, rod=2.5), path) < 1.0
+
+
+def test_half_of_a_body_is_not_where_it_is() -> None:
+    path, t = swing(), np.arange(FRAMES)
+    half = np.where(t % 4 == 0, -3.5, 0) + np.where(t % 4 == 1, 3.5, 0)
+    seen = path + np.stack([0 * half, half], 1)  # by what stands out of it
+    changed = np.hypot(X - path[:, 0, None, None], Y - path[:, 1, None, None]) < RADIUS
+    changed &= np.abs(Y - path[:, 1, None, None]) > 1.0
+    ones, size = np.ones(FRAMES), np.full(FRAMES, 5.0)
+    blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    found = placed(blobs, drawn(path, rod=0.0), changed, t.astype(float))
+    assert np.abs(found.positions - path).max() < 0.7
+
+
+def body(x: np.ndarray, size: np.ndarray) -> Hypothesis:
+    ones = np.ones(len(x))
+    places = np.stack([x, 0 * x], 1)
+    return Hypothesis(places, ones, size, size, np.zeros((len(x), 3)), ones, 0 * ones)
+
+
+def test_bodies_that_were_exchanged_where_they_met_are_told_by_their_size() -> None:
+    t = np.arange(40.0)
+    left, right = np.minimum(2 * t, 38), np.maximum(80 - 2 * t, 42)  # they meet and stay there
+    small, large = np.full(40, 6.0), np.full(40, 9.0)
+    left, right = left - np.maximum(0, t - 20), right + np.maximum(0, t - 20) * 2
+    one = body(left, np.where(t < 20, small, large))
+    other = body(right, np.where(t < 20, large, small))
+    first, second = told_apart([one, other])
+    assert (first.size != 6).sum() <= 1 and (second.size != 9).sum() <= 1  # as they touch
+    kept = told_apart([first, second])
+    np.testing.assert_array_equal(kept[0].positions, first.positions)
