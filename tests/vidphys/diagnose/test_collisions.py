@@ -129,10 +129,10 @@ def repelled(strength, power, start):
     return np.stack(out)
 
 
-@pytest.mark.parametrize("noise", [0.0005, 0.005])
-def test_magnets_that_repel_at_a_distance_do_not_collide(noise):
+@pytest.mark.parametrize("strength, power, noise", [(0.004, 4, 0.0005), (0.01, 2, 0.005)])
+def test_magnets_that_repel_at_a_distance_do_not_collide(strength, power, noise):
     start = np.array([[[-0.6, 0.03], [0.6, 0.0]], [[0.5, 0.0], [-0.4, 0.0]]])
-    frames = frames_of(recorded(repelled(0.01, 2, start), noise))
+    frames = frames_of(recorded(repelled(strength, power, start), noise))
     assert not colliding(frames)
 
 
