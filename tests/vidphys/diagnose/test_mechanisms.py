@@ -336,6 +336,8 @@ def test_a_camera_askew_is_told_from_the_motion_and_its_view_has_an_inverse():
     assert askew.kinds == {"uniform"} and askew.left < 0.5 * straight.left
     numbers = askew.groups[0].fit.numbers
     assert abs(numbers["force 2"][0] + 3.2) < 2 * numbers["force 2"][1]
+    told = {x.name: x for x in quantities(askew.groups[0].fit)}["acceleration"]
+    assert told.error > 0.015 * told.value  # that the plane is turned shortens all lengths
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
