@@ -124,8 +124,10 @@ def diagnose(config: DiagnoseConfig) -> None:
     points = [] if config.trade is None else _measured(config.trade)
     loaded, frames = _load(config, given)
     about = {**_about(config), "trade": sorted(point.key for point in points)}
-    run = RunFolder.open(config.out, about, config.overwrite)
-    with run.locked(), Console(config.quiet, 2, "diagnose") as console:
+    with (
+        RunFolder.at_work(config.out, about, config.overwrite) as run,
+        Console(config.quiet, 2, "diagnose") as console,
+    ):
         try:
             angles = loaded.angles or config.angles
             found = answer(

@@ -44,8 +44,10 @@ def film(config: FilmConfig) -> None:
     from vidphys.runs.folder import RunFolder
 
     about = {"experiment": "film", "cells": [], "seeds": [], "seed": config.seed}
-    run = RunFolder.open(config.out, about, config.overwrite)
-    with run.locked(), Console(config.quiet, 1, "film") as console:
+    with (
+        RunFolder.at_work(config.out, about, config.overwrite) as run,
+        Console(config.quiet, 1, "film") as console,
+    ):
 
         def show(done: int, _clips: int, _: float) -> None:
             console.stage(("clips", done, config.clips))

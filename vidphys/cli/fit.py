@@ -100,8 +100,10 @@ def fit(config: FitConfig) -> None:
         "clip_sha256": _clip_of(config.tracks),
         "sources": sources_of(config.tracks) | TERMS.sources(*names),
     }
-    run = RunFolder.open(config.out, about, config.overwrite)
-    with run.locked(), Console(config.quiet, 1, "fit") as console:
+    with (
+        RunFolder.at_work(config.out, about, config.overwrite) as run,
+        Console(config.quiet, 1, "fit") as console,
+    ):
 
         def show(step: int, steps: int, _loss: float) -> None:
             console.stage(("fit", step, steps))

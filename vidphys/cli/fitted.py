@@ -58,8 +58,10 @@ def roll_fitted(config: RolloutConfig) -> None:
     if config.video is not None and recorded.frames is None:
         raise InputError("--video: a table has no frames to draw over; give the clip")
     motion = recorded.motion
-    run = RunFolder.open(config.out, _about(config, motion), config.overwrite)
-    with run.locked(), Console(config.quiet, 1, "rollout") as console:
+    with (
+        RunFolder.at_work(config.out, _about(config, motion), config.overwrite) as run,
+        Console(config.quiet, 1, "rollout") as console,
+    ):
         try:
             start, began, h = fitted.last(motion), float(motion.times[0, -1]), motion.interval
             frames = max(1, math.ceil(config.beyond / h - 1e-6))

@@ -59,8 +59,10 @@ def ladder(config: LadderConfig) -> int:
         units = units_of([LADDER], seeds, cells)
     settings = settings_of("ladder", config.preset, sizes, units, [LADDER])
     settings["sources"] = sources_of(cells)
-    run = RunFolder.open(config.out, settings, config.overwrite)
-    with run.locked(), Console(config.quiet, len(units), "ladder") as console:
+    with (
+        RunFolder.at_work(config.out, settings, config.overwrite) as run,
+        Console(config.quiet, len(units), "ladder") as console,
+    ):
         failed = run_units(run, units, sizes, config, console)
         run.join()
         report = publish(run)

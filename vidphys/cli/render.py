@@ -69,8 +69,10 @@ def render(config: RenderConfig) -> None:
     )
     about = {"experiment": "render", "cells": [], "seeds": [], **asdict(settings)}
     about["sources"] = SCENES.sources(config.scene)
-    run = RunFolder.open(config.out, about, config.overwrite)
-    with run.locked(), Console(config.quiet, 1, "render") as console:
+    with (
+        RunFolder.at_work(config.out, about, config.overwrite) as run,
+        Console(config.quiet, 1, "render") as console,
+    ):
 
         def show(done: int, _clips: int, _: float) -> None:
             console.stage(("clips", done, settings.clips))

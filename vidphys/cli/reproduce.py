@@ -58,8 +58,10 @@ def reproduce(config: ReproduceConfig) -> int:
     with option("--cells"):
         units = units_of(tables, seeds, config.cells)
     settings = settings_of("reproduce", config.preset, sizes, units, TABLES.values())
-    run = RunFolder.open(config.out, settings, config.overwrite)
-    with run.locked(), Console(config.quiet, len(units), "reproduce") as console:
+    with (
+        RunFolder.at_work(config.out, settings, config.overwrite) as run,
+        Console(config.quiet, len(units), "reproduce") as console,
+    ):
         failed = run_units(run, units, sizes, config, console)
         verdicts = write_verdicts(run, tables)
         report = write_results(run.path)

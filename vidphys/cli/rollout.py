@@ -114,8 +114,10 @@ def _roll_trained(config: RolloutConfig) -> None:
     video = read_video(config.input, ClipSelection(config.start, config.stop, *how))
     require_frames(video)
     law, head = file.law(pipeline.reader.bodies), config.head or FACTORED
-    run = RunFolder.open(config.out, _about(config, video.sha256), config.overwrite)
-    with run.locked(), Console(config.quiet, 1, "rollout") as console:
+    with (
+        RunFolder.at_work(config.out, _about(config, video.sha256), config.overwrite) as run,
+        Console(config.quiet, 1, "rollout") as console,
+    ):
         try:
             reading = pipeline(video.frames, video.times, law, config.beyond, head)
             changed = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -56,11 +57,12 @@ def stress(config: StressConfig) -> int:
 
     torch.set_num_threads(1)
     settings = settings_of(config.preset, config.axes)
-    run = RunFolder.open(config.out, settings, config.overwrite)
-    chosen = run.manifest()["settings"]["cells"]
-    cells = {k: v for k, v in families(PRESETS[config.preset]).items() if k in chosen}
     outcomes = []
-    with run.locked(), Console(config.quiet, len(cells), "stress") as console:
+    with ExitStack() as stack:
+        run = stack.enter_context(RunFolder.at_work(config.out, settings, config.overwrite))
+        chosen = run.manifest()["settings"]["cells"]
+        cells = {k: v for k, v in families(PRESETS[config.preset]).items() if k in chosen}
+        console = stack.enter_context(Console(config.quiet, len(cells), "stress"))
         for index, (name, cases) in enumerate(cells.items()):
             if run.is_done(name):
                 outcomes += load_family(run, name, cases)

@@ -103,8 +103,10 @@ def _measure(config: TradeConfig) -> int:
         "surroundings": surroundings(config.device),
         "sources": ENCODERS.sources(*encoders),
     }
-    run = RunFolder.open(config.out, settings, config.overwrite)
-    with run.locked(), Console(config.quiet, len(fronts), "trade") as console:
+    with (
+        RunFolder.at_work(config.out, settings, config.overwrite) as run,
+        Console(config.quiet, len(fronts), "trade") as console,
+    ):
 
         def told(front: str, done: int, total: int) -> None:
             console.stage((front, done, total))

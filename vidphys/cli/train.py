@@ -135,9 +135,11 @@ def train(config: TrainConfig) -> int:
         encoders = load_layers(config.encoder, options, layers, config.weights, config.device)
     except ValueError as error:
         raise InputError(str(error)) from error
-    run = RunFolder.open(config.out, _about(config, dataset, encoders), config.overwrite)
     part = f"train-s{config.seed}"
-    with run.locked(), Console(config.quiet, 4, "train") as console:
+    with (
+        RunFolder.at_work(config.out, _about(config, dataset, encoders), config.overwrite) as run,
+        Console(config.quiet, 4, "train") as console,
+    ):
         if not run.is_done(part):
             try:
                 _train(config, dataset, encoders, binder, run, console)

@@ -7,10 +7,10 @@ not at all. Each names the code that made it; one that other code goes on with i
 
 from __future__ import annotations
 
-import fcntl
 import importlib.metadata
 import json
 import platform
+import shutil
 import subprocess
 import warnings
 from collections import Counter
@@ -24,7 +24,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vidphys.errors import InputError
+from vidphys.runs.aside import forget, is_ours, move_aside, settle, sweep
 from vidphys.runs.atomic import write_json
+from vidphys.runs.lock import LOCK, locked
 from vidphys.runs.records import write_table
 
 SCHEMA_VERSION = 1
@@ -72,51 +74,101 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path, settings: dict[str, Any], overwrite: bool = False) -> RunFolder:
-        """Start a run, or go on with the one that lies there.
+        """As :meth:`at_work`, but hold the folder only while it is prepared."""
+        with cls.at_work(path, settings, overwrite) as run:
+            return run
 
-        More cells, seeds and rungs extend a run; anything else that differs makes another run.
-        Where other code goes on with one, a :class:`MixedCodeWarning` says so, and ``run.json``
-        lists the versions as ``mixed_code``.
+    @classmethod
+    @contextmanager
+    def at_work(
+        cls, path: Path, settings: dict[str, Any], overwrite: bool = False
+    ) -> Iterator[RunFolder]:
+        """Start a run, or go on with the one that lies there, and hold it for this process.
+
+        Nothing is read, written or deleted before the folder is held. More cells, seeds and rungs
+        extend a run; anything else that differs makes another run. Where other code goes on with
+        one, a :class:`MixedCodeWarning` says so, and ``run.json`` lists the versions as
+        ``mixed_code``.
 
         Args:
             path: the folder.
             settings: the resolved configuration, with lists ``cells`` and ``seeds`` and, where
                 there are any, the settings of each of the ``rungs``.
-            overwrite: give up what lies there if it is another run.
+            overwrite: give up what lies there if it is another run: it is moved aside, and deleted
+                when the work has ended well.
 
         Raises:
-            InputError: another run lies there, or something that is not a run.
+            InputError: another process is at work there, another run lies there, or something
+                that is not a run, or nothing can be written there.
         """
         run = cls(path)
-        if run.manifest_path.exists():
-            manifest = run.manifest()
+        run._refuse_strangers()
+        with locked(path):
+            run._refuse_strangers()
+            sweep(path, FOLDERS)
+            settle(path)
+            run._begin(settings, overwrite)
+            yield run
+            if path.exists():  # else the run was abandoned
+                forget(path)
+
+    def _refuse_strangers(self) -> None:
+        try:
+            names = [] if self.manifest_path.exists() else list(self.path.iterdir())
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise InputError(
+                f"run folder {self.path}: cannot be read ({error.strerror}); choose another"
+            ) from error
+        if any(not is_ours(path) and path.name != LOCK for path in names):
+            raise InputError(f"run folder {self.path}: exists and is not a run; choose another")
+
+    def _begin(self, settings: dict[str, Any], overwrite: bool) -> None:
+        if self.manifest_path.exists():
+            manifest = self.manifest()
             if _is_same(manifest["settings"], settings):
                 for key in GROWING:
                     union = {*manifest["settings"][key], *settings[key]}
                     manifest["settings"][key] = sorted(union)
                 for key in settings.keys() & set(NAMED):
                     manifest["settings"].setdefault(key, {}).update(settings[key])
-                run._tell_mixed_code(manifest)
-                write_json(run.manifest_path, manifest)
-                return run
+                self._tell_mixed_code(manifest)
+                write_json(self.manifest_path, manifest)
+                return
             if not overwrite:
                 raise InputError(
-                    f"run folder {path}: holds a run with other settings; choose another, or "
+                    f"run folder {self.path}: holds a run with other settings; choose another, or "
                     "`overwrite` to give that run up"
                 )
-            run.clear()
-        elif path.exists() and any(path.iterdir()):
-            raise InputError(f"run folder {path}: exists and is not a run; choose another")
-        write_json(run.manifest_path, {**_surroundings(), "settings": settings, "skipped": []})
-        return run
+            move_aside(self.path, (*FOLDERS, *FILES))
+        about = {**_surroundings(), "settings": settings, "skipped": []}
+        write_json(self.manifest_path, about)
 
     @property
     def manifest_path(self) -> Path:
         return self.path / "run.json"
 
     def manifest(self) -> dict[str, Any]:
-        """The content of ``run.json``."""
-        return json.loads(self.manifest_path.read_text(encoding="utf-8"))
+        """The content of ``run.json``.
+
+        Raises:
+            InputError: it cannot be read, or a newer vidphys wrote it.
+        """
+        try:
+            manifest = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+            version, _ = manifest["schema_version"], manifest["settings"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise InputError(
+                f"{self.manifest_path}: not readable as a run ({error}); restore it, or move "
+                f"{self.path} away and start anew"
+            ) from error
+        if version != SCHEMA_VERSION:
+            raise InputError(
+                f"{self.manifest_path}: schema version {version}, this vidphys reads "
+                f"{SCHEMA_VERSION}"
+            )
+        return manifest
 
     def checkpoints(self, part: str) -> Path:
         """Folder of a part's checkpoints."""
@@ -159,7 +211,7 @@ class RunFolder:
                 f"made ({count} of {parts.total()}), by {', '.join(others)}; run.json says so; "
                 "start anew where the two must not mix",
                 MixedCodeWarning,
-                stacklevel=3,
+                stacklevel=5,
             )
 
     def join(self) -> pa.Table:
@@ -187,42 +239,23 @@ class RunFolder:
             manifest["skipped"].append(entry)
             write_json(self.manifest_path, manifest)
 
-    def clear(self) -> None:
-        """Remove what a run leaves, and nothing else."""
-        import shutil
-
-        for name in FOLDERS:
-            shutil.rmtree(self.path / name, ignore_errors=True)
-        for name in FILES:
-            (self.path / name).unlink(missing_ok=True)
-
     def abandon(self) -> None:
         """Leave nothing of a run that could not begin; one with finished work is kept.
 
-        The folder stays where somebody keeps other files in it.
+        A run that was given up for it comes back. The folder stays where somebody keeps other
+        files in it.
         """
-        if not (self.path / "parts").exists():
-            self.clear()
-            (self.path / ".lock").unlink(missing_ok=True)
-            if not any(self.path.iterdir()):
-                self.path.rmdir()
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the folder for one process.
-
-        Raises:
-            InputError: another process is at work in it.
-        """
-        with (self.path / ".lock").open("w") as f:
-            try:
-                fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise InputError(
-                    f"run folder {self.path}: another process is at work in it; wait for it, or "
-                    "choose another folder"
-                ) from error
-            yield
+        if (self.path / "parts").exists():
+            return
+        for name in FOLDERS:
+            shutil.rmtree(self.path / name, ignore_errors=True)
+        for name in sorted(FILES, key=lambda name: name == self.manifest_path.name):
+            (self.path / name).unlink(missing_ok=True)
+        settle(self.path)
+        if not self.manifest_path.exists():
+            (self.path / LOCK).unlink(missing_ok=True)
+        if not any(self.path.iterdir()):
+            self.path.rmdir()
 
     def _part(self, part: str, kind: str) -> Path:
         return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"

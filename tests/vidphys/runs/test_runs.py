@@ -111,16 +111,6 @@ def test_a_folder_that_is_not_a_run_is_left_alone(tmp_path):
     assert (tmp_path / "precious.txt").exists()
 
 
-def test_one_process_at_a_time(tmp_path):
-    run = RunFolder.open(tmp_path / "r", SETTINGS)
-    with (
-        run.locked(),
-        pytest.raises(InputError, match="another process"),
-        RunFolder(run.path).locked(),
-    ):
-        pass
-
-
 def test_an_empty_run_has_nothing_to_report(tmp_path):
     with pytest.raises(InputError, match="no finished work"):
         RunFolder.open(tmp_path / "r", SETTINGS).join()
@@ -149,8 +139,7 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path):
 
 def test_a_run_that_could_not_begin_leaves_nothing_and_finished_work_stays(tmp_path):
     run = RunFolder.open(tmp_path / "r", SETTINGS)
-    with run.locked():
-        run.abandon()
+    run.abandon()
     assert not run.path.exists()
     kept = RunFolder.open(tmp_path / "k", SETTINGS)
     kept.finish("a-b-s0", *recorder().tables())
