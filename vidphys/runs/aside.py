@@ -16,7 +16,7 @@ from pathlib import Path
 MANIFEST = "run.json"
 ASIDE = re.compile(r"\.given-up-\d+")
 FORGOTTEN = re.compile(r"\.forgotten-\d+")
-PARTIAL = re.compile(r"\..+\.\d+\.partial", re.DOTALL)
+PARTIAL = re.compile(r"\..+\.\d+\.partial(\.\w+)?", re.DOTALL)  # a video ends in its container
 
 
 def move_aside(folder: Path, names: Iterable[str]) -> None:

@@ -112,6 +112,14 @@ class Ensemble(nn.Module, Generic[Member]):
 
         return total
 
+    def finite_members(self) -> Tensor:
+        """Whether each member's gradient is finite, ``(members,)``."""
+        finite = torch.ones(len(self), dtype=torch.bool)
+        for weight in self.weights.values():
+            if weight.grad is not None:
+                finite &= torch.isfinite(weight.grad.flatten(1)).all(1).cpu()
+        return finite
+
     def _state(self) -> dict[str, Tensor]:
         state: dict[str, Tensor] = {k.replace("/", "."): v for k, v in self.weights.items()}
         return state | {name: self.get_buffer(_mangled(name)) for name in self.buffer_names}

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor, nn
@@ -19,6 +19,15 @@ from vidphys.training.early_stopping import BestWeights
 Loss = Callable[[Any], Tensor]
 WARM_UP = 0.1
 SMALL = 2**18  # numbers that one thread updates in a sixth of a millisecond
+
+
+@runtime_checkable
+class Several(Protocol):
+    """Models side by side, of which one may be lost without the others."""
+
+    def finite_members(self) -> Tensor:
+        """Whether each member's gradient is finite, ``(members,)``."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -61,7 +70,7 @@ class Learner:
         self.parameters = [p for p in modules.parameters() if p.requires_grad]
         self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate, fused=True)
         self.step, self.loss = 0, math.nan
-        self.lost = False
+        self.lost, self.why = False, ""
 
     @property
     def done(self) -> bool:
@@ -70,16 +79,19 @@ class Learner:
         return self.lost or stopped or self.step >= self.settings.steps
 
     def update(self, batch: Any) -> None:
-        """One step; a loss that is not finite updates nothing and ends the training as lost."""
+        """One step; a loss or a gradient that is not finite updates nothing and loses it all."""
         loss = self.batch_loss(batch)
         self.loss = float(loss.detach())
         if not math.isfinite(self.loss):
-            self.lost = True
+            self.lost, self.why = True, f"the loss is {self.loss}"
             return
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * one_cycle(self.step / self.settings.steps)
         self.optimiser.zero_grad()
         loss.backward()
+        if not self._has_finite_gradient():
+            self.lost, self.why = True, "the gradient is not finite"
+            return
         if self.settings.clip:
             nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
         # One thread for what one does at once: others would spin for milliseconds afterwards, where
@@ -90,6 +102,13 @@ class Learner:
         self.step += 1
         if self.best is not None:
             self.best.look(self.step, last=self.step == self.settings.steps)
+
+    def _has_finite_gradient(self) -> bool:
+        """Whether a step can be taken: by all weights, or by those of one of several models."""
+        gradients = [p.grad for p in self.parameters if p.grad is not None]
+        if not gradients or math.isfinite(nn.utils.get_total_norm(gradients, math.inf)):
+            return True
+        return isinstance(self.modules, Several) and bool(self.modules.finite_members().any())
 
     def tensors(self) -> dict[str, Tensor]:
         """What a checkpoint holds of it."""
@@ -103,7 +122,8 @@ class Learner:
     def meta(self) -> dict[str, Any]:
         """Beside the tensors, as plain data."""
         loss = None if self.lost else self.loss
-        return {"step": self.step, "loss": loss, "settings": asdict(self.settings)}
+        about = {"step": self.step, "loss": loss, "settings": asdict(self.settings)}
+        return about | ({"lost": self.why} if self.lost else {})
 
     def load(self, tensors: Mapping[str, Tensor], meta: Mapping[str, Any]) -> None:
         """Go on from a checkpoint.
@@ -121,7 +141,7 @@ class Learner:
             self.optimiser.state[parameter] = {k: _laid_out(v, parameter) for k, v in kept.items()}
         if self.best is not None:
             self.best.load(under("best", tensors))
-        self.lost = meta["loss"] is None
+        self.lost, self.why = meta["loss"] is None, meta.get("lost", "")
         self.step, self.loss = meta["step"], math.nan if self.lost else meta["loss"]
 
 

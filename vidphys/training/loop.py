@@ -33,6 +33,9 @@ __all__ = [
 ]
 
 
+NAMED = 16  # examples of a batch that a message names
+
+
 class Batches(Protocol):
     """Anything that can be indexed by a vector of example numbers."""
 
@@ -81,7 +84,8 @@ def fit(
         progress: called as ``(step, steps, loss)``.
 
     Raises:
-        FloatingPointError: the loss is not finite; nothing is updated by it.
+        FloatingPointError: the loss or its gradient is not finite; nothing is updated by it, and
+            the checkpoint is that of before. The message names the batch.
 
     Example:
         >>> line = nn.Linear(1, 1)
@@ -108,7 +112,7 @@ def fit_together(
     """Train several models on the same batches, each of which is read once; see :func:`fit`.
 
     No learner knows of the others: each ends with the weights that it would have alone. One that
-    is lost (its loss is not finite) or has stopped early takes no further step.
+    is lost (its loss or gradient is not finite) or has stopped early takes no further step.
 
     Args:
         learners: of the same steps, batch and checkpoints.
@@ -127,12 +131,15 @@ def fit_together(
         _load(save_to, learners, rngs)
     with _finish_step_on_signal() as interrupted:
         while live := [each for each in learners if not each.done]:
-            batch = data[torch.randint(len(data), (size,), generator=rng)]
+            index = torch.randint(len(data), (size,), generator=rng)
+            batch = data[index]
             for learner in live:
                 learner.update(batch)
             if all(each.lost for each in learners):
-                step, loss = live[0].step, live[0].loss
-                raise FloatingPointError(f"training: the loss is {loss} at step {step}")
+                why, step = live[0].why, live[0].step
+                raise FloatingPointError(
+                    f"training: {why} at step {step}, in the batch of {_named(index)}"
+                )
             step = max(each.step for each in live)
             if progress is not None:
                 kept = [each.loss for each in live if not each.lost]
@@ -144,16 +151,23 @@ def fit_together(
                 raise KeyboardInterrupt
 
 
+def _named(index: Tensor) -> str:
+    """A batch by the numbers of its examples."""
+    numbers = [str(i) for i in index[:NAMED].tolist()]
+    return f"examples {', '.join(numbers)}" + (", ..." if len(index) > NAMED else "")
+
+
 def _save(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]) -> None:
     tensors = {name: rng.get_state() for name, rng in rngs.items()}
     for i, learner in enumerate(learners):
         tensors |= {f"{i}/{k}": v for k, v in learner.tensors().items()}
     step = max(each.step for each in learners)
-    checkpoint.save(path, tensors, {"step": step, "learners": [each.meta() for each in learners]})
+    meta = {"step": step, "learners": [each.meta() for each in learners]}
+    checkpoint.save(path, tensors, meta, keep_last=True)
 
 
 def _load(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]) -> None:
-    tensors, meta = checkpoint.load(path)
+    tensors, meta = checkpoint.load_good(path)
     made = len(meta.get("learners", ()))  # none in a checkpoint of before there were several
     if made != len(learners):
         raise InputError(
