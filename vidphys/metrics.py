@@ -1,11 +1,13 @@
 """The study's metrics, and the two columns that a model with no force cannot pass.
 
 Every summary carries how many episodes it is over and how many were not finite: a non-finite
-episode is counted and never given a number.
+episode is counted and never given a number. A summary over the others is no lie only beside that
+count, which is why no bar is met where it flatters (``experiments/core/bars.py``).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -26,6 +28,18 @@ class Summary:
     status: str
     episodes: int
     nonfinite: int
+
+    @classmethod
+    def of(cls, value: float, episodes: int, nonfinite: int = 0) -> Summary:
+        """A number, or a failure where it is none: NaN or infinite.
+
+        Example:
+            >>> Summary.of(float("inf"), episodes=4)
+            Summary(value=None, status='failed', episodes=4, nonfinite=0)
+        """
+        if math.isfinite(value):
+            return cls(float(value), OK, episodes, nonfinite)
+        return cls(None, FAILED, episodes, nonfinite)
 
 
 def energy_drift(energy: Float[Tensor, "b t"], scale: Float[Tensor, " b"]) -> Float[Tensor, "b t"]:
@@ -49,13 +63,13 @@ def energy_drift(energy: Float[Tensor, "b t"], scale: Float[Tensor, " b"]) -> Fl
 
 
 def median(values: Float[Tensor, " b"]) -> Summary:
-    """Median over the finite episodes of ``(b,)``.
+    """Median over the finite episodes of ``(b,)``; of an even number, midway between the two.
 
     Example:
-        >>> median(torch.tensor([1.0, 2.0, 3.0, torch.nan]))
-        Summary(value=2.0, status='ok', episodes=4, nonfinite=1)
+        >>> median(torch.tensor([1.0, 2.0, 3.0, 6.0, torch.nan]))
+        Summary(value=2.5, status='ok', episodes=5, nonfinite=1)
     """
-    return _over_finite(values, lambda x: x.median())
+    return _over_finite(values, lambda x: x.quantile(0.5))
 
 
 def mean(values: Float[Tensor, " b"]) -> Summary:
@@ -78,7 +92,7 @@ def _over_finite(values: Tensor, reduce) -> Summary:  # noqa: ANN001 (a tensor f
     lost = int((~finite).sum())
     if lost == len(values):
         return Summary(None, FAILED, len(values), lost)
-    return Summary(float(reduce(values[finite])), OK, len(values), lost)
+    return Summary.of(float(reduce(values[finite].double())), len(values), lost)
 
 
 def slope(curves: Float[Tensor, "*b t"], duration: float) -> Float[Tensor, "*b"]:
@@ -97,7 +111,7 @@ def median_slope_interval(curves: Float[Tensor, "b t"], duration: float) -> tupl
     slopes = []
     for _ in range(RESAMPLES):
         chosen = torch.randint(len(curves), (len(curves),), generator=rng)
-        slopes.append(slope(curves[chosen].median(0).values, duration))
+        slopes.append(slope(curves[chosen].quantile(0.5, 0), duration))
     found = torch.stack(slopes)
     return float(found.quantile(0.025)), float(found.quantile(0.975))
 
@@ -118,7 +132,7 @@ def nmse(prediction: PhaseState, reference: PhaseState) -> Summary:
     lost = int((~torch.isfinite(x).flatten(1).all(1)).sum())
     if lost:
         return Summary(None, FAILED, len(x), lost)
-    return Summary(float((x - y).square().mean() / _variance(y)), OK, len(x), 0)
+    return Summary.of(float((x - y).square().mean() / _variance(y)), len(x))
 
 
 def episode_nmse(prediction: PhaseState, reference: PhaseState) -> Float[Tensor, " b"]:
@@ -154,19 +168,33 @@ def regime_match(prediction: PhaseState, flipped: PhaseState, trained: PhaseStat
 
 
 def gated_regime_match(match: Summary, error: Summary, ballistic: Summary) -> Summary:
-    """The match of a rollout that beats the zero-force predictor; of any other, ``invalid``."""
-    if match.value is None or error.value is None or ballistic.value is None:
+    """The match of a rollout that beats the zero-force predictor; of any other, ``invalid``.
+
+    Without the one error or the other there is no gate, and so no match.
+    """
+    if match.value is None:
         return match
+    if error.value is None or ballistic.value is None:
+        lost = max(error.nonfinite, ballistic.nonfinite)
+        return Summary(None, FAILED, match.episodes, lost)
     if error.value >= ballistic.value:
         return Summary(None, INVALID, match.episodes, match.nonfinite)
     return match
 
 
 def ratio(error: Summary, ballistic: Summary) -> Summary:
-    """Ballistic skill: the error over the zero-force predictor's; < 0.5 to count."""
-    if error.value is None or ballistic.value is None:
-        return error
-    return Summary(error.value / ballistic.value, OK, error.episodes, 0)
+    """Ballistic skill: the error over the zero-force predictor's; < 0.5 to count.
+
+    Without either, or over an error of zero, it is a failure.
+
+    Example:
+        >>> ratio(Summary(0.1, OK, 4, 0), Summary(None, FAILED, 4, 1))
+        Summary(value=None, status='failed', episodes=4, nonfinite=1)
+    """
+    lost = max(error.nonfinite, ballistic.nonfinite)
+    if error.value is None or not ballistic.value:
+        return Summary(None, FAILED, error.episodes, lost)
+    return Summary.of(error.value / ballistic.value, error.episodes, lost)
 
 
 def cosine(model: Float[Tensor, "b *n d"], truth: Float[Tensor, "b *n d"]) -> Summary:
@@ -182,7 +210,7 @@ def cosine(model: Float[Tensor, "b *n d"], truth: Float[Tensor, "b *n d"]) -> Su
     if lost:
         return Summary(None, FAILED, len(x), lost)
     norm = (x.norm() * y.norm()).clamp_min(torch.finfo(torch.float64).tiny)
-    return Summary(float((x * y).sum() / norm), OK, len(x), 0)
+    return Summary.of(float((x * y).sum() / norm), len(x))
 
 
 def affine_residual(
@@ -203,7 +231,7 @@ def affine_residual(
     known, asked = state[:fitted].double(), state[fitted:].double()
     weights = torch.linalg.lstsq(design[:fitted], known, driver="gelsd").solution
     error = (design[fitted:] @ weights - asked).square().mean()
-    return Summary(float(error / asked.var(correction=0)), OK, len(latent), 0)
+    return Summary.of(float(error / asked.var(correction=0)), len(latent))
 
 
 def latent_growth(states: PhaseState, steps: int) -> Summary:

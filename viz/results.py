@@ -156,6 +156,9 @@ def _row(found: Mapping[str, Any]) -> str:
     row, value = found["row"], found["value"]
     ours = "–" if value is None else f"<b>{number(value)}</b> <small>{row['over']}</small>"
     verdict = chip(found["verdict"], TONES[found["verdict"]])
+    gone = [sum(counts) for counts in zip(*found.get("lost", {}).values(), strict=True)]
+    if gone:
+        verdict += chip(f"{gone[0]}/{gone[1]} episodes lost", "bad")
     why = f"<small>{escape(found['why'])}</small>" if found["why"] else ""
     if found["remark"]:
         why += f"<p class='note'>{escape(found['remark'])}</p>"

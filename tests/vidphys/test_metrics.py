@@ -1,5 +1,8 @@
 """K1-K7: hand-made rollouts whose scores are known."""
 
+import math
+import statistics
+
 import pytest
 import torch
 
@@ -30,6 +33,53 @@ def test_nonfinite_episodes_are_counted_and_get_no_number():
     assert m.worst(values).value == 3.0
     assert m.fraction_over_one(values).value == pytest.approx(2 / 3, rel=3e-15)
     assert m.median(torch.full((3,), float("nan"))) == m.Summary(None, "failed", 3, 3)
+    assert m.worst(torch.zeros(0)) == m.Summary(None, "failed", 0, 0)
+
+
+@pytest.mark.parametrize("name", ["median", "mean", "worst", "fraction_over_one"])
+def test_the_count_of_lost_episodes_stands_beside_every_summary(name):
+    for lost in range(5):
+        values = torch.tensor([1.0, 3.0, 2.0, 5.0])
+        values[:lost] = torch.tensor([math.nan, math.inf, -math.inf, math.nan])[:lost]
+        found = getattr(m, name)(values)
+        assert (found.episodes, found.nonfinite) == (4, lost)
+        assert (found.value is None) == (lost == 4) == (found.status == m.FAILED)
+
+
+def test_the_median_of_an_even_number_lies_midway():
+    assert m.median(torch.tensor([4.0, 1.0, 9.0, 2.0])).value == 3.0
+    curves = torch.tensor([[0.0, 0.0], [0.0, 1.0], [0.0, 2.0], [0.0, 7.0]], dtype=torch.float64)
+    generator = torch.Generator().manual_seed(0)
+    slopes = [
+        statistics.median(curves[torch.randint(4, (4,), generator=generator), 1].tolist())
+        for _ in range(m.RESAMPLES)
+    ]
+    found = m.median_slope_interval(curves, 1.0)
+    ends = torch.tensor(slopes, dtype=torch.float64).quantile(torch.tensor([0.025, 0.975]).double())
+    assert found == pytest.approx(tuple(ends.tolist()), abs=1e-12)
+
+
+def test_a_ratio_without_its_denominator_is_no_number():
+    error = m.Summary(0.1, "ok", 4, 0)
+    for below in (m.Summary(None, "failed", 4, 2), m.Summary(0.0, "ok", 4, 0)):
+        assert m.ratio(error, below) == m.Summary(None, "failed", 4, below.nonfinite)
+    assert m.ratio(error, m.Summary(5e-324, "ok", 4, 0)).status == "failed"
+    assert m.ratio(m.Summary(None, "failed", 4, 1), error) == m.Summary(None, "failed", 4, 1)
+    assert m.ratio(m.Summary(0.0, "ok", 4, 0), error).value == 0
+
+
+def test_there_is_no_gate_without_the_zero_force_error():
+    match, error = m.Summary(1.0, "ok", 4, 0), m.Summary(0.1, "ok", 4, 0)
+    lost = m.Summary(None, "failed", 4, 1)
+    assert m.gated_regime_match(match, error, lost) == m.Summary(None, "failed", 4, 1)
+    assert m.gated_regime_match(match, lost, error) == m.Summary(None, "failed", 4, 1)
+    assert m.gated_regime_match(lost, error, error) == lost
+
+
+def test_an_error_too_large_for_a_number_is_none():
+    far = states(line(1.0).q * 1e200)
+    assert m.nmse(far, line(1.0)) == m.Summary(None, "failed", 4, 0)
+    assert m.Summary.of(math.nan, 4, 1) == m.Summary(None, "failed", 4, 1)
 
 
 def test_nmse_pools_variance_over_all_channels_of_q_and_p():

@@ -6,19 +6,30 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from registry import unknown
 from vidphys.experiments.catalogue import TABLES
-from vidphys.experiments.core.bars import ABSENT, Verdict, bars_hash, judge, rows_of, with_remark
+from vidphys.experiments.core.bars import (
+    ABSENT,
+    MISSED,
+    SKIPPED,
+    Row,
+    Verdict,
+    bars_hash,
+    judge,
+    rows_of,
+    with_remark,
+)
 from vidphys.experiments.core.cell import CellTask, Kept, Report, Table, Unit
 from vidphys.experiments.pixels.pixel_cell import PixelCell
 from vidphys.perception.catalogue import rung_settings
 from vidphys.presets import Preset
 from vidphys.runs.atomic import write_json
-from vidphys.runs.folder import RunFolder
+from vidphys.runs.folder import RunFolder, asked_of
 from vidphys.runs.records import merged_tables
 
+T = TypeVar("T")
 ALL, PIXELS = "all", "pixels"  # the tables that need no pictures, and those that do
 
 
@@ -59,13 +70,17 @@ def units_of(tables: Sequence[Table], seeds: int, cells: Sequence[str] = ()) -> 
         if not any(cell in table.cells for table in sources):
             raise unknown("cell", cell, [name for table in sources for name in table.cells])
     units = []
-    names = {id(table): name for name, table in TABLES.items()}
     for table in sources:
         asked = [cell for cell in table.cells if not cells or cell in cells]
         asked += [cell for cell in cells if cell in table.cells and cell not in asked]
         found = table.units(asked, tuple(range(seeds)))
-        units += [replace(unit, table=names[id(table)]) for unit in found]
+        units += [replace(unit, table=_name_of(table)) for unit in found]
     return units
+
+
+def _name_of(table: Table) -> str:
+    """By which the catalogue gives a table; of one from outside, its import path."""
+    return next((name for name, each in TABLES.items() if each is table), table.name)
 
 
 def _source(table: Table) -> Table:
@@ -87,12 +102,18 @@ def settings_of(
     about = {table.name: dict(table.settings) for table in tables}
     cells = [TABLES[unit.table].cells[cell] for unit in units for cell in unit.cells]
     rungs = [cell.grounding for cell in cells if isinstance(cell, PixelCell)]
+    asked: dict[str, list[int]] = {}
+    for unit in units:
+        for cell in unit.cells:
+            seeds = {*asked.get(f"{unit.table}/{cell}", ()), *unit.seeds}
+            asked[f"{unit.table}/{cell}"] = sorted(seeds)
     return {
         "experiment": verb,
         "preset": preset_name,
         "sizes": asdict(preset),
         "seeds": sorted({seed for unit in units for seed in unit.seeds}),
         "cells": sorted({f"{unit.table}/{cell}" for unit in units for cell in unit.cells}),
+        "asked": asked,
         "bars_sha256": bars_hash(about),
         "tables": about,
         "rungs": rung_settings(rungs) if rungs else {},
@@ -145,10 +166,13 @@ def _named(part: str, report: Report) -> Report:
 def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
     """Hold what was recorded to the rows of each table; kept as ``verdicts.json``.
 
-    A row of a cell that was skipped says why.
+    A row of a cell that was skipped says why. One of a cell that was asked for is held to every
+    seed that it was asked for.
     """
     records = run.join().to_pylist()
-    reasons = {entry["cell"]: entry["reason"] for entry in run.manifest()["skipped"]}
+    manifest = run.manifest()
+    reasons = {entry["cell"]: entry["reason"] for entry in manifest["skipped"]}
+    asked = asked_of(manifest["settings"])
     found: dict[str, Any] = {}
     for table in tables:
         mine = [r for r in records if r["experiment"] == table.records_of]
@@ -159,7 +183,7 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
             "records_of": table.records_of,
             "sweeps": [asdict(sweep) for sweep in table.sweeps],
             "rows": [
-                asdict(with_remark(table.name, _explained(judge(row, mine), table, reasons)))
+                asdict(with_remark(table.name, _judged(row, mine, table, asked, reasons)))
                 for row in rows_of(table.name)
             ],
         }
@@ -167,14 +191,28 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
     return found
 
 
-def _explained(verdict: Verdict, table: Table, reasons: Mapping[str, str]) -> Verdict:
-    """A row without a number, with the reason that its cell was not run."""
-    row = verdict.row
-    if verdict.verdict != ABSENT:
+def _judged(
+    row: Row,
+    records: Sequence[Mapping[str, Any]],
+    table: Table,
+    asked: Mapping[str, Sequence[int]],
+    reasons: Mapping[str, str],
+) -> Verdict:
+    """A row's verdict; one without any number says what became of its cell."""
+    source = _name_of(_source(table))
+    verdict = judge(row, records, _of_cell(asked, source, row.cell) or ())
+    if verdict.values:
         return verdict
-    for cell in _source(table).cells:
-        asked = any(f"{name}/".startswith(f"{cell}/") for name in (row.cell, row.divided_by or ""))
-        reason = reasons.get(f"{table.records_of}/{cell}")
-        if asked and reason:
-            return replace(verdict, why=reason)
+    for cell in (row.cell, row.divided_by):
+        reason = _of_cell(reasons, source, cell) if cell else None
+        if reason is not None:
+            skipped = reason.startswith(SKIPPED) or verdict.verdict == ABSENT
+            return replace(verdict, why=reason, verdict=ABSENT if skipped else MISSED)
     return verdict
+
+
+def _of_cell(found: Mapping[str, T], table: str, name: str) -> T | None:
+    """What is said of the cell that a row's name is of, or is a part of."""
+    whole = f"{table}/{name}"
+    places = [key for key in found if f"{whole}/".startswith(f"{key}/")]
+    return found[max(places, key=len)] if places else None

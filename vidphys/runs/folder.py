@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,6 +31,7 @@ from vidphys.runs.records import write_table
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")  # lists
+ASKED = "asked"  # the seeds that each cell was asked for
 NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a foreign part is from
 MADE_BY = b"code_version"  # in the metadata of a part's tables
 FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
@@ -128,9 +129,12 @@ class RunFolder:
         if self.manifest_path.exists():
             manifest = self.manifest()
             if _is_same(manifest["settings"], settings):
+                before = asked_of(manifest["settings"])
                 for key in GROWING:
                     union = {*manifest["settings"][key], *settings[key]}
                     manifest["settings"][key] = sorted(union)
+                if ASKED in settings:
+                    manifest["settings"][ASKED] = _with_asked(before, settings[ASKED])
                 for key in settings.keys() & set(NAMED):
                     manifest["settings"].setdefault(key, {}).update(settings[key])
                 self._tell_mixed_code(manifest)
@@ -261,6 +265,19 @@ class RunFolder:
         return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"
 
 
+def asked_of(settings: Mapping[str, Any]) -> dict[str, list[int]]:
+    """The seeds that each cell of a run was asked for; every seed where a run does not say it."""
+    known = settings.get(ASKED)
+    return {cell: settings["seeds"] for cell in settings["cells"]} if known is None else known
+
+
+def _with_asked(
+    before: Mapping[str, Sequence[int]], now: Mapping[str, Sequence[int]]
+) -> dict[str, list[int]]:
+    cells = sorted({*before, *now})
+    return {cell: sorted({*before.get(cell, ()), *now.get(cell, ())}) for cell in cells}
+
+
 def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
     """Whether two settings are of one run, as JSON gives them back: tuples and lists are equal."""
     old, new = json.loads(json.dumps([old, new]))
@@ -268,7 +285,9 @@ def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
         was, now = old.get(key, {}), new.get(key, {})
         if any(was[name] != now[name] for name in was.keys() & now):
             return False
-    kept = ({k: v for k, v in each.items() if k not in (*GROWING, *NAMED)} for each in (old, new))
+    kept = (
+        {k: v for k, v in each.items() if k not in (*GROWING, *NAMED, ASKED)} for each in (old, new)
+    )
     return next(kept) == next(kept)
 
 

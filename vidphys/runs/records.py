@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from torch import Tensor
 
-from vidphys.metrics import OK, VOID, Summary
+from vidphys.metrics import FAILED, OK, VOID, Summary
 from vidphys.runs.atomic import write_with
 
 
@@ -99,7 +100,9 @@ class Recorder:
         horizon: int | None = None,
         seconds: float | None = None,
     ) -> None:
-        """Record one number with its status and counts."""
+        """Record one number with its status and counts; what is not finite has failed."""
+        if summary.value is not None and not math.isfinite(summary.value):
+            summary = replace(summary, value=None, status=FAILED)
         self.rows.append(
             {
                 **asdict(self.origin),
@@ -138,7 +141,7 @@ class Recorder:
                     "coupling": coupling,
                     "horizon": horizon,
                     "value": value if finite else None,
-                    "status": OK if finite else "failed",
+                    "status": OK if finite else FAILED,
                 }
             )
 

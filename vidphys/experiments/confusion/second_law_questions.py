@@ -50,7 +50,7 @@ def momentum_floor(head: Head, tracks: Tensor) -> float:
         told = roll(head, start, law, AHEAD + 1, INTERVAL / EVERY, EVERY)
     seen = central_difference(batch, law.mass, INTERVAL)
     miss = (told.p - seen.p).square().sum((1, 2, 3))
-    return float((miss / seen.p.square().sum((1, 2, 3))).median())
+    return float((miss / seen.p.square().sum((1, 2, 3))).quantile(0.5))
 
 
 def compounding(head: Hamiltonian, tracks: Tensor) -> float:
@@ -71,7 +71,7 @@ def _spread(head: Head, tracks: Tensor) -> float:
             roll(head, PhaseState(start.q, p), law, GROWTH_FRAMES, dt, EVERY).p[:, -1]
             for p in (start.p, start.p * (1 + NUDGE))
         ]
-    return float((ends[1] - ends[0]).square().sum((1, 2)).median())
+    return float((ends[1] - ends[0]).square().sum((1, 2)).quantile(0.5))
 
 
 def run_second_law(task: CellTask) -> None:

@@ -7,10 +7,12 @@ moved after a run is seen.
 from __future__ import annotations
 
 import hashlib
+import math
 import operator
+import statistics
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +28,13 @@ COMPARE: dict[str, Callable[[float, float], bool]] = {
 }
 OVER: dict[str, Callable[[Sequence[float]], float]] = {
     "mean": lambda x: sum(x) / len(x),
-    "median": lambda x: sorted(x)[len(x) // 2],
+    "median": statistics.median,
     "largest": max,
     "smallest": min,
 }
 MET, MISSED, REPORTED, ABSENT = "met", "missed", "reported", "no number"
+SKIPPED = "skipped"  # the status of what this machine lacks the means for
+ERRORS = ("error", "drift", "nmse", "gap", "growth", "residual", "rmse")  # of which less is better
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,16 @@ class Row:
         sign, number = self.bar.split()
         return COMPARE[sign](value, float(number))
 
+    def flatters(self, above: bool) -> bool:
+        """Whether episodes that are lost could help the bar.
+
+        They cannot where it asks for a large error: what is left then understates it. So it is
+        for the number itself (``above``) and a bar from below, and for the one that divides it
+        and a bar from above.
+        """
+        kind = any(word in self.metric for word in ERRORS)
+        return not (kind and self.bar.startswith(">" if above else "<"))
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -79,6 +93,8 @@ class Verdict:
         verdict: met, missed, reported, or ``no number``.
         why: what stands where the number should, or what happened to some seeds.
         remark: what is known of why a bar is missed, from ``remarks.toml``.
+        lost: (lost, of how many) episodes by seed, where some gave no finite number; the seed's
+            value is over the others.
     """
 
     row: Row
@@ -87,6 +103,7 @@ class Verdict:
     verdict: str
     why: str = ""
     remark: str = ""
+    lost: dict[int, tuple[int, int]] = field(default_factory=dict)
 
 
 def rows_of(table: str) -> tuple[Row, ...]:
@@ -131,40 +148,109 @@ def bars_hash(tables: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def judge(row: Row, records: Sequence[Mapping[str, Any]]) -> Verdict:
+@dataclass(frozen=True)
+class _Reading:
+    """What the records say of one seed.
+
+    Args:
+        value: ``None`` without a number.
+        fault: why there is none.
+        lost, of: episodes without a finite number, of how many; the number is over the others.
+    """
+
+    value: float | None
+    fault: str = ""
+    lost: int = 0
+    of: int = 0
+
+
+def judge(row: Row, records: Sequence[Mapping[str, Any]], seeds: Collection[int] = ()) -> Verdict:
     """Hold a table's records to one row.
 
-    A seed whose number is missing or failed is named and never replaced; a bar is met only if
-    every recorded seed has a number.
+    A bar is met only if every seed has a finite number, over one that is not zero where the row
+    is a ratio, and no episode was lost where that flatters. Anything else is a miss that says
+    why; no seed's number is replaced, or left out in silence.
+
+    Args:
+        row: what is asked.
+        records: of the row's table.
+        seeds: that the row's cell was asked for: one without a record is a miss. Others that
+            have one are judged too.
     """
-    values, lost = _values(row, row.cell, records)
-    if row.divided_by is not None:
-        below, lost_below = _values(row, row.divided_by, records)
-        both = [s for s in values if s in below and below[s] != 0]
-        values, lost = {s: values[s] / below[s] for s in both}, {**lost, **lost_below}
-    why = "; ".join(f"seed {seed}: {status}" for seed, status in sorted(lost.items()))
-    if not values:
-        return Verdict(row, {}, None, ABSENT, why or "not recorded")
-    value = OVER[row.over](list(values.values()))
+    above = _by_seed(row, row.cell, records)
+    below = _by_seed(row, row.divided_by or "", records)
+    readings: dict[int, _Reading] = {}
+    why: dict[int, str] = {}
+    for seed in sorted({*above, *(seeds or below)}):
+        found = _read(above.get(seed, []))
+        trouble = [found.fault or _told(found, row.flatters(above=True))]
+        if row.divided_by is not None:
+            under = _read(below.get(seed, []))
+            found, fault = _divided(found, under)
+            fault = fault or _told(under, row.flatters(above=False))
+            trouble += [f"{row.divided_by}: {fault}" if fault else ""]
+        readings[seed] = found
+        if any(trouble):
+            why[seed] = ", ".join(text for text in trouble if text)
+    return _verdict(row, readings, why)
+
+
+def _verdict(row: Row, readings: Mapping[int, _Reading], why: Mapping[int, str]) -> Verdict:
+    values = {seed: found.value for seed, found in readings.items() if found.value is not None}
+    lost = {seed: (found.lost, found.of) for seed, found in readings.items() if found.lost}
+    value = OVER[row.over](list(values.values())) if values else None
+    said = "; ".join(f"seed {seed}: {text}" for seed, text in why.items())
+    if value is None and (not row.bar or all(r.fault == SKIPPED for r in readings.values())):
+        return Verdict(row, {}, None, ABSENT, said or "not recorded")
     if not row.bar:
-        return Verdict(row, values, value, REPORTED, why)
-    return Verdict(row, values, value, MET if row.holds(value) and not lost else MISSED, why)
+        return Verdict(row, values, value, REPORTED, said, lost=lost)
+    met = value is not None and not why and row.holds(value)
+    return Verdict(row, values, value, MET if met else MISSED, said, lost=lost)
 
 
-def _values(
+def _by_seed(
     row: Row, cell: str, records: Sequence[Mapping[str, Any]]
-) -> tuple[dict[int, float], dict[int, str]]:
-    values, lost = {}, {}
+) -> dict[int, list[Mapping[str, Any]]]:
+    """The records that a row asks of a cell."""
+    found: dict[int, list[Mapping[str, Any]]] = {}
     for record in records:
-        same = (
+        if (
             record["cell"] == cell
             and record["metric"] == row.metric
             and record["coupling"] == row.coupling
             and record["horizon"] == row.horizon
             and (not row.readout or record["readout"] == row.readout)
-        )
-        if same and record["status"] == OK:
-            values[record["seed"]] = record["value"]
-        elif same:
-            lost[record["seed"]] = record["status"]
-    return values, lost
+        ):
+            found.setdefault(record["seed"], []).append(record)
+    return found
+
+
+def _read(records: Sequence[Mapping[str, Any]]) -> _Reading:
+    """The number of one seed; of several records the last, unless one of them failed."""
+    if not records:
+        return _Reading(None, "no record")
+    lost = max(int(record.get("nonfinite") or 0) for record in records)
+    of = max(int(record.get("episodes") or 0) for record in records)
+    failed = [record["status"] for record in records if record["status"] != OK]
+    value = records[-1]["value"]
+    if failed:
+        return _Reading(None, failed[0], lost, of)
+    if value is None or not math.isfinite(value):
+        return _Reading(None, f"its value is {value}", lost, of)
+    return _Reading(float(value), "", lost, of)
+
+
+def _divided(above: _Reading, below: _Reading) -> tuple[_Reading, str]:
+    """The ratio of two numbers, and what is wrong with the second."""
+    lost, of = max((above.lost, above.of), (below.lost, below.of))
+    fault = below.fault or ("" if below.value else "zero, which divides nothing")
+    if fault or above.value is None or below.value is None:
+        return _Reading(None, above.fault or fault, lost, of), fault
+    ratio = above.value / below.value
+    if not math.isfinite(ratio):
+        return _Reading(None, "", lost, of), f"so small that the ratio is {ratio}"
+    return _Reading(ratio, "", lost, of), ""
+
+
+def _told(found: _Reading, flatters: bool) -> str:
+    return f"{found.lost} of {found.of} episodes lost" if found.lost and flatters else ""

@@ -104,10 +104,8 @@ def score_shed(
     recorder.add(f"true_{kind}_rate", true, None, steps)
     recorder.add_episodes(f"{kind}_rate", model, None, steps)
     recorder.add_episodes(f"true_{kind}_rate", truth, None, steps)
-    share = error = rate if rate.value is None else true
-    if rate.value is not None and true.value:
-        share = Summary(rate.value / true.value, OK, rate.episodes, 0)
-        error = Summary(abs(rate.value / true.value - 1), OK, rate.episodes, 0)
+    share = metrics.ratio(rate, true)
+    error = share if share.value is None else replace(share, value=abs(share.value - 1))
     recorder.add(f"{kind}_ratio", share, None, steps)
     recorder.add(f"{kind}_error", error, None, steps)
 

@@ -67,5 +67,5 @@ def score_oracle(recorder: Recorder, head: Head, question: Question) -> Rollout:
     score_inversion(recorder, head, question, rolled)
     score_drift(recorder, head, question, rolled=rolled)
     score_long_drift(recorder, head, question, rolled)
-    recorder.add_value("lyapunov_time", float(question.lyapunov_time.median()))
+    recorder.add_value("lyapunov_time", float(question.lyapunov_time.quantile(0.5)))
     return rolled

@@ -251,7 +251,7 @@ def score_long_drift(
     mean = float(slopes.mean())
     low, high = metrics.median_slope_interval(late, LONG_STEPS / 2000)
     for name, value in {
-        "energy_drift_slope": float(metrics.slope(late.median(0).values, LONG_STEPS / 2000)),
+        "energy_drift_slope": float(metrics.slope(late.quantile(0.5, 0), LONG_STEPS / 2000)),
         "energy_drift_slope_low": low,
         "energy_drift_slope_high": high,
         "energy_drift_mean_slope": mean,

@@ -79,6 +79,7 @@ def _record_plan(recorder: Recorder, plan: Plan, executed: Tensor, idle: Tensor)
         recorder.add(f"{name}_mean", metrics.mean(values))
         recorder.add_episodes(name, values)
     finite = torch.isfinite(executed) & torch.isfinite(plan.error)
+    lost = int((~finite).sum())
     pairs = executed[finite].tolist(), plan.error[finite].tolist()
     if not pairs[0]:
         return
@@ -87,8 +88,8 @@ def _record_plan(recorder: Recorder, plan: Plan, executed: Tensor, idle: Tensor)
         "executed_minus_predicted": paired_difference(*pairs),
     }.items():
         if interval.low is not None and interval.high is not None:
-            recorder.add_value(f"{name}_low", interval.low)
-            recorder.add_value(f"{name}_high", interval.high)
+            recorder.add(f"{name}_low", metrics.Summary.of(interval.low, len(finite), lost))
+            recorder.add(f"{name}_high", metrics.Summary.of(interval.high, len(finite), lost))
 
 
 def score_noise(

@@ -147,9 +147,10 @@ def foreseeing_cell(task: CellTask) -> None:
         encoder = cast(FrozenEncoder, load_encoder(FORESEEING, {"state": state}))
         found = foresight(cast(Foreseeing, encoder), clips[1].frames)
         name = f"{FORESEEING}-{state}"
-        recorder = task.recorder(task.seeds[0], pixel_scene(), "none", state, name, FORESEEING)
-        recorder.add_value("foresight_over_copy", found.over_copy)
-        recorder.add_value("frame_step", found.step)
+        for seed in task.seeds:  # which see the same clips
+            recorder = task.recorder(seed, pixel_scene(), "none", state, name, FORESEEING)
+            recorder.add_value("foresight_over_copy", found.over_copy)
+            recorder.add_value("frame_step", found.step)
         study_video(Study(task, name, encoder, *clips, void=not found.foresees), f"{state}-")
 
 

@@ -52,7 +52,9 @@ def _job(context: Context, clips: Clips, tracks: Tracks, readout: str, frames: i
         missed = (state.p.double() - truth).square()
         return {
             "momentum_nmse": float(missed.mean() / truth.var(correction=0)),
-            "momentum_nmse_median": float(missed.mean((-2, -1)).median() / truth.var(correction=0)),
+            "momentum_nmse_median": float(
+                missed.mean((-2, -1)).quantile(0.5) / truth.var(correction=0)
+            ),
         }
 
     return Job(
