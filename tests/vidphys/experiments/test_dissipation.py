@@ -13,6 +13,7 @@ from dynamics.friction import FLOWS, Friction
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap
 from vidphys.errors import InputError
+from vidphys.experiments.core import dissipation
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.dissipation import (
     opposed,
@@ -23,6 +24,7 @@ from vidphys.experiments.core.dissipation import (
 )
 from vidphys.experiments.core.scoring import Question
 from vidphys.experiments.friction.drag import DRAG, drag_cell
+from vidphys.metrics import Summary
 from vidphys.presets import OracleSizes
 from vidphys.scenes import certify
 from vidphys.scenes.drag import dragged_gravity
@@ -233,6 +235,16 @@ def test_the_law_itself_sheds_at_its_own_rate_and_a_conserving_one_does_not():
     score_shed(notes, conserving, asked, asked.params, 60, "shed")
     assert abs(notes.values["shed_ratio"]) < 1e-4
     assert score_refusal(notes, asked.scene.law, opposed(asked.params)) is False
+
+
+@pytest.mark.parametrize("true", [Summary(0.0, "ok", 4, 0), Summary(None, "failed", 4, 1)])
+def test_a_rate_over_none_is_neither_a_share_nor_an_error(true, monkeypatch):
+    rates = iter([Summary(0.5, "ok", 4, 0), true])
+    monkeypatch.setattr(dissipation, "_mean", lambda values: next(rates))
+    notes, asked = Notes(), question()
+    score_shed(notes, asked.scene.law, asked, asked.params, 10, "shed")
+    assert notes.values["shed_rate"] == 0.5
+    assert notes.values["shed_ratio"] is notes.values["shed_error"] is None
 
 
 def test_finer_steps_cover_the_same_time():

@@ -29,6 +29,16 @@ def recorder(seed: int = 0) -> Recorder:
     return made
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_what_is_not_finite_is_recorded_as_a_failure(value):
+    made = recorder()
+    made.add_value("m", value)
+    made.add("m", Summary(value, "ok", 4, 1))
+    for row, counts in zip(made.rows[-2:], [(0, 0), (4, 1)], strict=True):
+        assert (row["value"], row["status"]) == (None, "failed")
+        assert (row["episodes"], row["nonfinite"]) == counts
+
+
 def test_parts_join_and_failures_have_no_number(tmp_path):
     run = RunFolder.open(tmp_path / "r", SETTINGS)
     assert not run.is_done("a-b-s0")
