@@ -9,3 +9,12 @@ from __future__ import annotations
 
 class InputError(ValueError):
     """The user's input is wrong: says what, where, and what to do, in one line."""
+
+
+def is_utf8(name: str) -> bool:
+    """Whether the name of a file can be told to libraries; some names are only bytes."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import math
 import os
 import re
 import signal
@@ -12,6 +13,9 @@ import threading
 import warnings
 from pathlib import Path
 from typing import Any
+
+from vidphys.cli.falls import fallen
+from vidphys.errors import is_utf8
 
 VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
@@ -33,7 +37,7 @@ VERBS = {
 # numpy's matrices here are small; its threads only wait for each other, and where something else
 # runs on the machine a diagnosis takes twenty times as long. Torch's are its own.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+OK, WRONG_INPUT, INTERRUPTED = 0, 2, 130
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops", "registry")
 
 
@@ -41,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one verb; returns the exit code.
 
     0: done. 1: a run failed. 2: the input was wrong, said in one line. 130: interrupted, with
-    the work so far kept.
+    the work so far kept. 141: nobody reads the output any more.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     if not arguments or arguments[0] in ("-h", "--help"):
@@ -50,12 +54,21 @@ def main(arguments: list[str] | None = None) -> int:
     verb, rest = arguments[0], arguments[1:]
     if verb not in VERBS:
         return _error(f"vidphys {verb}: no such verb; use one of {', '.join(VERBS)}")
+    _end_like_an_interrupt()
     stranger = _stranger()
     if stranger:
         return _error(stranger)
     # The viewer's library reports usage by default; nothing here does unless asked.
     os.environ.setdefault("RERUN_ANALYTICS", "0")
-    return _run(verb, rest)
+    try:
+        code = _run(verb, rest)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here", file=sys.stderr)
+        return INTERRUPTED
+    except Exception as error:  # the one place where whatever is left becomes a line
+        return fallen(verb, error)
 
 
 def _run(verb: str, rest: list[str]) -> int:
@@ -67,15 +80,28 @@ def _run(verb: str, rest: list[str]) -> int:
     module = importlib.import_module(f"vidphys.cli.{verb}")
     config_type = getattr(module, VERBS[verb][0])
     config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
-    _end_like_an_interrupt()
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
+        _require_values(config)
         return getattr(module, verb)(config) or OK
     except (InputError, RegistryError) as error:
         return _error(in_options(str(error), config_type))
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
-        return INTERRUPTED
+
+
+def _require_values(config: Any) -> None:
+    """Refuse what no verb can use: infinite numbers, and names that libraries cannot be told.
+
+    Raises:
+        InputError: of which option.
+    """
+    from vidphys.errors import InputError
+
+    for option, value in vars(config).items():
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, float) and not math.isfinite(each):
+                raise InputError(f"`{option}` {each}: must be a finite number")
+            if isinstance(each, str | Path) and not is_utf8(str(each)):
+                raise InputError(f"`{option}` {str(each)!a}: the name is not UTF-8; rename it")
 
 
 def _one_line(message: Warning | str, category: type[Warning], *_: object) -> str:

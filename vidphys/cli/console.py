@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from vidphys.errors import InputError
 
 LINE_SECONDS = 10.0
 
@@ -62,6 +66,21 @@ class Console:
     def warn(self, text: str) -> None:
         """Say something that must not be missed, even when quiet."""
         print(f"warning: {text}", file=sys.stderr)
+
+    @contextmanager
+    def drawing(self, what: str) -> Iterator[None]:
+        """Warn of a drawing that fails; the numbers are written before it, and stay.
+
+        Raises:
+            InputError: of what the user asked for.
+        """
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # whatever a viewer's library raises
+            said = " ".join(str(error).split())
+            self.warn(f"{what} could not be drawn ({type(error).__name__}: {said})")
 
     def result(self, text: str) -> None:
         """The last word, on standard output."""

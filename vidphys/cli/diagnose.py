@@ -145,7 +145,8 @@ def diagnose(config: DiagnoseConfig) -> None:
             raise InputError(f"{config.input}: {error}") from error
         console.done(0)
         _keep(run, config, loaded, found)
-        _draw(run, config, found, frames)
+        with console.drawing("the diagnosis"):
+            _draw(run, config, found, frames)
         console.done(1)
         for line in (*loaded.notes, *found.lines):
             console.result(line)

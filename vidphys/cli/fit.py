@@ -72,13 +72,14 @@ def fit(config: FitConfig) -> None:
     require_file(config.tracks, "give a table of tracks")
     require_file(config.specification, "`vidphys diagnose` writes one")
     from dynamics.terms import TERMS, to_config
+    from vidphys.cli.fitted import TRACKS
     from vidphys.data.formats import sources_of
     from vidphys.diagnose.explanations.specification import read_specification
     from vidphys.diagnose.recordings.release import free_frames
-    from vidphys.diagnose.recordings.tables import read_tracks
+    from vidphys.diagnose.recordings.tables import read_tracks, write_tracks
     from vidphys.reading.fitted import save_fitted
     from vidphys.reading.specified import train_specified
-    from vidphys.runs.atomic import sha256
+    from vidphys.runs.atomic import sha256, write_with
     from vidphys.runs.folder import RunFolder
 
     term, held = read_specification(config.specification)
@@ -114,23 +115,21 @@ def fit(config: FitConfig) -> None:
             run.abandon()
             raise
         save_fitted(run.checkpoints("heads"), found.model, config.steps)
-        _keep(run, motion, found, config.tracks.name)
+        write_with(run.path / TRACKS, lambda path: write_tracks(path, motion))
         recorder = _record(config, found)
         run.finish(f"specified-s{config.seed}", *recorder.tables())
         run.join()
+        with console.drawing("the recording"):
+            _draw(run, motion, found, config.tracks.name)
         console.done(0)
         for row in recorder.rows:
             console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")
 
 
-def _keep(run: RunFolder, motion: Motion, found: Trained, name: str) -> None:
-    """The tracks, to be rolled on from, and the forecast, to be looked at."""
-    from vidphys.cli.fitted import TRACKS
+def _draw(run: RunFolder, motion: Motion, found: Trained, name: str) -> None:
+    """The forecast, to be looked at."""
     from vidphys.cli.recordings import write_tracks_recording
-    from vidphys.diagnose.recordings.tables import write_tracks
-    from vidphys.runs.atomic import write_with
 
-    write_with(run.path / TRACKS, lambda path: write_tracks(path, motion))
     if found.forecast is not None:
         write_tracks_recording(
             run.path / "recordings" / f"{CELL.replace('/', '-')}.rrd",

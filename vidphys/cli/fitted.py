@@ -76,7 +76,8 @@ def roll_fitted(config: RolloutConfig) -> None:
             run.abandon()
             raise InputError(f"{config.input or config.run}: {error}") from error
         _write(run.path / "rollout.npz", motion, held, changed)
-        _draw(config, run.path, recorded, held, changed)
+        with console.drawing("the recording"):
+            _draw(config, run.path, recorded, held, changed)
         console.done(0)
         for note in recorded.notes:
             console.result(note)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.study import StudyOptions, option, run_units
 from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    from vidphys.runs.folder import RunFolder
 
 
 @dataclass(frozen=True)
@@ -65,18 +69,19 @@ def ladder(config: LadderConfig) -> int:
     ):
         failed = run_units(run, units, sizes, config, console)
         run.join()
-        report = publish(run)
+        report = publish(run, console)
         console.result(f"{sum(len(unit.cells) for unit in units)} cells; report: {report}")
     return 1 if failed else 0
 
 
-def publish(run) -> Path:  # noqa: ANN001 (RunFolder, imported late)
+def publish(run: RunFolder, console: Console) -> Path:
     """Draw the recordings and write the report from what lies in the run folder."""
     from viz.recording import write_recording
     from viz.report import write_report
     from viz.showcase import read_showcase
 
     for file in sorted((run.path / "showcase").glob("*.safetensors")):
-        arrays, meta = read_showcase(file)
-        write_recording(arrays, meta, run.path / "recordings" / f"{file.stem}.rrd")
+        with console.drawing(f"the recording of {file.stem}"):
+            arrays, meta = read_showcase(file)
+            write_recording(arrays, meta, run.path / "recordings" / f"{file.stem}.rrd")
     return write_report(run.path)

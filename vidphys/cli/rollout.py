@@ -130,7 +130,8 @@ def _roll_trained(config: RolloutConfig) -> None:
             raise InputError(f"{config.input}: {error}") from error
         _write(run.path / "rollout.npz", reading, changed)
         extent = pipeline.reader.half_extent
-        record_rollout(run.path, video, reading, changed, extent, config.video)
+        with console.drawing("the recording"):
+            record_rollout(run.path, video, reading, changed, extent, config.video)
         console.done(0)
         _show(run, reading, changed, console)
 
@@ -182,4 +183,6 @@ def _show(run: RunFolder, reading: Reading, changed: Forecast | None, console: C
         last = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in found.positions[-1].tolist())
         console.result(f"{name}: at {float(found.times[-1]):.4g} s {last}")
     console.result(f"arrays: {run.path / 'rollout.npz'}")
-    console.result(f"recording: {run.path / 'recordings' / 'rollout.rrd'}")
+    recording = run.path / "recordings" / "rollout.rrd"
+    if recording.exists():
+        console.result(f"recording: {recording}")

@@ -271,11 +271,12 @@ def _train(
         raise InputError(str(error)) from error
     console.done(2)
     save_pipeline(run.path / "checkpoints", pipeline)
-    record_training(run.path, perceived, told[0], selection)
     recorder = _recorder(config, dataset)
     record_readouts(recorder, perceived)
     record_forecasts(recorder, perceived, pipeline, told)
     run.finish(f"train-s{config.seed}", *recorder.tables())
+    with console.drawing("the recording"):
+        record_training(run.path, perceived, told[0], selection)
     console.done(3)
 
 
@@ -303,4 +304,6 @@ def _show(run: RunFolder, console: Console) -> None:
     for row in run.join().to_pylist():
         value = "failed" if row["value"] is None else f"{row['value']:.4g}"
         console.result(f"{row['cell']:<50}{row['metric']:<28}{value}")
-    console.result(f"recording: {run.path / 'recordings' / 'clip.rrd'}")
+    recording = run.path / "recordings" / "clip.rrd"
+    if recording.exists():
+        console.result(f"recording: {recording}")

@@ -8,6 +8,7 @@ import pytest
 from registry import UnknownName
 from tests.shared.small_studies import TINY
 from vidphys.cli import ladder as verb
+from vidphys.cli.console import Console
 from vidphys.errors import InputError
 from vidphys.experiments.core.bars import rows_of
 from vidphys.experiments.ladder import ALL_HEADS, LADDER, TWINS, cells_of
@@ -226,6 +227,6 @@ def test_a_diverged_training_is_counted_not_numbered(run):
 def test_report_and_recordings_are_drawn_from_what_lies_there(run):
     run_cell(run, "oracle/factored")
     run.join()
-    report = verb.publish(run)
+    report = verb.publish(run, Console(True, 1, "ladder"))
     assert "oracle" in report.read_text(encoding="utf-8")
     assert (run.path / "recordings" / "oracle-factored.rrd").stat().st_size > 1000

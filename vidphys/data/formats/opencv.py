@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from vidphys.data.formats.base import Frames
-from vidphys.errors import InputError
+from vidphys.errors import InputError, is_utf8
 
 
 def read_clip(path: Path) -> tuple[float, int, Frames]:
@@ -16,6 +16,8 @@ def read_clip(path: Path) -> tuple[float, int, Frames]:
     Raises:
         InputError: not a video that OpenCV can read.
     """
+    if not is_utf8(str(path)):  # in OpenCV, a segmentation fault
+        raise InputError(f"{str(path)!a}: the name is not UTF-8; rename the file")
     cv2 = opencv()
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():

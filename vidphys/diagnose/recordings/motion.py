@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+LONGEST_GAP = 1e5  # usual intervals
+LARGEST = 1e100  # positions; what is squared and summed must stay finite
 LEAST_FRAMES = 8
 
 
@@ -45,8 +47,18 @@ class Motion:
                 f"Motion: a force shows in {LEAST_FRAMES} frames or more, got {frames}; give a "
                 "longer recording"
             )
-        if not (np.diff(self.times) > 0).all():
+        if not np.isfinite(self.times).all():
+            raise ValueError("Motion: times must be finite numbers")
+        steps = np.diff(self.times)
+        if not (steps > 0).all():
             raise ValueError("Motion: times must increase within each clip")
+        if steps.max() > LONGEST_GAP * np.median(steps):
+            raise ValueError(
+                f"Motion: between two frames lie {steps.max():.3g} s, usual are "
+                f"{np.median(steps):.3g} s; cut the recording there, or mend its times"
+            )
+        if np.nanmax(np.abs(self.positions), initial=0.0) > LARGEST:
+            raise ValueError(f"Motion: positions beyond {LARGEST:.0e}; count in another unit")
 
     @property
     def clips(self) -> int:
