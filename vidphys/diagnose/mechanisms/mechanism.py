@@ -127,7 +127,7 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
         return None
     motion, stride = thinned(motion), _stride(motion)
     first, groups = 0, _groups(motion, angles, camera)
-    if groups is None or not all(_holds(group.fit) for group in groups):
+    if groups is None or not all(_holds(g.fit) for g in groups if len(g.bodies) == 1):
         later = _first_lawful(motion, angles)
         found = _groups(motion.cut(later), angles, camera) if later else None
         if found is not None and all(_holds(group.fit) for group in found):
