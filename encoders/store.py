@@ -24,8 +24,11 @@ import torch
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.release import file_sha256
+from encoders.seal import is_sealed, sealed
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+UNSEALED = 1  # the schema of before a manifest held a hash of itself
+KEYED = 1  # what keys are made with; other requests, other keys
 DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
 
 
@@ -53,7 +56,7 @@ class FeatureRequest:
     def key(self) -> str:
         """SHA-256 of the request, the name of its files."""
         text = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(f"{SCHEMA_VERSION}:{text}".encode()).hexdigest()
+        return hashlib.sha256(f"{KEYED}:{text}".encode()).hexdigest()
 
 
 class StaleFeatures(ValueError):
@@ -81,6 +84,7 @@ class FeatureStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._checked: set[tuple[str, int, int]] = set()
         self.hits = 0
         self.misses = 0
 
@@ -190,7 +194,7 @@ class FeatureStore:
             "bytes": data.stat().st_size,
             "sha256": file_sha256(data),
         }
-        text = json.dumps(manifest, indent=2)
+        text = json.dumps(sealed(manifest), indent=2)
         _into_place(path, lambda partial: partial.write_text(text, encoding="utf-8"))
 
     def write_index(self) -> Path:
@@ -225,6 +229,7 @@ class FeatureStore:
                 f"feature store: {data} is missing or cut short; delete {path.name} to extract "
                 "again"
             )
+        self._check(data, path, manifest)
         try:
             with safe_open(data, "pt") as file:
                 values, times = file.get_tensor("values"), file.get_tensor("times")
@@ -235,19 +240,34 @@ class FeatureStore:
         stride = manifest["stride"]
         return FeatureMap(values[None], (stride[0], stride[1]), times)
 
+    def _check(self, data: Path, path: Path, manifest: dict[str, Any]) -> None:
+        """Compare an entry's tensors with their hash, once while they stay the same file."""
+        about = data.stat()
+        seen = data.name, about.st_mtime_ns, about.st_size
+        if seen not in self._checked and file_sha256(data) != manifest["sha256"]:
+            raise StaleFeatures(
+                f"feature store: {data} is damaged (its sha256 differs from {path.name}); delete "
+                f"{path.name} to extract again"
+            )
+        self._checked.add(seen)
+
 
 def _load_manifest(path: Path) -> dict[str, Any]:
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
         version = manifest["schema_version"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StaleFeatures(
             f"feature store: {path} is not a manifest ({error}); delete it to extract again"
         ) from error
-    if version != SCHEMA_VERSION:
+    if version not in (SCHEMA_VERSION, UNSEALED):
         raise StaleFeatures(
             f"feature store: {path} has schema version {version}, this code reads "
             f"{SCHEMA_VERSION}; use another folder, or delete the store"
+        )
+    if not is_sealed(manifest, must=version == SCHEMA_VERSION):
+        raise StaleFeatures(
+            f"feature store: {path} is damaged or was edited; delete it to extract again"
         )
     return manifest
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 from safetensors.torch import load_file
 from torch import Tensor
 
@@ -19,6 +18,7 @@ from vidphys.reading import pipeline
 from vidphys.runs import checkpoint
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.recordings import recordings_of
+from vidphys.runs.records import read_table
 from vidphys.shooting.step import HEAD_DT
 
 SHOOTING = "shooting"  # of the two readouts of a ladder's cell, the better one
@@ -163,7 +163,7 @@ class Run:
         file = self.path / f"{kind}.parquet"
         if not file.is_file():
             raise InputError(f"run folder {self.path}: nothing is finished, so it has no {kind}")
-        return pq.read_table(file)
+        return read_table(file)
 
     def _one(self, name: str, known: Mapping[str, Any], what: str) -> Any:
         if name not in known:

@@ -129,7 +129,7 @@ def test_damage_is_refused(tmp_path: Path, request_: FeatureRequest, features: F
     manifest.write_text(text[: len(text) // 2])
     with pytest.raises(StaleFeatures, match="is not a manifest"):
         store.read(request_)
-    manifest.write_text(text.replace('"schema_version": 1', '"schema_version": 99'))
+    manifest.write_text(text.replace('"schema_version": 2', '"schema_version": 99'))
     with pytest.raises(StaleFeatures, match="schema version 99"):
         store.read(request_)
     manifest.write_text(text.replace('"layer": "8"', '"layer": "4"'))

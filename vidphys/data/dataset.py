@@ -150,6 +150,10 @@ def read_manifest(path: Path) -> dict[str, Any]:
     missing = [file for file in files if not (path.parent / file).is_file()]
     if missing:
         raise InputError(f"{path}: lists {missing[0]}, which is not there; {len(missing)} missing")
+    home = path.parent.resolve()
+    outside = [f for f in files if not (home / f).resolve().is_relative_to(home)]
+    if outside:
+        raise InputError(f"{path}: lists {outside[0]}, which is not in its folder; move it there")
     return {**about, "folder": str(path.parent)}
 
 
@@ -163,6 +167,12 @@ def _manifest_of(clip: Path) -> dict[str, Any]:
 
 def _listed(folder: Path, entry: dict[str, Any]) -> ClipFile:
     path, mass = folder / entry["file"], entry.get("mass")
+    for file, key in ((path, "sha256"), (labels_beside(path), "labels_sha256")):
+        if file is not None and key in entry and sha256(file) != entry[key]:
+            raise InputError(
+                f"{file}: not the file that {folder / MANIFEST} lists (its sha256 differs); make "
+                "it again, or take its hash out of the list where it was changed on purpose"
+            )
     law = float(entry.get("coupling", 1.0)), None if mass is None else tuple(map(float, mass))
     return ClipFile(path, labels_beside(path), *law)
 

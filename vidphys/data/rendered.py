@@ -128,6 +128,7 @@ def _write(folder: Path, number: int, drawn: Clips, k: int) -> dict[str, Any]:
     return {
         "file": f"clips/{video.name}",
         "sha256": sha256(video),
+        "labels_sha256": sha256(table),
         "coupling": float(drawn.params.coupling[k]),
         "mass": drawn.params.mass[k].tolist(),
     }

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from vidphys.errors import InputError
-from vidphys.runs.records import write_table
+from vidphys.runs.records import read_table, write_table
 
 Setting = str | int | float | bool | None
 CPU_CLOCK, WALL_CLOCK = "cpu", "wall"
@@ -128,7 +127,7 @@ def write_points(path: Path, points: Sequence[Point]) -> None:
 
 def read_points(path: Path) -> list[Point]:
     """Points as :func:`write_points` wrote them."""
-    rows = pq.read_table(path).to_pylist()
+    rows = read_table(path).to_pylist()
     return [
         Point.from_dict({**row, **{name: json.loads(row[name]) for name in _NESTED}})
         for row in rows

@@ -18,9 +18,9 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from encoders.seal import is_sealed, sealed
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256, write_json, write_with
-from vidphys.runs.seal import is_sealed, sealed
 
 SCHEMA_VERSION = 2
 UNSEALED = 1  # the schema of before the JSON held a hash of itself

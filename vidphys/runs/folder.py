@@ -21,13 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from vidphys.errors import InputError
 from vidphys.runs.aside import forget, is_ours, move_aside, settle, sweep
 from vidphys.runs.atomic import write_json
 from vidphys.runs.lock import LOCK, locked
-from vidphys.runs.records import write_table
+from vidphys.runs.records import read_table, write_table
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")  # lists
@@ -196,7 +195,7 @@ class RunFolder:
         """The code that made each finished part, where it says so."""
         end = ".records.parquet"
         files = sorted((self.path / "parts").glob(f"*{end}"))
-        found = {f.name.removesuffix(end): pq.read_schema(f).metadata or {} for f in files}
+        found = {f.name.removesuffix(end): read_table(f).schema.metadata or {} for f in files}
         return {name: told[MADE_BY].decode() for name, told in found.items() if MADE_BY in told}
 
     def _tell_mixed_code(self, manifest: dict[str, Any]) -> None:
@@ -227,7 +226,7 @@ class RunFolder:
         for kind in ("records", "episodes"):
             files = sorted((self.path / "parts").glob(f"*.{kind}.parquet"))
             if files:
-                parts = [pq.read_table(f).replace_schema_metadata() for f in files]
+                parts = [read_table(f).replace_schema_metadata() for f in files]
                 tables[kind] = pa.concat_tables(parts)
                 write_table(self.path / f"{kind}.parquet", tables[kind])
         if "records" not in tables:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -11,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from torch import Tensor
 
+from vidphys.errors import InputError
 from vidphys.metrics import FAILED, OK, VOID, Summary
 from vidphys.runs.atomic import write_with
 
@@ -32,6 +35,7 @@ class Origin:
     dtype: str
 
 
+HASH = b"rows_sha256"  # in the metadata of a table
 RECORD_SCHEMA = pa.schema(
     [(f.name, pa.int64() if f.name == "seed" else pa.string()) for f in fields(Origin)]
     + [
@@ -172,5 +176,30 @@ def merged_tables(recorders: Sequence[Recorder]) -> tuple[pa.Table, pa.Table]:
 
 
 def write_table(path: Path, table: pa.Table) -> None:
-    """Write a Parquet file that is whole or not there."""
-    write_with(path, lambda partial: pq.write_table(table, partial))
+    """Write a Parquet file that is whole or not there, with a hash of its rows."""
+    marked = {**(table.schema.metadata or {}), HASH: _hash(table)}
+    whole = table.replace_schema_metadata(marked)
+    write_with(path, lambda partial: pq.write_table(whole, partial, write_page_checksum=True))
+
+
+def read_table(path: Path) -> pa.Table:
+    """Read a table back, with its metadata but for the hash, which what lies there must fit.
+
+    Raises:
+        InputError: it is damaged; one of before there was a hash is only read.
+    """
+    try:
+        table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
+        marks = dict(table.schema.metadata or {})
+        good = HASH not in marks or marks.pop(HASH) == _hash(table)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        said = " ".join(str(error).split())
+        raise InputError(f"{path}: damaged ({said}); delete it and run again") from error
+    if not good:
+        raise InputError(f"{path}: damaged (its rows do not fit its hash); delete it and run again")
+    return table.replace_schema_metadata(marks or None)
+
+
+def _hash(table: pa.Table) -> bytes:
+    text = json.dumps([table.schema.names, table.to_pylist()], default=str)
+    return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest().encode()

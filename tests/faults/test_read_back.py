@@ -1,0 +1,141 @@
+"""F3, Z7: what is read back is what was written, or its file is named."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+import torch
+
+from encoders.features import FeatureMap
+from encoders.identity import EncoderIdentity
+from encoders.store import FeatureRequest, FeatureStore, StaleFeatures
+from vidphys.data.dataset import find_dataset
+from vidphys.data.rendered import RenderSettings, render_folder
+from vidphys.errors import InputError
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import read_table, write_table
+
+IDENTITY = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
+REQUEST = FeatureRequest(IDENTITY, "1" * 64, (0, 1), (0.0, 0.1), (32, 32))
+MADE = FeatureMap(torch.rand(1, 2, 8, 2, 2).half().float(), (16.0, 16.0), torch.tensor([0.0, 0.1]))
+SETTINGS = {"cells": [], "seeds": []}
+
+
+def mutants(whole: bytes, count: int) -> list[bytes]:
+    """Flips at places spread over the file, and files cut short."""
+    rng, made = random.Random(0), []
+    for number in range(count):
+        place = number * len(whole) // count
+        made.append(
+            whole[:place] + bytes([whole[place] ^ 1 << rng.randrange(8)]) + whole[place + 1 :]
+        )
+    return made + [whole[: number * len(whole) // 8] for number in range(8)]
+
+
+def undetected(path: Path, read: Callable[[], object], same: Callable, error: type) -> list[int]:
+    """The mutants of a file that are used for something else than was written."""
+    whole, silent = path.read_bytes(), []
+    for number, content in enumerate(mutants(whole, 150)):
+        path.write_bytes(content)
+        try:
+            found = read()
+        except error as said:
+            assert path.name[:12] in str(said)
+        else:
+            if not same(found):
+                silent.append(number)
+    path.write_bytes(whole)
+    return silent
+
+
+@pytest.mark.parametrize("suffix", [".json", ".safetensors"])
+def test_f3_no_damaged_entry_of_a_feature_store_is_used(tmp_path, suffix):
+    FeatureStore(tmp_path).write(REQUEST, "clip.mp4", MADE)
+    kept = (tmp_path / "entries" / REQUEST.key).with_suffix(suffix)
+
+    def read() -> FeatureMap:
+        found = FeatureStore(tmp_path).read(REQUEST)
+        assert found is not None
+        return found
+
+    def same(found: FeatureMap) -> bool:
+        return torch.equal(found.values.float(), MADE.values) and found.stride == MADE.stride
+
+    assert undetected(kept, read, same, StaleFeatures) == []
+    assert same(read())
+
+
+def test_f3_an_entry_that_changes_under_an_open_store_is_seen(tmp_path):
+    store = FeatureStore(tmp_path)
+    store.write(REQUEST, "clip.mp4", MADE)
+    store.read(REQUEST)
+    kept = tmp_path / "entries" / f"{REQUEST.key}.safetensors"
+    data = bytearray(kept.read_bytes())
+    data[-1] ^= 1
+    kept.write_bytes(data)
+    with pytest.raises(StaleFeatures, match="is damaged"):
+        store.read(REQUEST)
+
+
+def test_f12_an_entry_of_before_manifests_were_sealed_is_read(tmp_path):
+    FeatureStore(tmp_path).write(REQUEST, "clip.mp4", MADE)
+    kept = tmp_path / "entries" / f"{REQUEST.key}.json"
+    manifest = json.loads(kept.read_text())
+    del manifest["seal"]
+    with pytest.raises(StaleFeatures, match="damaged or was edited"):
+        kept.write_text(json.dumps(manifest))
+        FeatureStore(tmp_path).read(REQUEST)
+    kept.write_text(json.dumps({**manifest, "schema_version": 1}))
+    assert FeatureStore(tmp_path).read(REQUEST) is not None
+
+
+def test_f3_no_damaged_table_of_a_run_is_joined(tmp_path):
+    table = pa.table(
+        {"name": ["a", "b", None], "value": [0.5, None, float("nan")], "seed": [0, 1, 2]}
+    )
+    path = tmp_path / "records-a.parquet"
+    write_table(path, table.replace_schema_metadata({b"made_by": b"x"}))
+    rows = str(table.to_pylist())
+
+    def same(found: pa.Table) -> bool:
+        return str(found.to_pylist()) == rows
+
+    assert undetected(path, lambda: read_table(path), same, InputError) == []
+    assert same(read_table(path))
+    assert read_table(path).schema.metadata == {b"made_by": b"x"}
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("rendered") / "run"
+    settings = RenderSettings("gravity", "rgb", 2, 3, 2, 16, 0)
+    render_folder(RunFolder.open(folder, SETTINGS), settings)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["00001.avi", "00001.csv"])
+def test_f3_a_clip_or_its_labels_that_the_list_does_not_know_are_not_trained_on(rendered, name):
+    assert len(find_dataset(rendered).files) == 2
+    file = rendered / "clips" / name
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    with pytest.raises(InputError, match=rf"{name}: not the file that .*dataset\.json lists"):
+        find_dataset(rendered)
+    file.write_bytes(whole)
+
+
+@pytest.mark.parametrize("how", ["..", "absolute", "link"])
+def test_z7_a_list_of_clips_stays_in_its_folder(tmp_path, how):
+    folder, secret = tmp_path / "data", tmp_path / "secret.mp4"
+    folder.mkdir()
+    secret.write_bytes(b"x")
+    (folder / "link.mp4").symlink_to(secret)
+    file = {"..": "../secret.mp4", "absolute": str(secret), "link": "link.mp4"}[how]
+    (folder / "dataset.json").write_text(json.dumps({"clips": [{"file": file}]}))
+    with pytest.raises(InputError, match="which is not in its folder"):
+        find_dataset(folder)
