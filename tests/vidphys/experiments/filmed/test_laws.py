@@ -162,3 +162,9 @@ def test_every_scene_moves_all_its_bodies_and_states_numbers(kind):
     assert (np.ptp(course.places, 0).max(-1) > 0.02).all()
     jumps = np.abs(np.diff(course.places, axis=0)).max() * 9600
     assert jumps < 8  # m/s: a hand hands over without a jump
+
+
+def test_a_ball_that_loses_nothing_bounces_for_as_long_as_it_is_asked_for():
+    times = np.linspace(0.0, 3.0, 50)
+    heights = BOUNCE.path(np.array([1.0, 0.5, 0.2, 0.0]), times)[:, 0, 1]
+    assert heights.min() >= 0 and heights[-15:].max() > 0.45

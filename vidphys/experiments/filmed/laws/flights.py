@@ -25,7 +25,7 @@ def _bounce(numbers: np.ndarray, times: np.ndarray) -> np.ndarray:
     fall = np.sqrt(up**2 + 2 * GRAVITY * height)
     begin, speed, low = 0.0, up, height
     heights = np.zeros_like(times)
-    while speed > 1e-4 or low > 0:
+    while begin <= times.max() and (speed > 1e-4 or low > 0):  # a trial may gain at each bounce
         lasts = (up + fall) / GRAVITY if low > 0 else 2 * speed / GRAVITY
         since = times - begin
         here = (since >= 0) & (since < lasts)
