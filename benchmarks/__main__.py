@@ -15,7 +15,7 @@ from benchmarks.match import table
 from vidphys.cli.console import Console
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_json
-from vidphys.runs.folder import code_version
+from vidphys.runs.code import code_version
 from vidphys.trade.session import surroundings
 
 REPEATS = {"quick": 3, "standard": 7}

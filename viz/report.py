@@ -14,6 +14,7 @@ from viz.cells import chip, number, tally
 from viz.explain import how_to_read, what_spread_means
 from viz.overlay import contact_sheet
 from viz.page import heading, inline_png, inline_svg, paragraph, section, write_page
+from viz.roles import by_role, development, named
 from viz.showcase import read_showcase
 from viz.summary import SKILL_BAR, TWIN, Line, Records
 
@@ -30,7 +31,9 @@ def write_report(run: Path) -> Path:
     Raises:
         ValueError: the folder, or one of the two files, is missing or cannot be read.
     """
-    about, records, episodes = read_run(run)
+    about, every, raw = read_run(run)
+    records, older = by_role(every)
+    episodes = by_role(raw)[0] if raw else None
     experiment = str(about.get("experiment") or records.rows[0].get("experiment") or "run")
     title = "The grounding ladder" if experiment == "ladder" else experiment
     sections = [
@@ -44,10 +47,11 @@ def write_report(run: Path) -> Path:
         _perception(records),
         _others(records),
         _sheets(run, records),
-        _settings(about, records),
+        development(older),
+        _settings(about, every),
     ]
     kept = [part for part in sections if part]
-    return write_page(run, title, _heading(title, about, records), kept)
+    return write_page(run, title, _heading(title, about, every), kept)
 
 
 def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
@@ -70,14 +74,17 @@ def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
 
 def _heading(title: str, about: Mapping[str, Any], records: Records) -> str:
     settings = _flat(about.get("settings") or {})
-    seeds = sorted({int(row["seed"]) for row in records.rows})
+    old = sum(bool(row.get("stale")) for row in records.rows)
     facts = {
         "preset": _fact(about, settings, "preset"),
-        "seeds": f"{len(seeds)} ({', '.join(map(str, seeds))})",
+        "seeds": named(records),
         "generator": _fact(about, settings, "generator"),
         "device": _fact(about, settings, "device") or _said(records, "device"),
         "dtype": _fact(about, settings, "dtype") or _said(records, "dtype"),
         "code version": _fact(about, settings, "code_version"),
+        "stale": f"{old:,} of {len(records.rows):,} numbers: their code has changed since"
+        if old
+        else "nothing",
         "started": _fact(about, settings, "created").replace("T", " "),
     }
     items = "".join(

@@ -12,6 +12,7 @@ from viz.cells import chip, number, numeric, tally
 from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import margin_figure
 from viz.page import heading, inline_svg, paragraph, read_verdicts, section, write_page
+from viz.roles import DEVELOPMENT, first, role_of, roles
 from viz.summary import one_sided_p
 from viz.sweeps import sweep_figure
 
@@ -56,27 +57,44 @@ def write_results(run: Path) -> Path:
 
 
 def _short(about: Mapping[str, Any], tables: Mapping[str, Any]) -> str:
-    rows = [row for table in tables.values() for row in table["rows"]]
-    verdicts = Counter(row["verdict"] for row in rows).most_common()
-    counts = tally((f"{count} {verdict}", TONES[verdict]) for verdict, count in verdicts)
     settings = about["settings"]
     facts = (
         f"Preset {settings['preset']}, seeds {', '.join(map(str, settings['seeds']))}, code "
         f"{about['code_version']}, started {about['created'].replace('T', ' ')}."
     )
-    missed = [
-        f"<li><a href='#{_anchor(name)}'>{escape(table['title'])}</a>: {escape(_said(row))}</li>"
-        for name, table in tables.items()
-        for row in table["rows"]
-        if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
-    ]
-    callout = f'<div class="callout"><p>Not met:</p><ul>{"".join(missed)}</ul></div>'
-    parts = [counts, paragraph(facts), callout if missed else ""]
+    parts = [paragraph(facts)]
+    for role in roles([row for table in tables.values() for row in table["rows"]]):
+        told = _of_role(role, tables)
+        parts.append(f"<div class='development'>{told}</div>" if role == DEVELOPMENT else told)
     skipped = [f"<li>{escape(s['cell'])}: {escape(s['reason'])}</li>" for s in about["skipped"]]
     if skipped:
         parts.append(f'<div class="callout"><p>Cells without a result:</p><ul>{"".join(skipped)}')
         parts.append("</ul></div>")
     return section("short", "In short", *parts)
+
+
+def _of_role(role: str, tables: Mapping[str, Any]) -> str:
+    """What was met and missed on the seeds of one role."""
+    mine = [
+        (name, table, row)
+        for name, table in tables.items()
+        for row in table["rows"]
+        if role_of(row) == role
+    ]
+    verdicts = Counter(row["verdict"] for _, _, row in mine).most_common()
+    counts = tally((f"{count} {verdict}", TONES[verdict]) for verdict, count in verdicts)
+    seeds = sorted({int(seed) for _, _, row in mine for seed in row["values"]})
+    named = f" ({', '.join(map(str, seeds))})" if seeds else ""
+    title = f"<h3>Seeds of {role}{named}</h3>" if role else ""
+    old = sum(row.get("stale", False) for _, _, row in mine)
+    stale = paragraph(f"{old} rows are stale: their code has changed since.") if old else ""
+    missed = [
+        f"<li><a href='#{_anchor(name)}'>{escape(table['title'])}</a>: {escape(_said(row))}</li>"
+        for name, table, row in mine
+        if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
+    ]
+    callout = f'<div class="callout"><p>Not met:</p><ul>{"".join(missed)}</ul></div>'
+    return title + counts + stale + (callout if missed else "")
 
 
 def _said(row: Mapping[str, Any]) -> str:
@@ -101,14 +119,21 @@ def _table(
     run: Path, name: str, table: Mapping[str, Any], records: ByTable, drawn: set[str]
 ) -> str:
     head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
-    body = "".join(map(_row, table["rows"]))
-    counts = Counter(row["verdict"] for row in table["rows"] if row["row"]["bar"])
-    said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    held = f" Of the rows with a bar: {said}." if said else ""
+    held, parts = "", []
+    for role in roles(table["rows"]):
+        rows = [row for row in table["rows"] if role_of(row) == role]
+        counts = Counter(row["verdict"] for row in rows if row["row"]["bar"])
+        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        seeds = f" on seeds of {role}" if role else ""
+        held += f" Of the rows with a bar{seeds}: {said}." if said else ""
+        body = "".join(map(_row, rows))
+        grey = " development" if role == DEVELOPMENT else ""
+        parts.append(f"<h3>Seeds of {role}</h3>" if role else "")
+        parts.append(f'<div class="scroll{grey}"><table><thead><tr>{head}</tr></thead>{body}')
+        parts.append("</table></div>")
     lead = paragraph(f"{table['about']} ({table['ids']}){held}")
-    html = f'<div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div>'
     figures = _figures(run, name, table, records, drawn)
-    return section(_anchor(name), table["title"], lead, html, *figures)
+    return section(_anchor(name), table["title"], lead, *parts, *figures)
 
 
 def _figures(
@@ -116,7 +141,7 @@ def _figures(
 ) -> list[str]:
     """A table's sweeps and margins, and the drift where no table before showed these records."""
     source = table["records_of"]
-    rows = records.get(source, [])
+    rows = first(records.get(source, []))
     captions = {
         "margins": "How far each number is from its bar, in decades.",
         "drift": f"Drift of the true energy; values above {DRIFT_CAP:g} are drawn there. {MARKS}",
@@ -125,7 +150,7 @@ def _figures(
     for position, sweep in enumerate(table["sweeps"], start=1):
         found[f"sweep-{position}"] = sweep_figure(sweep, rows)
         captions[f"sweep-{position}"] = f"{sweep['caption']} {MARKS}"
-    found["margins"] = margin_figure(table["rows"])
+    found["margins"] = margin_figure(first(table["rows"]))
     if source not in drawn:
         drawn.add(source)
         found["drift"] = sweep_figure(ALONG_STEPS, drift_along_steps(rows))
@@ -159,6 +184,8 @@ def _row(found: Mapping[str, Any]) -> str:
     gone = [sum(counts) for counts in zip(*found.get("lost", {}).values(), strict=True)]
     if gone:
         verdict += chip(f"{gone[0]}/{gone[1]} episodes lost", "bad")
+    if found.get("stale"):
+        verdict += chip("stale: the code has changed since", "bad")
     why = f"<small>{escape(found['why'])}</small>" if found["why"] else ""
     if found["remark"]:
         why += f"<p class='note'>{escape(found['remark'])}</p>"

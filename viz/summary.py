@@ -167,6 +167,10 @@ class Records:
         """The seeds that a line has any record of."""
         return sorted({int(row["seed"]) for row in self._of(line)})
 
+    def is_stale(self, line: Line) -> bool:
+        """Whether the code has changed since a number of a line was made."""
+        return any(row.get("stale") for row in self._of(line))
+
     def troubles(self, line: Line) -> dict[str, dict[str, list[int]]]:
         """What has no number that counts: metric to seeds, by status."""
         found: dict[str, dict[str, list[int]]] = {}

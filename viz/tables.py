@@ -209,7 +209,9 @@ def _status_cell(records: Records, line: Line) -> str:
     for status, metrics in sorted(records.troubles(line).items()):
         hit = {seed for found in metrics.values() for seed in found}
         parts.append(chip(f"{status} {len(hit)}/{len(seeds)}", "bad"))
-    return f"<td>{''.join(parts) or chip(f'ok {len(seeds)}/{len(seeds)}', 'good')}</td>"
+    parts = parts or [chip(f"ok {len(seeds)}/{len(seeds)}", "good")]
+    stale = chip("stale", "bad") if records.is_stale(line) else ""
+    return f"<td>{''.join(parts)}{stale}</td>"
 
 
 def _mean(

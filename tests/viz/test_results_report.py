@@ -85,6 +85,21 @@ def test_the_report_says_every_row_and_lists_what_is_missed_first(run):
     assert "http" not in html.replace("http://www.w3.org", "")
 
 
+def test_confirmation_comes_first_and_development_is_greyed(run):
+    held = json.loads((run / "verdicts.json").read_text())
+    old = {**found(0.25, "missed"), "role": "development"}
+    new = {**found(0.75, "met"), "role": "confirmation", "stale": True, "lost": {"100": [3, 64]}}
+    held = {"one": {**held["two"], "rows": [new, old]}}
+    (run / "verdicts.json").write_text(json.dumps(held))
+    html = write_results(run).read_text()
+    part = html[html.index('id="one"') :]
+    fresh, grey = part.split("<h3>Seeds of development</h3>")
+    assert "<b>0.75</b>" in fresh and "<b>0.25</b>" not in fresh
+    assert "stale: the code has changed" in fresh and "3/64 episodes lost" in fresh
+    assert grey.lstrip().startswith('<div class="scroll development">') and "<b>0.25</b>" in grey
+    assert "stale" not in grey and "1 rows are stale" in html
+
+
 def test_a_drift_figure_stands_once_for_tables_that_share_records(run):
     write_results(run)
     names = {path.name for path in (run / "figures").iterdir()}

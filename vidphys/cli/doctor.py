@@ -22,7 +22,7 @@ def doctor(_config: DoctorConfig) -> None:
     """Print versions, cores, devices and where weights are looked for."""
     import torch
 
-    from vidphys.runs.folder import code_version
+    from vidphys.runs.code import code_version
 
     print(f"code          {code_version()}")
     print(f"python        {platform.python_version()} on {platform.platform()}")

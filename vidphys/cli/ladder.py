@@ -21,6 +21,8 @@ class LadderConfig(StudyOptions):
 
     Example: vidphys ladder --preset quick --cells oracle renderer/factored --out runs/mine
 
+    Example: vidphys ladder --preset standard --seed 100 --seeds 3 --out runs/confirmed
+
     Args:
         out: the run folder; the same command again goes on where it was.
         cells: rungs, or rung/head, where a rung is also any encoder by name or as
@@ -51,6 +53,7 @@ def ladder(config: LadderConfig) -> int:
     from vidphys.experiments.ladder import LADDER, cells_of, sources_of
     from vidphys.experiments.study import settings_of, units_of
     from vidphys.runs.folder import RunFolder
+    from vidphys.seeding import told
 
     sizes, seeds = config.sizes()
     if config.device == "cuda":
@@ -70,7 +73,8 @@ def ladder(config: LadderConfig) -> int:
         failed = run_units(run, units, sizes, config, console)
         run.join()
         report = publish(run, console)
-        console.result(f"{sum(len(unit.cells) for unit in units)} cells; report: {report}")
+        count = sum(len(unit.cells) for unit in units)
+        console.result(f"{count} cells, seeds {told(seeds)}; report: {report}")
     return 1 if failed else 0
 
 

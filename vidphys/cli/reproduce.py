@@ -65,7 +65,10 @@ def reproduce(config: ReproduceConfig) -> int:
         failed = run_units(run, units, sizes, config, console)
         verdicts = write_verdicts(run, tables)
         report = write_results(run.path)
-        counts = Counter(row["verdict"] for table in verdicts.values() for row in table["rows"])
-        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-        console.result(f"{len(tables)} tables: {said}; report: {report}")
+        rows = [row for table in verdicts.values() for row in table["rows"]]
+        for role in dict.fromkeys(row["role"] for row in rows):
+            counts = Counter(row["verdict"] for row in rows if row["role"] == role)
+            said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+            console.result(f"{len(tables)} tables, {role} seeds: {said}")
+        console.result(f"report: {report}")
     return 1 if failed else 0

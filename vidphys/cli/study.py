@@ -24,7 +24,8 @@ class StudyOptions:
 
     Args:
         preset: sizes and seeds; quick is minutes on two cores.
-        seeds: number of seeds, instead of the preset's.
+        seed: the first seed. Those below 100 are for development; figures are reported from 100.
+        seeds: how many from there on, instead of the preset's number.
         workers: processes.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         device: where to train.
@@ -33,6 +34,7 @@ class StudyOptions:
     """
 
     preset: Literal["quick", "standard", "paper"] = "quick"
+    seed: int = 0
     seeds: int | None = None
     workers: int = 2
     profile: Path | None = None
@@ -40,8 +42,8 @@ class StudyOptions:
     overwrite: bool = False
     quiet: bool = False
 
-    def sizes(self) -> tuple[Preset, int]:
-        """The preset, and the number of seeds.
+    def sizes(self) -> tuple[Preset, range]:
+        """The preset, and the seeds.
 
         Raises:
             InputError: no worker or seed, or a device that is not there.
@@ -53,7 +55,9 @@ class StudyOptions:
         seeds = sizes.seeds if self.seeds is None else self.seeds
         if seeds < 1:
             raise InputError(f"--seeds {seeds}: at least one seed is needed")
-        return sizes, seeds
+        if self.seed < 0:
+            raise InputError(f"--seed {self.seed}: a seed is 0 or more")
+        return sizes, range(self.seed, self.seed + seeds)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,9 +25,11 @@ from vidphys.experiments.core.cell import CellTask, Kept, Report, Table, Unit
 from vidphys.experiments.pixels.pixel_cell import PixelCell
 from vidphys.perception.catalogue import rung_settings
 from vidphys.presets import Preset
+from vidphys.runs.asked import asked_of
 from vidphys.runs.atomic import write_json
-from vidphys.runs.folder import RunFolder, asked_of
+from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import merged_tables
+from vidphys.seeding import of_roles
 
 T = TypeVar("T")
 ALL, PIXELS = "all", "pixels"  # the tables that need no pictures, and those that do
@@ -51,20 +53,22 @@ def choose(names: Sequence[str]) -> tuple[Table, ...]:
     return (*listed, *(table for table in named if table not in listed))
 
 
-def units_of(tables: Sequence[Table], seeds: int, cells: Sequence[str] = ()) -> list[Unit]:
+def units_of(
+    tables: Sequence[Table], seeds: Sequence[int], cells: Sequence[str] = ()
+) -> list[Unit]:
     """The cells that the tables need, each once, those of a table together.
 
     Args:
         tables: see :func:`choose`.
-        seeds: how many.
+        seeds: each once.
         cells: only these; all if none is named.
 
     Raises:
         UnknownName: none of the tables has a cell of this name.
         ValueError: no seed.
     """
-    if seeds < 1:
-        raise ValueError(f"units_of: seeds = {seeds}: at least one seed is needed")
+    if not seeds:
+        raise ValueError("units_of: `seeds` is empty: at least one seed is needed")
     sources = list({id(source): source for source in map(_source, tables)}.values())
     for cell in cells:
         if not any(cell in table.cells for table in sources):
@@ -73,7 +77,7 @@ def units_of(tables: Sequence[Table], seeds: int, cells: Sequence[str] = ()) -> 
     for table in sources:
         asked = [cell for cell in table.cells if not cells or cell in cells]
         asked += [cell for cell in cells if cell in table.cells and cell not in asked]
-        found = table.units(asked, tuple(range(seeds)))
+        found = table.units(asked, tuple(seeds))
         units += [replace(unit, table=_name_of(table)) for unit in found]
     return units
 
@@ -132,9 +136,12 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
         report: called as ``(stage, step, steps)``.
     """
     run, table, kept = RunFolder(path), TABLES[unit.table], Kept()
+    asked = asked_of(run.manifest()["settings"])
     for cell, part in zip(unit.cells, unit.parts, strict=True):
         if run.is_done(part):
             continue
+        seeds = of_roles(asked.get(f"{unit.table}/{cell}") or unit.seeds)
+        shown = next(iter(seeds.values()))[0]  # of confirmation, where there is one
         task = CellTask(
             table.name,
             cell,
@@ -145,6 +152,7 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
             run.checkpoints(part),
             _named(part, report),
             run.showcase(cell),
+            shown,
             kept,
         )
         began = time.perf_counter()
@@ -167,12 +175,13 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
     """Hold what was recorded to the rows of each table; kept as ``verdicts.json``.
 
     A row of a cell that was skipped says why. One of a cell that was asked for is held to every
-    seed that it was asked for.
+    seed that it was asked for: to those of confirmation first, and to those of development apart.
     """
     records = run.join().to_pylist()
     manifest = run.manifest()
     reasons = {entry["cell"]: entry["reason"] for entry in manifest["skipped"]}
-    asked = asked_of(manifest["settings"])
+    asked = {cell: of_roles(seeds) for cell, seeds in asked_of(manifest["settings"]).items()}
+    roles = of_roles({*manifest["settings"]["seeds"], *(r["seed"] for r in records)})
     found: dict[str, Any] = {}
     for table in tables:
         mine = [r for r in records if r["experiment"] == table.records_of]
@@ -183,24 +192,44 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
             "records_of": table.records_of,
             "sweeps": [asdict(sweep) for sweep in table.sweeps],
             "rows": [
-                asdict(with_remark(table.name, _judged(row, mine, table, asked, reasons)))
-                for row in rows_of(table.name)
+                asdict(with_remark(table.name, verdict))
+                for role in roles
+                for verdict in _of_role(role, table, mine, asked, reasons)
             ],
         }
     write_json(run.path / "verdicts.json", found)
     return found
 
 
+def _of_role(
+    role: str,
+    table: Table,
+    records: Sequence[Mapping[str, Any]],
+    asked: Mapping[str, Mapping[str, Sequence[int]]],
+    reasons: Mapping[str, str],
+) -> Iterator[Verdict]:
+    """The verdicts on a table's rows by the seeds of one role, of what was asked for under it."""
+    source = _name_of(_source(table))
+    mine = [record for record in records if record["role"] == role]
+    for row in rows_of(table.name):
+        seeds = _of_cell(asked, source, row.cell) or {}
+        if seeds and role not in seeds:
+            continue  # the cell was asked for under the other role alone
+        verdict = _judged(row, mine, source, seeds.get(role, ()), reasons)
+        cells = (row.cell, row.divided_by)
+        stale = any(record["stale"] and record["cell"] in cells for record in mine)
+        yield replace(verdict, role=role, stale=stale)
+
+
 def _judged(
     row: Row,
     records: Sequence[Mapping[str, Any]],
-    table: Table,
-    asked: Mapping[str, Sequence[int]],
+    source: str,
+    seeds: Sequence[int],
     reasons: Mapping[str, str],
 ) -> Verdict:
     """A row's verdict; one without any number says what became of its cell."""
-    source = _name_of(_source(table))
-    verdict = judge(row, records, _of_cell(asked, source, row.cell) or ())
+    verdict = judge(row, records, seeds)
     if verdict.values:
         return verdict
     for cell in (row.cell, row.divided_by):

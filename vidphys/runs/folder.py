@@ -11,10 +11,9 @@ import importlib.metadata
 import json
 import platform
 import shutil
-import subprocess
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,15 +23,18 @@ import pyarrow as pa
 
 from vidphys.errors import InputError
 from vidphys.runs.aside import forget, is_ours, move_aside, settle, sweep
+from vidphys.runs.asked import ASKED, asked_of, with_asked
 from vidphys.runs.atomic import write_json
+from vidphys.runs.code import code_hash, code_version
 from vidphys.runs.lock import LOCK, locked
 from vidphys.runs.records import read_table, write_table
+from vidphys.seeding import role_of
 
 SCHEMA_VERSION = 1
 GROWING = ("cells", "seeds")  # lists
-ASKED = "asked"  # the seeds that each cell was asked for
 NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a foreign part is from
 MADE_BY = b"code_version"  # in the metadata of a part's tables
+MADE_OF = b"code_hash"  # likewise
 FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
 FILES = (
     "run.json",
@@ -133,7 +135,7 @@ class RunFolder:
                     union = {*manifest["settings"][key], *settings[key]}
                     manifest["settings"][key] = sorted(union)
                 if ASKED in settings:
-                    manifest["settings"][ASKED] = _with_asked(before, settings[ASKED])
+                    manifest["settings"][ASKED] = with_asked(before, settings[ASKED])
                 for key in settings.keys() & set(NAMED):
                     manifest["settings"].setdefault(key, {}).update(settings[key])
                 self._tell_mixed_code(manifest)
@@ -187,7 +189,7 @@ class RunFolder:
 
     def finish(self, part: str, records: pa.Table, episodes: pa.Table) -> None:
         """Keep the tables of one piece of work; the records are what marks it as done."""
-        made = {MADE_BY: code_version().encode()}
+        made = {MADE_BY: code_version().encode(), MADE_OF: code_hash().encode()}
         write_table(self._part(part, "episodes"), episodes.replace_schema_metadata(made))
         write_table(self._part(part, "records"), records.replace_schema_metadata(made))
 
@@ -220,13 +222,14 @@ class RunFolder:
     def join(self) -> pa.Table:
         """Rebuild the two tables from the parts; returns the records.
 
-        ``run.json`` then says which code made which part.
+        Each row then says what its seed is for (``role``), which code made it, and whether that
+        code has changed since (``stale``); ``run.json`` says which code made which part.
         """
         tables = {}
         for kind in ("records", "episodes"):
             files = sorted((self.path / "parts").glob(f"*.{kind}.parquet"))
             if files:
-                parts = [read_table(f).replace_schema_metadata() for f in files]
+                parts = [_with_origin(read_table(f)) for f in files]
                 tables[kind] = pa.concat_tables(parts)
                 write_table(self.path / f"{kind}.parquet", tables[kind])
         if "records" not in tables:
@@ -264,17 +267,23 @@ class RunFolder:
         return self.path / "parts" / f"{part.replace('/', '-')}.{kind}.parquet"
 
 
-def asked_of(settings: Mapping[str, Any]) -> dict[str, list[int]]:
-    """The seeds that each cell of a run was asked for; every seed where a run does not say it."""
-    known = settings.get(ASKED)
-    return {cell: settings["seeds"] for cell in settings["cells"]} if known is None else known
+def _with_origin(part: pa.Table) -> pa.Table:
+    """A part's table with what its seeds are for and which code made it.
 
-
-def _with_asked(
-    before: Mapping[str, Sequence[int]], now: Mapping[str, Sequence[int]]
-) -> dict[str, list[int]]:
-    cells = sorted({*before, *now})
-    return {cell: sorted({*before.get(cell, ()), *now.get(cell, ())}) for cell in cells}
+    A part that does not say of what code it is made counts as stale.
+    """
+    told = part.schema.metadata or {}
+    version, made_of = told.get(MADE_BY), told.get(MADE_OF)
+    count, seeds = len(part), part["seed"].to_pylist()
+    columns = {
+        "role": pa.array([role_of(seed) for seed in seeds], pa.string()),
+        "code_version": pa.array([version and version.decode()] * count, pa.string()),
+        "stale": pa.array([made_of != code_hash().encode()] * count, pa.bool_()),
+    }
+    part = part.replace_schema_metadata()
+    for name, column in columns.items():
+        part = part.append_column(name, column)
+    return part
 
 
 def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
@@ -300,15 +309,3 @@ def _surroundings() -> dict[str, Any]:
         "code_version": code_version(),
         "versions": versions,
     }
-
-
-def code_version() -> str:
-    """The commit of a source checkout (with ``+dirty`` for local changes), else the version."""
-    source = Path(__file__).resolve().parents[2]
-    if not (source / ".git").exists():
-        return importlib.metadata.version("vidphys")
-    try:
-        command = ["git", "-C", str(source), "describe", "--always", "--dirty=+dirty"]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return importlib.metadata.version("vidphys")

@@ -16,7 +16,8 @@ import torch
 from vidphys.errors import InputError
 from vidphys.points.pareto import by_task, pareto
 from vidphys.points.point import Point, read_points, write_points
-from vidphys.runs.folder import RunFolder, code_version
+from vidphys.runs.code import code_version
+from vidphys.runs.folder import RunFolder
 from vidphys.trade.context import Context, TradeSizes
 from vidphys.trade.measure import measure
 from vidphys.trade.profile import read_profile, write_profile

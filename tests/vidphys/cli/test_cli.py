@@ -54,6 +54,7 @@ def test_no_verb_and_an_unknown_verb(capsys):
         (["ladder", "--cells", "orcale"], "did you mean 'oracle'"),
         (["ladder", "--heads", "x"], "--heads x: unknown"),
         (["ladder", "--seeds", "0"], "at least one seed"),
+        (["ladder", "--seed", "-1"], "--seed -1: a seed is 0 or more"),
         (["ladder", "--workers", "0"], "at least one process"),
         (["ladder", "--device", "cuda"], "--device cuda"),
         (["reproduce"], "name a table, or all"),

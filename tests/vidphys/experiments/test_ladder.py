@@ -45,7 +45,7 @@ LEFT_OUT = (
 
 
 def plan(names, heads, seeds):
-    return units_of([LADDER], seeds, cells_of(names, heads))
+    return units_of([LADDER], range(seeds), cells_of(names, heads))
 
 
 def opened(path):

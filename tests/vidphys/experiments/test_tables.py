@@ -18,6 +18,7 @@ from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.experiments.core.losses import energy_penalised, noisy
 from vidphys.experiments.core.members import Examples, one_step, train_members
 from vidphys.experiments.core.oracle import true_segments
+from vidphys.metrics import Summary
 from vidphys.presets import OracleSizes, PixelSizes, Preset
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder, merged_tables
@@ -316,7 +317,7 @@ THEIRS = Table("theirs", "Theirs", "From elsewhere.", "-", {"a": theirs})
 def test_a_table_from_an_import_path_is_run_as_ours_are(tmp_path):
     name = f"{__name__}:THEIRS"
     (table,) = study.choose([name])
-    (unit,) = study.units_of([table], 1)
+    (unit,) = study.units_of([table], range(1))
     assert unit.table == name
     run = RunFolder.open(tmp_path / "run", {"cells": [], "seeds": []})
     study.run_unit(run.path, unit, Preset(1, TINY, None), "cpu", lambda *x: None)
@@ -324,21 +325,52 @@ def test_a_table_from_an_import_path_is_run_as_ours_are(tmp_path):
     assert (row["experiment"], row["cell"], row["system"]) == ("theirs", "a", "a pendulum")
 
 
+def test_confirmation_is_judged_first_and_apart_from_development(tmp_path):
+    run = RunFolder.open(
+        tmp_path / "run",
+        {
+            "cells": ["stability/factored", "stability/truth"],
+            "seeds": [0, 1, 100, 101],
+            "asked": {"stability/factored": [0, 1, 100, 101], "stability/truth": [0]},
+        },
+    )
+    for seed in (0, 1, 100):
+        task = CellTask("stability", "factored", (seed,), TINY)
+        drift = Summary(1e-3 if seed == 100 else 1.0, "ok", 4, 0)
+        recorder = task.recorder(seed, "gravity", "factored")
+        recorder.add("energy_drift_median", drift, None, 2000)
+        run.finish(f"x{seed}", *merged_tables(task.recorders))
+    rows = study.write_verdicts(run, [TABLES["stability"]])["stability"]["rows"]
+    assert [r["role"] for r in rows] == sorted(r["role"] for r in rows)
+    asked = {"metric": "energy_drift_median", "horizon": 2000, "cell": "factored"}
+    first, second = [r for r in rows if asked.items() <= r["row"].items() and r["row"]["bar"]]
+    assert (first["role"], first["values"]) == ("confirmation", {100: 1e-3})
+    assert (first["verdict"], first["why"]) == (bars.MISSED, "seed 101: no record")
+    assert (second["role"], second["values"]) == ("development", {0: 1.0, 1: 1.0})
+    assert (second["verdict"], second["why"], second["stale"]) == (bars.MISSED, "", False)
+    truth = {r["role"] for r in rows if r["row"]["cell"] == "truth"}
+    assert truth == {"development"}  # it was asked for no seed of confirmation
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vidphys.runs.folder.code_hash", lambda: "other")
+        rows = study.write_verdicts(run, [TABLES["stability"]])["stability"]["rows"]
+    assert {r["stale"] for r in rows if r["row"]["cell"] == "factored"} == {True}
+
+
 def test_tables_that_share_models_train_them_once():
-    units = study.units_of(study.choose(["inversion", "stability", "baselines"]), 2)
+    units = study.units_of(study.choose(["inversion", "stability", "baselines"]), range(2))
     assert {u.table for u in units} == {"stability"}
     assert len(units) == len(TABLES["stability"].cells)
-    some = study.units_of([TABLES["inversion"]], 1, ["symplectic", "truth"])
+    some = study.units_of([TABLES["inversion"]], range(1), ["symplectic", "truth"])
     assert [u.cells for u in some] == [("truth",), ("symplectic",)]
     with pytest.raises(ValueError, match="unknown cell 'symplectc'; did you mean 'symplectic'"):
-        study.units_of([TABLES["inversion"]], 1, ["symplectc"])
-    assert units[0].parts != study.units_of([TABLES["stability"]], 3)[0].parts
+        study.units_of([TABLES["inversion"]], range(1), ["symplectc"])
+    assert units[0].parts != study.units_of([TABLES["stability"]], range(3))[0].parts
 
 
 def test_a_run_is_judged_reported_and_resumed(tmp_path, hasty):
     preset = Preset(1, TINY, PixelSizes(1, 1, 1, 1, 1, 1, 1, 1, 1))
     tables = study.choose(["inversion"])
-    units = study.units_of(tables, 1, ("truth", "unstructured"))
+    units = study.units_of(tables, range(1), ("truth", "unstructured"))
     settings = study.settings_of("reproduce", "tiny", preset, units, tables)
     run = RunFolder.open(tmp_path / "run", settings)
     said = []
@@ -355,7 +387,7 @@ def test_a_run_is_judged_reported_and_resumed(tmp_path, hasty):
     assert "symplectic: force cosine" in report and settings["bars_sha256"] in report
     assert json.loads((run.path / "run.json").read_text())["settings"]["bars_sha256"]
     # A seed that was asked for and left no record is a miss, whoever made the others.
-    more = study.units_of(tables, 2, ("truth", "unstructured"))
+    more = study.units_of(tables, range(2), ("truth", "unstructured"))
     again = RunFolder.open(run.path, study.settings_of("reproduce", "tiny", preset, more, tables))
     rows = {r["row"]["what"]: r for r in study.write_verdicts(again, tables)["inversion"]["rows"]}
     short = rows["unstructured: force cosine at G = -1"]

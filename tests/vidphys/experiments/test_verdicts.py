@@ -147,7 +147,8 @@ def test_a_row_that_only_reports_says_what_is_lost():
 
 def test_a_seed_that_failed_once_is_not_mended_by_a_second_record():
     again = [{**record(ROW, "a", 0, None), "status": "failed"}, record(ROW, "a", 0, 1.0)]
-    for records in (again, again[::-1]):
+    fewer = [{**record(ROW, "a", 0, 1.0), "nonfinite": 3}, record(ROW, "a", 0, 1.0)]
+    for records in (again, again[::-1], fewer, fewer[::-1]):
         assert bars.judge(ROW, records, (0,)).verdict == bars.MISSED
 
 

@@ -13,8 +13,10 @@ import torch
 import vidphys
 from vidphys.errors import InputError
 from vidphys.metrics import Summary
+from vidphys.runs.asked import asked_of
 from vidphys.runs.atomic import write_with
-from vidphys.runs.folder import FILES, FOLDERS, MixedCodeWarning, RunFolder, code_version
+from vidphys.runs.code import code_version
+from vidphys.runs.folder import FILES, FOLDERS, MixedCodeWarning, RunFolder
 from vidphys.runs.records import Origin, Recorder
 
 SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
@@ -51,6 +53,42 @@ def test_parts_join_and_failures_have_no_number(tmp_path):
     episodes = pq.read_table(tmp_path / "r" / "episodes.parquet").to_pylist()
     assert [(e["value"], e["status"]) for e in episodes[:2]] == [(1.0, "ok"), (None, "failed")]
     assert {e["readout"] for e in episodes} == {"shooting"}
+
+
+def test_records_say_what_their_seed_is_for_and_which_code_made_them(tmp_path, monkeypatch):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    for seed in (0, 2, 3, 99, 100):
+        run.finish(f"a-b-s{seed}", *recorder(seed).tables())
+    rows = run.join().to_pylist()
+    confirmed = {row["seed"] for row in rows if row["role"] == "confirmation"}
+    assert confirmed == {100} and {row["role"] for row in rows} == {"confirmation", "development"}
+    assert {(row["code_version"], row["stale"]) for row in rows} == {(code_version(), False)}
+    monkeypatch.setattr("vidphys.runs.folder.code_hash", lambda: "other")
+    run.finish("a-b-s101", *recorder(101).tables())
+    found = {row["seed"]: row["stale"] for row in run.join().to_pylist()}
+    assert found == {0: True, 2: True, 3: True, 99: True, 100: True, 101: False}
+    episodes = pq.read_table(tmp_path / "r" / "episodes.parquet").to_pylist()
+    assert {row["role"] for row in episodes if row["seed"] == 101} == {"confirmation"}
+
+
+def test_a_part_of_an_older_run_is_read_and_counts_as_stale(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    run.finish("a-b-s0", *recorder(0).tables())
+    file = tmp_path / "r" / "parts" / "a-b-s0.records.parquet"
+    pq.write_table(pq.read_table(file).replace_schema_metadata(), file)
+    (row, _) = run.join().to_pylist()
+    assert (row["role"], row["code_version"], row["stale"]) == ("development", None, True)
+
+
+def test_a_run_keeps_what_seeds_each_cell_was_asked_for(tmp_path):
+    older = {"cells": ["a/b"], "seeds": [0, 1]}  # does not say it
+    RunFolder.open(tmp_path / "r", older)
+    more = {"cells": ["c/d"], "seeds": [100], "asked": {"c/d": [100]}}
+    RunFolder.open(tmp_path / "r", more)
+    again = RunFolder.open(tmp_path / "r", {**more, "asked": {"c/d": [101]}})
+    settings = again.manifest()["settings"]
+    assert settings["asked"] == {"a/b": [0, 1], "c/d": [100, 101]} == asked_of(settings)
+    assert asked_of(older) == {"a/b": [0, 1]}
 
 
 def test_the_same_settings_resume_and_more_cells_extend(tmp_path):

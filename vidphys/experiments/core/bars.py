@@ -95,6 +95,8 @@ class Verdict:
         remark: what is known of why a bar is missed, from ``remarks.toml``.
         lost: (lost, of how many) episodes by seed, where some gave no finite number; the seed's
             value is over the others.
+        role: what the seeds are for.
+        stale: whether the code has changed since a number of the row's cells was made.
     """
 
     row: Row
@@ -104,6 +106,8 @@ class Verdict:
     why: str = ""
     remark: str = ""
     lost: dict[int, tuple[int, int]] = field(default_factory=dict)
+    role: str = ""
+    stale: bool = False
 
 
 def rows_of(table: str) -> tuple[Row, ...]:

@@ -46,6 +46,7 @@ class CellTask:
         folder: for checkpoints, or ``None``.
         report: called as ``(stage, step, steps)``; a stage may have no name.
         showcase: file for the arrays of a recording, or ``None``.
+        shown: the seed whose arrays are kept there.
         kept: what cells that one worker does in one go share.
         recorders: filled by :meth:`recorder`.
     """
@@ -59,6 +60,7 @@ class CellTask:
     folder: Path | None = None
     report: Report | None = None
     showcase: Path | None = None
+    shown: int = 0
     kept: Kept = field(default_factory=Kept)
     recorders: list[Recorder] = field(default_factory=list)
 

@@ -45,7 +45,6 @@ ENCODERS: dict[str, dict[str, Any]] = {
 }
 FORESEEING = "vjepa2-ac"
 NO_OPS = ("zero", "resting")  # states of its arm, which does nothing in both
-DATA_SEED = 0  # all seeds' probes see the same clips, so that features are made once
 HELD_OUT = 8  # one clip in so many decides which weights are kept
 BATCH, LEARNING_RATE, CLIP = 64, 3e-3, 1.0
 
@@ -155,13 +154,16 @@ def foreseeing_cell(task: CellTask) -> None:
 
 
 def draw_clips(task: CellTask) -> tuple[Clips, Clips]:
-    """Training and test clips of coloured disks, of the preset's sizes."""
+    """Training and test clips of coloured disks, of the preset's sizes.
+
+    They are of the first seed, and all seeds' probes see them, so that features are made once.
+    """
     sizes = task.pixel
     world = RgbWorld(camera=Camera(height=sizes.image, width=sizes.image))
     draw = partial(render_clips, pixel_scene(), world)
     return (
-        draw(sizes.clips, sizes.frames, sizes.stride, DATA_SEED, "train"),
-        draw(2 * sizes.held_out, sizes.frames, sizes.stride, DATA_SEED, "test"),
+        draw(sizes.clips, sizes.frames, sizes.stride, task.seeds[0], "train"),
+        draw(2 * sizes.held_out, sizes.frames, sizes.stride, task.seeds[0], "test"),
     )
 
 
