@@ -21,6 +21,7 @@ ALLOWED = {
         "dynamics/engines.py",  # what this machine has, which no run changes
         "dynamics/compiled/head.py",  # compiled code, as numba keeps it
         "vidphys/diagnose/formula/grammar.py",  # the words of formulas, which are constants
+        "vidphys/runs/code.py",  # a hash of the sources, which no run changes
     },
     "sets threads": set(),
     "changes a recorder's origin": set(),

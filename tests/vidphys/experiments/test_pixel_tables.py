@@ -163,7 +163,7 @@ def test_an_encoder_without_weights_is_skipped_with_the_command_that_gets_it(tmp
     with pytest.raises(WeightsMissing, match="`vidphys weights fetch vjepa2-g`"):
         run_cell("encoder-scale", "vjepa2-g")
     out = tmp_path / "run"
-    run = RunFolder.open(out, {"cells": [], "seeds": []})
+    run = RunFolder.open(out, {"cells": [], "seeds": [0]})
     run.skip("encoder-scale/vjepa2-g", "skipped: no weights")
     recorder = Recorder(Origin(*["encoder-scale", *["x"] * 7], 0, "cpu", "float32"))
     run.finish("x", *recorder.tables())

@@ -153,7 +153,7 @@ def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypa
     run = tmp_path / "run"
     parts = RunFolder(run)
     monkeypatch.setattr(RunFolder, "join", lambda self: None)
-    monkeypatch.setattr("vidphys.cli.ladder.publish", lambda run: run.path)
+    monkeypatch.setattr("vidphys.cli.ladder.publish", lambda run, console: run.path)
     assert main(["ladder", "--cells", "hiera", "--out", str(run), "--quiet"]) == 0
     assert parts.manifest()["skipped"] == [
         {"cell": f"ladder/hiera/{head}", "reason": "skipped: no weights; fetch them"}

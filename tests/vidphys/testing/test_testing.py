@@ -49,7 +49,7 @@ REFUSED = ("state-dependent-bath",)  # says why it cannot be built
 DISKS = "hard-disks"  # may not overlap, as the bodies of the other checks do
 IMPULSES = ("free-impulse", "restitution")  # act at once where bodies meet
 # of places on a curve, where states of other checks are not; see tests/dynamics/test_bound.py
-BOUND = ("on-line", "on-arc", "on-curve", "on-chain", "links", "spring", "each")
+BOUND = ("on-line", "on-arc", "on-curve", "on-chain", "links", "spring", "contact", "each")
 SPECIAL = (*JOINTS, *REFUSED, DISKS, *BOUND)
 
 
