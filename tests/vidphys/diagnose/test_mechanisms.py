@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dynamics import from_config, terms
+from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
@@ -365,3 +366,17 @@ def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
     assert (given.specification is None) == (order == (1, 0))
     ordered, _ = of_lawful_bodies(noisy(places, 5e-4))
     assert ordered.positions[0, 0, 0] == pytest.approx(first[0], abs=0.01)
+
+
+def test_a_body_that_leaves_faster_than_it_came_met_no_wall():
+    motion = thrown()
+    end = int(0.7 * motion.positions.shape[1])
+    found = ByMechanism.of(motion, end, False, False, Units())
+    assert found is not None and found.verdict.status == "explained"
+    (group,) = found.whole.groups
+    values = group.fit.values.copy()
+    values[group.fit.model.law.names.index("restitution 1")] = 1.2
+    gains = replace(found.whole, groups=(replace(group, fit=replace(group.fit, values=values)),))
+    told = replace(found, whole=gains)
+    assert told.verdict.status == "not explained"
+    assert any(line.startswith("No wall gives") for line in told.lines())

@@ -125,8 +125,10 @@ def _enough(laws: Explanation) -> bool:
     """Whether the menu has nothing to add: one law has nearly all of the motion."""
     if _status(laws) == EXPLAINED:
         return True
-    alone = laws.one_law and _status(laws) == MOSTLY
-    return alone and laws.verdict is not None and laws.verdict.share > NEARLY_ALL
+    if laws.verdict is None or laws.verdict.share <= NEARLY_ALL:
+        return False
+    # The menu has no walls: what is struck it can but take for something else.
+    return "wall" in laws.kinds or (laws.one_law and _status(laws) == MOSTLY)
 
 
 def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:

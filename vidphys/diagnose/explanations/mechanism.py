@@ -12,7 +12,7 @@ from vidphys.diagnose.explanations.collided import collided
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
 from vidphys.diagnose.explanations.scene import as_scene
-from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict, judge
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict, judge
 from vidphys.diagnose.mechanisms.charts import Arc, Plane
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
@@ -124,7 +124,10 @@ class ByMechanism(Explanation):
     def verdict(self) -> Verdict:
         found = self.mechanism
         straight = found.kinds == {"collision"}
-        return judge(found.share, found.left, found.spread, self.forecast(), self._period, straight)
+        judged = judge(
+            found.share, found.left, found.spread, self.forecast(), self._period, straight
+        )
+        return replace(judged, status=NOT) if self._gains else judged
 
     @property
     def _period(self) -> float:
@@ -150,6 +153,10 @@ class ByMechanism(Explanation):
         for group in self.whole.groups:
             out += self._told(group)
         out += [self._what_is_left(), *self._rivals()]
+        if self._gains:
+            out.append(
+                "No wall gives back more speed than it takes: something else turns it round."
+            )
         if self._from_below:
             out.append("No model of it is written: give the body next to the pivot first.")
         return out
@@ -303,6 +310,16 @@ class ByMechanism(Explanation):
                 parts.update({b: path[:, i] for i, b in enumerate(group.bodies)})
             out[name] = (start + since, np.stack([parts[b] for b in sorted(parts)], 1))
         return out
+
+    @property
+    def _gains(self) -> bool:
+        """Whether a body leaves a wall faster than it came, surely."""
+        return any(
+            value > 1 + NORMAL_95 * error
+            for group in self.whole.groups
+            for name, (value, error) in group.fit.numbers.items()
+            if name.startswith("restitution")
+        )
 
     @property
     def _from_below(self) -> bool:
