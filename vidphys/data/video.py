@@ -13,12 +13,12 @@ import numpy as np
 
 from vidphys.data.formats import VIDEO, ClipFormat, format_of
 from vidphys.data.formats.opencv import opencv
+from vidphys.data.pile import Pile
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
 RATE_TOLERANCE = 0.01
 GAP = 1.5
-MAX_BYTES = 8 * 2**30
 FRAMES_FOR_MOMENTUM = 3
 
 
@@ -95,18 +95,17 @@ def read_video(path: Path, selection: ClipSelection) -> Video:
         raise
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
-    frames, stamps, indices = [], [], []
+    kept, stamps, indices = Pile(path), [], []
     count = 0
     for frame, stamp in decoded:
         stamps.append(stamp)
         if count >= selection.start and (count - selection.start) % selection.stride == 0:
-            frames.append(_shrink(frame, selection.side))
+            kept.add(_shrink(frame, selection.side))
             indices.append(count)
-            _check_memory(path, frames)
         count += 1
         if count == selection.stop:
             break
-    if not frames:
+    if not indices:
         raise InputError(
             f"{path}: no frame could be decoded in the selection (frames {selection.start} to "
             f"{selection.stop or 'the end'}; {count} were decoded); check the file and `start`"
@@ -115,8 +114,8 @@ def read_video(path: Path, selection: ClipSelection) -> Video:
     notes += _count_note(declared_count, count, ended=selection.stop is None)
     if selection.rate is None:
         notes += _rate_notes(declared_rate, times)
-    kept = np.array(indices)
-    return Video(path, sha256(path), np.stack(frames), times[kept], kept, tuple(notes))
+    chosen = np.array(indices)
+    return Video(path, sha256(path), kept.whole(), times[chosen], chosen, tuple(notes))
 
 
 def require_frames(video: Video, least: int = FRAMES_FOR_MOMENTUM) -> None:
@@ -144,14 +143,6 @@ def _check(selection: ClipSelection) -> None:
         raise InputError(f"side {selection.side}: must be at least 1 pixel")
 
 
-def _check_memory(path: Path, frames: list[np.ndarray]) -> None:
-    if len(frames) * frames[0].nbytes > MAX_BYTES:
-        raise InputError(
-            f"{path}: the first {len(frames)} frames already fill {MAX_BYTES >> 30} GiB; shrink "
-            "them by `side`, or take fewer by `stop` and `stride`"
-        )
-
-
 def _shrink(frame: np.ndarray, side: int | None) -> np.ndarray:
     height, width = frame.shape[:2]
     if side is None or max(height, width) <= side:
@@ -164,6 +155,8 @@ def _shrink(frame: np.ndarray, side: int | None) -> np.ndarray:
 
 def _times(path: Path, stamps: np.ndarray, rate: float | None) -> tuple[np.ndarray, list[str]]:
     """Increasing times; a stamp that does not increase is replaced by the median interval."""
+    if not np.isfinite(stamps).all():
+        raise InputError(f"{path}: presentation stamps that are no times; convert the clip")
     if rate is not None:
         return np.arange(len(stamps)) / rate, [f"times from the given rate, {rate:g} per second"]
     if len(stamps) == 1:
