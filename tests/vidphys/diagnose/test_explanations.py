@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.vidphys.diagnose.test_diagnose import seen
-from tests.vidphys.diagnose.test_mechanisms import thrown
+from tests.vidphys.diagnose.test_mechanisms import noisy, thrown
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import State, beside_simple
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.telling.answers import answer
 
@@ -73,3 +74,26 @@ def test_the_menu_is_asked_where_no_law_explains_all(monkeypatch):
     told = understood.explanation
     assert understood.found.explained and isinstance(told, ByMenu)
     assert told.verdict is not None and told.verdict.status == "explained"
+
+
+def turned_round():
+    """A body that goes straight on, and comes away from a wall faster than it came."""
+    x = np.linspace(0, 2, 90)
+    return np.stack([x, np.where(x < 1, -x, 1.6 * (x - 1) - 1)], -1)
+
+
+def test_the_menu_which_has_no_walls_does_not_answer_about_what_is_struck(monkeypatch):
+    monkeypatch.setattr(choice, "FITTED", ())
+    understood = choice.understand(noisy(turned_round()), 90)
+    assert understood.explanation is None
+    assert understood.found.refused.startswith("something strikes the body at 1.4")
+
+
+def test_a_body_that_another_one_turns_round_is_struck_by_nothing_unseen():
+    one = turned_round()
+    both = np.stack([one, 2 * one[45] - one], 1)  # the other meets it, and keeps the momentum
+    assert strikes(noisy(both)) == []
+    steady = np.linspace([0.0, 3.0], [0.5, 3.4], 90)
+    away = np.stack([one, steady], 1)
+    (struck,) = strikes(noisy(away))
+    assert struck[0] == 0 and abs(struck[1] - 1.5) < 0.05

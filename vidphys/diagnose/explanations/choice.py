@@ -13,6 +13,8 @@ from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT
+from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS
+from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units
@@ -79,16 +81,19 @@ def understand(
 def _known(
     motion: Motion, end: int, angles: bool, camera: bool, units: Units
 ) -> tuple[Diagnosis, Explanation | None]:
-    """By laws, or by the menu."""
+    """By laws, or by the menu, which knows of no walls: what is struck it is not asked about."""
     part = motion.cut(0, end)
+    struck = strikes(part) if part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS else []
     moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
     laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
-    if laws is not None and _enough(laws):
+    if laws is not None and (struck or _enough(laws)):
         return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
         if refused and (laws is None or _status(laws) == NOT):
             return Diagnosis(part, noise, refused), None
+        if struck:
+            return Diagnosis(part, noise, _said(struck, part.bodies)), None
         found = diagnose_motion(part, angles)
     except Unseen:
         if laws is None or not laws.one_law:
@@ -125,10 +130,19 @@ def _enough(laws: Explanation) -> bool:
     """Whether the menu has nothing to add: one law has nearly all of the motion."""
     if _status(laws) == EXPLAINED:
         return True
-    if laws.verdict is None or laws.verdict.share <= NEARLY_ALL:
-        return False
-    # The menu has no walls: what is struck it can but take for something else.
-    return "wall" in laws.kinds or (laws.one_law and _status(laws) == MOSTLY)
+    mostly = laws.verdict is not None and laws.verdict.share > NEARLY_ALL
+    return mostly and laws.one_law and _status(laws) == MOSTLY
+
+
+def _said(struck: Sequence[tuple[int, float]], bodies: int) -> str:
+    """Of bodies that are struck, where no law beside a wall could be fitted."""
+    body, seconds = struck[0]
+    who = "the body" if bodies == 1 else f"body {body + 1}"
+    others = f" ({len(struck)} strikes in all)" if len(struck) > 1 else ""
+    return (
+        f"something strikes {who} at {seconds:.4g} s{others}, and no law beside a wall fits; cut "
+        "the recording there, or follow what strikes it too"
+    )
 
 
 def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:

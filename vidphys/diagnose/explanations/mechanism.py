@@ -8,47 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from vidphys.diagnose.explanations.collided import collided
+from vidphys.diagnose.explanations.changed import asked_of, under
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
+from vidphys.diagnose.explanations.law_words import CLEAR, rivals, told, what_is_left
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict, judge
-from vidphys.diagnose.mechanisms.charts import Arc, Plane
+from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
-from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
+from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, noise_of
-from vidphys.diagnose.recordings.units import GRAVITY, Units
+from vidphys.diagnose.recordings.units import Units
 from vidphys.statistics import NORMAL_95
-
-ON = {
-    "plane": "moves freely",
-    "line": "moves on a line",
-    "angle": "swings",
-    "arc": "swings on an arc",
-}
-BY = {
-    "none": "nothing pulls it",
-    "uniform": "under a constant acceleration",
-    "trap": "about a place that it is pulled back to, as a spring does",
-    "pendulum": "as a pendulum",
-    "chain": "as two rods that hang end on end",
-}
-CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
-LOSES = {
-    "linear": "friction goes with its speed",
-    "square": "friction goes with the square of its speed",
-    "dry": "dry friction",
-}
-SHORT = {
-    "linear": "friction ~ v",
-    "square": "friction ~ v²",
-    "dry": "dry friction",
-    "uniform": "constant acceleration",
-    "trap": "spring to a place",
-}
 
 
 @dataclass(frozen=True)
@@ -72,13 +46,13 @@ class ByMechanism(Explanation):
     @property
     def sure(self) -> bool:
         """Whether it explains all, and no law of other terms is nearly as likely."""
-        rivals = (
+        others = (
             group.fit.score - other.score
             for group in self.whole.groups
             for other in group.others
             if other.kinds != group.fit.kinds
         )
-        return self.explained and min(rivals, default=np.inf) > CLEAR
+        return self.explained and min(others, default=np.inf) > CLEAR
 
     @cached_property
     def told_in(self) -> Units:
@@ -127,7 +101,7 @@ class ByMechanism(Explanation):
         judged = judge(
             found.share, found.left, found.spread, self.forecast(), self._period, straight
         )
-        return replace(judged, status=NOT) if self._gains else judged
+        return replace(judged, status=NOT) if self.impossible else judged
 
     @property
     def _period(self) -> float:
@@ -149,92 +123,31 @@ class ByMechanism(Explanation):
         )
 
     def lines(self) -> list[str]:
-        out = []
-        for group in self.whole.groups:
-            out += self._told(group)
-        out += [self._what_is_left(), *self._rivals()]
-        if self._gains:
-            out.append(
-                "No wall gives back more speed than it takes: something else turns it round."
-            )
+        alone, whole = self.motion.bodies == 1, self.whole
+        out = [line for group in whole.groups for line in told(group, self.told_in, alone)]
+        out += [what_is_left(self.mechanism, self.told_in), *rivals(whole)]
+        out += [self.impossible] if self.impossible else []
         if self._from_below:
             out.append("No model of it is written: give the body next to the pivot first.")
         return out
 
-    def _rivals(self) -> list[str]:
-        """Laws that are nearly as likely."""
-        out = []
-        for group in self.whole.groups:
-            near = [x for x in group.others if x.score > group.fit.score - CLEAR]
-            kinds = {
-                ", ".join(SHORT.get(kind, kind) for kind in sorted(x.kinds)) or "no force"
-                for x in near
-                if x.kinds != group.fit.kinds
-            }
-            if kinds:
-                said = "; or ".join(sorted(kinds))
-                out.append(f"Nearly as likely: {said}. A longer recording would tell.")
-        return out
-
-    def _told(self, group: Group) -> list[str]:
-        fit, law = group.fit, group.fit.model.law
-        named = [f"Body {b + 1}" for b in group.bodies] if self.motion.bodies > 1 else ["The body"]
-        who = " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
-        moves = _where(fit) if len(named) == 1 else _plural(_where(fit))
-        how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
-        if fit.driven:
-            how[1] = "something drives it"
-        if law.walls:
-            it = "they bounce" if len(group.bodies) > 1 else "it bounces"
-            how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")
-        if law.coupled:
-            how.append("springs hold the bodies together")
-        if "collision" in law.kinds:
-            how[0] = "nothing pulls them" if law.restoring == "none" else how[0]
-            how.append("they collide")
-        out = [f"{who} {moves}: {'; '.join(how)}."]
-        out += [f"  {x}" for x in collided(fit, group.bodies)]
-        out += [f"  {self._number(x)}" for x in quantities(fit)]
-        out += [f"  {x}" for x in self._ruler(fit)]
-        return out
-
-    def _number(self, x: Quantity) -> str:
-        value, error = (self.told_in.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
-        unit = self.told_in.named(x.length, x.seconds)
-        return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %)"
-
-    def _ruler(self, fit: Fit) -> list[str]:
-        """What gravity says of lengths: a falling or a hanging body is a ruler."""
-        known = {x.name: x.value for x in quantities(fit)}
-        if "rate" in known and fit.model.law.restoring == "pendulum":
-            metres = GRAVITY / known["rate"] ** 2
-            length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
-            if "length" in known and self.told_in.name != "m":
-                told = self.told_in.told(known["length"], 1)
-                long = f"{told / metres:.4g} {self.told_in.name}"
-                return [f"{length} (a plain pendulum), and 1 m is {long}"]
-            return [f"{length} (a plain pendulum)"]
-        if "acceleration" in known and self.told_in.name == "px":
-            told = self.told_in.told(known["acceleration"], 1)
-            return [f"if it falls at {GRAVITY} m/s², 1 m is {told / GRAVITY:.4g} px"]
-        return []
-
-    def _what_is_left(self) -> str:
-        found = self.mechanism
-        errors = [group.fit.errors for group in found.groups]
-        worst = max(errors, key=lambda e: e.total)
-        text = f"What is left is {self.told_in.length(found.left)}"
-        if worst.smooth > worst.white:
-            return text + (
-                f", and lasts for {worst.memory:.2g} s, as a lens, perspective or a tracker's slow "
-                "mistakes leave it."
-            )
-        return text + ", different in every frame, as noise is."
+    @property
+    def impossible(self) -> str:
+        """Why no such law can be, in a sentence; empty where nothing is against it."""
+        gains = any(
+            value > 1 + NORMAL_95 * error
+            for group in self.whole.groups
+            for name, (value, error) in group.fit.numbers.items()
+            if name.startswith("restitution")
+        )
+        if not gains:
+            return ""
+        return "No wall gives back more speed than it takes: something else turns it round."
 
     def data(self) -> dict[str, Any]:
-        told: dict[str, Any] = {"mechanism": [self._data(group) for group in self.whole.groups]}
+        held: dict[str, Any] = {"mechanism": [self._data(group) for group in self.whole.groups]}
         wall = _wall_of(self.whole.groups[0].fit) if self.motion.bodies == 1 else None
-        return told if wall is None else {**told, "wall": wall}
+        return held if wall is None else {**held, "wall": wall}
 
     def _data(self, group: Group) -> dict[str, Any]:
         fit, chart = group.fit, group.fit.model.charts[0]
@@ -299,27 +212,17 @@ class ByMechanism(Explanation):
         times = self.motion.times[-1]
         stop, last = times[min(self.end, len(times)) - 1], times[-1]
         out = {}
-        for name, factor in _asked_of(self.mechanism).items():
+        for name, factor in asked_of(self.mechanism).items():
             # What collisions do with other masses is seen from before they happen.
             again = any(key.startswith("mass") for key in factor)
             start = times[self.mechanism.first] if again else stop
             since = np.linspace(0, last - start + 0.3 * (stop - times[0]), SAMPLES)
             parts = {}
             for group in self.mechanism.groups:
-                path = _under(group.fit, factor, float(start - self.mechanism.begin[-1]), since)
+                path = under(group.fit, factor, float(start - self.mechanism.begin[-1]), since)
                 parts.update({b: path[:, i] for i, b in enumerate(group.bodies)})
             out[name] = (start + since, np.stack([parts[b] for b in sorted(parts)], 1))
         return out
-
-    @property
-    def _gains(self) -> bool:
-        """Whether a body leaves a wall faster than it came, surely."""
-        return any(
-            value > 1 + NORMAL_95 * error
-            for group in self.whole.groups
-            for name, (value, error) in group.fit.numbers.items()
-            if name.startswith("restitution")
-        )
 
     @property
     def _from_below(self) -> bool:
@@ -335,11 +238,6 @@ class ByMechanism(Explanation):
         )
 
 
-def _where(fit: Fit) -> str:
-    chart = fit.model.charts[0]
-    return ON["line" if isinstance(chart, Plane) and chart.space == 1 else chart.name]
-
-
 def _wall_of(fit: Fit) -> dict[str, Any] | None:
     """Across which axis the first wall stands, and where, unit of the positions."""
     law = fit.model.law
@@ -350,38 +248,3 @@ def _wall_of(fit: Fit) -> dict[str, Any] | None:
     on, beyond = (fit.shown(x * normal[None])[0, 0] for x in (place, 1.01 * place + 1e-6))
     axis = int(np.abs(beyond - on).argmax())
     return {"axis": "xyz"[axis], "place": float(on[axis])}
-
-
-def _plural(said: str) -> str:
-    verb, _, rest = said.partition(" ")
-    return f"{verb.removesuffix('s')} {rest}".strip()
-
-
-def _asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
-    """What may be changed of the laws: factors by the beginning of a number's name."""
-    kinds = mechanism.kinds
-    asked: dict[str, dict[str, float]] = {}
-    if kinds & set(LOSES):
-        asked["no friction"] = {name: 0.0 for name in LOSES}
-    if "pendulum" in kinds:
-        asked["half the length"] = {"swing": 2.0}
-    elif "trap" in kinds:
-        asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0}
-    elif "uniform" in kinds:
-        asked["twice the field"] = {"force": 2.0}
-    if "collision" in kinds:
-        asked["a second body of twice the mass"] = {"mass 2": 2.0}
-    return asked
-
-
-def _under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) -> np.ndarray:
-    """Places ``(t, n, d)`` under changed numbers, from the fit's own state at ``start`` seconds."""
-    numbers, starts = fit.model.split(fit.values, len(fit.clips))
-    state = fit.model.law.roll(numbers, starts[-1], np.array([0.0, max(start, 1e-9)]))[-1]
-    changed = numbers.copy()
-    for i, name in enumerate(fit.model.law.names):
-        changed[i] *= next((x for key, x in factors.items() if name.startswith(key)), 1.0)
-    law = replace(fit.model.law, nears=False)
-    kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
-    rolled = law.roll(changed[kept], state, since)[:, 0]
-    return fit.shown(rolled)

@@ -1,0 +1,41 @@
+"""Laws that were never recorded: fitted ones with some of their numbers changed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.law import RATES
+from vidphys.diagnose.mechanisms.mechanism import Mechanism
+
+
+def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
+    """What may be changed of the laws: factors by the beginning of a number's name."""
+    kinds = mechanism.kinds
+    asked: dict[str, dict[str, float]] = {}
+    if kinds & set(RATES):
+        asked["no friction"] = {name: 0.0 for name in RATES}
+    if "pendulum" in kinds:
+        asked["half the length"] = {"swing": 2.0}
+    elif "trap" in kinds:
+        asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0}
+    elif "uniform" in kinds:
+        asked["twice the field"] = {"force": 2.0}
+    if "collision" in kinds:
+        asked["a second body of twice the mass"] = {"mass 2": 2.0}
+    return asked
+
+
+def under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) -> np.ndarray:
+    """Places ``(t, n, d)`` under changed numbers, from the fit's own state at ``start`` seconds."""
+    numbers, starts = fit.model.split(fit.values, len(fit.clips))
+    state = fit.model.law.roll(numbers, starts[-1], np.array([0.0, max(start, 1e-9)]))[-1]
+    changed = numbers.copy()
+    for i, name in enumerate(fit.model.law.names):
+        changed[i] *= next((x for key, x in factors.items() if name.startswith(key)), 1.0)
+    law = replace(fit.model.law, nears=False)
+    kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
+    rolled = law.roll(changed[kept], state, since)[:, 0]
+    return fit.shown(rolled)

@@ -1,0 +1,129 @@
+"""Fitted laws in words: how bodies move, by what, with which numbers, and what is left."""
+
+from __future__ import annotations
+
+from vidphys.diagnose.explanations.collided import collided
+from vidphys.diagnose.mechanisms.charts import Plane
+from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
+from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
+from vidphys.diagnose.recordings.units import GRAVITY, Units
+from vidphys.statistics import NORMAL_95
+
+ON = {
+    "plane": "moves freely",
+    "line": "moves on a line",
+    "angle": "swings",
+    "arc": "swings on an arc",
+}
+BY = {
+    "none": "nothing pulls it",
+    "uniform": "under a constant acceleration",
+    "trap": "about a place that it is pulled back to, as a spring does",
+    "pendulum": "as a pendulum",
+    "chain": "as two rods that hang end on end",
+}
+LOSES = {
+    "linear": "friction goes with its speed",
+    "square": "friction goes with the square of its speed",
+    "dry": "dry friction",
+}
+SHORT = {
+    "linear": "friction ~ v",
+    "square": "friction ~ v²",
+    "dry": "dry friction",
+    "uniform": "constant acceleration",
+    "trap": "spring to a place",
+}
+CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
+
+
+def told(group: Group, units: Units, alone: bool) -> list[str]:
+    """How bodies move, by what, and the numbers of it.
+
+    Args:
+        group: of the bodies.
+        units: in which lengths are told.
+        alone: whether there is no other body.
+    """
+    fit, law = group.fit, group.fit.model.law
+    named = ["The body"] if alone else [f"Body {b + 1}" for b in group.bodies]
+    who = " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
+    moves = _where(fit) if len(named) == 1 else _plural(_where(fit))
+    how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
+    if fit.driven:
+        how[1] = "something drives it"
+    if law.walls:
+        it = "they bounce" if len(group.bodies) > 1 else "it bounces"
+        how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")
+    if law.coupled:
+        how.append("springs hold the bodies together")
+    if "collision" in law.kinds:
+        how[0] = "nothing pulls them" if law.restoring == "none" else how[0]
+        how.append("they collide")
+    numbers = (*collided(fit, group.bodies), *(number(x, units) for x in quantities(fit)))
+    return [
+        f"{who} {moves}: {'; '.join(how)}.",
+        *(f"  {x}" for x in (*numbers, *_ruler(fit, units))),
+    ]
+
+
+def number(x: Quantity, units: Units) -> str:
+    """With its interval and unit."""
+    value, error = (units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
+    unit = units.named(x.length, x.seconds)
+    return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %)"
+
+
+def rivals(mechanism: Mechanism) -> list[str]:
+    """Laws that are nearly as likely."""
+    out = []
+    for group in mechanism.groups:
+        near = [x for x in group.others if x.score > group.fit.score - CLEAR]
+        kinds = {
+            ", ".join(SHORT.get(kind, kind) for kind in sorted(x.kinds)) or "no force"
+            for x in near
+            if x.kinds != group.fit.kinds
+        }
+        if kinds:
+            said = "; or ".join(sorted(kinds))
+            out.append(f"Nearly as likely: {said}. A longer recording would tell.")
+    return out
+
+
+def what_is_left(mechanism: Mechanism, units: Units) -> str:
+    """How much the laws miss, and whether it lasts."""
+    worst = max((group.fit.errors for group in mechanism.groups), key=lambda e: e.total)
+    text = f"What is left is {units.length(mechanism.left)}"
+    if worst.smooth > worst.white:
+        return text + (
+            f", and lasts for {worst.memory:.2g} s, as a lens, perspective or a tracker's slow "
+            "mistakes leave it."
+        )
+    return text + ", different in every frame, as noise is."
+
+
+def _ruler(fit: Fit, units: Units) -> list[str]:
+    """What gravity says of lengths: a falling or a hanging body is a ruler."""
+    known = {x.name: x.value for x in quantities(fit)}
+    if "rate" in known and fit.model.law.restoring == "pendulum":
+        metres = GRAVITY / known["rate"] ** 2
+        length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
+        if "length" in known and units.name != "m":
+            long = f"{units.told(known['length'], 1) / metres:.4g} {units.name}"
+            return [f"{length} (a plain pendulum), and 1 m is {long}"]
+        return [f"{length} (a plain pendulum)"]
+    if "acceleration" in known and units.name == "px":
+        metre = units.told(known["acceleration"], 1) / GRAVITY
+        return [f"if it falls at {GRAVITY} m/s², 1 m is {metre:.4g} px"]
+    return []
+
+
+def _where(fit: Fit) -> str:
+    chart = fit.model.charts[0]
+    return ON["line" if isinstance(chart, Plane) and chart.space == 1 else chart.name]
+
+
+def _plural(said: str) -> str:
+    verb, _, rest = said.partition(" ")
+    return f"{verb.removesuffix('s')} {rest}".strip()
