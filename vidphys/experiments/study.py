@@ -27,6 +27,7 @@ from vidphys.perception.catalogue import rung_settings
 from vidphys.presets import Preset
 from vidphys.runs.asked import asked_of
 from vidphys.runs.atomic import write_json
+from vidphys.runs.code import modules_of
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import merged_tables
 from vidphys.seeding import of_roles
@@ -161,7 +162,8 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
             raise RuntimeError(f"{unit.table}/{cell}: the cell left no record")
         for recorder in task.recorders:
             recorder.took(time.perf_counter() - began)
-        run.finish(part, *merged_tables(task.recorders))
+        makers = {*modules_of(table.cells[cell]), table.module} - {""}
+        run.finish(part, *merged_tables(task.recorders), tuple(sorted(makers)))
 
 
 def _named(part: str, report: Report) -> Report:

@@ -35,6 +35,7 @@ GROWING = ("cells", "seeds")  # lists
 NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a foreign part is from
 MADE_BY = b"code_version"  # in the metadata of a part's tables
 MADE_OF = b"code_hash"  # likewise
+MAKERS = b"code_modules"  # likewise: those whose hash that is, none for all
 FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
 FILES = (
     "run.json",
@@ -187,9 +188,21 @@ class RunFolder:
         """Whether a piece of work has already left its tables."""
         return self._part(part, "records").exists()
 
-    def finish(self, part: str, records: pa.Table, episodes: pa.Table) -> None:
-        """Keep the tables of one piece of work; the records are what marks it as done."""
-        made = {MADE_BY: code_version().encode(), MADE_OF: code_hash().encode()}
+    def finish(
+        self, part: str, records: pa.Table, episodes: pa.Table, makers: tuple[str, ...] = ()
+    ) -> None:
+        """Keep the tables of one piece of work; the records are what marks it as done.
+
+        Args:
+            part: its name.
+            records, episodes: its tables.
+            makers: modules that define what made it, see :func:`vidphys.runs.code.code_hash`.
+        """
+        made = {
+            MADE_BY: code_version().encode(),
+            MADE_OF: code_hash(makers).encode(),
+            MAKERS: " ".join(makers).encode(),
+        }
         write_table(self._part(part, "episodes"), episodes.replace_schema_metadata(made))
         write_table(self._part(part, "records"), records.replace_schema_metadata(made))
 
@@ -222,8 +235,9 @@ class RunFolder:
     def join(self) -> pa.Table:
         """Rebuild the two tables from the parts; returns the records.
 
-        Each row then says what its seed is for (``role``), which code made it, and whether that
-        code has changed since (``stale``); ``run.json`` says which code made which part.
+        Each row then says what its seed is for (``role``), which code made it, and whether any
+        that could have made it has changed since (``stale``); ``run.json`` says which code made
+        which part.
         """
         tables = {}
         for kind in ("records", "episodes"):
@@ -274,11 +288,12 @@ def _with_origin(part: pa.Table) -> pa.Table:
     """
     told = part.schema.metadata or {}
     version, made_of = told.get(MADE_BY), told.get(MADE_OF)
+    now = code_hash(tuple(told.get(MAKERS, b"").decode().split()))
     count, seeds = len(part), part["seed"].to_pylist()
     columns = {
         "role": pa.array([role_of(seed) for seed in seeds], pa.string()),
         "code_version": pa.array([version and version.decode()] * count, pa.string()),
-        "stale": pa.array([made_of != code_hash().encode()] * count, pa.bool_()),
+        "stale": pa.array([made_of != now.encode()] * count, pa.bool_()),
     }
     part = part.replace_schema_metadata()
     for name, column in columns.items():

@@ -63,7 +63,7 @@ def test_records_say_what_their_seed_is_for_and_which_code_made_them(tmp_path, m
     confirmed = {row["seed"] for row in rows if row["role"] == "confirmation"}
     assert confirmed == {100} and {row["role"] for row in rows} == {"confirmation", "development"}
     assert {(row["code_version"], row["stale"]) for row in rows} == {(code_version(), False)}
-    monkeypatch.setattr("vidphys.runs.folder.code_hash", lambda: "other")
+    monkeypatch.setattr("vidphys.runs.folder.code_hash", lambda _: "other")
     run.finish("a-b-s101", *recorder(101).tables())
     found = {row["seed"]: row["stale"] for row in run.join().to_pylist()}
     assert found == {0: True, 2: True, 3: True, 99: True, 100: True, 101: False}

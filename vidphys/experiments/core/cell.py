@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -150,6 +151,7 @@ class Table:
         pixels: whether its cells draw and see pictures; `all` leaves such tables out.
         apart: whether nothing but its own name chooses it.
         sweeps: its figures, beside those that every table has.
+        module: that puts its cells together; a number of theirs is stale when it has changed.
     """
 
     name: str
@@ -162,6 +164,7 @@ class Table:
     pixels: bool = False
     apart: bool = False
     sweeps: tuple[Sweep, ...] = ()
+    module: str = ""
 
     @classmethod
     def told(cls, name: str, **work: Any) -> Self:
@@ -171,7 +174,8 @@ class Table:
             Sweep(**{**figure, "panels": tuple(Panel(**panel) for panel in figure["panels"])})
             for figure in words.pop("sweeps", ())
         ]
-        return cls(name, sweeps=tuple(figures), **words, **work)
+        module = sys._getframe(1).f_globals["__name__"]
+        return cls(name, sweeps=tuple(figures), module=module, **words, **work)
 
     @property
     def records_of(self) -> str:
