@@ -10,7 +10,9 @@ from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
+from llvmlite import binding as llvm
 from numba import config, njit
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
@@ -19,7 +21,37 @@ from numba.extending import intrinsic
 FAST = frozenset({"contract", "nsz"})
 
 
-class _Apart(Compiler):
+class _Whole(JITCodeLibrary):
+    """Machine code that calls its own copies of what it calls, compiled with it.
+
+    Copies that others may share are numba's way. A process that compiles has each function by
+    itself before its callers, whose calls then lead to it; one that loads kept code has the
+    callers' copies alone. The two are compiled in other surroundings, and round otherwise.
+    """
+
+    def _finalize_final_module(self) -> None:
+        module = self._final_module
+        self._shared_module = module.clone()  # what callers are compiled with, as numba makes it
+        for function in self._shared_module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = "linkonce_odr"
+        for function in module.functions:
+            if function.linkage == llvm.Linkage.linkonce_odr:
+                function.linkage = "internal"
+        super()._finalize_final_module()
+
+
+class _Alone(Compiler):
+    """Compiles into a :class:`_Whole`."""
+
+    def define_pipelines(self) -> Any:
+        name = self.state.func_id.func_qualname
+        self.state.library = _Whole(self.state.targetctx.codegen(), name)
+        self.state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+class _Apart(_Alone):
     """Promises that the arrays of a call lie apart.
 
     Without that no table can be looked up in a loop that also writes: each entry might be what
@@ -56,7 +88,7 @@ def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
 
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function into its callers."""
-    return _compiled(function, forceinline=True)
+    return _compiled(function, forceinline=True, pipeline_class=_Alone)
 
 
 def instructions(written: Callable[..., Any], plainly: Callable[..., Any]) -> Any:
