@@ -62,6 +62,34 @@ def energy_drift(energy: Float[Tensor, "b t"], scale: Float[Tensor, " b"]) -> Fl
     )
 
 
+VALID = 0.4  # of the truth's spread: an error below it is a valid prediction
+
+
+def valid_time(
+    prediction: PhaseState, reference: PhaseState, interval: float
+) -> Float[Tensor, " b"]:
+    """Valid prediction time of each episode: seconds until its error first exceeds 0.4.
+
+    The error is the root mean square over (q, p), over the standard deviation of all channels of
+    the reference (Pathak et al., "Hybrid forecasting of chaotic processes", 2018, whose threshold
+    it is). What is not finite is not valid. An episode that is valid to the end has the whole time.
+
+    Args:
+        prediction, reference: ``(b, t, n, d)``, at the same moments.
+        interval: seconds between them.
+
+    Example:
+        >>> q = torch.tensor([0.0, 1.0, 2.0]).reshape(1, 3, 1, 1)
+        >>> truth = PhaseState(q, q)
+        >>> valid_time(PhaseState(q * q, q * q), truth, interval=0.5).tolist()
+        [0.5]
+    """
+    x, y = prediction.flat.double(), reference.flat.double()
+    error = (x - y).square().mean(-1).sqrt() / _variance(y).sqrt()
+    valid = (error <= VALID).long().cumprod(1).sum(1)  # leading moments that are
+    return (valid - 1).clamp_min(0) * interval
+
+
 def median(values: Float[Tensor, " b"]) -> Summary:
     """Median over the finite episodes of ``(b,)``; of an even number, midway between the two.
 
@@ -93,6 +121,33 @@ def _over_finite(values: Tensor, reduce) -> Summary:  # noqa: ANN001 (a tensor f
     if lost == len(values):
         return Summary(None, FAILED, len(values), lost)
     return Summary.of(float(reduce(values[finite].double())), len(values), lost)
+
+
+def auroc(positive: Float[Tensor, " b"], negative: Float[Tensor, " c"]) -> Summary:
+    """Area under the receiver operating characteristic: how surely a value tells the two apart.
+
+    It is the share of pairs, one of each, in which the positive one is larger; ties count half.
+
+    Example:
+        >>> auroc(torch.tensor([2.0, 3.0]), torch.tensor([1.0, 2.0])).value
+        0.875
+    """
+    lost = int((~torch.isfinite(positive)).sum() + (~torch.isfinite(negative)).sum())
+    apart = positive[torch.isfinite(positive), None].double() - negative[torch.isfinite(negative)]
+    return _larger(apart, len(positive) + len(negative), lost)
+
+
+def above(values: Float[Tensor, " b"], twins: Float[Tensor, " b"]) -> Summary:
+    """Share of values that are larger than their own twin's; ties count half."""
+    both = torch.isfinite(values) & torch.isfinite(twins)
+    return _larger((values - twins)[both], len(values), int((~both).sum()))
+
+
+def _larger(apart: Tensor, episodes: int, lost: int) -> Summary:
+    if not apart.numel():
+        return Summary(None, FAILED, episodes, lost)
+    share = (apart > 0).double() + 0.5 * (apart == 0).double()
+    return Summary.of(float(share.mean()), episodes, lost)
 
 
 def slope(curves: Float[Tensor, "*b t"], duration: float) -> Float[Tensor, "*b"]:

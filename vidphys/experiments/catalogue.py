@@ -22,6 +22,7 @@ from vidphys.experiments.pixels import (
     pixel_heads,
     probes,
     readout_controls,
+    surprise,
 )
 
 TABLES: Registry[Table] = Registry("table", "vidphys.tables")
@@ -69,6 +70,7 @@ for table in (
     readout_controls.OWN_CNN_READOUT,
     readout_controls.POOLED_CONTROL,
     consistency.CONSISTENCY,
+    surprise.SURPRISE,
     encoder_scale.ENCODER_SCALE,
 ):
     TABLES.register(table.name, table)

@@ -86,7 +86,7 @@ def test_one_perception_serves_all_heads_and_a_lost_head_stops_no_other(monkeypa
     seen = Seen(clips, clips, Question(pixel_scene(), None, None, None))
     monkeypatch.setattr(pixel_cell, "draw", lambda *x: seen)
     monkeypatch.setattr(pixel_cell, "fit_perception", fit)
-    monkeypatch.setattr(pixel_cell, "perceive", lambda *x: Perceived(seen, None, None, None))
+    monkeypatch.setattr(pixel_cell, "perceive", lambda *x: Perceived(seen, *[None] * 4))
     monkeypatch.setattr(pixel_cell, "train_and_score", train)
     rows = run_cell("pixel-heads", "renderer", (0, 1))
     assert len(fitted) == 2 and len(trained) == 12

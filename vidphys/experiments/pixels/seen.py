@@ -60,6 +60,7 @@ class Perceived:
     """
 
     seen: Seen
+    perception: Perception
     train: Tracks
     test: Tracks
     under: Callable[[Head], Tracks]
@@ -76,7 +77,7 @@ def perceive(perception: Perception, seen: Seen) -> Perceived:
             return test
         return relabel(perception.under(head).tracks(seen.test), truth)
 
-    return Perceived(seen, perception.tracks(seen.train), test, under)
+    return Perceived(seen, perception, perception.tracks(seen.train), test, under)
 
 
 def fit_perception(

@@ -1,0 +1,156 @@
+"""Is a model surprised where a clip breaks its law, and only there?
+
+A model that has read a state from a few frames foretells the next ones. Its *surprise* is how far
+what it then sees is from that (violation of expectation; Garrido et al., "Intuitive physics
+understanding emerges from self-supervised pretraining on natural videos", 2025, who take the
+largest over windows of a clip, as here).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+from torch import Generator, Tensor
+
+from binders import Tracks
+from dynamics import Head, Parameters, ballistic
+from vidphys import metrics
+from vidphys.data.clips import render_clips
+from vidphys.experiments.core.cell import CellTask, Table
+from vidphys.experiments.pixels.broken import BREAKS, LAWFUL, Broken, broken
+from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell, Scored
+from vidphys.experiments.pixels.seen import Perceived, pixel_scene
+from vidphys.perception.catalogue import RUNGS
+from vidphys.runs.records import Recorder
+from vidphys.seeding import derive
+from vidphys.shooting.initial_state import by_shooting, choose_slack
+from vidphys.shooting.step import model_step, roll
+
+RUNGS_ASKED = ("renderer", "cnn-supervised", "dino-tiny", "hiera")
+CONTEXTS = (4, 7, 12)  # frames that a state is read from
+AHEAD = 4  # frames that are foretold from it
+STRAIGHT = "ballistic"  # the predictor without any force, beside the heads
+WINDOWS = 3  # one after the other, the first after the longest context
+
+
+@dataclass(frozen=True)
+class SurpriseCell(PixelCell):
+    """Heads trained on a rung's tracks, asked which of two clips breaks the law."""
+
+    def also(
+        self, task: CellTask, seed: int, head: str, scored: Sequence[Scored], perceived: Perceived
+    ) -> None:
+        g, asked = self.grounding, partial(_watched, task, perceived, seed)
+        watched = task.kept.once("watched", (g.name, seed), asked)
+        for one in scored:
+            score_surprise(one.recorder, one.head, perceived, watched)
+        if head == self.heads[0]:
+            scene = perceived.seen.asked.scene
+            floor = task.recorder(seed, scene, STRAIGHT, STRAIGHT, g.name, g.encoder, g.binder)
+            score_surprise(floor.reading("shooting"), ballistic(), perceived, watched)
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a perception sees in broken clips and in their lawful twins.
+
+    Args:
+        tracks: of each kind, of the same episodes.
+        params: the law that held before.
+    """
+
+    tracks: dict[str, Tracks]
+    params: Parameters
+
+
+def _watched(task: CellTask, perceived: Perceived, seed: int) -> Watched:
+    asked, train = perceived.seen.asked, perceived.seen.train
+    sizes, frames = task.pixel, CONTEXTS[-1] + WINDOWS * AHEAD
+    name, few = "surprise", sizes.held_out
+    clips = render_clips(asked.scene, train.world, few, frames, sizes.stride, seed, name)
+    rng = Generator().manual_seed(derive(seed, "breaks"))
+    made = broken(asked.scene, clips, sizes.stride, CONTEXTS[-1] + 1, rng)
+    return Watched(_seen(perceived, made), made.clips[LAWFUL].params)
+
+
+def _seen(perceived: Perceived, made: Broken) -> dict[str, Tracks]:
+    return {name: perceived.perception.tracks(clips) for name, clips in made.clips.items()}
+
+
+def score_surprise(recorder: Recorder, head: Head, perceived: Perceived, watched: Watched) -> None:
+    """Of each way to break the law and each context: how surely surprise tells it.
+
+    ``surprise_auroc`` is over all clips; ``surprise_pairs`` is the share of broken clips that
+    surprise more than their own lawful twin. Of all ways together they stand in ``..._all``.
+
+    Args:
+        recorder: gets the numbers; ``horizon`` is the context in frames.
+        head: trained on the tracks of ``perceived``.
+        perceived: its training clips say how far the head is trusted.
+        watched: tracks of the clips.
+    """
+    train = perceived.seen.train
+    slack = choose_slack(head, perceived.train, train.params, train.interval)
+    for context in CONTEXTS:
+        found = {
+            name: surprise(head, tracks, watched.params, train.interval, context, slack)
+            for name, tracks in watched.tracks.items()
+        }
+        lawful = found.pop(LAWFUL)
+        twice = lawful.repeat(len(found))
+        for name, values in {**found, "all": torch.cat([*found.values()])}.items():
+            twin = twice if name == "all" else lawful
+            recorder.add(f"surprise_auroc_{name}", metrics.auroc(values, lawful), None, context)
+            recorder.add(f"surprise_pairs_{name}", metrics.above(values, twin), None, context)
+            recorder.add_episodes(f"surprise_{name}", values, None, context)
+        recorder.add("surprise_lawful", metrics.median(lawful), None, context)
+        recorder.add_episodes("surprise_lawful", lawful, None, context)
+
+
+def surprise(
+    head: Head, tracks: Tracks, params: Parameters, interval: float, context: int, slack: float
+) -> Tensor:
+    """The largest mean distance between what is foretold and what is seen, ``(b,)``, world units.
+
+    Args:
+        head: trained.
+        tracks: of whole clips, ``(b, t, n, 2)``; what is not finite is far from anything.
+        params: of each clip.
+        interval: seconds between frames.
+        context: frames before each window, from which its start is read.
+        slack: see :func:`vidphys.shooting.initial_state.choose_slack`.
+    """
+    frames = tracks.positions.shape[1]
+    ends = range(CONTEXTS[-1], frames - AHEAD + 1, AHEAD)
+    dt, every = model_step(interval)
+    law = params.map(Tensor.float)
+    found = []
+    for end in ends:
+        past = slice(end - context, end)
+        seen = replace(
+            tracks,
+            positions=tracks.positions[:, past].float(),
+            confidence=tracks.confidence[:, past].float(),
+            times=tracks.times[past],
+        )
+        with torch.no_grad():
+            start = by_shooting(head, seen, law, interval, slack).map(Tensor.float)
+            foretold = roll(head, start, law, AHEAD, dt, every).q
+        missed = (foretold - tracks.positions[:, end : end + AHEAD]).norm(dim=-1)
+        found.append(missed.mean((1, 2)))
+    return torch.stack(found).amax(0)
+
+
+SURPRISE = Table.told(
+    "surprise",
+    cells={name: SurpriseCell(RUNGS[name], TWINS) for name in RUNGS_ASKED},
+    settings={
+        "scene": pixel_scene().settings,
+        "breaks": sorted(BREAKS),
+        "contexts": CONTEXTS,
+        "ahead": AHEAD,
+    },
+)
