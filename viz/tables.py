@@ -43,6 +43,8 @@ SHOWN = {
     "energy_drift_median",
     "energy_drift_worst",
     "energy_drift_over_one",
+    "retrace_nmse",
+    "valid_time",
 }
 
 
@@ -122,6 +124,11 @@ def drift_table(records: Records) -> str:
         columns.append(Column(group, "worst", at("energy_drift_worst", steps, max)))
         if "energy_drift_over_one" in records.metrics:
             columns.append(Column(group, "share > 1", at("energy_drift_over_one", steps, _average)))
+    if "valid_time" in records.metrics:
+        last = records.horizons[-1]
+        columns.append(Column("valid", "time, s", at("valid_time", last, median)))
+    if "retrace_nmse" in records.metrics:
+        columns.append(_mean(records, "there and back", "nMSE", "retrace_nmse"))
     lines = [line for line in records.lines if records.pick(line, "energy_drift_median")]
     return _table(records, lines, columns)
 

@@ -2,9 +2,13 @@
 
 import dataclasses
 
+import pytest
 import torch
 
-from dynamics import HEADS
+from dynamics import HEADS, PhaseState
+from vidphys import metrics
+from vidphys.experiments.core.dissipation import score_retrace
+from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
 from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import gravity
@@ -66,3 +70,23 @@ def test_a_longer_rollout_that_is_there_gives_the_same_numbers():
         tables.append(recorder.tables())
     for kind in (0, 1):
         assert tables[0][kind].equals(tables[1][kind])
+
+
+def test_valid_time_ends_at_the_first_error_and_not_at_a_later_one():
+    truth = PhaseState(*2 * [torch.linspace(0, 4, 9).reshape(1, 9, 1, 1).expand(3, 9, 1, 1)])
+    q = truth.q.clone()
+    q[0, 4] += 10  # wrong once, right again
+    q[1, 0] = torch.nan  # never right
+    found = metrics.valid_time(PhaseState(q, truth.p), truth, interval=0.25)
+    assert found.tolist() == [0.75, 0.0, 2.0]
+
+
+def test_the_true_law_is_valid_to_the_end_and_finds_its_way_back():
+    scene = gravity()
+    question = held_out_question(scene, 4, 0)
+    recorder = Recorder(Origin(*"abcdefgh", seed=0, device="cpu", dtype="float64"))
+    score_drift(recorder, scene.law, question, (100,))
+    score_retrace(recorder, scene.law, question)
+    found = {row["metric"]: row["value"] for row in recorder.rows}
+    assert found["valid_time"] == pytest.approx(100 * scene.dt)
+    assert found["retrace_nmse"] < 1e-15

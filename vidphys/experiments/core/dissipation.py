@@ -152,11 +152,11 @@ def score_divergence(
 
 def score_retrace(recorder: Recorder, head: Head, question: Question) -> None:
     """Go on, turn the momenta round, go on as long; is one back? For model and truth."""
-    scene, params, steps, start = question.scene, question.params, question.steps, question.truth
-    there = scene.simulate(start, params, steps, steps).at(-1)
+    scene, params, steps, truth = question.scene, question.params, question.steps, question.truth
+    there = scene.simulate(truth, params, steps, steps).at(-1)
     back = scene.simulate(there.reversed, params, steps, steps).at(-1).reversed
-    error = _return_error(_there_and_back(head, question), start)
-    true = _return_error(back, start)
+    error = _return_error(_there_and_back(head, question), question.start)
+    true = _return_error(back, truth)
     recorder.add("retrace_nmse", error, None, steps)
     recorder.add("true_retrace_nmse", true, None, steps)
     if error.value is not None and true.value:
@@ -168,7 +168,7 @@ def score_retrace(recorder: Recorder, head: Head, question: Question) -> None:
 def _there_and_back(head: Head, question: Question) -> PhaseState:
     """The model's own way; what its integrator carries along is turned round too."""
     dtype = next((p.dtype for p in head.parameters()), torch.float64)
-    state = question.truth.map(lambda x: x.to(dtype))
+    state = question.start.map(lambda x: x.to(dtype))
     params = question.params.map(lambda x: x.to(dtype))
     dt = question.scene.dt if head.dt is None else head.dt
     steps = round(question.steps * question.scene.dt / dt)

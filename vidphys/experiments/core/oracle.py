@@ -6,6 +6,7 @@ import torch
 from torch import Generator
 
 from dynamics import Head, Rollout
+from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.members import Examples
 from vidphys.experiments.core.scoring import (
     LONG_STEPS,
@@ -66,6 +67,7 @@ def score_oracle(recorder: Recorder, head: Head, question: Question) -> Rollout:
     rolled = question.ask(head, LONG_STEPS)
     score_inversion(recorder, head, question, rolled)
     score_drift(recorder, head, question, rolled=rolled)
+    score_retrace(recorder, head, question)
     score_long_drift(recorder, head, question, rolled)
     recorder.add_value("lyapunov_time", float(question.lyapunov_time.quantile(0.5)))
     return rolled

@@ -70,11 +70,12 @@ class Question:
         count = steps // self.every * every
         return rollout(head, self.start.map(_to(dtype)), law, count, dt, every)
 
-    def reference(self, params: Parameters) -> Rollout:
-        """The truth under a law, from the true start; rolled once for each law."""
-        key = "reference", *self._asked(params), self.steps, self.every
+    def reference(self, params: Parameters, steps: int | None = None) -> Rollout:
+        """The truth under a law, from the true start; rolled once for each law and length."""
+        steps = self.steps if steps is None else steps
+        key = "reference", *self._asked(params), steps, self.every
         simulate = self.scene.simulate
-        return self._once(key, lambda: simulate(self.truth, params, self.steps, self.every))
+        return self._once(key, lambda: simulate(self.truth, params, steps, self.every))
 
     def _asked(self, params: Parameters) -> tuple[Hashable, ...]:
         numbers = torch.cat([self.truth.flat.flatten(), params.flat.flatten()])
@@ -184,7 +185,7 @@ def score_drift(
     horizons: tuple[int, ...] = DRIFT_STEPS,
     rolled: Rollout | None = None,
 ) -> Rollout:
-    """Energy drift and latent growth under the law that held; returns the rollout that was scored.
+    """Energy drift, valid time and latent growth under the law that held; returns the rollout.
 
     Args:
         recorder: gets the numbers.
@@ -201,15 +202,20 @@ def score_drift(
         recorder.add("energy_drift_worst", metrics.worst(at), None, horizon)
         recorder.add("energy_drift_over_one", metrics.fraction_over_one(at), None, horizon)
         recorder.add_episodes("energy_drift", at, None, horizon)
-    growth = metrics.latent_growth(rolled.states, horizons[-1] // question.every)
-    recorder.add("latent_growth", growth, None, horizons[-1])
+    steps = horizons[-1]
+    truth = question.reference(question.params, steps).states
+    stored = rolled.states.map(lambda x: x[:, : truth.q.shape[1]])
+    valid = metrics.valid_time(stored, truth, question.every * question.scene.dt)
+    recorder.add("valid_time", metrics.median(valid), None, steps)
+    recorder.add_episodes("valid_time", valid, None, steps)
+    growth = metrics.latent_growth(rolled.states, steps // question.every)
+    recorder.add("latent_growth", growth, None, steps)
     return rolled
 
 
 def score_rollout_error(recorder: Recorder, question: Question, rolled: Rollout) -> None:
     """Median over episodes of the error at each horizon, in units of the truth's spread."""
-    steps = DRIFT_STEPS[-1]
-    truth = question.scene.simulate(question.truth, question.params, steps, question.every)
+    truth = question.reference(question.params, DRIFT_STEPS[-1])
     for horizon in DRIFT_STEPS:
         x = rolled.at(horizon // question.every).flat.double()
         y = truth.at(horizon // question.every).flat

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dynamics import HEADS, Head, Parameters, ballistic, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.losses import floored
 from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
@@ -63,6 +64,7 @@ def family_cell(
 
     def ask(task: CellTask, trained: Head, recorder: Recorder, question: Question) -> None:
         score_drift(recorder, trained, question, DRIFT_STEPS)
+        score_retrace(recorder, trained, question)
         _ask_changes(task, recorder.origin.seed, head, trained, question, changes)
 
     return asked_cell(head, term, scene, ask, Training(smaller_batch(2), floored(FLOOR)))

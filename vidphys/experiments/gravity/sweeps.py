@@ -8,6 +8,7 @@ from functools import partial
 from dynamics import HEADS, Head
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell
 from vidphys.presets import OracleSizes
@@ -37,6 +38,7 @@ def sweep_cell(
 def _ask(task: CellTask, head: Head, recorder: Recorder, question: Question) -> None:
     score_inversion(recorder, head, question)
     score_drift(recorder, head, question)
+    score_retrace(recorder, head, question)
 
 
 def _map_cells() -> dict[str, Cell]:

@@ -15,6 +15,7 @@ from dynamics import HEADS, Head, PhaseState, ballistic, to_config
 from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.losses import energy_penalised, noisy
 from vidphys.experiments.core.members import MemberLoss, one_step
 from vidphys.experiments.core.oracle import held_out_question, true_segments
@@ -86,6 +87,7 @@ def recipe_cell(recipe: Recipe) -> Cell:
         score_inversion(recorder, head, question, rolled)
         score_short_inversion(recorder, head, question)
         score_drift(recorder, head, question, rolled=rolled)
+        score_retrace(recorder, head, question)
         score_rollout_error(recorder, question, rolled)
         score_extrapolation(recorder, head, question)
         if recipe.long:

@@ -11,7 +11,7 @@ from dynamics import Head, terms, to_config
 from dynamics.hybrid import shortcut_share
 from dynamics.terms import HeadTerm, PortTerm, PotentialTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.dissipation import score_shed
+from vidphys.experiments.core.dissipation import score_retrace, score_shed
 from vidphys.experiments.core.losses import floored, shortcut_penalised
 from vidphys.experiments.core.members import MemberLoss
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
@@ -111,6 +111,7 @@ def _ask(recorder: Recorder, head: Head, recipe: Recipe, question: Question) -> 
         score_shed(recorder, head, question, params, STEPS, "shed")
     else:
         score_drift(recorder, head, question, DRIFT_STEPS)
+        score_retrace(recorder, head, question)
     if recipe.weight is not None:
         state, law = question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
         with torch.no_grad():

@@ -11,6 +11,7 @@ from dynamics import PhaseState
 from vidphys import metrics
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.cell import Cell, CellTask, Table
+from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.scoring import Question, score_drift, score_inversion, score_lost
 from vidphys.experiments.pixels.seen import Seen, draw, pixel_scene, score_state
 from vidphys.perception.base import FitTask
@@ -64,6 +65,7 @@ def score_latent(recorder: Recorder, trained: FreeMomentum, seen: Seen) -> None:
         recorder.add(name, metrics.affine_residual(design, state, len(taught.q)))
     score_inversion(recorder, trained.head, question)
     score_drift(recorder, trained.head, question)
+    score_retrace(recorder, trained.head, question)
 
 
 def middle(clips: Clips) -> PhaseState:

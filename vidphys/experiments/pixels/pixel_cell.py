@@ -12,6 +12,7 @@ import torch
 
 from dynamics import HEADS, Head, Rollout, build
 from vidphys.experiments.core.cell import CellTask
+from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.scoring import (
     DRIFT_STEPS,
     Question,
@@ -160,4 +161,5 @@ def train_and_score(
     rolled = question.ask(head, DRIFT_STEPS[-1])
     score_inversion(recorder, head, question, rolled)
     score_drift(recorder, head, question, rolled=rolled)
+    score_retrace(recorder, head, question)
     return question, rolled
