@@ -5,7 +5,7 @@ Axis names used across the project: ``b`` batch (episodes), ``t`` time, ``n`` bo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -106,6 +106,26 @@ class Parameters:
         charge = None if self.charge is None else function(self.charge)
         scalars = {name: function(value) for name, value in self.scalars.items()}
         return Parameters(function(self.coupling), function(self.mass), charge, scalars)
+
+    @staticmethod
+    def cat(parts: Sequence[Parameters]) -> Parameters:
+        """Episodes one after the other; all have charges and the same scalars, or none has.
+
+        Example:
+            >>> one = Parameters(torch.ones(2), torch.ones(2, 3)).with_scalar("friction", 0.1)
+            >>> tuple(Parameters.cat([one, one]).scalar("friction").shape)
+            (4,)
+        """
+        first = parts[0]
+        charges = [part.charge for part in parts if part.charge is not None]
+        if len(charges) not in (0, len(parts)):
+            raise ValueError("Parameters.cat: some episodes have charges and some have none")
+        return Parameters(
+            torch.cat([part.coupling for part in parts]),
+            torch.cat([part.mass for part in parts]),
+            torch.cat(charges) if charges else None,
+            {name: torch.cat([part.scalar(name) for part in parts]) for name in first.scalars},
+        )
 
     def __getitem__(self, index: Any) -> Parameters:
         return self.map(lambda x: x[index])

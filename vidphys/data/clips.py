@@ -101,10 +101,7 @@ def render_clips(
         torch.cat([r.states.q for r in kept])[:episodes],
         torch.cat([r.states.p for r in kept])[:episodes],
     )
-    params = Parameters(
-        torch.cat([r.params.coupling for r in kept])[:episodes],
-        torch.cat([r.params.mass for r in kept])[:episodes],
-    )
+    params = Parameters.cat([r.params for r in kept])[:episodes]
     return Clips(pictures(world, states.q), states, params, kept[0].dt, world, drawn - found)
 
 

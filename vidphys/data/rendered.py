@@ -5,6 +5,7 @@
     OUT/run.json                the settings and versions; the same command goes on
     OUT/clips/00000.avi         FFV1: every pixel is kept, and players know it
     OUT/clips/00000.csv         times, and true positions in world units
+    OUT/truth/00000.parquet     all of the truth: see :func:`truth_of`
     OUT/dataset.json            written last; see :mod:`vidphys.data.dataset`
 """
 
@@ -15,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import torch
 
 from renderers import WORLDS, Camera
 from vidphys.data.clips import Clips, render_clips
@@ -25,6 +28,7 @@ from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.runs.atomic import sha256, write_json, write_with
 from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import write_table
 from vidphys.scenes import SCENES, Scene
 
 LOOKS = {"channels": "channel", "rgb": "rgb", "anonymous": "anonymous"}
@@ -89,7 +93,7 @@ def render_folder(
     for first in range(0, settings.clips, AT_ONCE):
         drawn = _draw(scene, settings, first // AT_ONCE)
         for k in range(min(AT_ONCE, settings.clips - first)):
-            entries.append(_write(run.path, first + k, drawn, k))
+            entries.append(_write(run.path, first + k, drawn, k, scene))
             if progress is not None:
                 progress(first + k + 1, settings.clips, 0.0)
     manifest = {
@@ -115,8 +119,8 @@ def _draw(scene: Scene, settings: RenderSettings, block: int) -> Clips:
     )
 
 
-def _write(folder: Path, number: int, drawn: Clips, k: int) -> dict[str, Any]:
-    """Write one clip with its labels, unless it is there; returns its entry."""
+def _write(folder: Path, number: int, drawn: Clips, k: int, scene: Scene) -> dict[str, Any]:
+    """Write one clip with its labels and its truth, unless they are there; returns its entry."""
     video = folder / "clips" / f"{number:05d}.avi"
     table = video.with_suffix(".csv")
     positions = drawn.states.q[k].numpy()
@@ -125,13 +129,38 @@ def _write(folder: Path, number: int, drawn: Clips, k: int) -> dict[str, Any]:
         write_with(video, lambda partial: write_video(partial, pictures, 1 / drawn.interval))
     if not table.exists():
         write_with(table, lambda partial: write_labels(partial, drawn.times.numpy(), positions))
+    truth = folder / "truth" / f"{number:05d}.parquet"
+    if not truth.exists():
+        write_table(truth, truth_of(drawn, k, scene))
     return {
         "file": f"clips/{video.name}",
         "sha256": sha256(video),
         "labels_sha256": sha256(table),
+        "truth": f"truth/{truth.name}",
         "coupling": float(drawn.params.coupling[k]),
         "mass": drawn.params.mass[k].tolist(),
     }
+
+
+def truth_of(clips: Clips, k: int, scene: Scene) -> pa.Table:
+    """All that is known of one clip, a row for each frame, in world units and seconds.
+
+    Columns: ``time``; of each body 1, 2, ... its place ``x1, y1``, momentum ``px1, py1``, velocity
+    ``vx1, vy1``, the conservative force on it ``fx1, fy1`` and its mass ``m1``; ``coupling``, and
+    the law's further strengths by name.
+    """
+    states, law = clips.states[k], clips.params[k]
+    frames = len(clips.times)
+    params = clips.params[[k] * frames].map(torch.Tensor.double)
+    force, velocity = scene.law.force(states, params), states.p / law.mass[:, None]
+    columns = {"time": clips.times}
+    for body in range(scene.bodies):
+        for name, values in (("", states.q), ("p", states.p), ("v", velocity), ("f", force)):
+            for axis, letter in enumerate("xy"):
+                columns[f"{name}{letter}{body + 1}"] = values[:, body, axis]
+        columns[f"m{body + 1}"] = params.mass[:, body]
+    columns |= {"coupling": params.coupling, **params.scalars}
+    return pa.table({name: values.detach().double().numpy() for name, values in columns.items()})
 
 
 def _pictures(frames: np.ndarray) -> np.ndarray:

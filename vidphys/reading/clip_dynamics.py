@@ -122,10 +122,7 @@ def sample(clips: Sequence[Followed], known: Sequence[int], chart: Chart) -> Sam
     cuts = [(clip, at) for clip, end in used for at in _stretches(end, every, length)]
     coordinates = torch.cat([chart.coordinate(clip.track.positions[:, at]) for clip, at in cuts])
     sure = torch.cat([clip.track.confidence[:, at] for clip, at in cuts])
-    law = Parameters(
-        torch.cat([clip.law.coupling for clip, _ in cuts]),
-        torch.cat([clip.law.mass for clip, _ in cuts]),
-    )
+    law = Parameters.cat([clip.law for clip, _ in cuts])
     tracks = Tracks(coordinates, sure, interval * torch.arange(length, dtype=torch.float64))
     return Samples(tracks, law, interval)
 

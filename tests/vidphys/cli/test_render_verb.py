@@ -14,6 +14,7 @@ from vidphys.data.labels import read_labels
 from vidphys.data.rendered import write_video
 from vidphys.data.video import ClipSelection, read_video
 from vidphys.errors import InputError
+from vidphys.runs.records import read_table
 
 TINY = ["--frames", "4", "--image", "16", "--quiet"]
 WHOLE = ClipSelection()
@@ -115,3 +116,20 @@ def test_another_rendering_is_refused_and_overwritten_when_asked(tmp_path, capsy
     assert "--overwrite" in capsys.readouterr().err and len(find_dataset(out).files) == 2
     assert render(out, "--clips", "1", "--overwrite") == 0
     assert len(list((out / "clips").glob("*.avi"))) == 1
+
+
+@pytest.mark.parametrize("scene", ["springs", "gravity-and-coulomb"])
+def test_the_truth_beside_a_clip_obeys_the_law_that_it_tells(tmp_path, scene):
+    assert render(tmp_path / "d", "--clips", "2", "--scene", scene, "--frames", "9") == 0
+    manifest = json.loads((tmp_path / "d" / "dataset.json").read_text())
+    table = read_table(tmp_path / "d" / manifest["clips"][1]["truth"])
+    truth = {name: table[name].to_numpy() for name in table.column_names}
+    labels = np.loadtxt(tmp_path / "d" / "clips" / "00001.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(truth["x1"], labels[:, 1], rtol=1e-8)
+    step = truth["time"][1]
+    for value, rate in (("x2", "vx2"), ("py1", "fy1")):
+        rise = (truth[rate][1:] + truth[rate][:-1]) / 2 * step
+        missed = np.abs(np.diff(truth[value]) - rise)
+        assert np.median(missed) < 0.1 * np.median(np.abs(rise))
+    np.testing.assert_allclose(truth["px1"], truth["m1"] * truth["vx1"])
+    assert ("electric" in truth) == (scene == "gravity-and-coulomb")
