@@ -9,21 +9,56 @@ labels are in normalised image units, and coupling and masses are one.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Annotated, Any, Literal
 
 import torch
+from pydantic import AfterValidator, Field, JsonValue
 
 from dynamics import Parameters
+from vidphys.boundary import Above, Closed, Number, Sha256, Word, read_json
 from vidphys.data.formats import ClipFormat, format_of, suffixes_of
 from vidphys.data.labels import labels_beside
-from vidphys.errors import InputError
+from vidphys.errors import InputError, is_utf8
 from vidphys.runs.atomic import sha256
 
 MANIFEST = "dataset.json"
 SCHEMA_VERSION = 1
+
+
+def _plain(file: str) -> str:
+    """A name below the folder, on whatever system."""
+    if "\0" in file or not is_utf8(file) or not file.strip():
+        raise ValueError(f"clips: {file!a} is no name of a file")
+    for path in (PurePosixPath(file), PureWindowsPath(file)):
+        if path.is_absolute() or path.drive or path.root or ".." in path.parts:
+            raise ValueError(f"clips: {file!a}, which is not in its folder; name files below it")
+    return file
+
+
+class Listed(Closed):
+    """A clip in a manifest; see the module."""
+
+    file: Annotated[str, Field(max_length=1000), AfterValidator(_plain)]
+    sha256: Sha256 | None = None
+    labels_sha256: Sha256 | None = None
+    coupling: Number = 1.0
+    mass: Annotated[tuple[Above, ...], Field(min_length=1, max_length=1000)] | None = None
+
+
+class Manifest(Closed):
+    """What ``dataset.json`` holds; see the module. What was rendered says how."""
+
+    schema_version: Literal[1] = 1
+    clips: Annotated[tuple[Listed, ...], Field(max_length=100_000)]
+    half_extent: Above = 1.0
+    identical: bool = False
+    conserving: bool = False
+    scene: Word | None = None
+    settings: dict[str, JsonValue] = {}
+    world: Word | None = None
+    interval_seconds: Above | None = None
 
 
 @dataclass(frozen=True)
@@ -93,15 +128,16 @@ def find_dataset(path: Path) -> Dataset:
             a manifest that is wrong, or labels beside some of the clips only.
     """
     if path.is_file():
-        return Dataset((clip_file(path),), **_facts(_manifest_of(path)))
+        found = _manifest_of(path)
+        return Dataset((clip_file(path),), **_facts(None if found is None else found[1]))
     if not path.is_dir():
         raise InputError(f"{path}: no such file or folder; give a clip or a folder of clips")
     manifest = path / MANIFEST
     if manifest.is_file():
         about = read_manifest(manifest)
-        files = [_listed(path, entry) for entry in about["clips"]]
+        files = [_listed(path, entry) for entry in about.clips]
     else:
-        about = {}
+        about = None
         videos = (p for p in path.iterdir() if format_of(p, ClipFormat) is not None)
         files = [ClipFile(p, labels_beside(p)) for p in sorted(videos)]
     if not files:
@@ -127,55 +163,62 @@ def clip_file(path: Path) -> ClipFile:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a clip")
-    manifest = _manifest_of(path)
-    for entry in manifest.get("clips", ()):
-        if (Path(manifest["folder"]) / entry["file"]).resolve() == path.resolve():
-            return _listed(Path(manifest["folder"]), entry)
+    found = _manifest_of(path)
+    if found is not None:
+        folder, about = found
+        for entry in about.clips:
+            if (folder / entry.file).resolve() == path.resolve():
+                return _listed(folder, entry)
     return ClipFile(path, labels_beside(path))
 
 
-def read_manifest(path: Path) -> dict[str, Any]:
-    """The content of a ``dataset.json``, with the ``folder`` that its files are relative to.
+def read_manifest(path: Path) -> Manifest:
+    """The content of a ``dataset.json``.
 
     Raises:
-        InputError: not JSON, of another schema, or without a list of clips.
+        InputError: not such a manifest, or one that lists files that are not there or not in its
+            folder.
     """
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        files = [entry["file"] for entry in about["clips"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a manifest of clips ({error!r})") from error
-    if about.get("schema_version", SCHEMA_VERSION) != SCHEMA_VERSION:
-        raise InputError(f"{path}: schema version {about['schema_version']}, not {SCHEMA_VERSION}")
-    missing = [file for file in files if not (path.parent / file).is_file()]
+    about = read_json(path, Manifest, "a manifest of clips")
+    for entry in about.clips:
+        listed = path.parent / entry.file
+        for file in (listed, labels_beside(listed)):
+            if file is not None and not _is_below(file, path.parent):
+                raise InputError(
+                    f"{path}: lists {entry.file}, which is not in its folder; move it there"
+                )
+    missing = [e.file for e in about.clips if not (path.parent / e.file).is_file()]
     if missing:
         raise InputError(f"{path}: lists {missing[0]}, which is not there; {len(missing)} missing")
-    home = path.parent.resolve()
-    outside = [f for f in files if not (home / f).resolve().is_relative_to(home)]
-    if outside:
-        raise InputError(f"{path}: lists {outside[0]}, which is not in its folder; move it there")
-    return {**about, "folder": str(path.parent)}
+    return about
 
 
-def _manifest_of(clip: Path) -> dict[str, Any]:
-    """The manifest of the folder that a clip lies in, or of the one above; empty without one."""
+def _is_below(file: Path, folder: Path) -> bool:
+    """Whether a file lies in a folder, wherever links lead."""
+    return file.resolve().is_relative_to(folder.resolve())
+
+
+def _manifest_of(clip: Path) -> tuple[Path, Manifest] | None:
+    """The manifest of the folder that a clip lies in, or of the one above, with that folder."""
     for folder in (clip.resolve().parent, clip.resolve().parent.parent):
         if (folder / MANIFEST).is_file():
-            return read_manifest(folder / MANIFEST)
-    return {}
+            return folder, read_manifest(folder / MANIFEST)
+    return None
 
 
-def _listed(folder: Path, entry: dict[str, Any]) -> ClipFile:
-    path, mass = folder / entry["file"], entry.get("mass")
-    for file, key in ((path, "sha256"), (labels_beside(path), "labels_sha256")):
-        if file is not None and key in entry and sha256(file) != entry[key]:
+def _listed(folder: Path, entry: Listed) -> ClipFile:
+    path = folder / entry.file
+    labels = labels_beside(path)
+    for file, held in ((path, entry.sha256), (labels, entry.labels_sha256)):
+        if file is not None and held is not None and sha256(file) != held:
             raise InputError(
                 f"{file}: not the file that {folder / MANIFEST} lists (its sha256 differs); make "
                 "it again, or take its hash out of the list where it was changed on purpose"
             )
-    law = float(entry.get("coupling", 1.0)), None if mass is None else tuple(map(float, mass))
-    return ClipFile(path, labels_beside(path), *law)
+    return ClipFile(path, labels, entry.coupling, entry.mass)
 
 
-def _facts(about: dict[str, Any]) -> dict[str, Any]:
-    return {key: about[key] for key in ("half_extent", "identical", "conserving") if key in about}
+def _facts(about: Manifest | None) -> dict[str, Any]:
+    if about is None:
+        return {}
+    return {key: getattr(about, key) for key in ("half_extent", "identical", "conserving")}

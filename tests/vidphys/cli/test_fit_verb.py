@@ -54,7 +54,7 @@ def test_options_that_make_no_sense(diagnosed, tmp_path, capsys, more, words):
 
 def test_a_specification_of_other_bodies_is_refused(diagnosed, tmp_path, capsys):
     held = json.loads(diagnosed[1].read_text())
-    write_json(tmp_path / "other.json", {**held, "bodies": 2})
+    write_json(tmp_path / "other.json", {**held, "bodies": 2, "mass": [1.0, 1.0]})
     assert fit((diagnosed[0], tmp_path / "other.json"), tmp_path / "run") == 2
     assert "fit: the specification is of 2 bodies" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import torch
+from pydantic import Field, JsonValue, model_validator
 
-from dynamics import from_config, terms, to_config
+from dynamics import build, from_config, terms, to_config
 from dynamics.terms import HeadTerm, PortTerm, PotentialTerm, Term
+from vidphys.boundary import Above, Closed, Number, Word, read_json
+from vidphys.diagnose.explanations.bounds import require_bounded
 from vidphys.errors import InputError
 
 SCHEMA_VERSION = 1
+MOST_BODIES = 1000
 PORTS: dict[str, PortTerm] = {
     "linear": terms.Drag("linear", "positive"),
     "square": terms.Drag("square", "positive"),
@@ -117,22 +121,53 @@ def _finite(pair: tuple[float, float]) -> dict[str, float | None]:
     return {"value": value, "standard_error": error if np.isfinite(error) else None}
 
 
+class Estimate(Closed):
+    """A number of a term; no error where none is known."""
+
+    value: Number | None
+    standard_error: Annotated[float, Field(ge=0)] | None
+
+
+class Specification(Closed):
+    """What ``specification.json`` holds; see :func:`as_specification`."""
+
+    schema_version: Literal[1]
+    bodies: Annotated[int, Field(ge=1, le=MOST_BODIES)]
+    space: Annotated[int, Field(ge=1, le=3)]
+    interval_seconds: Above
+    origin: Annotated[list[Number], Field(min_length=1, max_length=3)]
+    terms: dict[str, JsonValue]
+    numbers: Annotated[dict[Word, Estimate], Field(max_length=1000)]
+    explained: bool
+    mass: Annotated[list[Above], Field(max_length=MOST_BODIES)] | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        for name, held, count in (
+            ("origin", self.origin, self.space),
+            ("mass", self.mass, self.bodies),
+        ):
+            if held is not None and len(held) != count:
+                raise ValueError(f"{name}: has {len(held)} numbers and needs {count}")
+        return self
+
+
 def read_specification(path: Path) -> tuple[HeadTerm, Mapping[str, Any]]:
     """The model and the rest of a specification.
 
     Raises:
-        InputError: not a specification, or of another version.
+        InputError: not a specification, or of another version; the field that is wrong is named.
     """
+    held = read_json(path, Specification, "a scene specification; `vidphys diagnose` writes one")
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-        term = from_config(held["terms"])
-    except (OSError, KeyError, TypeError, ValueError) as error:
+        term = from_config(held.terms)
+        if not isinstance(term, HeadTerm):
+            raise ValueError("no model of a whole scene")
+        require_bounded(term)
+        with torch.random.fork_rng(devices=[]):
+            build(term, held.bodies, held.interval_seconds, held.space)
+    except (TypeError, ValueError, AttributeError, KeyError, RuntimeError) as error:
         raise InputError(
-            f"{path}: not a scene specification ({error}); `vidphys diagnose` writes one"
+            f"{path}: terms that make no model ({error}); `vidphys diagnose` writes them"
         ) from error
-    if held.get("schema_version") != SCHEMA_VERSION or not isinstance(term, HeadTerm):
-        raise InputError(
-            f"{path}: version {held.get('schema_version')} of a scene specification, this program "
-            f"reads {SCHEMA_VERSION}; run `vidphys diagnose` again"
-        )
-    return term, held
+    return term, held.model_dump(exclude_none=True)

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, JsonValue, model_validator
 
+from vidphys import boundary
+from vidphys.boundary import Above, Closed, Word, read_json
 from vidphys.experiments.filmed.scenes.scene import Number
 from vidphys.runs.atomic import write_json
 
 SCHEMA_VERSION = 1
 DIGITS = 4  # of a pixel
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Row = tuple[boundary.Number, ...]
+Place = tuple[boundary.Number, boundary.Number]
+Places = tuple[tuple[Place, ...], ...]
+Homogeneous = tuple[boundary.Number, boundary.Number, boundary.Number]
 
 
 @dataclass(frozen=True)
@@ -91,13 +99,67 @@ class Truth:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """From JSON."""
-        data = json.loads(path.read_text(encoding="utf-8"))
-        data.pop("schema_version")
+        """From JSON.
+
+        Raises:
+            InputError: not the truth of a clip; the field that is wrong is named.
+        """
+        held = read_json(path, TruthFile, "the truth of a clip")
+        data = {name: getattr(held, name) for name in cls.__dataclass_fields__}
         for name in ("stamps", "times", "shown", "pixels", "steady", "radii", "metres", "view"):
             data[name] = np.array(data[name])
-        data["numbers"] = tuple(Number(**number) for number in data["numbers"])
-        data["ruler"] = Ruler(data["ruler"]["metres"], np.array(data["ruler"]["pixels"]))
-        for name in ("size", "structure"):
-            data[name] = tuple(data[name])
+        data["numbers"] = tuple(Number(**each.model_dump()) for each in held.numbers)
+        data["ruler"] = Ruler(held.ruler.metres, np.array(held.ruler.pixels))
         return cls(**data)
+
+
+class NumberFile(Closed):
+    """See :class:`Number`."""
+
+    name: Word
+    value: boundary.Number
+    unit: Word
+    body: Count | None = None
+
+
+class RulerFile(Closed):
+    """See :class:`Ruler`."""
+
+    metres: Above
+    pixels: tuple[Place, Place]
+
+
+class TruthFile(Closed):
+    """What ``truth.json`` holds; see :class:`Truth`."""
+
+    schema_version: Literal[1]
+    kind: Word
+    part: Word
+    seed: Count
+    number: Count
+    size: tuple[Count, Count]
+    structure: tuple[Word, ...]
+    numbers: tuple[NumberFile, ...]
+    stamps: Row
+    times: Row
+    shown: tuple[Count, ...]
+    pixels: Places
+    steady: Places
+    radii: Row
+    metres: Places
+    released: boundary.Number
+    ruler: RulerFile
+    view: tuple[Homogeneous, Homogeneous, Homogeneous]
+    values: dict[Word, boundary.Number]
+    nuisances: dict[str, JsonValue]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        frames, bodies = len(self.stamps), len(self.radii)
+        for name in ("times", "shown", "pixels", "steady", "metres"):
+            if len(getattr(self, name)) != frames:
+                raise ValueError(f"{name}: is of {len(getattr(self, name))} frames, not {frames}")
+        for name in ("pixels", "steady", "metres"):
+            if any(len(row) != bodies for row in getattr(self, name)):
+                raise ValueError(f"{name}: is not of {bodies} bodies in every frame")
+        return self
