@@ -21,6 +21,7 @@ from vidphys.perception.discovered import SEEN
 from vidphys.perception.free_momentum import FreeMomentum, fit_free_momentum
 from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
+from vidphys.symplecticity import symplecticity
 
 WEIGHTS = {"free": 0.0, "consistent": 1.0}
 HEADS = ("factored", "factored-learned-kinetic")
@@ -63,6 +64,9 @@ def score_latent(recorder: Recorder, trained: FreeMomentum, seen: Seen) -> None:
     for name, true, given in (("q_residual", truth.q, known.q), ("p_residual", truth.p, known.p)):
         state = torch.cat([given, true]).flatten(1)
         recorder.add(name, metrics.affine_residual(design, state, len(taught.q)))
+    found = symplecticity(taught.flat, known, latent.flat, truth)
+    recorder.add_value("symplectic_r2", found.r2)
+    recorder.add_value("symplectic_deviation", found.deviation)
     score_inversion(recorder, trained.head, question)
     score_drift(recorder, trained.head, question)
     score_retrace(recorder, trained.head, question)
