@@ -7,15 +7,14 @@ import importlib.util
 import math
 import os
 import re
-import signal
 import sys
-import threading
 import warnings
 from pathlib import Path
 from typing import Any
 
 from vidphys.cli.falls import fallen
 from vidphys.errors import is_utf8
+from vidphys.runs.ending import Ending
 
 VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
@@ -37,16 +36,23 @@ VERBS = {
 # numpy's matrices here are small; its threads only wait for each other, and where something else
 # runs on the machine a diagnosis takes twenty times as long. Torch's are its own.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-OK, WRONG_INPUT, INTERRUPTED = 0, 2, 130
+OK, WRONG_INPUT = 0, 2
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops", "registry")
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, ending: Ending | None = None) -> int:
     """Run one verb; returns the exit code.
 
     0: done. 1: a run failed. 2: the input was wrong, said in one line. 130: interrupted, with
     the work so far kept. 141: nobody reads the output any more.
+
+    Args:
+        arguments: the verb and its options; those of the process if none are given.
+        ending: under which signals are heeded already.
     """
+    if ending is None:
+        with Ending() as heeded:
+            return main(arguments, heeded)
     arguments = sys.argv[1:] if arguments is None else arguments
     if not arguments or arguments[0] in ("-h", "--help"):
         print(_usage())
@@ -54,7 +60,6 @@ def main(arguments: list[str] | None = None) -> int:
     verb, rest = arguments[0], arguments[1:]
     if verb not in VERBS:
         return _error(f"vidphys {verb}: no such verb; use one of {', '.join(VERBS)}")
-    _end_like_an_interrupt()
     stranger = _stranger()
     if stranger:
         return _error(stranger)
@@ -65,10 +70,9 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
-        return INTERRUPTED
+        return ending.interrupted()
     except Exception as error:  # the one place where whatever is left becomes a line
-        return fallen(verb, error)
+        return ending.interrupted() if ending.asked else fallen(verb, error)
 
 
 def _run(verb: str, rest: list[str]) -> int:
@@ -106,17 +110,6 @@ def _require_values(config: Any) -> None:
 
 def _one_line(message: Warning | str, category: type[Warning], *_: object) -> str:
     return f"warning: {category.__name__}: {' '.join(str(message).split())}\n"
-
-
-def _end_like_an_interrupt() -> None:
-    """A request to end (SIGTERM) is heeded as an interrupt is: the work so far is kept."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, stop)
-        signal.signal(signal.SIGINT, stop)
 
 
 def in_options(text: str, config: Any) -> str:

@@ -91,7 +91,7 @@ def run_units(
         console.stage(("compiling", 0, 1))
         compile_ahead()
         console.stage(("compiling", 1, 1))
-    failed = 0
+    failed, lost = 0, set()
     tasks = [(run.path, unit, sizes, config.device) for unit in units]
     for index, error in run_all(run_unit, tasks, config.workers, console.stage, console.done):
         unit, absent = units[index], isinstance(error, WeightsMissing)
@@ -99,6 +99,8 @@ def run_units(
         word = "skipped" if absent else f"failed: {type(error).__name__}"
         for cell, part in zip(unit.cells, unit.parts, strict=True):
             if not run.is_done(part):
+                lost.add(f"{unit.table}/{cell}")
                 run.skip(f"{unit.table}/{cell}", f"{word}: {error}")
                 console.warn(f"{part} {word}: {error}")
+    run.unskip({f"{unit.table}/{cell}" for unit in units for cell in unit.cells} - lost)
     return failed

@@ -13,7 +13,7 @@ import platform
 import shutil
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -258,6 +258,13 @@ class RunFolder:
         if entry not in manifest["skipped"]:
             manifest["skipped"].append(entry)
             write_json(self.manifest_path, manifest)
+
+    def unskip(self, cells: Collection[str]) -> None:
+        """Take back what ``run.json`` says of cells that were run after all."""
+        manifest = self.manifest()
+        kept = [entry for entry in manifest["skipped"] if entry["cell"] not in cells]
+        if kept != manifest["skipped"]:
+            write_json(self.manifest_path, {**manifest, "skipped": kept})
 
     def abandon(self) -> None:
         """Leave nothing of a run that could not begin; one with finished work is kept.

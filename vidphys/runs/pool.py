@@ -1,34 +1,97 @@
-"""A process pool that shows what each worker is at and stops cleanly on interrupt."""
+"""Processes that work side by side; one that dies takes down its own task only."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import queue
 import signal
-import threading
+import time
 import warnings
-from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
 from typing import Any
 
-import torch
-
-from dynamics.findings import DynamicsWarning
+from vidphys.runs.ending import SIGNALS
+from vidphys.runs.worker import serve
 
 Message = tuple[str, int, int]
 POLL_SECONDS = 0.5
-INTERRUPTED = 130  # exit status of a worker that was told to stop
+TRIES = 3  # of a task whose worker dies
+DEAF_SECONDS = 180.0  # without a sign of life, after which a worker is given up
+STUCK_SECONDS = 900.0  # without progress, after which a worker's task is warned of
+END_SECONDS = 3.0  # for workers to end by themselves
+
+
+class WorkerLost(RuntimeError):
+    """The process that did a task died each time."""
+
+
+class WorkerWarning(UserWarning):
+    """A worker died or makes no progress."""
+
+
+class _Worker:
+    """One process, the task that it is at, and what it last said."""
+
+    def __init__(self, work: Callable[..., None]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.task: int | None = None
+        self.silent = self.idle = 0.0
+        self.stage = "its start"
+        # A child begins with the same signals blocked, until it can heed them.
+        with _blocked_signals(), _safe_path():
+            self.process: SpawnProcess = context.Process(target=serve, args=(theirs,), daemon=True)
+            self.process.start()
+        theirs.close()
+        self.send(work)
+
+    def give(self, number: int, task: tuple[Any, ...]) -> None:
+        self.task, self.silent, self.idle, self.stage = number, 0.0, 0.0, "its start"
+        self.send(task)
+
+    def send(self, what: Any) -> None:
+        with suppress(OSError):  # it is dead, as its pipe's end tells
+            self.pipe.send(what)
+
+    def waited(self, seconds: float) -> None:
+        """Count time without a word; one that is deaf is killed, which its pipe then tells."""
+        stuck = self.idle < STUCK_SECONDS <= self.idle + seconds
+        self.silent, self.idle = self.silent + seconds, self.idle + seconds
+        if self.silent > DEAF_SECONDS:
+            self.process.kill()
+        elif stuck:
+            warnings.warn(
+                f"nothing new from {self.stage} for {STUCK_SECONDS:.0f} s: it, or its disk, may be "
+                "stuck; an interrupt keeps what is finished",
+                WorkerWarning,
+                stacklevel=4,
+            )
+
+    def end_of(self) -> str:
+        """How the process ended."""
+        self.process.join(END_SECONDS)
+        code = self.process.exitcode
+        if code is None or code >= 0:
+            return f"exit code {code}"
+        hint = ", memory may have run out" if code == -signal.SIGKILL else ""
+        return f"{signal.Signals(-code).name}{hint}"
 
 
 def run_all(
     work: Callable[..., None],
-    tasks: list[tuple[Any, ...]],
+    tasks: Sequence[tuple[Any, ...]],
     workers: int,
     show: Callable[[Message], None],
     finished: Callable[[int], None],
 ) -> list[tuple[int, Exception]]:
     """Call ``work(*task, report)`` for each task in ``workers`` processes of one thread each.
+
+    A task whose process dies is tried again, twice at most. Interrupted, or with this process gone,
+    the workers end too.
 
     Args:
         work: a module-level function; ``report(stage, step, steps)`` is its last argument.
@@ -38,63 +101,113 @@ def run_all(
         finished: called here with the number of each task that ended well.
 
     Returns:
-        The tasks that raised, with what they raised; the others go on.
+        The tasks that raised, with what they raised, or :class:`WorkerLost`; the others go on.
     """
-    context = multiprocessing.get_context("spawn")
-    with context.Manager() as manager:
-        messages = manager.Queue()
-        pool = ProcessPoolExecutor(workers, context, _begin)
-        try:
-            pending = {pool.submit(_call, work, task, messages): i for i, task in enumerate(tasks)}
-            failures = []
-            while pending:
-                done, _ = wait(pending, POLL_SECONDS, FIRST_COMPLETED)
-                _drain(messages, show)
-                for future in done:
-                    index = pending.pop(future)
-                    error = future.exception()
-                    if isinstance(error, Exception):
-                        failures.append((index, error))
-                    else:
-                        finished(index)
-            return failures
-        except KeyboardInterrupt:
-            for process in (getattr(pool, "_processes", None) or {}).values():
-                process.terminate()
-            raise
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _call(work: Callable[..., None], task: tuple[Any, ...], messages: Any) -> None:
-    def report(stage: str, step: int, steps: int) -> None:
-        if step == steps or step % 20 == 0:
-            messages.put((stage, step, steps))
-
-    # a worker measures drift and failure of its rollouts and records them
-    warnings.simplefilter("ignore", DynamicsWarning)
+    waiting, lost = deque(range(len(tasks))), Counter[int]()
+    failures: list[tuple[int, Exception]] = []
+    staff: list[_Worker] = []
     try:
-        work(*task, report)
-    except KeyboardInterrupt:
-        os._exit(INTERRUPTED)  # else the pool would hand this worker the next task
+        while waiting or any(worker.task is not None for worker in staff):
+            while waiting and (worker := _free(staff, workers, work)):
+                worker.give(waiting[0], tasks[waiting[0]])
+                waiting.popleft()
+            for worker, message in _heard(staff):
+                number = worker.task
+                if message is None:
+                    staff.remove(worker)
+                    if number is not None:
+                        lost[number] += 1
+                        if error := _lost(worker, lost[number]):
+                            failures.append((number, error))
+                        else:
+                            waiting.appendleft(number)
+                elif message[0] == "at":
+                    worker.stage = message[1]
+                    show(message[1:])
+                elif message[0] in ("done", "failed") and number is not None:
+                    worker.task = None
+                    if message[0] == "done":
+                        finished(number)
+                    else:
+                        failures.append((number, message[1]))
+        for worker in staff:
+            worker.send(None)
+    finally:
+        _end(staff)
+    return failures
 
 
-def _begin() -> None:
-    """Give this worker one thread; let it end, as on an interrupt, when its parent is gone."""
-    torch.set_num_threads(1)
-    parent = multiprocessing.parent_process()
+def _free(staff: list[_Worker], workers: int, work: Callable[..., None]) -> _Worker | None:
+    """A worker without a task, started if there may be another one."""
+    for worker in staff:
+        if worker.task is None:
+            return worker
+    if len(staff) == workers:
+        return None
+    with _blocked_signals():  # none is started and then not known of
+        staff.append(_Worker(work))
+    return staff[-1]
 
-    def watch() -> None:
-        if parent is not None:
-            parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)
 
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _drain(messages: Any, show: Callable[[Message], None]) -> None:
-    while True:
+def _heard(staff: Sequence[_Worker]) -> Iterator[tuple[_Worker, tuple[Any, ...] | None]]:
+    """What workers say within :data:`POLL_SECONDS`; ``None`` of one that is dead."""
+    of = {worker.pipe: worker for worker in staff}
+    began = time.monotonic()
+    spoke = [of[pipe] for pipe in wait(list(of), POLL_SECONDS) if isinstance(pipe, Connection)]
+    passed = min(time.monotonic() - began, POLL_SECONDS)  # not what this process itself slept
+    for worker in staff:
+        worker.waited(passed)
+    for worker in spoke:
+        worker.silent = 0.0
         try:
-            show(messages.get_nowait())
-        except queue.Empty:
-            return
+            message = worker.pipe.recv()
+        except (EOFError, OSError):
+            message = None
+        if message != ("alive",):
+            worker.idle = 0.0
+        yield worker, message
+
+
+def _lost(worker: _Worker, times: int) -> WorkerLost | None:
+    """Say that a worker died; gives the error once its task is not to be tried again."""
+    how = f"the process at {worker.stage} died ({worker.end_of()})"
+    if times == TRIES:
+        return WorkerLost(f"{how}, as {TRIES - 1} did before it")
+    warnings.warn(f"{how}; its work is tried again", WorkerWarning, stacklevel=3)
+    return None
+
+
+def _end(staff: Sequence[_Worker]) -> None:
+    """Let idle workers end, tell busy ones to, and kill what is left."""
+    for worker in staff:
+        if worker.task is not None:
+            worker.process.terminate()
+    until = time.monotonic() + END_SECONDS
+    for worker in staff:
+        worker.process.join(max(0.0, until - time.monotonic()))
+        if worker.process.is_alive():
+            worker.process.kill()
+        worker.pipe.close()
+
+
+@contextmanager
+def _blocked_signals() -> Iterator[None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """A child must not import what lies in the current folder under a library's name."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
