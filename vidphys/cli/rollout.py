@@ -37,7 +37,9 @@ class RolloutConfig:
         beyond: seconds to roll past the last frame.
         coupling: also roll under this coupling in place of the one that held.
         law: also roll with numbers of the law multiplied, each NAME=FACTOR: friction=0, length=0.5,
-            gravity=2, mass=2, mass2=3 (of one body), stiffness, restitution, temperature.
+            gravity=2, mass=2, mass2=3 (of one body), pair (what bodies do to each other),
+            stiffness, restitution, and the strengths that the law is told, such as temperature,
+            electric or drive; 0 takes a term away.
         video: also draw the track, the forecast and the changed law over the clip's frames, into
             this .mp4 file.
         columns: what columns of a table are, as `vidphys diagnose` was told.

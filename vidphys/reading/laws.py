@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from dynamics import Head, Parameters
 from dynamics.bath import ConstantBath
 from dynamics.collide import Contact
+from dynamics.couplings import PairLaw
 from dynamics.curves import Arc, Chain
 from dynamics.each import Spring
 from dynamics.fields import Pendulum, UniformField, Well
@@ -24,7 +25,8 @@ from dynamics.potentials import HarmonicTrap
 from dynamics.walls import Wall
 from vidphys.errors import InputError
 
-MASS, TEMPERATURE = "mass", "temperature"
+MASS, PAIR = "mass", "pair"
+SIGNED = ("gravity", "stiffness", PAIR, "electric", "drive")  # a negative factor has a meaning
 
 
 def _times(*names: str, power: int = 1) -> Callable[[Any, float], None]:
@@ -108,8 +110,8 @@ class Law:
         ]
         bodies = self.params.mass.shape[-1]
         masses = [f"{MASS}{k + 1}" for k in range(bodies)] if bodies > 1 else []
-        bath = [TEMPERATURE] if TEMPERATURE in self.params.scalars else []
-        return [*found, MASS, *masses, *bath]
+        pair = [PAIR] if any(isinstance(vars(x).get("law"), PairLaw) for x in parts) else []
+        return [*dict.fromkeys([*found, *pair, MASS, *masses, *self.params.scalars])]
 
     def changed(self, factors: Mapping[str, float]) -> Law:
         """The same with some of its quantities multiplied.
@@ -131,8 +133,10 @@ class Law:
             for name, factor in factors.items():
                 if name.startswith(MASS):
                     params = _heavier(head, params, name, factor)
-                elif name == TEMPERATURE:
+                elif name in params.scalars:  # told, not learned
                     params = params.with_scalar(name, params.scalars[name] * factor)
+                elif name == PAIR:
+                    params = params.with_coupling(params.coupling * factor)
                 else:
                     _change(head, name, factor)
         return Law(head, params)
@@ -177,7 +181,7 @@ def factors_of(texts: tuple[str, ...]) -> dict[str, float]:
             raise InputError(
                 f"`law` {text}: write NAME=FACTOR, for example friction=0 or length=0.5"
             ) from error
-        if not 0 <= found[name] < float("inf") and name not in ("gravity", "stiffness"):
+        if not 0 <= found[name] < float("inf") and name not in SIGNED:
             raise InputError(f"`law` {text}: a factor on {name} must be zero or above")
         if name in ("length",) + (MASS,) and found[name] == 0:
             raise InputError(f"`law` {text}: no {name} at all means nothing; use a factor above 0")
