@@ -124,7 +124,7 @@ def test_rates_inputs_and_degrees(tmp_path):
     text = "time,position,velocity,torque\n" + rows(T, X, VX, Y)
     found = read(tmp_path, text)
     assert found.unit == "angles" and found.positions.shape[2:] == (1, 1)
-    assert "rates, not taken: velocity; known inputs, not taken: torque" in found.notes[0]
+    assert "rates, not taken: velocity; known inputs: torque" in found.notes[0]
     degrees = read(tmp_path, "t [s];Winkel [°]\n" + rows(T, 90 * X, between=";"))
     np.testing.assert_allclose(degrees.positions[0, :, 0, 0], np.pi / 2 * X, atol=1e-7)
     assert (degrees.unit, degrees.length) == ("angles", "rad")

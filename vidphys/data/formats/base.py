@@ -29,6 +29,8 @@ class Recording:
         notes: how the file was understood, a line each.
         length: the unit that positions are counted in, as the file says it: ``m``, ``cm``, ``px``,
             ``rad``; empty where it says nothing.
+        inputs: what drives the bodies and is known, at each frame, ``(e, t, m)``.
+        input_names: of the columns that they are.
     """
 
     positions: np.ndarray
@@ -38,6 +40,8 @@ class Recording:
     coupling: np.ndarray | None = None
     notes: tuple[str, ...] = ()
     length: str = ""
+    inputs: np.ndarray | None = None
+    input_names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

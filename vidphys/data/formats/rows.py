@@ -74,7 +74,27 @@ def recording_of(
         _of_clips(table, columns.coupling, clip),
         ("; ".join([*notes, *taken, *trials, *said]),),
         length,
+        _inputs(table, columns, order, clip, times),
+        columns.inputs,
     )
+
+
+def _inputs(
+    table: Table, columns: Columns, order: np.ndarray, clip: np.ndarray, times: np.ndarray
+) -> np.ndarray | None:
+    """Known inputs at the frames of each clip, ``(e, t, m)``."""
+    if not columns.inputs or columns.body is not None:
+        return None
+    values = np.stack([_numbers(table, name) for name in columns.inputs], -1)
+    out = np.empty((*times.shape, values.shape[1]))
+    whole = [number for number in np.unique(clip) if np.isfinite(order[clip == number]).any()]
+    for row, number in enumerate(whole):
+        for column in range(values.shape[1]):
+            known = (clip == number) & np.isfinite(order) & np.isfinite(values[:, column])
+            when, first = np.unique(order[known], return_index=True)
+            at = values[known, column][first]
+            out[row, :, column] = np.interp(times[row], when, at) if len(when) else 0.0
+    return out
 
 
 def _turns(table: Table, columns: Columns) -> bool:
@@ -96,7 +116,7 @@ def _taken(columns: Columns, clock: Clock, kind: Unit, length: str, names: np.nd
     if columns.rates:
         told.append(f"rates, not taken: {', '.join(columns.rates)}")
     if columns.inputs:
-        told.append(f"known inputs, not taken: {', '.join(columns.inputs)}")
+        told.append(f"known inputs: {', '.join(columns.inputs)}")
     if columns.others:
         told.append(f"not taken: {', '.join(columns.others)}")
     return told

@@ -25,17 +25,22 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["twice the field"] = {"force": 2.0}
     if "collision" in kinds:
         asked["a second body of twice the mass"] = {"mass 2": 2.0}
+    if "input" in kinds:
+        asked["nothing that pushes it"] = {"gain": 0.0}
     return asked
 
 
 def under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) -> np.ndarray:
     """Places ``(t, n, d)`` under changed numbers, from the fit's own state at ``start`` seconds."""
     numbers, starts = fit.model.split(fit.values, len(fit.clips))
-    state = fit.model.law.roll(numbers, starts[-1], np.array([0.0, max(start, 1e-9)]))[-1]
+    known = fit.clips[-1].inputs
+    until = np.array([0.0, max(start, 1e-9)])
+    state = fit.model.law.roll(numbers, starts[-1], until, known)[-1]
     changed = numbers.copy()
     for i, name in enumerate(fit.model.law.names):
         changed[i] *= next((x for key, x in factors.items() if name.startswith(key)), 1.0)
     law = replace(fit.model.law, nears=False)
     kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
-    rolled = law.roll(changed[kept], state, since)[:, 0]
+    ahead = None if known is None else known.since(start)
+    rolled = law.roll(changed[kept], state, since, ahead)[:, 0]
     return fit.shown(rolled)

@@ -66,7 +66,7 @@ def understand(
     """
     units = units or Units()
     found, explanation = _known(motion, end, angles, camera, units)
-    one = motion.bodies == 1 and motion.space == 1
+    one = motion.bodies == 1 and motion.space == 1 and not motion.inputs
     if explanation is None or _status(explanation) != NOT or not one:
         return Understood(found, explanation)
     sought = ByFormula.sought(motion, end, units, progress)
@@ -81,12 +81,12 @@ def understand(
 def _known(
     motion: Motion, end: int, angles: bool, camera: bool, units: Units
 ) -> tuple[Diagnosis, Explanation | None]:
-    """By laws, or by the menu, which knows of no walls: what is struck it is not asked about."""
+    """By laws, or by the menu, which knows of no walls and no inputs, and is not asked of such."""
     part = motion.cut(0, end)
     struck = strikes(part) if part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS else []
     moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
     laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
-    if laws is not None and (struck or _enough(laws)):
+    if laws is not None and (struck or part.inputs or _enough(laws)):
         return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
@@ -94,6 +94,9 @@ def _known(
             return Diagnosis(part, noise, refused), None
         if struck:
             return Diagnosis(part, noise, _said(struck, part.bodies)), None
+        if part.inputs:
+            said = f"no law beside the known {' and '.join(part.inputs[0].names)} fits"
+            return Diagnosis(part, noise, said), None
         found = diagnose_motion(part, angles)
     except Unseen:
         if laws is None or not laws.one_law:

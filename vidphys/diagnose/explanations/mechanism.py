@@ -127,6 +127,8 @@ class ByMechanism(Explanation):
         out = [line for group in whole.groups for line in told(group, self.told_in, alone)]
         out += [what_is_left(self.mechanism, self.told_in), *rivals(whole)]
         out += [self.impossible] if self.impossible else []
+        if "input" in self.mechanism.kinds:
+            out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:
             out.append("No model of it is written: give the body next to the pivot first.")
         return out

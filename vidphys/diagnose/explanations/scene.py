@@ -68,7 +68,12 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
     term = ordered[0] if len(ordered) == 1 else terms.Each(ordered, springs, contacts)
     explained = verdict.status == EXPLAINED
     held = as_specification(term, len(ordered), origin, numbers, explained, interval)
-    return {**held, "mass": masses.tolist()}
+    known = mechanism.groups[0].fit.clips[0].inputs
+    return {
+        **held,
+        "mass": masses.tolist(),
+        "inputs": [] if known is None else list(known.names),  # by their gains among the numbers
+    }
 
 
 def _in_picture(fit: RodsFit, rest: float) -> terms.OnChain:

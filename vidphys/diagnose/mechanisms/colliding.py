@@ -11,6 +11,7 @@ import numpy as np
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.colliding_kernel import rolled
 from vidphys.diagnose.mechanisms.law import RATES, Law
+from vidphys.diagnose.recordings.inputs import Signal
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,13 @@ class Colliding(Law):
         """Of all bodies over the first one's."""
         return np.array([1.0, *(numbers[f"mass {b + 1}"] for b in range(1, self.bodies))])
 
-    def roll(self, values: np.ndarray, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+    def roll(
+        self,
+        values: np.ndarray,
+        start: np.ndarray,
+        times: np.ndarray,
+        inputs: Signal | None = None,
+    ) -> np.ndarray:
         known = dict(zip(self.names, values.tolist(), strict=True))
         n, d = self.bodies, self.space
         force = np.array([known.get(f"force {i + 1}", 0.0) for i in range(d)])

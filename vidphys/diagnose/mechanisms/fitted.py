@@ -44,7 +44,7 @@ class Model:
         """Coordinates and rates of every frame of each clip, ``(t, 2, k)``."""
         numbers, starts = self.split(values, len(clips))
         return [
-            self.law.roll(numbers, start, clip.times)
+            self.law.roll(numbers, start, clip.times, clip.inputs)
             for start, clip in zip(starts, clips, strict=True)
         ]
 
@@ -116,7 +116,8 @@ class Fit:
         """Places ``(t, n, d)`` at increasing seconds since the clip's first frame."""
         numbers, starts = self.model.split(self.values, len(self.clips))
         since = np.concatenate([[0.0], times]) if times[0] > 0 else times
-        rolled = self.model.law.roll(numbers, starts[clip], since)[-len(times) :, 0]
+        known = self.clips[clip].inputs
+        rolled = self.model.law.roll(numbers, starts[clip], since, known)[-len(times) :, 0]
         return self.shown(rolled)
 
     def shown(self, s: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms.impacts import Impact, find_impacts
 from vidphys.diagnose.mechanisms.measurement import Stretch
+from vidphys.diagnose.recordings.inputs import Signal
 from vidphys.diagnose.recordings.motion import Motion
 
 
@@ -22,12 +23,14 @@ class Frames:
         seen: frames in which each body was seen, of each body ``(f,)``.
         stretches: of each body, at those frames.
         begin: seconds from the recording's first frame to the first of these.
+        inputs: what drives the bodies and is known, by the seconds since the clip's first frame.
     """
 
     times: np.ndarray
     seen: tuple[np.ndarray, ...]
     stretches: tuple[Stretch, ...]
     begin: float = 0.0
+    inputs: Signal | None = None
 
     @cached_property
     def impacts(self) -> list[Impact]:
@@ -41,6 +44,8 @@ class Frames:
             self.times[:count],
             tuple(seen[:n] for seen, n in zip(self.seen, few, strict=True)),
             tuple(x.upto(n) for x, n in zip(self.stretches, few, strict=True)),
+            self.begin,
+            self.inputs,
         )
 
 
@@ -48,14 +53,17 @@ def frames_of(motion: Motion, bodies: Sequence[int] | None = None) -> list[Frame
     """The frames of each clip in which bodies were seen, all bodies if none are named."""
     chosen = range(motion.bodies) if bodies is None else bodies
     clips = []
-    for path, seen, times in zip(motion.positions, motion.seen, motion.times, strict=True):
+    known = motion.inputs or (None,) * motion.clips
+    recorded = zip(motion.positions, motion.seen, motion.times, known, strict=True)
+    for path, seen, times, signal in recorded:
         at = [np.flatnonzero(seen[:, body]) for body in chosen]
         since = times - times[0]
         stretches = tuple(
             Stretch(since[i], path[i, body], np.ones(len(i)))
             for i, body in zip(at, chosen, strict=True)
         )
-        clips.append(Frames(since, tuple(at), stretches))
+        signal = None if signal is None else signal.since(float(times[0]))
+        clips.append(Frames(since, tuple(at), stretches, inputs=signal))
     return clips
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -38,12 +38,16 @@ class Guess:
 
 @dataclass(frozen=True)
 class Local:
-    """Coordinates, rates and accelerations ``(t, k)`` of the frames of one clip."""
+    """Coordinates, rates and accelerations ``(t, k)`` of the frames of one clip.
+
+    ``u`` is what is known to push them, ``(t, m)``.
+    """
 
     times: np.ndarray
     s: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    u: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def local(times: np.ndarray, s: np.ndarray, half: int, breaks: Sequence[int] = ()) -> Local:
@@ -102,7 +106,7 @@ def _in(
     """A law of coordinates that are seen as they are."""
     s = [read(clip.stretches[0].places) for clip in clips]
     k = s[0].shape[1]
-    law = Law(k, restoring, "linear")
+    law = Law(k, restoring, "linear", inputs=_inputs(clips))
     values = []
     for half in _halves(clips):
         seen = _seen(clips, s, half)
@@ -114,10 +118,20 @@ def _in(
 
 
 def _seen(clips: Sequence[Frames], s: Sequence[np.ndarray], half: int) -> list[Local]:
-    return [
-        local(clip.stretches[0].times, x, half, [i.frame for i in clip.impacts])
-        for clip, x in zip(clips, s, strict=True)
-    ]
+    out = []
+    for clip, x in zip(clips, s, strict=True):
+        seen = local(clip.stretches[0].times, x, half, [i.frame for i in clip.impacts])
+        known = np.zeros((len(seen.times), 0))
+        if clip.inputs is not None:
+            known = clip.inputs.at(seen.times)
+        out.append(replace(seen, u=known))
+    return out
+
+
+def _inputs(clips: Sequence[Frames]) -> int:
+    """How many are known."""
+    known = clips[0].inputs
+    return 0 if known is None else known.values.shape[1]
 
 
 def _halves(clips: Sequence[Frames]) -> list[int]:
@@ -132,19 +146,19 @@ def _start(seen: Local) -> np.ndarray:
 
 def _regressed(seen: Sequence[Local], restoring: str, k: int) -> list[np.ndarray]:
     """The law's numbers by least squares, and with the stiffness that the spectrum tells."""
-    s, v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "sva")
+    s, v, a, u = (np.concatenate([getattr(x, name) for x in seen]) for name in "svau")
     columns = [*np.eye(k)] if restoring != "none" else []
     design = [np.broadcast_to(axis, s.shape).ravel() for axis in columns]
     design = [(-s).ravel(), *design] if restoring == "trap" else design
-    design.append((-v).ravel())
+    design += [(-v).ravel(), *u.T]
     found = np.linalg.lstsq(np.stack(design, 1), a.ravel(), rcond=None)[0]
-    out = [found]
+    out, gains = [found], found[len(found) - u.shape[1] :]
     if restoring == "trap":
         for stiffness in ((2 * np.pi * _frequency(seen)) ** 2, max(found[0], 0.0)):
             centre = s.mean(0)
-            out.append(np.concatenate([[stiffness], stiffness * centre, [0.0]]))
+            out.append(np.concatenate([[stiffness], stiffness * centre, [0.0], gains]))
     else:
-        out.append(np.concatenate([found[:-1], [0.0]]))
+        out.append(np.concatenate([found[: len(found) - 1 - len(gains)], [0.0], gains]))
     return out
 
 
@@ -163,28 +177,30 @@ def _frequency(seen: Sequence[Local]) -> float:
 def _angle(clips: Sequence[Frames]) -> Iterator[Guess]:
     """A table's angles: a pendulum about where they hang."""
     s = [clip.stretches[0].places for clip in clips]
-    law, values, rests = Law(1, "pendulum", "linear"), [], []
+    law, values, rests = Law(1, "pendulum", "linear", inputs=_inputs(clips)), [], []
     for half in _halves(clips):
         seen = _seen(clips, s, half)
-        for swing, rest, rate in _hanging(seen):
+        for swing, rest, rate, gains in _hanging(seen):
             starts = [_start(x) - np.array([rest, 0.0]) for x in seen]
-            values.append(np.concatenate([[swing, rate], *starts]))
+            values.append(np.concatenate([[swing, rate], gains, *starts]))
             rests.append(rest)
     rest = float(np.median(rests))
     yield Guess(Model(law, (Angle(),)), values, lambda places: places - rest)
     yield _in(Plane(1), "trap", clips, lambda places: places)
 
 
-def _hanging(seen: Sequence[Local]) -> list[tuple[float, float, float]]:
-    """G over the length, the angle at rest, and the friction, of angles."""
+def _hanging(seen: Sequence[Local]) -> list[tuple[float, float, float, np.ndarray]]:
+    """G over the length, the angle at rest, the friction and the inputs' gains, of angles."""
     s, v, a = (np.concatenate([getattr(x, n) for x in seen]).ravel() for n in "sva")
-    found = np.linalg.lstsq(np.stack([-np.sin(s), np.cos(s), -v], 1), a, rcond=None)[0]
+    u = np.concatenate([x.u for x in seen])
+    found = np.linalg.lstsq(np.column_stack([-np.sin(s), np.cos(s), -v, u]), a, rcond=None)[0]
+    gains = found[3:]
     swing, rest = float(np.hypot(*found[:2])), float(np.arctan2(found[1], found[0]))
     spectral = (2 * np.pi * _frequency(seen)) ** 2
     middle = float(0.5 * (s.max() + s.min()))
     wide = float(0.5 * (s.max() - s.min()))
     slow = 1 + min(wide, 2.5) ** 2 / 16  # a wide swing lasts longer
-    return [(swing, rest, float(found[2])), (spectral * slow**2, middle, 0.0)]
+    return [(swing, rest, float(found[2]), gains), (spectral * slow**2, middle, 0.0, gains)]
 
 
 def _arcs(clips: Sequence[Frames], places: np.ndarray) -> Iterator[Guess]:
@@ -206,7 +222,7 @@ def _arcs(clips: Sequence[Frames], places: np.ndarray) -> Iterator[Guess]:
     law, values, rests = Law(1, "pendulum", "linear"), [], []
     for half in _halves(clips):
         seen = _seen(clips, angles, half)
-        for swing, hangs, rate in _hanging(seen):
+        for swing, hangs, rate, _ in _hanging(seen):
             starts = [_start(x) - np.array([hangs, 0.0]) for x in seen]
             values.append(np.concatenate([[max(swing, 1e-6), rate], *starts]))
             rests.append(hangs)

@@ -10,6 +10,7 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
+from vidphys.diagnose.recordings.inputs import Signal
 
 RESTORING = ("none", "uniform", "trap", "pendulum", "chain")
 FRICTIONS = ("none", "linear", "square", "dry", "linear+dry", "linear+square")
@@ -51,6 +52,7 @@ class Law:
         friction: of :data:`FRICTIONS`.
         apart: each coordinate has its own trap, or swing, and its own friction.
         coupled: springs between all pairs of coordinates, where they are apart.
+        inputs: how many are known that push the one coordinate, each by a gain times its value.
         walls: that there are.
         nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
             distance from the middle grows as 1 / (1 - nearing t).
@@ -62,6 +64,7 @@ class Law:
     friction: str = "none"
     apart: bool = False
     coupled: bool = False
+    inputs: int = 0
     walls: tuple[Wall, ...] = ()
     nears: bool = False
     pictured: bool = False
@@ -84,6 +87,7 @@ class Law:
             names += [f"coupling {i + 1}" for i in range(k)]
         if self.friction != "none":
             names += self.frictions
+        names += [f"gain {i + 1}" for i in range(self.inputs)]
         names += ["nearing"] if self.nears else []
         for number, wall in enumerate(self.walls, 1):
             names += [f"wall {number}", f"restitution {number}"]
@@ -102,6 +106,7 @@ class Law:
         """Kinds of its terms, as the menu calls them."""
         kinds = {self.restoring, *self.frictions} - {"none"}
         kinds |= {"wall"} if self.walls else set()
+        kinds |= {"input"} if self.inputs else set()
         return frozenset(kinds | ({"pair"} if self.coupled else set()))
 
     def rate(self, numbers: Mapping[str, float]) -> float:
@@ -110,8 +115,18 @@ class Law:
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
         return float(np.sqrt(sum(stiff)))
 
-    def roll(self, values: np.ndarray, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Coordinates and rates ``(t, 2, k)`` from a start ``(2, k)`` at the first of the times."""
+    def roll(
+        self,
+        values: np.ndarray,
+        start: np.ndarray,
+        times: np.ndarray,
+        inputs: Signal | None = None,
+    ) -> np.ndarray:
+        """Coordinates and rates ``(t, 2, k)`` from a start ``(2, k)`` at the first of the times.
+
+        Args:
+            inputs: that are known, by the same times.
+        """
         numbers = dict(zip(self.names, values.tolist(), strict=True))
         force, stiffness, swing, friction = self._forces(numbers)
         # The usual interval: a gap is stepped over as finely as frames in a row.
@@ -129,6 +144,7 @@ class Law:
                 interval / float(steps) * (1 + 1e-9),
                 apart=self.apart,
                 rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
+                pushed=self._pushed(numbers, inputs),
             )
             if self.nears:
                 out[:, 0] /= np.maximum(1 - numbers["nearing"] * (times - times[0]), NEAREST)[
@@ -150,6 +166,15 @@ class Law:
                 stiffness[i] -= pull / max(k - 1, 1)
                 stiffness[i, i] += pull + pull / max(k - 1, 1)
         return force, stiffness, swing, np.array([numbers.get(name, 0.0) for name in RATES])
+
+    def _pushed(
+        self, numbers: Mapping[str, float], inputs: Signal | None
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times, and the accelerations by what is known ``(t, k)``."""
+        if not self.inputs or inputs is None:
+            return None
+        gains = np.array([numbers[f"gain {i + 1}"] for i in range(self.inputs)])
+        return inputs.times, (inputs.values @ gains)[:, None]
 
     def _walls(self, numbers: Mapping[str, float]) -> np.ndarray:
         """Of each its normal ``(k,)``, place, restitution, and what a bounce leaves along it."""

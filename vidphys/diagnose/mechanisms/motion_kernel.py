@@ -9,7 +9,9 @@ or, of two rods that hang end on end, with link b, inertia a and d = s_1 - s_2,
     dv_1/dt + b (cos d dv_2/dt + sin d v_2^2) = -swing_1 sin s_1 - friction
     a dv_2/dt + b (cos d dv_1/dt - sin d v_1^2) = -swing_2 sin s_2 - friction
 
-and walls n.s = place, at which the speed across them turns round and shrinks. Steps are
+What is known to push adds an acceleration of its own, straight between the times at which it was
+recorded. There are walls n.s = place, at which the speed across them turns round
+and shrinks. Steps are
 fourth-order Runge-Kutta; the step that meets a wall ends there.
 """
 
@@ -86,13 +88,17 @@ def _step(
     work: np.ndarray,
 ) -> None:
     """One Runge-Kutta step from ``s``, ``v`` into ``work[8]``, ``work[9]``."""
-    force, stiffness, swing, friction, apart, rods = law
+    steady, ramp, stiffness, swing, friction, apart, rods = law
+    force = work[10]
+    for i in range(len(s)):
+        force[i] = steady[i]
     a1, a2, a3, a4 = work[0], work[1], work[2], work[3]
     s2, v2, v3 = work[4], work[5], work[6]
     _accelerate(s, v, force, stiffness, swing, friction, apart, rods, a1)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v[i]
         v2[i] = v[i] + 0.5 * h * a1[i]
+        force[i] = steady[i] + 0.5 * h * ramp[i]
     _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, a2)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v2[i]
@@ -102,6 +108,7 @@ def _step(
     for i in range(len(s)):
         s2[i] = s[i] + h * v3[i]
         v4[i] = v[i] + h * a3[i]
+        force[i] = steady[i] + h * ramp[i]
     _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, a4)
     for i in range(len(s)):
         work[8, i] = s[i] + h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i])
@@ -143,11 +150,14 @@ def _rolled(
     law: tuple,
     walls: np.ndarray,
     most: float,
+    when: np.ndarray,
+    pushed: np.ndarray,
     out: np.ndarray,
 ) -> None:
     size = start.shape[1]
-    force, stiffness, swing, friction, _apart, _rods = law
-    work = np.zeros((10, size))
+    force, ramp, stiffness, swing, friction, _apart, _rods = law
+    steady, at = force.copy(), 0
+    work = np.zeros((11, size))
     s, v = start[0].copy(), start[1].copy()
     out[0, 0], out[0, 1] = s, v
     landed = LANDED * (times[-1] - times[0])
@@ -156,16 +166,28 @@ def _rolled(
         gap = times[frame] - times[frame - 1]
         count = int(np.ceil(gap / most))
         h = gap / count
-        for _ in range(count):
+        for step in range(count):
             if stuck:
                 break
             left = h
+            if len(when) > 0:  # as it is when the step begins, and on along a straight line
+                for end in range(2):
+                    now = times[frame - 1] + (step + end) * h
+                    while at < len(when) - 2 and when[at + 1] < now:
+                        at += 1
+                    part = min(max((now - when[at]) / (when[at + 1] - when[at]), 0.0), 1.0)
+                    for i in range(size):
+                        push = steady[i] + (1 - part) * pushed[at, i] + part * pushed[at + 1, i]
+                        if end == 0:
+                            force[i] = push
+                        else:
+                            ramp[i] = (push - force[i]) / h
             for _bounces in range(4):
                 _step(s, v, left, law, work)
-                hit, when = -1, left
+                hit, moment = -1, left
                 for k in range(len(walls)):
                     if _beyond(work[8], walls[k]) > 0.0:
-                        low, high = 0.0, when
+                        low, high = 0.0, moment
                         for _half in range(HALVINGS):
                             middle = 0.5 * (low + high)
                             _step(s, v, middle, law, work)
@@ -173,14 +195,16 @@ def _rolled(
                                 high = middle
                             else:
                                 low = middle
-                        hit, when = k, high
-                        _step(s, v, when, law, work)
+                        hit, moment = k, high
+                        _step(s, v, moment, law, work)
                 if hit < 0:
                     break
                 s[:], v[:] = work[8], work[9]
                 _bounce(s, v, walls[hit])
-                left -= when
-                since += when
+                for i in range(size):
+                    force[i] += moment * ramp[i]
+                left -= moment
+                since += moment
                 if since < landed:  # it lies at the wall: only what is along it goes on
                     across = 0.0
                     for i in range(size):
@@ -219,6 +243,7 @@ def rolled(
     most: float,
     apart: bool = False,
     rods: tuple[float, float] = (0.0, 0.0),
+    pushed: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Float[np.ndarray, "t 2 k"]:
     """Coordinates and their rates at each time.
 
@@ -231,9 +256,12 @@ def rolled(
             that a bounce leaves.
         most: seconds of a step at most.
         rods: link and inertia of two rods that hang end on end; no inertia: there are none.
+        pushed: times in seconds, two or more, and what is known to push then, accelerations
+            ``(u, k)``.
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
     out = np.empty((len(times), *start.shape))
-    law = (force, stiffness, swing, friction, apart, np.array(rods))
-    _rolled(times, start, law, walls, most, out)
+    law = (force.copy(), np.zeros(len(force)), stiffness, swing, friction, apart, np.array(rods))
+    when, known = pushed or (np.empty(0), np.empty((0, len(force))))
+    _rolled(times, start, law, walls, most, when, known, out)
     return out

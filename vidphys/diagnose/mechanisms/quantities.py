@@ -98,6 +98,11 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             elif len(law.walls) < 2:
                 which = ""
             yield f"{said} {which}".strip(), number(name), 0, 0
+        elif root == "gain":
+            signal = fit.clips[0].inputs
+            assert signal is not None
+            length = 0 if fit.model.charts[0].name in ("arc", "angle") else 1
+            yield f"acceleration by one {signal.names[int(which) - 1]}", number(name), length, -2
         elif root == "nearing":
             yield "nearing", number(name), 0, -1
     if law.restoring == "uniform":

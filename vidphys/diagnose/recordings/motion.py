@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vidphys.diagnose.recordings.inputs import Signal
+
 LONGEST_GAP = 1e5  # usual intervals
 LARGEST = 1e100  # positions; what is squared and summed must stay finite
 LEAST_FRAMES = 8
@@ -24,6 +26,7 @@ class Motion:
         times: seconds of each frame, ``(e, t)``, increasing.
         mass: ``(e, n)``; ones where nothing is known.
         coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
+        inputs: what drives the scene and was recorded, of each clip, over all of its time.
 
     Raises:
         ValueError: shapes that do not belong together, times that do not increase, or too few
@@ -34,6 +37,7 @@ class Motion:
     times: np.ndarray
     mass: np.ndarray
     coupling: np.ndarray | None = None
+    inputs: tuple[Signal, ...] = ()
 
     def __post_init__(self) -> None:
         clips, frames, bodies, _ = self.positions.shape
@@ -92,7 +96,9 @@ class Motion:
 
     def reversed(self) -> Motion:
         """The same clips run backwards."""
-        return replace(self, positions=self.positions[:, ::-1], times=-self.times[:, ::-1].copy())
+        inputs = tuple(Signal(x.names, -x.times[::-1], x.values[::-1]) for x in self.inputs)
+        times = -self.times[:, ::-1].copy()
+        return replace(self, positions=self.positions[:, ::-1], times=times, inputs=inputs)
 
     def cut(self, first: int, stop: int | None = None) -> Motion:
         """Frames ``first`` to ``stop`` of every clip."""
@@ -103,7 +109,8 @@ class Motion:
     def take(self, clips: np.ndarray) -> Motion:
         """Some of the clips."""
         coupling = None if self.coupling is None else self.coupling[clips]
-        return Motion(self.positions[clips], self.times[clips], self.mass[clips], coupling)
+        inputs = tuple(self.inputs[i] for i in np.arange(self.clips)[clips] if self.inputs)
+        return Motion(self.positions[clips], self.times[clips], self.mass[clips], coupling, inputs)
 
 
 def motion_of(

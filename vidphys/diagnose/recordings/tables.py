@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vidphys.data.formats import read_recording
+from vidphys.data.formats import Recording, read_recording
+from vidphys.diagnose.recordings.inputs import Signal
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.recordings.used import Used
@@ -71,14 +72,26 @@ def read_tracks(
         positions = positions * np.array([1.0, -1.0])
     mass = np.ones((len(positions), positions.shape[2])) if found.mass is None else found.mass
     try:
-        motion = Motion(positions, found.times, mass, found.coupling)
+        motion = Motion(positions, found.times, mass, found.coupling, _inputs(found))
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     shape = (
         f"{motion.clips} clip(s) of {positions.shape[1]} frames, {motion.bodies} "
         f"bodies in {motion.space} dimension(s), {motion.interval:.4g} s between frames"
     )
-    return Loaded(motion, found.unit == "angles", (*found.notes, shape), found.length)
+    notes = (*found.notes, shape)
+    if found.inputs is not None and not motion.inputs:
+        named = ", ".join(found.input_names)
+        notes = (*notes, f"{named} not taken: which of several coordinates it pushes is not told")
+    return Loaded(motion, found.unit == "angles", notes, found.length)
+
+
+def _inputs(found: Recording) -> tuple[Signal, ...]:
+    """Of each clip, where there is one coordinate that they can push."""
+    if found.inputs is None or found.times is None or found.positions.shape[2:] != (1, 1):
+        return ()
+    pairs = zip(found.times, found.inputs, strict=True)
+    return tuple(Signal(found.input_names, times, values) for times, values in pairs)
 
 
 def write_tracks(path: Path, motion: Motion) -> None:
