@@ -50,7 +50,7 @@ class DiagnoseConfig(WhoOptions):
             binder follows.
         out: the run folder.
         columns: what columns of a table are, where their names do not tell (x1=LEFT time[ms]=T), or
-            which of its bodies are looked at (x=x2 y=y2).
+            which of its bodies are looked at (x=x2 y=y2); input=M is a known push, like a torque.
         interval: seconds between frames, where the table has no times.
         angles: the coordinates are joint angles in radians; told by names like theta otherwise.
         hold_out: share of one long recording, at its end, that nothing is fitted to and the
