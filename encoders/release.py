@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,13 @@ from typing import Any
 
 from torch import Tensor, nn
 
+from encoders.tensors import read_tensors
+
 CONFIG = "config.json"
 TENSORS = "model.safetensors"
 INDEX = "model.safetensors.index.json"
+SHARD = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*\.safetensors")
+MOST_JSON = 2**26  # bytes
 
 
 class WeightsMissing(ValueError):
@@ -42,8 +47,7 @@ def release_files(path: Path) -> list[Path]:
         return [path]
     names = [CONFIG, TENSORS]
     if not (path / TENSORS).is_file() and (path / INDEX).is_file():
-        index = json.loads((path / INDEX).read_text(encoding="utf-8"))
-        names = [CONFIG, INDEX, *sorted(set(index["weight_map"].values()))]
+        names = [CONFIG, INDEX, *shards_of(path / INDEX)]
     for name in names:
         if not (path / name).is_file():
             raise WeightsMissing(
@@ -51,6 +55,25 @@ def release_files(path: Path) -> list[Path]:
                 f"(or {INDEX} and its shards), other formats are not read"
             )
     return [path / name for name in names]
+
+
+def shards_of(index: Path) -> list[str]:
+    """The files that an index of tensors names, each plainly in its own folder.
+
+    Raises:
+        ValueError: not an index, or one that leads out of the folder.
+    """
+    try:
+        if index.stat().st_size > MOST_JSON:
+            raise ValueError(f"more than {MOST_JSON >> 20} MiB")
+        held = json.loads(index.read_text(encoding="utf-8"))
+        shards = sorted(set(held["weight_map"].values()))
+        odd = next((shard for shard in shards if not SHARD.fullmatch(shard)), None)
+        if odd is not None:
+            raise ValueError(f"it names {odd!a:.80}, which is no safetensors file beside it")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"weights: {index} is not an index of shards ({error})") from error
+    return shards
 
 
 def release_sha256(path: Path) -> str:
@@ -94,16 +117,10 @@ def load_tensors(
 
 
 def _tensors(path: Path) -> dict[str, Tensor]:
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
     tensors: dict[str, Tensor] = {}
     for file in release_files(path):
         if file.suffix == ".safetensors":
-            try:
-                tensors |= load_file(file)
-            except SafetensorError as error:
-                raise ValueError(f"weights: {file} is not a safetensors file ({error})") from error
+            tensors |= read_tensors(file)
     return tensors
 
 
@@ -119,8 +136,8 @@ def read_config(weights: WeightsFile, expected: dict[str, Any]) -> dict[str, Any
     """
     path = weights.path / CONFIG
     try:
-        config = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+        config = dict(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(f"weights: {path} is not JSON ({error}); fetch it again") from error
     for key, value in expected.items():
         if config.get(key) != value:

@@ -13,6 +13,7 @@ import os
 import shutil
 import tempfile
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from encoders.release import (
     WeightsFile,
     WeightsMissing,
     release_sha256,
+    shards_of,
 )
 
 FOLDER_VARIABLE = "VIDPHYS_WEIGHTS"
@@ -97,66 +99,80 @@ def fetch(name: str, folder: Path | None = None) -> WeightsFile:
     Those of the package need no download.
 
     Raises:
-        ValueError: unknown name, or weights that no hub has.
+        ValueError: unknown name, weights that no hub has, or others than those that are pinned, of
+            which nothing is kept.
         ConnectionError: they could not be had from there.
     """
     known = entry(name)
     if known.packaged:
         return find_weights(name)
     target = weights_folder(folder) / known.file
-    if known.url is not None:
-        _from_url(known.url, target)
-        lock(target, None)
-        return find_weights(name, folder)
-    if known.hub is None:
+    if known.url is None and known.hub is None:
         raise ValueError(
             f"weights of {name!r}: no hub has them; get {known.file} elsewhere and put it at "
             f"{target}"
         )
-    revision = known.revision or _locked(target)["revision"]
-    try:
-        if known.is_folder:
-            revision = _fetch_folder(known.hub, revision, target)
-        else:
-            source, revision = _from_hub(known.hub, TENSORS, revision)
-            _copy(source, target)
-    except FileNotFoundError as error:
-        raise ConnectionError(str(error)) from error
+    locked = _locked(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        got = Path(scratch) / known.file
+        try:
+            revision = _download(known, known.revision or locked["revision"], got)
+        except FileNotFoundError as error:
+            raise ConnectionError(str(error)) from error
+        _require_accepted(name, release_sha256(got), known.sha256 or (locked["sha256"],))
+        _move(got, target)
     lock(target, revision)
     return find_weights(name, folder)
 
 
-def _from_url(url: str, target: Path) -> None:
-    """Download a file, whole or not at all."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+def _require_accepted(name: str, digest: str, known: Sequence[str | None]) -> None:
+    """Refuse what came where another file is known; nothing of it is kept."""
+    accepted = [sha256 for sha256 in known if sha256]
+    if accepted and digest not in accepted:
+        raise ValueError(
+            f"weights of {name!r}: what came has sha256 {digest}, expected "
+            f"{' or '.join(accepted)}; nothing was kept: it is another release, or was changed on "
+            "its way"
+        )
+
+
+def _download(known: WeightsEntry, revision: str | None, got: Path) -> str | None:
+    """Put a release there; returns the commit that it is of."""
+    if known.url is not None:
         try:
-            urllib.request.urlretrieve(url, Path(scratch) / "weights")
+            urllib.request.urlretrieve(known.url, got)
         except OSError as error:
-            raise ConnectionError(f"{url}: {error}") from error
-        (Path(scratch) / "weights").replace(target)
-
-
-def _fetch_folder(repository: str, revision: str | None, target: Path) -> str:
-    config, commit = _from_hub(repository, CONFIG, revision)
-    sources = {CONFIG: config}
+            raise ConnectionError(f"{known.url}: {error}") from error
+        return None
+    assert known.hub is not None
+    if not known.is_folder:
+        source, commit = _from_hub(known.hub, TENSORS, revision)
+        shutil.copyfile(source, got)
+        return commit
+    got.mkdir()
+    source, commit = _from_hub(known.hub, CONFIG, revision)
+    shutil.copyfile(source, got / CONFIG)
+    names = [TENSORS]
     try:
-        sources[TENSORS], _ = _from_hub(repository, TENSORS, commit)
+        source, _ = _from_hub(known.hub, TENSORS, commit)
     except FileNotFoundError:
-        sources[INDEX], _ = _from_hub(repository, INDEX, commit)
-        index = json.loads(sources[INDEX].read_text(encoding="utf-8"))
-        for shard in sorted(set(index["weight_map"].values())):
-            sources[shard], _ = _from_hub(repository, shard, commit)
-    for file, source in sources.items():
-        _copy(source, target / file)
+        source, _ = _from_hub(known.hub, INDEX, commit)
+        names = [INDEX, *shards_of(source)]
+    for name in names:
+        source, _ = _from_hub(known.hub, name, commit)
+        shutil.copyfile(source, got / name)
     return commit
 
 
-def _copy(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
-        shutil.copyfile(source, Path(scratch) / "weights")
-        (Path(scratch) / "weights").replace(target)
+def _move(got: Path, target: Path) -> None:
+    """A file, or the files of a folder, to where they belong; what else is there stays."""
+    if got.is_file():
+        got.replace(target)
+        return
+    target.mkdir(exist_ok=True)
+    for file in got.iterdir():
+        file.replace(target / file.name)
 
 
 def _from_hub(repository: str, file: str, revision: str | None) -> tuple[Path, str]:
@@ -195,7 +211,11 @@ def _lock_path(path: Path) -> Path:
 def _locked(path: Path) -> dict[str, Any]:
     record: dict[str, Any] = {"sha256": None, "revision": None}
     if _lock_path(path).is_file():
-        record |= json.loads(_lock_path(path).read_text(encoding="utf-8"))
+        held = _lock_path(path)
+        try:
+            record |= {key: json.loads(held.read_text(encoding="utf-8"))[key] for key in record}
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise ValueError(f"weights: {held} is not a lock ({error}); delete it") from error
     return record
 
 

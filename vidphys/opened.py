@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from safetensors.torch import load_file
 from torch import Tensor
 
 from dynamics import Head, build
 from dynamics.terms import from_config
+from encoders.tensors import read_tensors
 from vidphys.errors import InputError
 from vidphys.reading import pipeline
 from vidphys.runs import checkpoint
@@ -112,7 +112,7 @@ class Run:
             InputError: no such part, or a damaged one.
         """
         file = self._one(part, self.parts, "part")
-        return load_file(file) if file.suffix == ".safetensors" else checkpoint.load(file)[0]
+        return read_tensors(file) if file.suffix == ".safetensors" else checkpoint.load(file)[0]
 
     def head(self, cell: str, seed: int = 0, readout: str | None = None) -> Head:
         """A trained head, ready to roll.

@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor
 
 from encoders.seal import is_sealed, sealed
+from encoders.tensors import read_tensors
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256, write_json, write_with
 
@@ -85,8 +85,8 @@ def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         raise InputError(f"checkpoint {path}: its tensors {target.name} are missing; delete both")
     try:
         if sha256(target) == record["sha256"]:
-            return load_file(target), record["meta"]
-    except (OSError, SafetensorError) as error:
+            return read_tensors(target), record["meta"]
+    except (OSError, ValueError) as error:
         raise InputError(f"checkpoint {target}: not readable ({error}); delete both") from error
     raise InputError(
         f"checkpoint {target}: damaged (sha256 differs from {path.name}); delete both files "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from vidphys.data.formats.base import Recording
+from vidphys.data.formats.bounded import reading, require_packed, require_room
 from vidphys.data.formats.names import meaning_of
 from vidphys.data.formats.rows import recording_of
 from vidphys.data.formats.shapes import is_rate_of, rising
 from vidphys.errors import InputError
 
+HEADER, COMPRESSED = 128, 15  # bytes of the file's header; the kind of an element
 LEAST = 8  # samples, from which numbers are a recording and no setting
 STEPS = ("dt", "ts", "interval", "sampletime", "deltat")  # seconds between samples
 RATES = ("fs", "fps", "rate", "framerate", "samplingrate")  # samples in a second
@@ -22,14 +25,13 @@ RATES = ("fs", "fps", "rate", "framerate", "samplingrate")  # samples in a secon
 def read_matlab(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """Vectors of one length, as columns of a table; pieces in cells one after the other."""
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
-    try:
-        held = loadmat(path, struct_as_record=False, squeeze_me=True)
-    except NotImplementedError as error:
-        raise InputError("a MATLAB file of version 7.3; save it with -v7 instead") from error
-    except (MatReadError, ValueError, OSError, TypeError) as error:
-        raise InputError(f"not a MATLAB file ({error})") from error
+    with reading("a MATLAB file"):
+        _require_room(path)
+        try:
+            held = loadmat(path, struct_as_record=False, squeeze_me=True)
+        except NotImplementedError as error:
+            raise InputError("a MATLAB file of version 7.3; save it with -v7 instead") from error
     arrays = dict(_arrays({k: v for k, v in held.items() if not k.startswith("__")}))
     vectors = _continued(_joined({name: x for name, x in arrays.items() if x.size >= LEAST}))
     if not vectors:
@@ -43,6 +45,22 @@ def read_matlab(path: Path, columns: Mapping[str, str], interval: float | None) 
     also = (f"of another length, not taken: {', '.join(left)}",) if left else ()
     notes = (f"{length} samples in {_shapes(vectors)}", *notes, *also)
     return recording_of(table, columns, step, notes, path.stem)
+
+
+def _require_room(path: Path) -> None:
+    """Refuse what would fill the memory when it is unpacked.
+
+    Raises:
+        InputError: it would.
+    """
+    require_room((path.stat().st_size,), 1, "a file")
+    data, at = memoryview(path.read_bytes()), HEADER
+    order = ">" if data[126:128] == b"MI" else "<"
+    while at + 8 <= len(data):
+        kind, size = struct.unpack(f"{order}II", data[at : at + 8])
+        if kind == COMPRESSED:
+            require_packed(data[at + 8 : at + 8 + size])
+        at += 8 + size
 
 
 def _arrays(held: Any, name: str = "") -> Iterator[tuple[str, np.ndarray]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.data.formats.base import Recording, Unit
+from vidphys.data.formats.bounded import require_room
 from vidphys.data.formats.columns import Columns, Table, detect_columns
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS
 from vidphys.data.formats.stamps import cleaned, moments, restarts
@@ -213,6 +214,7 @@ def _long(
     """A body in each row: one frame for each time, NaN where a body has none."""
     frames, at = np.unique(times[rows], return_inverse=True)
     body = np.searchsorted(names, labels[rows])
+    require_room((len(frames), len(names), places.shape[-1]), 8, "frames by bodies")
     out = np.full((len(frames), len(names), places.shape[-1]), np.nan)
     if len(np.unique(at * len(names) + body)) < len(at):
         raise InputError("a body has two rows at one time; a column may tell clips apart")
@@ -222,7 +224,10 @@ def _long(
 
 def _padded(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     """Clips of one length: shorter ones end in frames in which nothing was seen."""
+    if not parts:
+        raise InputError("no row has a time")
     longest = max(len(times) for times, _ in parts)
+    require_room((len(parts), longest, *parts[0][1].shape[1:]), 8, "clips by frames")
     steps = np.concatenate([np.diff(times) for times, _ in parts])
     usual = float(np.median(steps)) if len(steps) else 0.0
     times, places = [], []

@@ -7,19 +7,27 @@ and body (``t, body, x, y``); an NPZ has ``positions`` or ``pixels`` of ``(t, n,
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import TYPE_CHECKING
+from zipfile import ZipFile
 
 import numpy as np
 
 from vidphys.data.formats.base import Recording, Unit
+from vidphys.data.formats.bounded import MOST_COLUMNS, MOST_MEMBERS, reading, require_room
 from vidphys.data.formats.rows import recording_of
 from vidphys.data.formats.text import read_sheet
 from vidphys.data.formats.unnamed import named
 from vidphys.errors import InputError
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 NAMES = ("positions", "q", "tracks", "pixels")
+BESIDE = ("times", "dt", "mass", "coupling")
+BYTES = 8  # of a number as it is held
 
 
 def read_text(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
@@ -36,32 +44,54 @@ def read_parquet(path: Path, columns: Mapping[str, str], interval: float | None)
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"not a table ({str(error).splitlines()[0]})") from error
-    held = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+    with reading("a table"), pq.ParquetFile(path) as file:
+        about, schema = file.metadata, file.schema_arrow
+        if about.num_columns > MOST_COLUMNS:
+            raise InputError(f"{about.num_columns} columns, more than {MOST_COLUMNS}")
+        twice = [name for name, times in Counter(schema.names).items() if times > 1]
+        if twice:
+            raise InputError(f"two columns are called {twice[0]}; give each a name of its own")
+        # pages of equal values are small in a file, and large as numbers
+        require_room((about.num_rows, about.num_columns), BYTES, "a table")
+        groups = (about.row_group(k) for k in range(about.num_row_groups))
+        require_room((sum(group.total_byte_size for group in groups),), 1, "a table")
+        held = {}
+        for field in schema:
+            if pa.types.is_nested(field.type):
+                raise InputError(f"column {field.name}: holds more than a number in a cell")
+            column = file.read([field.name], use_threads=False).column(0)
+            held[field.name] = _plain(column, field.name)
     return recording_of(held, columns, interval, called=path.stem)
+
+
+def _plain(column: pa.ChunkedArray, name: str) -> np.ndarray:
+    """A column as numbers, times or words."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+    if words:
+        lengths = pc.binary_length(column)
+        require_room((len(column), pc.max(lengths).as_py() or 0), BYTES, f"column {name}:")
+    found = column.to_numpy(zero_copy_only=False)
+    if found.dtype != object:
+        return found
+    return np.array(["" if cell is None else str(cell) for cell in found.tolist()])
 
 
 def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None) -> Recording:
     """The arrays of an NPZ file."""
-    try:
-        with np.load(path) as held:
-            arrays = {name: held[name] for name in held.files}
-    except (OSError, EOFError, ValueError, BadZipFile) as error:
-        raise InputError(f"not an npz file of numbers ({error})") from error
-    found = [name for name in NAMES if name in arrays]
-    if len(found) != 1:
-        shapes = ", ".join(f"{name} {x.shape}" for name, x in arrays.items())
-        raise InputError(f"has {shapes or 'nothing'}; needs either positions or pixels")
-    name = found[0]
+    with reading("an npz file of numbers"):
+        arrays = _arrays(path)
+    name = next(name for name in NAMES if name in arrays)
     q = np.asarray(arrays[name], float)
     if q.ndim == 3:
         q = q[None]
     if q.ndim != 4:
         raise InputError(f"'{name}' must be (t, n, d) or (e, t, n, d), got {arrays[name].shape}")
-    step = float(arrays["dt"]) if "dt" in arrays else interval
+    if not q.size:
+        raise InputError(f"'{name}' {arrays[name].shape} holds nothing")
+    step = float(arrays["dt"].item()) if "dt" in arrays else interval
     times = None
     if step is not None and step > 0:
         times = np.tile(np.arange(q.shape[1]) * step, (len(q), 1))
@@ -75,3 +105,39 @@ def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None)
     notes = (f"array '{name}' {arrays[name].shape}",)
     length = "px" if name == "pixels" else ""
     return Recording(q, times, unit, np.array(mass, float), coupling, notes, length)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays that are taken, each held to its header before it is read.
+
+    Raises:
+        InputError: not one array of places, one that is too large, or holds no numbers.
+    """
+    with ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) > MOST_MEMBERS:
+            raise InputError(f"{len(members)} arrays, more than {MOST_MEMBERS}")
+        held = {m.filename.removesuffix(".npy"): _header(archive, m.filename) for m in members}
+        found = [name for name in NAMES if name in held]
+        if len(found) != 1:
+            shapes = ", ".join(f"{name} {shape}" for name, (shape, _) in list(held.items())[:20])
+            raise InputError(f"has {shapes or 'nothing'}; needs either positions or pixels")
+        wanted = [name for name in (*found, *BESIDE) if name in held]
+        for name in wanted:
+            shape, dtype = held[name]
+            if dtype.kind not in "fiub":
+                raise InputError(f"'{name}' holds {dtype}, which are no numbers")
+            require_room(shape, max(BYTES, dtype.itemsize), f"'{name}'")
+    with np.load(path, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in wanted}
+
+
+def _header(archive: ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of an array in an archive."""
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        if version == (1, 0):
+            shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        else:
+            shape, _, dtype = np.lib.format.read_array_header_2_0(file)
+    return shape, dtype

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vidphys.data.formats.bounded import LONGEST_NAME, MOST_COLUMNS, require_text
 from vidphys.data.formats.names import is_unit
 from vidphys.errors import InputError
 
@@ -40,7 +41,10 @@ class Dialect:
         if self.delimiter is None:
             quoted = re.findall(r'"([^"]*)"|(\S+)', line)
             return [a or b for a, b in quoted]
-        row = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
+        try:
+            row = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
+        except csv.Error as error:
+            raise InputError(f"not a table ({error})") from error
         return [cell.strip() for cell in row]
 
     def number(self, cell: str) -> float | None:
@@ -85,6 +89,7 @@ def decoded(path: Path) -> str:
     Raises:
         InputError: no text.
     """
+    require_text(path)
     data = path.read_bytes()
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = data.decode("utf-16", errors="replace")
@@ -104,8 +109,12 @@ def holds_numbers(path: Path) -> bool:
     """Whether a text looks like a table: most of its lines are rows of numbers."""
     try:
         lines = [line for line in decoded(path).splitlines() if line.strip()][:SAMPLE]
+        return _mostly_numbers(lines)
     except InputError:
         return False
+
+
+def _mostly_numbers(lines: Sequence[str]) -> bool:
     rows = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     dialect = _dialect(rows)
     good = sum(_is_data(dialect, dialect.cells(line)) for line in rows)
@@ -133,7 +142,12 @@ def read_sheet(path: Path) -> Sheet:
         )
     rows = [row for _, block in blocks for row in block]
     width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    if width > MOST_COLUMNS:
+        raise InputError(f"{width} columns, more than {MOST_COLUMNS}")
     names, labels = _named(blocks[0][0], dialect, width)
+    long = next((name for name in names if len(name) > LONGEST_NAME), None)
+    if long is not None:
+        raise InputError(f"the name of a column, '{long[:40]} ...', is no name")
     if len(names) > width:
         if not any(len(row) == len(names) for row in rows):
             raise InputError(
@@ -211,7 +225,7 @@ def _header_cells(line: str, dialect: Dialect, width: int) -> list[str]:
         text = text.removeprefix(mark).lstrip(" ") if mark != "//" else text.removeprefix(mark)
     ways = [dialect.cells(text), *(d.cells(text) for d in DIALECTS if d.decimal == ".")]
     ways.append([cell for cell in re.split(r"\s{2,}", text.strip()) if cell])
-    joined = re.sub(r"\s+(?=[\[(])", "_", text.strip())
+    joined = re.sub(r"(?<!\s)\s+(?=[\[(])", "_", text.strip())
     ways.append([cell.replace("_", " ") if "[" in cell else cell for cell in joined.split()])
     ways = [_trimmed(way) for way in ways]
     return next((way for way in ways if len(way) == width), ways[0])

@@ -8,11 +8,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
 from vidphys.data.formats.base import Recording
+from vidphys.data.formats.bounded import reading, require_room, require_text, unpacked
 from vidphys.errors import InputError
 
 MARK = b"org.opensourcephysics"
@@ -59,10 +60,11 @@ def read_project(path: Path, columns: Mapping[str, str], interval: float | None)
         columns: ``body=NAME`` takes one of the tracks; they have no other columns.
         interval: seconds between frames, in place of the project's.
     """
-    try:
-        root = ET.fromstring(_xml(path))
-    except ET.ParseError as error:
-        raise InputError(f"not a project of Tracker ({error})") from error
+    text = _xml(path)
+    if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
+        raise InputError("not a project of Tracker (it declares entities)")
+    with reading("a project of Tracker"):
+        root = ET.fromstring(text)
     every = {name: marks for name, marks, _ in _masses(root)}
     wanted = _wanted(every, columns)
     if not wanted:
@@ -71,6 +73,7 @@ def read_project(path: Path, columns: Mapping[str, str], interval: float | None)
     step = _milliseconds(root, interval)
     clip = _object(root, "videoclip")
     frames = sorted({frame for name in wanted for frame in every[name]})
+    require_room((frames[-1] - frames[0], len(wanted), 2), 8, "marks")
     stride = math.gcd(*(b - a for a, b in zip(frames, frames[1:], strict=False))) or 1
     grid = np.arange(frames[0], frames[-1] + 1, stride)
     places = np.full((1, len(grid), len(wanted), 2), np.nan)
@@ -100,15 +103,13 @@ def _xml(path: Path) -> bytes:
         InputError: an archive without one.
     """
     if path.suffix.lower() == ".trk":
+        require_text(path)
         return path.read_bytes()
-    try:
-        with ZipFile(path) as archive:
-            inside = [name for name in archive.namelist() if name.lower().endswith(".trk")]
-            if not inside:
-                raise InputError("no .trk in this archive; unpack it, and give the table or clip")
-            return archive.read(inside[0])
-    except (BadZipFile, OSError) as error:
-        raise InputError(f"not an archive ({error})") from error
+    with reading("an archive"), ZipFile(path) as archive:
+        found = unpacked(archive, ".trk")
+    if found is None:
+        raise InputError("no .trk in this archive; unpack it, and give the table or clip")
+    return found
 
 
 def _wanted(every: Mapping[str, object], columns: Mapping[str, str]) -> list[str]:
@@ -159,6 +160,8 @@ def _axes(root: ET.Element) -> list[Axes]:
                 ("yscale", "1"),
             )
         )
+        if not (math.isfinite(wide * high) and wide * high != 0):
+            raise InputError(f"scales of {wide:g} and {high:g} pixels in frame {frame}")
         found.append(Axes(frame, (x, y), math.radians(angle), (wide, high)))
     return sorted(found, key=lambda one: one.frame) or [Axes(0, (0.0, 0.0), 0.0, (1.0, 1.0))]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,7 +54,8 @@ def _apart(names: Sequence[str], labels: Sequence[str]) -> list[str]:
         told = name or f"column {len(out) + 1}"
         if list(names).count(name) > 1 and not (meaning_of(name).kind == "time" and not out):
             whom = [f"{label} {told}" if label else "", f"{times[name]} {told}"]
-            told = next(text for text in whom if text and text not in out)
+            numbered = (f"{number} {told}" for number in itertools.count(len(out) + 1))
+            told = next(t for t in itertools.chain(whom, numbered) if t and t not in out)
         out.append(told)
     return out
 

@@ -1,0 +1,264 @@
+"""Files of strangers, made here: good ones, and what becomes of them by seeded mishaps.
+
+``python -m tests.hostile.mutants --count 5000`` reads so many, some hundreds in a process each, and
+says what was neither read nor refused in one line; `make faults` calls it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import multiprocessing
+import resource
+import struct
+import sys
+import tempfile
+import time
+import traceback
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from vidphys.errors import InputError
+
+SECONDS, BYTES = 10, 2 * 10**9
+TIMES = np.arange(40) / 30
+PLACES = np.stack([np.sin(TIMES), 1 - 4.9 * TIMES**2, np.cos(TIMES), TIMES], -1)
+EXTREME = (
+    *("inf", "-inf", "nan", "1e308", "-1e308", "1e-320", "0", "-0", "", " ", "null", "true", "[]"),
+    *("99999999999999999999", "9" * 400, "0x10", "1_0", "１", "-1", "1e999", '"', "{", "\t", "\0"),
+    *("<a>", "&lt;", "&x;", "t", "x", "x1", "body", "frame", ";", "2024-01-01", "12:00:00"),
+)
+
+
+def good() -> dict[str, bytes]:
+    """A file of each kind that is read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    import torch
+    from safetensors.torch import save
+    from scipy.io import savemat
+
+    rows = np.column_stack([TIMES, PLACES])
+    lines = "\n".join(",".join(f"{x:.6g}" for x in row) for row in rows)
+    arrays, table, matlab = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    np.savez(arrays, positions=PLACES.reshape(1, 40, 2, 2), times=TIMES)
+    names = ("t", "x1", "y1", "x2", "y2")
+    pq.write_table(pa.table(dict(zip(names, rows.T, strict=True))), table)
+    savemat(matlab, {"t": TIMES, "x": PLACES[:, 0], "s": {"y": PLACES[:, 1]}}, do_compression=True)
+    xml = project()
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a/clip.trk", xml)
+    pairs = zip(TIMES, rows[:, 1], strict=True)
+    long = "\n".join(f"{t:.4g}\t{b}\t{x:.4g}\t2" for t, x in pairs for b in "ab")
+    return {
+        "a.csv": f"t,x1,y1,x2,y2\n{lines}\n".encode(),
+        "long.tsv": f"time (s)\tbody\tx [cm]\ty [cm]\n{long}\n".encode(),
+        "plain.txt": lines.replace(",", "   ").replace(".", ",").encode("utf-16"),
+        "a.npz": arrays.getvalue(),
+        "a.parquet": table.getvalue(),
+        "a.mat": matlab.getvalue(),
+        "a.trk": xml.encode(),
+        "a.trz": packed.getvalue(),
+        "specification.json": json.dumps(specification()).encode(),
+        "dataset.json": json.dumps({"clips": [{"file": "a.csv", "mass": [1.0]}]}).encode(),
+        "a.safetensors": save({"w": torch.arange(12.0).reshape(3, 4), "b": torch.zeros(3)}),
+    }
+
+
+def specification() -> dict:
+    from dynamics import terms
+    from vidphys.diagnose.explanations.specification import as_specification
+
+    term = terms.Hamiltonian(
+        potentials=(terms.Trap(4.0, (0.0, 1.0)), terms.Uniform((0.0, -9.0))),
+        ports=(terms.Drag(rate=0.1),),
+    )
+    return as_specification(term, 1, (0.0, 0.0), {"trap: k": (4.0, 0.1)}, True, 0.04)
+
+
+def project() -> str:
+    """A project of Tracker with one mass."""
+    home = "org.opensourcephysics.cabrillo.tracker"
+
+    def value(name: str, held: object) -> str:
+        return f'<property name="{name}" type="double">{held}</property>'
+
+    def held(name: str, inside: str, kind: str = "x") -> str:
+        inside = f'<object class="{kind}">{inside}</object>'
+        return f'<property name="{name}" type="object">{inside}</property>'
+
+    marks = "".join(
+        held(f"[{k}]", value("x", 10 + k) + value("y", 90 - k * k / 20)) for k in range(40)
+    )
+    axes = "".join(
+        value(name, x)
+        for name, x in (("xorigin", 3), ("yorigin", 4), ("xscale", 50), ("yscale", 50))
+    )
+    data = '<property name="framedata" type="array">{}</property>'
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?><object class="{home}.TrackerPanel">'
+        + held("videoclip", value("startframe", 0))
+        + held("clipcontrol", value("delta_t", 33.3))
+        + held("coords", data.format(held("[0]", axes)))
+        + f'<property name="tracks"><object class="{home}.PointMass">'
+        + value("mass", 1.0)
+        + data.format(marks)
+        + "</object></property></object>"
+    )
+
+
+def mutant(name: str, data: bytes, random: np.random.Generator) -> bytes:
+    """What became of a file; of an archive or a compressed stream sometimes what is in it."""
+    if name.endswith((".npz", ".trz")) and random.random() < 0.6:
+        packed = io.BytesIO()
+        with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(packed, "w") as new:
+            for member in old.namelist():
+                new.writestr(member, hurt(old.read(member), member.endswith(".trk"), random))
+        return packed.getvalue()
+    if name.endswith(".mat") and random.random() < 0.6:
+        kind, size = struct.unpack("<II", data[128:136])
+        inside = zlib.compress(hurt(zlib.decompress(data[136 : 136 + size]), False, random))
+        return data[:128] + struct.pack("<II", kind, len(inside)) + inside + data[136 + size :]
+    return hurt(data, name.endswith((".csv", ".tsv", ".txt", ".trk", ".json")), random)
+
+
+def hurt(data: bytes, text: bool, random: np.random.Generator) -> bytes:
+    """One to eight mishaps."""
+    for _ in range(int(random.integers(1, 9))):
+        if not data:
+            return data
+        ways = [flip, cut, twice, swapped, wide] + ([word, word, word, line] if text else [])
+        data = ways[int(random.integers(len(ways)))](data, random)
+    return data
+
+
+def flip(data: bytes, random: np.random.Generator) -> bytes:
+    at = int(random.integers(len(data)))
+    return data[:at] + bytes([int(random.integers(256))]) + data[at + 1 :]
+
+
+def wide(data: bytes, random: np.random.Generator) -> bytes:
+    """Four bytes as a size would be that is far off."""
+    at = int(random.integers(len(data)))
+    value = int(random.choice([0, 1, 0x7FFFFFFF, 0xFFFFFFFF, 0x10000, 0x80000000]))
+    return data[:at] + struct.pack("<I", value) + data[at + 4 :]
+
+
+def cut(data: bytes, random: np.random.Generator) -> bytes:
+    return data[: int(random.integers(len(data)))] if random.random() < 0.3 else data
+
+
+def twice(data: bytes, random: np.random.Generator) -> bytes:
+    a, b = sorted(random.integers(0, len(data), 2).tolist())
+    return data[:b] + data[a : min(b, a + 2000)] + data[b:]
+
+
+def swapped(data: bytes, random: np.random.Generator) -> bytes:
+    a, b = sorted(random.integers(0, len(data), 2).tolist())
+    return data[:a] + data[b:] + data[a:b]
+
+
+def word(data: bytes, random: np.random.Generator) -> bytes:
+    """A number or a word by another one."""
+    import re
+
+    found = list(re.finditer(rb"[\w.+-]+", data))
+    if not found:
+        return data
+    one = found[int(random.integers(len(found)))]
+    other = EXTREME[int(random.integers(len(EXTREME)))]
+    return data[: one.start()] + other.encode() + data[one.end() :]
+
+
+def line(data: bytes, random: np.random.Generator) -> bytes:
+    lines = data.split(b"\n")
+    k = int(random.integers(len(lines)))
+    other = lines[int(random.integers(len(lines)))]
+    return b"\n".join([*lines[:k], other, *lines[k + int(random.integers(3)) :]])
+
+
+def reader_of(name: str) -> Callable[[Path], object]:
+    """What a verb reads such a file by."""
+    from encoders.tensors import read_tensors
+    from vidphys.data.dataset import read_manifest
+    from vidphys.data.formats import read_recording
+    from vidphys.diagnose.explanations.specification import read_specification
+
+    return {
+        "specification.json": read_specification,
+        "dataset.json": read_manifest,
+        "a.safetensors": read_tensors,
+    }.get(name, lambda path: read_recording(path, interval=0.1))
+
+
+def outcome(path: Path) -> str:
+    """``read``, ``refused`` or what went wrong."""
+    began = time.monotonic()
+    try:
+        reader_of(path.name)(path)
+        found = "read"
+    except InputError as error:
+        found = "refused" if "\n" not in str(error) else f"several lines: {error}"
+    except ValueError as error:  # of stages, which know no InputError
+        told = path.name.endswith(".safetensors") and str(path) in str(error)
+        found = "refused" if told else "".join(traceback.format_exception(error))
+    except BaseException as error:
+        found = "".join(traceback.format_exception(error))
+    if time.monotonic() - began > SECONDS:
+        found = f"{time.monotonic() - began:.0f} s"
+    if 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > BYTES:
+        found = f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10} MiB at most so far"
+    return found
+
+
+def tried(first: int, count: int, folder: Path) -> Iterator[tuple[int, Path, str]]:
+    """So many mutants, each with its number and what came of it."""
+    files = good()
+    names = list(files)
+    for number in range(first, first + count):
+        name = names[number % len(names)]
+        path = folder / name
+        path.write_bytes(mutant(name, files[name], np.random.default_rng(number)))
+        yield number, path, outcome(path)
+
+
+def _some(first: int, count: int) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "a.csv").touch()
+        for number, path, found in tried(first, count, Path(folder)):
+            if found not in ("read", "refused"):
+                print(f"--- mutant {number}, {path.name}\n{found}", flush=True)
+            key = found if found in ("read", "refused") else "WRONG"
+            counts[key] = counts.get(key, 0) + 1
+    return counts
+
+
+def main() -> int:
+    asked = argparse.ArgumentParser()
+    asked.add_argument("--count", type=int, default=5000)
+    asked.add_argument("--first", type=int, default=0)
+    options = asked.parse_args()
+    total: dict[str, int] = {}
+    context = multiprocessing.get_context("spawn")
+    for first in range(options.first, options.first + options.count, 500):
+        count = min(500, options.first + options.count - first)
+        with context.Pool(1) as pool:  # a crash is a pool that never answers
+            try:
+                found = pool.apply_async(_some, (first, count)).get(SECONDS * count)
+            except multiprocessing.TimeoutError:
+                found = {"CRASHED": 1}
+        for key, value in found.items():
+            total[key] = total.get(key, 0) + value
+    print(json.dumps(total))
+    return 0 if set(total) <= {"read", "refused"} else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
