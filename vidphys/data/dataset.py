@@ -37,12 +37,16 @@ def _plain(file: str) -> str:
     return file
 
 
+File = Annotated[str, Field(max_length=1000), AfterValidator(_plain)]
+
+
 class Listed(Closed):
     """A clip in a manifest; see the module."""
 
-    file: Annotated[str, Field(max_length=1000), AfterValidator(_plain)]
+    file: File
     sha256: Sha256 | None = None
     labels_sha256: Sha256 | None = None
+    truth: File | None = None
     coupling: Number = 1.0
     mass: Annotated[tuple[Above, ...], Field(min_length=1, max_length=1000)] | None = None
 
