@@ -16,6 +16,7 @@ from jaxtyping import Float, UInt8
 from binders.base import BINDERS, MotionTracks
 from binders.blobs import Blobs
 from binders.camera import background_of, camera_drift, undo_drift
+from binders.carried import carried_bodies, drawn_along
 from binders.exchanged import told_apart
 from binders.follow import Candidate, apart, as_likely, path_of, ranked
 from binders.hypotheses import Hypothesis, hypotheses
@@ -35,7 +36,10 @@ SHADOW = 0.6
 LIKE_IT = 10.0  # of :meth:`Wanted.likeness`, from which a pixel has the colour
 UNSAID = 0.02  # of the picture's shorter side: radius of a body of which only a place is said
 HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
-WITH_SHADOWS = 0.75  # how much less likely a blob is the body alone, that may have its shadow
+# how much less likely a blob is the body alone that may have its shadow, and corners are all of it
+DOUBTS = 1.0, 0.75, 0.8
+CORNERS = 2  # the third way to find bodies, by corners
+AS_GOOD = 0.5  # of the score of what is drawn along, that what draws it has
 HIDDEN = 0.5  # of the best score, from which the background is cleaned of a hypothesis
 
 
@@ -196,23 +200,57 @@ def _steady(frames: np.ndarray, drift: np.ndarray) -> np.ndarray:
 def _view(clip: _Clip, settings: MotionBinder) -> _View:
     """What may be bodies before a background that is cleaned of those that are known."""
     sampled = clip.still[clip.sample].astype(np.float32)
-    hidden = None
+    hidden, candidates = None, []
     for _ in range(PASSES):
         background = background_of(sampled, hidden)
         blobs, changed, ghosts = _blobs(clip, background, sampled, settings)
-        candidates = ranked(
-            [each for kind, b in enumerate(blobs) for each in _judged(clip, b, kind, settings)]
-        )
+        judged = [
+            each
+            for kind, b in enumerate(blobs)
+            for each in _judged(clip, hypotheses(b, clip.steps), kind, settings)
+        ]
+        candidates = ranked(judged)
         haunted = ghosts[clip.sample]
         often = haunted.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~haunted)
-    return _View(blobs, changed, candidates)
+    return _View(
+        blobs, changed, ranked(judged + _carried(clip, judged, background, changed, settings))
+    )
 
 
-def _judged(clip: _Clip, blobs: list[Blobs], kind: int, settings: MotionBinder) -> list[Candidate]:
-    found = hypotheses(blobs, clip.steps)
-    doubt = WITH_SHADOWS if kind else 1.0
-    fits = [doubt * settings.wanted.fits(h, clip.factor) for h in found]
+def _carried(
+    clip: _Clip,
+    others: list[Candidate],
+    background: np.ndarray,
+    changed: np.ndarray,
+    settings: MotionBinder,
+) -> list[Candidate]:
+    """Bodies that are known by their corners, without what others draw along."""
+    wanted = settings.wanted
+    if wanted.colour is not None:
+        return []
+    height, width = clip.still.shape[1:3]
+    inside = wanted.where(height, width, clip.factor)
+    found = carried_bodies(clip.still, clip.sample, background, changed, clip.steps, inside)
+    judged = _judged(clip, [body for body, _ in found], CORNERS, settings, [s for _, s in found])
+
+    def better(than: Candidate) -> list[Hypothesis]:
+        least = AS_GOOD * than.judged.score
+        return [each.body for each in judged + others if each.judged.score > least]
+
+    return [each for each in judged if not drawn_along(each.body, better(each))]
+
+
+def _judged(
+    clip: _Clip,
+    found: list[Hypothesis],
+    kind: int,
+    settings: MotionBinder,
+    sure: list[float] | None = None,
+) -> list[Candidate]:
+    fits = [DOUBTS[kind] * settings.wanted.fits(h, clip.factor) for h in found]
+    if sure is not None:
+        fits = [fit * each for fit, each in zip(fits, sure, strict=True)]
     judged = judge(found, clip.steps, float(min(clip.still.shape[1:3])), fits)
     return [Candidate(h, j, kind) for h, j in zip(found, judged, strict=True)]
 

@@ -1,0 +1,78 @@
+"""Candidate bodies whose corners move as one; for those that no background shows whole."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from binders.hypotheses import Hypothesis
+from binders.lawful import foretold
+from binders.outline import outlined
+from binders.points import Group, carried, groups
+
+STIRRED = 25.0  # grey levels between its darkest and brightest, from which a pixel changes
+LIKELIEST = 10  # groups of corners that are looked at
+SHADOW = 0.9  # of it that changes in brightness alone
+FEW = 2.0  # corners that may go together by chance
+LESSER = 0.75  # of a body's size: what is smaller and goes as bodies do is what holds them
+DRAWN = 0.98  # of its motion, that is explained by theirs
+
+
+def carried_bodies(
+    frames: UInt8[np.ndarray, "t h w 3"],
+    sample: list[int],
+    background: Float[np.ndarray, "h w 3"],
+    changed: Bool[np.ndarray, "t h w"],
+    times: Float[np.ndarray, " t"],
+    inside: Bool[np.ndarray, "h w"] | None,
+) -> list[tuple[Hypothesis, float]]:
+    """What moves as one with its corners, and how sure that is, at most 1.
+
+    Args:
+        frames: before a still camera.
+        sample: frames that tell what changes in the course of the clip.
+        background: what stands still in them.
+        changed: what differs from the background in more than brightness.
+        times: of each frame, in units of the usual interval.
+        inside: where bodies are looked for; ``None`` where that is everywhere.
+    """
+    some = frames[sample]
+    stirred = (some.max(0).astype(float) - some.min(0)).max(-1) > STIRRED
+    if inside is not None:
+        stirred &= inside
+    found = list(groups(carried(frames, stirred), float(min(frames.shape[1:3]))))
+    found.sort(key=lambda group: -_lawful(group, times))
+    bodies = []
+    for group in found[:LIKELIEST]:
+        body = outlined(group.positions, frames, background, changed)
+        if body is not None and np.nanmedian(body.lit) < SHADOW:
+            bodies.append((body, _sure(group)))
+    return bodies
+
+
+def _lawful(group: Group, times: np.ndarray) -> float:
+    seen = np.isfinite(group.positions[:, 0]).mean()
+    return float(foretold(group.positions, times) * seen**0.6 * _sure(group))
+
+
+def _sure(group: Group) -> float:
+    return group.corners / (group.corners + FEW)
+
+
+def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
+    """Whether something small goes as one or two larger ones do, as the coils of a spring."""
+    size = float(np.nanmedian(one.size))
+    larger = [other for other in others if size < LESSER * np.nanmedian(other.size)]
+    for k, first in enumerate(larger):
+        for second in larger[k:]:
+            both = one.seen & first.seen & second.seen
+            if both.sum() < 0.5 * one.seen.sum():
+                continue
+            design = np.ones((int(both.sum()), 5))
+            design[:, 0:2], design[:, 2:4] = first.positions[both], second.positions[both]
+            target = one.positions[both]
+            fit = np.linalg.lstsq(design, target, rcond=None)[0]
+            left = ((target - design @ fit) ** 2).sum()
+            if left < (1 - DRAWN) * ((target - target.mean(0)) ** 2).sum():
+                return True
+    return False

@@ -1,0 +1,157 @@
+"""Corners of the picture that are carried along, and groups of them that move as one.
+
+A body that goes less far than it is wide never shows what is behind it, and before other things
+that move nothing stands still behind it: then no background tells where it is, but its corners do.
+They are followed from frame to frame by Lucas and Kanade (1981) in a pyramid, forwards and back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+LOOKS = 5  # frames, spread over the clip, whose corners are followed
+CORNERS = 300  # of a frame
+QUALITY = 0.01  # of the best corner's
+APART = 3  # pixels between corners
+WINDOW = (9, 9)
+LEVELS = 3
+PRECISE = (3, 20, 0.01)  # steps, and pixels
+RETURNED = 0.7  # pixels, within which a corner that is followed forwards and back is where it was
+ANCHORED = 1.0  # pixels, within which the look that it first had is taken to be where it is
+BORDER = 2  # pixels of the picture's edge where none is followed
+STIRRED = 5  # pixels around what changes, where corners are looked for
+MOVED = 0.6  # pixels, root mean square, from which a corner moves
+TOGETHER = 0.6  # pixels, root mean square, up to which two move as one
+OVERLAP = 0.25  # of the frames, in which both are seen
+NEAR = 0.3  # of the picture's shorter side, within which they are of one body
+FEWEST = 3  # corners of a group
+GROUPS = 24
+
+
+@dataclass(frozen=True)
+class Group:
+    """Corners that move as one.
+
+    Args:
+        positions: of their middle, ``(t, 2)`` pixels; NaN where none is seen.
+        spread: of them about it, pixels, root mean square.
+        corners: how many they are.
+    """
+
+    positions: Float[np.ndarray, "t 2"]
+    spread: float
+    corners: int
+
+
+def carried(
+    frames: UInt8[np.ndarray, "t h w 3"], stirred: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "t n 2"]:
+    """Corners that are followed through the clip, pixels; NaN where one is lost.
+
+    Args:
+        frames: before a still camera.
+        stirred: where anything changes in the course of the clip.
+    """
+    import cv2
+
+    grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
+    around = np.ones((2 * STIRRED + 1, 2 * STIRRED + 1), np.uint8)
+    where = 255 * cv2.dilate(stirred.astype(np.uint8), around)
+    found = [np.empty((len(frames), 0, 2), np.float32)]
+    for look in np.unique(np.linspace(0, len(frames) - 1, 2 * LOOKS + 1).astype(int)[1::2]):
+        corners = cv2.goodFeaturesToTrack(grey[look], CORNERS, QUALITY, APART, mask=where)
+        if corners is None:
+            continue
+        paths = np.full((len(frames), len(corners), 2), np.nan, np.float32)
+        paths[look] = corners[:, 0]
+        for order in (range(look, len(frames)), range(look, -1, -1)):
+            _follow(grey, order, paths)
+        found.append(paths)
+    return np.concatenate(found, 1).astype(float)
+
+
+def _follow(grey: list[np.ndarray], order: range, paths: np.ndarray) -> None:
+    """Fill in the paths from the first frame of an order on."""
+    import cv2
+
+    lucas_kanade: Any = cv2.calcOpticalFlowPyrLK
+    settings: Any = {"winSize": WINDOW, "criteria": PRECISE}
+    guessed: Any = {**settings, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW, "maxLevel": 0}
+    high, wide = grey[0].shape
+    first = paths[order.start]
+    live, here = np.arange(len(first)), first.copy()
+    for before, frame in zip(order[:-1], order[1:], strict=True):
+        if not len(live):
+            return
+        there, found, _ = lucas_kanade(
+            grey[before], grey[frame], here, None, maxLevel=LEVELS, **settings
+        )
+        back, again, _ = lucas_kanade(grey[frame], grey[before], there, here.copy(), **guessed)
+        anchor, known, _ = lucas_kanade(
+            grey[order.start], grey[frame], first[live], there.copy(), **guessed
+        )
+        kept = (found[:, 0] > 0) & (again[:, 0] > 0)
+        kept &= np.linalg.norm(back - here, axis=-1) < RETURNED
+        sure = (known[:, 0] > 0) & (np.linalg.norm(anchor - there, axis=-1) < ANCHORED)
+        there = np.where(sure[:, None], anchor, there)
+        kept &= ((there > BORDER) & (there < np.array([wide, high]) - 1 - BORDER)).all(-1)
+        live, here = live[kept], there[kept]
+        paths[frame, live] = here
+
+
+def groups(paths: Float[np.ndarray, "t n 2"], side: float) -> Iterator[Group]:
+    """Corners that move, and move as one, those of which most do first.
+
+    Args:
+        paths: see :func:`carried`.
+        side: of the picture, the shorter one, pixels.
+    """
+    seen = np.isfinite(paths[..., 0])
+    count = np.maximum(seen.sum(0), 1)
+    middle = np.where(seen[..., None], paths, 0).sum(0) / count[:, None]
+    off = np.where(seen[..., None], paths - middle, 0)
+    moves = ((off**2).sum((0, 2)) / count > MOVED**2) & (count > OVERLAP * len(paths))
+    paths, seen, off, middle = paths[:, moves], seen[:, moves], off[:, moves], middle[moves]
+    left = np.ones(len(middle), bool)
+    alike = _as_one(off, seen, middle, side)
+    for _ in range(GROUPS):
+        company = np.where(left, (alike & left).sum(1), 0)
+        if not len(company) or company.max() < FEWEST:
+            return
+        leader = int(company.argmax())
+        members = np.flatnonzero(alike[leader] & left)
+        left[members] = False
+        yield _middle(paths[:, members], int(np.searchsorted(members, leader)))
+
+
+def _as_one(off: np.ndarray, seen: np.ndarray, middle: np.ndarray, side: float) -> np.ndarray:
+    """Which corners keep their distance from which, ``(n, n)`` boolean."""
+    mask = seen.astype(float)
+    both = mask.T @ mask
+    shared = np.maximum(both, 1)
+    apart, spread = np.zeros((2, *both.shape)), np.zeros(both.shape)
+    for axis in (0, 1):
+        x = off[..., axis]
+        mean = (x.T @ mask - mask.T @ x) / shared
+        square = (x * x).T @ mask + mask.T @ (x * x) - 2 * x.T @ x
+        spread += square / shared - mean**2
+        apart[axis] = middle[:, None, axis] - middle[:, axis] + mean
+    near = np.hypot(*apart) < NEAR * side
+    return near & (both >= OVERLAP * len(off)) & (spread < TOGETHER**2)
+
+
+def _middle(paths: np.ndarray, leader: int) -> Group:
+    """Of corners that keep their distances; the leader is seen beside each of them."""
+    offset = np.nanmedian(paths - paths[:, [leader]], 0)
+    places = paths - offset
+    shown = np.isfinite(places[..., 0]).any(1)
+    positions = np.full((len(paths), 2), np.nan)
+    positions[shown] = np.nanmedian(places[shown], 1)
+    from_middle = offset - offset.mean(0)
+    spread = float(np.sqrt((from_middle**2).sum(-1).mean()))
+    return Group(positions + offset.mean(0), spread, len(offset))
