@@ -24,7 +24,7 @@ import torch
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.release import file_sha256
-from encoders.seal import is_sealed, sealed
+from registry.seal import is_sealed, sealed
 
 SCHEMA_VERSION = 2
 UNSEALED = 1  # the schema of before a manifest held a hash of itself

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from registry.seal import are_sealed
+
+SCHEMA_VERSION = "2"
 Arrays = Mapping[str, np.ndarray]
 ROLES = ("truth", "prediction", "counterfactual_truth", "counterfactual")
 
@@ -15,7 +18,7 @@ def read_showcase(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """The arrays and the description that a run folder keeps in ``showcase/*.safetensors``.
 
     Raises:
-        ValueError: the file cannot be read, or is not a showcase.
+        ValueError: the file cannot be read, is damaged or newer, or is not a showcase.
     """
     from safetensors import SafetensorError, safe_open
 
@@ -23,10 +26,20 @@ def read_showcase(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
         with safe_open(path, framework="numpy") as file:
             arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
             meta = dict(file.metadata() or {})
-    except (OSError, SafetensorError) as error:
+    except (OSError, ValueError, TypeError, SafetensorError) as error:
         raise ValueError(
             f"showcase {path}: cannot be read ({error}); run the cell again"
         ) from error
+    version = meta.get("schema_version", SCHEMA_VERSION)
+    if version.isdecimal() and int(version) > int(SCHEMA_VERSION):
+        raise ValueError(
+            f"showcase {path}: schema version {version}, this vidphys reads {SCHEMA_VERSION}"
+        )
+    if not are_sealed(arrays, meta, SCHEMA_VERSION):
+        raise ValueError(
+            f"showcase {path}: damaged (its content does not fit its hash); delete it and run the "
+            "cell again"
+        )
     check_showcase(arrays)
     return arrays, meta
 

@@ -7,18 +7,31 @@ import random
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 import torch
 
+from binders import Detections
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore, StaleFeatures
+from renderers import WORLDS, Camera
+from vidphys.data.clips import render_clips
 from vidphys.data.dataset import find_dataset
 from vidphys.data.rendered import RenderSettings, render_folder
 from vidphys.errors import InputError
+from vidphys.experiments.core.showcase import keep_showcase
+from vidphys.experiments.pixels.seen import pixel_scene
+from vidphys.perception.detections import detections_of
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import read_table, write_table
+from vidphys.runs.sealed import write_sealed
+from vidphys.stress import matrix
+from vidphys.stress.matrix import PRESETS as STRESS
+from vidphys.stress.matrix import families, load_family
+from vidphys.stress.verdict import Outcome
+from viz.showcase import ROLES, read_showcase
 
 IDENTITY = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
 REQUEST = FeatureRequest(IDENTITY, "1" * 64, (0, 1), (0.0, 0.1), (32, 32))
@@ -46,6 +59,7 @@ def undetected(path: Path, read: Callable[[], object], same: Callable, error: ty
             found = read()
         except error as said:
             assert path.name[:12] in str(said)
+            assert "\n" not in str(said)
         else:
             if not same(found):
                 silent.append(number)
@@ -108,6 +122,73 @@ def test_f3_no_damaged_table_of_a_run_is_joined(tmp_path):
     assert undetected(path, lambda: read_table(path), same, InputError) == []
     assert same(read_table(path))
     assert read_table(path).schema.metadata == {b"made_by": b"x"}
+
+
+def shown(path: Path) -> dict[str, np.ndarray]:
+    """A showcase as a cell leaves it."""
+    times = torch.linspace(0, 1, 5, dtype=torch.float64)
+    arrays = {"times": times, "half_extent": torch.tensor(4.0, dtype=torch.float64)}
+    for role in ROLES:
+        arrays[role] = torch.rand(5, 3, 2, dtype=torch.float64)
+        arrays[f"energy_{role}"] = torch.rand(5)
+    keep_showcase(path, arrays, {"cell": "oracle/factored", "seed": "0"})
+    return {name: array.numpy() for name, array in arrays.items()}
+
+
+def test_f3_no_damaged_showcase_is_drawn(tmp_path):
+    path = tmp_path / "oracle-factored.safetensors"
+    whole = shown(path)
+
+    def same(found) -> bool:
+        arrays, about = found
+        return about["cell"] == "oracle/factored" and all(
+            np.array_equal(arrays[name], whole[name]) for name in whole
+        )
+
+    assert undetected(path, lambda: read_showcase(path), same, ValueError) == []
+    assert same(read_showcase(path))
+
+
+def test_f3_no_damaged_outcome_of_stress_is_counted(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    name, cases = next(iter(families(STRESS["quick"]).items()))
+    case = next(iter(cases))
+    outcome = Outcome(case, "sound", 1e-9, "fine", 0.25)
+    path = matrix._kept(run, name)
+    write_sealed(path, {"cells": [matrix._plain(outcome)]}, matrix.SCHEMA_VERSION)
+
+    def same(found) -> bool:
+        return found == [outcome]
+
+    def read():
+        return load_family(run, name, [case])
+
+    assert undetected(path, read, same, InputError) == []
+    assert same(read())
+
+
+def test_f3_no_damaged_run_json_is_gone_on_with(tmp_path):
+    run = RunFolder.open(tmp_path / "r", SETTINGS)
+    whole = run.manifest()
+    assert undetected(run.manifest_path, run.manifest, whole.__eq__, InputError) == []
+
+
+def test_f3_no_damaged_detections_are_used(tmp_path):
+    clips = render_clips(
+        pixel_scene(), WORLDS["anonymous"](camera=Camera(height=32, width=32)), 2, 3, 4, 0, "x"
+    )
+    made = Detections(torch.rand(2, 3, 3, 2), torch.rand(2, 3, 3), clips.times.float())
+
+    def read() -> Detections:
+        return detections_of(clips, tmp_path, lambda _: made)
+
+    read()
+    (path,) = tmp_path.glob("*.safetensors")
+
+    def same(found: Detections) -> bool:
+        return torch.equal(found.positions, made.positions)
+
+    assert undetected(path, read, same, InputError) == []
 
 
 @pytest.fixture(scope="module")

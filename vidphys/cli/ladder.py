@@ -67,7 +67,7 @@ def ladder(config: LadderConfig) -> int:
     settings = settings_of("ladder", config.preset, sizes, units, [LADDER])
     settings["sources"] = sources_of(cells)
     with (
-        RunFolder.at_work(config.out, settings, config.overwrite) as run,
+        RunFolder.at_work(config.out, settings, config.overwrite, threads=1) as run,
         Console(config.quiet, len(units), "ladder") as console,
     ):
         failed = run_units(run, units, sizes, config, console)

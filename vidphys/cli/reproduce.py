@@ -59,7 +59,7 @@ def reproduce(config: ReproduceConfig) -> int:
         units = units_of(tables, seeds, config.cells)
     settings = settings_of("reproduce", config.preset, sizes, units, TABLES.values())
     with (
-        RunFolder.at_work(config.out, settings, config.overwrite) as run,
+        RunFolder.at_work(config.out, settings, config.overwrite, threads=1) as run,
         Console(config.quiet, len(units), "reproduce") as console,
     ):
         failed = run_units(run, units, sizes, config, console)

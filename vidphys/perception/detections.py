@@ -8,18 +8,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
 from torch import Tensor
 
 from binders import Detections, detect
 from binders.detect import DetectorSettings
 from dynamics import Parameters
+from registry.seal import SEAL, are_sealed, arrays_seal
 from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_with
 
 CHUNK = 64  # clips detected at once
+SCHEMA_VERSION = "2"  # 1 had neither a seal nor its number
 REMEMBERED = 4  # sets of clips that a detector knows again
 
 
@@ -124,13 +127,28 @@ def detections_of(
     anonymous_world(clips)
     kept = None if folder is None else folder / f"detections-{_name(clips)}.safetensors"
     if kept is not None and kept.exists():
-        stored = load_file(kept)
+        stored = _read(kept)
         return Detections(stored["positions"], stored["confidence"], clips.times.float())
     found = detector(clips)
     if kept is not None:
         both = {"positions": found.positions, "confidence": found.confidence}
-        write_with(kept, lambda partial: save_file(both, partial))
+        about = {"schema_version": SCHEMA_VERSION}
+        about[SEAL] = arrays_seal({k: v.numpy() for k, v in both.items()}, about)
+        write_with(kept, lambda partial: save_file(both, partial, about))
     return found
+
+
+def _read(path: Path) -> dict[str, Tensor]:
+    try:
+        with safe_open(path, "pt") as file:
+            stored = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+            about = dict(file.metadata() or {})
+        good = are_sealed({k: v.numpy() for k, v in stored.items()}, about, SCHEMA_VERSION)
+    except (OSError, ValueError, TypeError, SafetensorError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); delete it and run again") from error
+    if not good or not {"positions", "confidence"} <= stored.keys():
+        raise InputError(f"{path}: damaged (it does not fit its hash); delete it and run again")
+    return stored
 
 
 def _name(clips: Clips) -> str:

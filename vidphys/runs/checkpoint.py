@@ -17,8 +17,8 @@ from typing import Any
 from safetensors.torch import save_file
 from torch import Tensor
 
-from encoders.seal import is_sealed, sealed
 from encoders.tensors import read_tensors
+from registry.seal import is_sealed, sealed
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256, write_json, write_with
 

@@ -7,15 +7,12 @@ not at all. Each names the code that made it; one that other code goes on with i
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import platform
 import shutil
 import warnings
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +21,15 @@ import pyarrow as pa
 from vidphys.errors import InputError
 from vidphys.runs.aside import forget, is_ours, move_aside, settle, sweep
 from vidphys.runs.asked import ASKED, asked_of, with_asked
-from vidphys.runs.atomic import write_json
 from vidphys.runs.code import code_hash, code_version
 from vidphys.runs.lock import LOCK, locked
 from vidphys.runs.records import read_table, write_table
+from vidphys.runs.sealed import read_sealed, write_sealed
+from vidphys.runs.surroundings import mark_mixed, surroundings
 from vidphys.seeding import role_of
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+UNSEALED = 1  # the schema of before run.json held a hash of itself
 GROWING = ("cells", "seeds")  # lists
 NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a foreign part is from
 MADE_BY = b"code_version"  # in the metadata of a part's tables
@@ -53,7 +52,6 @@ FILES = (
     "specification.json",
     "tracks.csv",
 )
-PACKAGES = ("torch", "numpy", "scipy", "timm", "rerun-sdk", "vidphys")
 
 
 class MixedCodeWarning(UserWarning):
@@ -84,14 +82,18 @@ class RunFolder:
     @classmethod
     @contextmanager
     def at_work(
-        cls, path: Path, settings: dict[str, Any], overwrite: bool = False
+        cls,
+        path: Path,
+        settings: dict[str, Any],
+        overwrite: bool = False,
+        threads: int | None = None,
     ) -> Iterator[RunFolder]:
         """Start a run, or go on with the one that lies there, and hold it for this process.
 
         Nothing is read, written or deleted before the folder is held. More cells, seeds and rungs
         extend a run; anything else that differs makes another run. Where other code goes on with
         one, a :class:`MixedCodeWarning` says so, and ``run.json`` lists the versions as
-        ``mixed_code``.
+        ``mixed_code``; other packages, threads or instructions are marked likewise, as ``mixed``.
 
         Args:
             path: the folder.
@@ -99,6 +101,7 @@ class RunFolder:
                 there are any, the settings of each of the ``rungs``.
             overwrite: give up what lies there if it is another run: it is moved aside, and deleted
                 when the work has ended well.
+            threads: that compute, where it is not this process with torch's number of them.
 
         Raises:
             InputError: another process is at work there, another run lies there, or something
@@ -110,7 +113,7 @@ class RunFolder:
             run._refuse_strangers()
             sweep(path, FOLDERS)
             settle(path)
-            run._begin(settings, overwrite)
+            run._begin(settings, overwrite, threads)
             yield run
             if path.exists():  # else the run was abandoned
                 forget(path)
@@ -127,7 +130,7 @@ class RunFolder:
         if any(not is_ours(path) and path.name != LOCK for path in names):
             raise InputError(f"run folder {self.path}: exists and is not a run; choose another")
 
-    def _begin(self, settings: dict[str, Any], overwrite: bool) -> None:
+    def _begin(self, settings: dict[str, Any], overwrite: bool, threads: int | None) -> None:
         if self.manifest_path.exists():
             manifest = self.manifest()
             if _is_same(manifest["settings"], settings):
@@ -140,7 +143,8 @@ class RunFolder:
                 for key in settings.keys() & set(NAMED):
                     manifest["settings"].setdefault(key, {}).update(settings[key])
                 self._tell_mixed_code(manifest)
-                write_json(self.manifest_path, manifest)
+                mark_mixed(self.path, manifest, threads)
+                self._keep(manifest)
                 return
             if not overwrite:
                 raise InputError(
@@ -148,8 +152,8 @@ class RunFolder:
                     "`overwrite` to give that run up"
                 )
             move_aside(self.path, (*FOLDERS, *FILES))
-        about = {**_surroundings(), "settings": settings, "skipped": []}
-        write_json(self.manifest_path, about)
+        made = {**surroundings(threads), "code_version": code_version()}
+        self._keep({**made, "settings": settings, "skipped": []})
 
     @property
     def manifest_path(self) -> Path:
@@ -161,20 +165,14 @@ class RunFolder:
         Raises:
             InputError: it cannot be read, or a newer vidphys wrote it.
         """
-        try:
-            manifest = json.loads(self.manifest_path.read_text(encoding="utf-8"))
-            version, _ = manifest["schema_version"], manifest["settings"]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise InputError(
-                f"{self.manifest_path}: not readable as a run ({error}); restore it, or move "
-                f"{self.path} away and start anew"
-            ) from error
-        if version != SCHEMA_VERSION:
-            raise InputError(
-                f"{self.manifest_path}: schema version {version}, this vidphys reads "
-                f"{SCHEMA_VERSION}"
-            )
-        return manifest
+        keys = ("schema_version", "settings")
+        todo = f"restore it, or move {self.path} away and start anew"
+        return read_sealed(self.manifest_path, "a run", todo, SCHEMA_VERSION, keys, UNSEALED)
+
+    def _keep(self, manifest: dict[str, Any]) -> None:
+        write_sealed(
+            self.manifest_path, {**manifest, "schema_version": SCHEMA_VERSION}, SCHEMA_VERSION
+        )
 
     def checkpoints(self, part: str) -> Path:
         """Folder of a part's checkpoints."""
@@ -248,7 +246,7 @@ class RunFolder:
                 write_table(self.path / f"{kind}.parquet", tables[kind])
         if "records" not in tables:
             raise InputError(f"run folder {self.path}: no finished work to report")
-        write_json(self.manifest_path, {**self.manifest(), "made_by": self.made_by()})
+        self._keep({**self.manifest(), "made_by": self.made_by()})
         return tables["records"]
 
     def skip(self, cell: str, reason: str) -> None:
@@ -257,14 +255,14 @@ class RunFolder:
         entry = {"cell": cell, "reason": reason}
         if entry not in manifest["skipped"]:
             manifest["skipped"].append(entry)
-            write_json(self.manifest_path, manifest)
+            self._keep(manifest)
 
     def unskip(self, cells: Collection[str]) -> None:
         """Take back what ``run.json`` says of cells that were run after all."""
         manifest = self.manifest()
         kept = [entry for entry in manifest["skipped"] if entry["cell"] not in cells]
         if kept != manifest["skipped"]:
-            write_json(self.manifest_path, {**manifest, "skipped": kept})
+            self._keep({**manifest, "skipped": kept})
 
     def abandon(self) -> None:
         """Leave nothing of a run that could not begin; one with finished work is kept.
@@ -319,15 +317,3 @@ def _is_same(old: dict[str, Any], new: dict[str, Any]) -> bool:
         {k: v for k, v in each.items() if k not in (*GROWING, *NAMED, ASKED)} for each in (old, new)
     )
     return next(kept) == next(kept)
-
-
-def _surroundings() -> dict[str, Any]:
-    versions = {"python": platform.python_version()}
-    for name in PACKAGES:
-        versions[name] = importlib.metadata.version(name)
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "code_version": code_version(),
-        "versions": versions,
-    }

@@ -36,6 +36,8 @@ class Origin:
 
 
 HASH = b"rows_sha256"  # in the metadata of a table
+SCHEMA = b"schema_version"  # likewise
+SCHEMA_VERSION = 2  # 1 did not say its number
 RECORD_SCHEMA = pa.schema(
     [(f.name, pa.int64() if f.name == "seed" else pa.string()) for f in fields(Origin)]
     + [
@@ -178,6 +180,7 @@ def merged_tables(recorders: Sequence[Recorder]) -> tuple[pa.Table, pa.Table]:
 def write_table(path: Path, table: pa.Table) -> None:
     """Write a Parquet file that is whole or not there, with a hash of its rows."""
     marked = {**(table.schema.metadata or {}), HASH: _hash(table)}
+    marked[SCHEMA] = str(SCHEMA_VERSION).encode()
     whole = table.replace_schema_metadata(marked)
     write_with(path, lambda partial: pq.write_table(whole, partial, write_page_checksum=True))
 
@@ -186,12 +189,21 @@ def read_table(path: Path) -> pa.Table:
     """Read a table back, with its metadata but for the hash, which what lies there must fit.
 
     Raises:
-        InputError: it is damaged; one of before there was a hash is only read.
+        InputError: it is damaged, or a newer vidphys wrote it; one of before there was a hash is
+            only read.
     """
     try:
         table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
         marks = dict(table.schema.metadata or {})
-        good = HASH not in marks or marks.pop(HASH) == _hash(table)
+        version = int(marks.pop(SCHEMA, b"1"))
+        if version > SCHEMA_VERSION:
+            raise InputError(
+                f"{path}: schema version {version}, this vidphys reads {SCHEMA_VERSION}"
+            )
+        unmarked = HASH not in marks and version == 1
+        good = unmarked or marks.pop(HASH, b"") == _hash(table)
+    except InputError:
+        raise
     except (OSError, ValueError, pa.ArrowException) as error:
         said = " ".join(str(error).split())
         raise InputError(f"{path}: damaged ({said}); delete it and run again") from error

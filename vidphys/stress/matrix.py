@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from vidphys.errors import InputError
@@ -13,6 +14,7 @@ from vidphys.metrics import FAILED, OK, Summary
 from vidphys.runs.atomic import write_json
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder
+from vidphys.runs.sealed import read_sealed, write_sealed
 from vidphys.stress import (
     balance,
     baths,
@@ -32,6 +34,8 @@ from vidphys.stress import (
 from vidphys.stress.case import SILENT, SKIPPED, Case
 from vidphys.stress.figures import figure_rows
 from vidphys.stress.verdict import Outcome, judge
+
+SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,8 @@ def run_family(
     for index, case in enumerate(cases):
         outcomes.append(judge(case))
         progress(index + 1)
-    write_json(run.path / "outcomes" / f"{name}.json", {"cells": [_plain(o) for o in outcomes]})
+    kept = {"cells": [_plain(outcome) for outcome in outcomes]}
+    write_sealed(_kept(run, name), kept, SCHEMA_VERSION)
     run.finish(name, *_recorded(outcomes).tables())
     return outcomes
 
@@ -160,12 +165,15 @@ def _plain(outcome: Outcome) -> dict[str, Any]:
     }
 
 
+def _kept(run: RunFolder, name: str) -> Path:
+    return run.path / "outcomes" / f"{name}.json"
+
+
 def load_family(run: RunFolder, name: str, cases: list[Case]) -> list[Outcome]:
     """What an earlier call of the same command found."""
-    import json
-
-    path = run.path / "outcomes" / f"{name}.json"
-    found = {cell["name"]: cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]}
+    path, todo = _kept(run, name), "delete it and the part beside it, and run again"
+    kept = read_sealed(path, "outcomes", todo, SCHEMA_VERSION, ["cells"])
+    found = {cell["name"]: cell for cell in kept["cells"]}
     return [
         Outcome(case, *(found[case.name][k] for k in ("verdict", "error", "said", "seconds")))
         for case in cases

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -11,12 +12,14 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, PhaseState, Rollout
+from registry.seal import SEAL, arrays_seal
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question
 from vidphys.runs.atomic import write_with
 
 SHOWN_STEPS = 500  # reference steps after t0
 FLIPPED = -1.0
+SCHEMA_VERSION = "2"  # 1 had neither a seal nor its number
 
 
 def write_showcase(
@@ -67,8 +70,14 @@ def write_showcase(
     extent = 4.0 if clips is None else clips.world.camera.half_extent
     arrays["half_extent"] = torch.tensor(extent, dtype=torch.float64)
     arrays["dt"] = torch.tensor(scene.dt, dtype=torch.float64)
-    whole = {k: v.contiguous() for k, v in arrays.items()}
-    header = {**meta, "coupling": json.dumps(float(params.coupling[0]))}
+    keep_showcase(path, arrays, {**meta, "coupling": json.dumps(float(params.coupling[0]))})
+
+
+def keep_showcase(path: Path, arrays: Mapping[str, Tensor], meta: Mapping[str, str]) -> None:
+    """Write the arrays and what is said of them, with a hash of both."""
+    whole = {name: array.contiguous() for name, array in arrays.items()}
+    header = {**meta, "schema_version": SCHEMA_VERSION}
+    header[SEAL] = arrays_seal({name: array.numpy() for name, array in whole.items()}, header)
     write_with(path, lambda partial: save_file(whole, partial, metadata=header))
 
 
