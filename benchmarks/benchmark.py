@@ -15,6 +15,7 @@ ROWS = {
     for file, names in {
         "rollouts": (
             "compiled-factored",
+            "compiled-ladder",
             "compiled-radial",
             "network-factored",
             "network-factored-many",

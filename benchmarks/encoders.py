@@ -42,8 +42,13 @@ def _computed(name: str, build: Build) -> Match:
     path = f"{runtime} bfloat16, feature error {error:.1e}"
     if error > WORST:
         path += f" (over the {WORST:g} that counts)"
-    ours = Contender(lambda: encoder(frames, times), FRAMES[name], path)
-    return Match(name, "frames", ours, {"float32 as shipped": (_shipped(name, shipped), FASTER)})
+    what = "features in bfloat16, pixels resized and normalised before"
+    ours = Contender(lambda: encoder(frames, times), FRAMES[name], path, what, "loading, compiling")
+    against = {
+        "float32 as shipped": (_shipped(name, shipped, torch.float32), FASTER),
+        "bfloat16, the same model": (_shipped(name, shipped, torch.bfloat16), 1.0),
+    }
+    return Match(name, "frames", ours, against, {"feature error": error})
 
 
 def _from_store(name: str, build: Build) -> Match:
@@ -61,8 +66,9 @@ def _from_store(name: str, build: Build) -> Match:
         assert found is not None
         return found.values.float()
 
-    ours = Contender(read, FRAMES[name], "store on disk, float16")
-    peer = {"float32 as shipped": (_shipped(name, shipped), CACHED)}
+    what = "features read back and made float32"
+    ours = Contender(read, FRAMES[name], "store on disk, float16", what, "the extraction before")
+    peer = {"float32 as shipped": (_shipped(name, shipped, torch.float32), CACHED)}
     return Match(f"{name}, cached", "frames", ours, peer)
 
 
@@ -72,14 +78,17 @@ def _clip(name: str) -> tuple[Tensor, Tensor]:
     return frames, torch.arange(FRAMES[name], dtype=torch.float64)
 
 
-def _shipped(name: str, network: Callable[[Tensor], Tensor]) -> Contender:
+def _shipped(name: str, network: Callable[[Tensor], Tensor], dtype: torch.dtype) -> Contender:
+    """The library's model as it is, or with torch's own casts to a shorter type."""
     pixels = _clip(name)[0]
+    shorter = dtype != torch.float32
 
     def work() -> Tensor:
-        with torch.inference_mode():
+        with torch.inference_mode(), torch.autocast("cpu", dtype, enabled=shorter):
             return network(pixels)
 
-    return Contender(work, FRAMES[name], "torch")
+    what = f"features in {str(dtype).removeprefix('torch.')} of pixels that are ready"
+    return Contender(work, FRAMES[name], "torch", what, "preparing pixels")
 
 
 def _dinov2(dtype: Any, runtime: Runtime) -> tuple[Any, Callable[[Tensor], Tensor]]:

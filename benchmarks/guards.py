@@ -14,6 +14,8 @@ from vidphys.scenes.gravity import gravity
 
 LEAST = 1 / 1.03  # of the bare steps' speed
 WIDTH, STEPS = 64, 2000  # the study's
+LEAPS = "leapfrog steps, every state stored, float32"
+CHECKED = f"{LEAPS}; all checks of a rollout"
 
 
 def guards(name: str, count: int) -> Match:
@@ -31,9 +33,9 @@ def guards(name: str, count: int) -> Match:
         return rollout(head, start, params, STEPS, DT)
 
     amount, path = count * STEPS, bare().backend
-    peers = {"the same steps without guards": (Contender(bare, amount, path), LEAST)}
+    peers = {"the same steps without guards": (Contender(bare, amount, path, LEAPS), LEAST)}
     row = f"guards, {name}, {count} episode{'s' if count > 1 else ''}"
-    return Match(row, "episode-steps", Contender(guarded, amount, path), peers)
+    return Match(row, "episode-steps", Contender(guarded, amount, path, CHECKED), peers)
 
 
 guards_exact_1 = partial(guards, "exact", 1)

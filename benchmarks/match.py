@@ -10,6 +10,7 @@ from vidphys.points.point import CPU_CLOCK, WALL_CLOCK
 from vidphys.trade.timing import Timed, in_turn, quartiles
 
 SETTLE = 0.03  # seconds between calls
+BUILDING = "seconds to build"  # a number of a match: what ours takes before it is fast
 
 
 @dataclass(frozen=True)
@@ -20,21 +21,35 @@ class Contender:
         work: one call.
         amount: units of work in a call.
         path: what runs it, e.g. ``numba``.
+        computes: what a unit of its work is, in words.
+        excludes: what its user also waits for, and is not timed.
     """
 
     work: Callable[[], Any]
     amount: float
     path: str
+    computes: str
+    excludes: str = "nothing"
 
 
 @dataclass(frozen=True)
 class Match:
-    """Ours against peers, by name, with the least ratio of speed that is asked for."""
+    """Ours against peers, by name, with the least ratio of speed that is asked for.
+
+    Args:
+        row, unit: names.
+        ours: us.
+        peers: and they.
+        numbers: what else was measured of ours, its errors above all.
+        replaces: the peer in whose place ours is built, where building takes seconds.
+    """
 
     row: str
     unit: str
     ours: Contender
     peers: dict[str, tuple[Contender, float]]
+    numbers: dict[str, float] = field(default_factory=dict)
+    replaces: str = ""
 
 
 @dataclass(frozen=True)
@@ -52,6 +67,8 @@ class BenchmarkRow:
         threads: of each contender.
         clock: ``cpu`` seconds of the process for one thread, else ``wall``.
         repeats: rounds.
+        computes, peer_computes: what a unit of work is on either side.
+        excludes, peer_excludes: what is not timed.
         numbers: whatever else was measured.
     """
 
@@ -69,6 +86,10 @@ class BenchmarkRow:
     threads: int
     clock: str
     repeats: int
+    computes: str = ""
+    peer_computes: str = ""
+    excludes: str = ""
+    peer_excludes: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
 
 
@@ -85,23 +106,26 @@ def play(match: Match, repeats: int, threads: int) -> list[BenchmarkRow]:
         for one, times in zip(contenders, timed, strict=True)
     )
     return [
-        _row(match, name, bar, ours, speeds, threads, clock)
-        for (name, (_, bar)), speeds in zip(match.peers.items(), theirs, strict=True)
+        _row(match, name, ours, speeds, threads, clock)
+        for name, speeds in zip(match.peers, theirs, strict=True)
     ]
 
 
 def _row(
     match: Match,
     peer: str,
-    bar: float,
     ours: list[float],
     theirs: list[float],
     threads: int,
     clock: str,
 ) -> BenchmarkRow:
     """The speeds of each round against one peer's."""
+    them, bar = match.peers[peer]
     low, _, high = quartiles([a / b for a, b in zip(ours, theirs, strict=True)])
     mine, other = quartiles(ours)[1], quartiles(theirs)[1]
+    numbers = dict(match.numbers)
+    if peer == match.replaces and mine > other:
+        numbers[f"{match.unit} until building pays"] = numbers[BUILDING] / (1 / other - 1 / mine)
     return BenchmarkRow(
         row=match.row,
         peer=peer,
@@ -117,11 +141,16 @@ def _row(
         threads=threads,
         clock=clock,
         repeats=len(ours),
+        computes=match.ours.computes,
+        peer_computes=them.computes,
+        excludes=match.ours.excludes,
+        peer_excludes=them.excludes,
+        numbers=numbers,
     )
 
 
 def table(rows: Sequence[BenchmarkRow]) -> str:
-    """The rows as plain text, one a line."""
+    """The rows as plain text, and under each what either side computes."""
     lines = []
     for row in rows:
         verdict = "reached" if row.reached else "missed"
@@ -131,4 +160,6 @@ def table(rows: Sequence[BenchmarkRow]) -> str:
             f"{row.ratio:.3g} ({row.low:.3g} to {row.high:.3g}) | bar {row.bar:g}: {verdict} | "
             f"{row.path}, {row.threads} thread(s), {row.clock}{extra}"
         )
+        lines.append(f"    ours: {row.computes}; not timed: {row.excludes}")
+        lines.append(f"    peer: {row.peer_computes}; not timed: {row.peer_excludes}")
     return "\n".join(lines)

@@ -6,6 +6,7 @@ what ours computes: the same weights, the same inputs, every step stored, float3
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -16,10 +17,12 @@ import numpy as np
 import torch
 import torchdiffeq
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 from benchmarks.contenders import DT, RATE, Problem
 from dynamics import Hamiltonian, Parameters, PhaseState
+from dynamics.compiled.build import Sample
 from dynamics.compiled.cpu import states
 from dynamics.compiled.steps import kick, move_all, store
 from dynamics.mlp import MLP
@@ -102,10 +105,16 @@ def _system(start: PhaseState, params: Parameters) -> tuple[Array, ...]:
 
 
 def jax_leapfrog(
-    gradient: Pair, network: MLP, start: PhaseState, params: Parameters, steps: int, dt: float
+    gradient: Pair,
+    network: MLP | None,
+    start: PhaseState,
+    params: Parameters,
+    steps: int,
+    dt: float,
 ) -> Callable[[], Array]:
     """``lax.scan`` over leapfrog steps with one force each, the gradient written by hand."""
-    weights, (q, p, mass, product, incidence) = weights_of(network), _system(start, params)
+    weights = [] if network is None else weights_of(network)
+    q, p, mass, product, incidence = _system(start, params)
 
     @jax.jit
     def roll(weights: Weights, q: Array, p: Array) -> Array:
@@ -124,6 +133,41 @@ def jax_leapfrog(
         return jax.lax.scan(step, (q, p, force(q)), length=steps)[1]
 
     return lambda: jax.block_until_ready(roll(weights, q, p))
+
+
+def splined(potential: RadialPotential, reach: float, knots: int) -> Pair:
+    """A rival's way to the same trick: the radial law as a cubic spline of log r, in JAX.
+
+    Args:
+        potential: trained.
+        reach: world units; beyond it the outermost piece is used.
+        knots: evenly spread in the logarithm of the softened distance.
+    """
+    far = np.log(np.hypot(reach, CORE))
+    x = np.linspace(np.log(CORE), far, knots)
+    exact = copy.deepcopy(potential).double()
+    with torch.no_grad():
+        energy = exact.distance_energy(torch.from_numpy(np.exp(x))[:, None]).numpy()
+    pieces = jnp.asarray(CubicSpline(x, energy).c.astype(np.float32))  # (4, knots - 1)
+    start, step = float(x[0]), float(x[1] - x[0])
+
+    def gradient(_: Weights, displacement: Array) -> Array:
+        r = _soft(displacement)
+        place = (jnp.log(r) - start) / step
+        piece = jnp.clip(place.astype(jnp.int32), 0, knots - 2)
+        along = (place - piece) * step
+        cubic, square, slope, _height = pieces[:, piece]
+        return ((3 * cubic * along + 2 * square) * along + slope) * displacement / r**2
+
+    return gradient
+
+
+def force_error(potential: RadialPotential, gradient: Pair) -> float:
+    """Largest error of a radial force over the largest force within a third of the distance."""
+    sample = Sample.of(copy.deepcopy(potential).double(), 100.0)
+    found = np.asarray(gradient([], jnp.asarray(sample.places.float().numpy())), np.float64)
+    wrong = np.linalg.norm(found - sample.forces.numpy(), axis=-1).max(-1)
+    return float((wrong / sample.size.numpy()).max())
 
 
 def diffrax_rollout(
@@ -160,9 +204,14 @@ def diffrax_rollout(
 
 
 def torchdiffeq_rollout(
-    head: Hamiltonian, start: PhaseState, params: Parameters, steps: int, dt: float
+    head: Hamiltonian,
+    start: PhaseState,
+    params: Parameters,
+    steps: int,
+    dt: float,
+    method: str,
 ) -> Callable[[], Tensor]:
-    """What a user of torch writes: H, its gradient by autograd, and ``odeint`` with RK4."""
+    """What a user of torch writes: H, its gradient by autograd, and ``odeint`` with a method."""
 
     def field(t: Tensor, x: Tensor) -> Tensor:
         with torch.enable_grad():
@@ -175,7 +224,7 @@ def torchdiffeq_rollout(
 
     def roll() -> Tensor:
         with torch.no_grad():
-            return torchdiffeq.odeint(field, torch.stack([start.q, start.p]), times, method="rk4")
+            return torchdiffeq.odeint(field, torch.stack([start.q, start.p]), times, method=method)
 
     return roll
 

@@ -23,6 +23,7 @@ SIZE, BODIES, FRAMES = 224, 3, 128
 SIGMA, RADIUS, SOFTNESS = 0.32, 0.4, 0.05  # world units, of a view that is 8 wide
 PLACES = 6.0  # world units: bodies lie in a square of this side
 OURS = "numba, reused memory"
+PICTURES = "three bodies, each drawn into a channel of its own, float32"
 Draw = Callable[[Tensor], Tensor]
 
 
@@ -56,8 +57,9 @@ def gaussians_bandwidth() -> Match:
     """Bytes of Gaussian splats a second against filling the same memory with one number."""
     case = _Case.drawn()
     size = float(case.memory.numel() * case.memory.element_size())
-    fill = Contender(lambda: case.memory.fill_(0.5), size, "torch")
-    ours = Contender(case.work(case.gaussians, False), size, OURS)
+    one = "the same bytes set to one number"
+    fill = Contender(lambda: case.memory.fill_(0.5), size, "torch", one)
+    ours = Contender(case.work(case.gaussians, False), size, OURS, PICTURES)
     return Match("gaussians forward, bytes", "bytes", ours, {"fill_ of the memory": (fill, 0.5)})
 
 
@@ -79,11 +81,12 @@ class _Case:
     def match(
         self, row: str, ours: Draw, peers: Mapping[str, Draw], bar: float, both: bool
     ) -> Match:
+        what = PICTURES + (", and the gradient of their places" if both else "")
         against = {
-            name: (Contender(self.work(draw, both), FRAMES, "torch"), bar)
+            name: (Contender(self.work(draw, both), FRAMES, "torch", what), bar)
             for name, draw in peers.items()
         }
-        return Match(row, "frames", Contender(self.work(ours, both), FRAMES, OURS), against)
+        return Match(row, "frames", Contender(self.work(ours, both), FRAMES, OURS, what), against)
 
     def work(self, draw: Draw, both: bool) -> Callable[[], object]:
         """One batch of frames; with the gradient of the places where ``both``."""

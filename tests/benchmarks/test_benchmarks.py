@@ -7,7 +7,7 @@ import pytest
 
 import benchmarks.__main__ as command
 from benchmarks.benchmark import ROWS
-from benchmarks.match import BenchmarkRow, Contender, Match, play
+from benchmarks.match import BUILDING, BenchmarkRow, Contender, Match, _row, play
 from vidphys.trade import timing
 
 
@@ -44,10 +44,12 @@ def test_contenders_are_timed_in_turn_by_one_clock_and_held_to_their_bars(
             calls.append(name)
             clock.passes(wall, 1.0)
 
-        return Contender(work, 10.0, "torch")
+        return Contender(work, 10.0, "torch", f"{name} naps", "waking up")
 
     peers = {"slow": (waits("slow", 8.0), 1.5), "like": (waits("like", 2.0), 0.5)}
     rows = play(Match("row", "naps", waits("ours", 2.0), peers), 3, threads)
+    assert [row.peer_computes for row in rows] == ["slow naps", "like naps"]
+    assert {(row.computes, row.excludes) for row in rows} == {("ours naps", "waking up")}
     assert calls == 4 * ["ours", "slow", "like"]  # the first of each is not counted
     assert [row.ours for row in rows] == [ours, ours]  # the pause counts for the process alone
     assert [row.ratio for row in rows] == [row.low for row in rows] == ratios
@@ -95,3 +97,17 @@ def test_wrong_input_is_one_line(arguments, message, capsys):
     assert command.main(arguments) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
+
+
+def test_building_pays_after_as_many_steps_as_it_saves():
+    def naps(wall: float) -> Contender:
+        return Contender(lambda: None, 10.0, "torch", f"{wall}")
+
+    against = {"network": (naps(8.0), 1.0), "other": (naps(8.0), 1.0)}
+    match = Match("row", "steps", naps(2.0), against, {BUILDING: 3.0}, replaces="network")
+    network, other = (
+        _row(match, name, [5.0, 5.0, 5.0], [1.25, 1.25, 1.25], 1, "cpu") for name in against
+    )
+    # 0.8 s a step against 0.2 s: 3 s are won back in five steps
+    assert network.numbers["steps until building pays"] == pytest.approx(5.0)
+    assert other.numbers == {BUILDING: 3.0}
