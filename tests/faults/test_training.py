@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from vidphys.errors import InputError
 from vidphys.runs import checkpoint
 from vidphys.runs.checkpoint import DamagedCheckpointWarning
 from vidphys.training.ensemble import Ensemble
-from vidphys.training.loop import FitSettings, fit
+from vidphys.training.loop import FitSettings, SkippedBatchWarning, fit
 
 DATA = torch.linspace(-1, 1, 32)[:, None]
 SETTINGS = FitSettings(steps=12, batch=8, learning_rate=1e-2, save_every=2)
@@ -64,6 +65,48 @@ def test_f5_a_finite_loss_with_a_bad_gradient_reaches_neither_weights_nor_checkp
     tensors, meta = checkpoint.load(path)
     assert meta["step"] == 4
     assert all(bool(torch.isfinite(t).all()) for t in tensors.values() if t.is_floating_point())
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_f5_a_batch_is_skipped_where_that_is_asked_for_and_its_name_is_said(tmp_path, bad):
+    skipping, path = replace(SETTINGS, on_nan="skip"), tmp_path / "c.json"
+    model = line()
+    said = r"the gradient is not finite at step 4, in the batch of examples \d+, .*, 1 so far"
+    with pytest.warns(SkippedBatchWarning, match=said):
+        fit(model, turning_bad(model, 5, bad), DATA, skipping, seed=0, save_to=path)
+    assert checkpoint.load(path)[1]["learners"][0]["skipped"] == 1
+    assert all(bool(torch.isfinite(p).all()) for p in model.parameters())
+    other = line()
+    fit(other, turning_bad(other, 0, bad), DATA, SETTINGS, seed=0)
+    assert not torch.equal(model.weight, other.weight)
+
+
+def test_f5_a_training_that_stopped_goes_on_where_skipping_is_asked_for(tmp_path):
+    path, model = tmp_path / "c.json", line()
+    with pytest.raises(FloatingPointError):
+        fit(model, turning_bad(model, 7, math.nan), DATA, SETTINGS, seed=0, save_to=path)
+    whole, again = line(), line()
+    skipping = replace(SETTINGS, on_nan="skip")
+    with pytest.warns(SkippedBatchWarning):
+        fit(whole, turning_bad(whole, 7, math.nan), DATA, skipping, seed=0)
+    with pytest.warns(SkippedBatchWarning):  # the checkpoint is of step 6, before the batch
+        fit(again, turning_bad(again, 1, math.nan), DATA, skipping, seed=0, save_to=path)
+    assert torch.equal(again.weight, whole.weight)
+
+
+def test_f5_more_than_a_tenth_of_the_batches_is_not_skipped():
+    model, calls = line(), []
+
+    def loss(batch):
+        calls.append(1)
+        return (model(batch) * math.nan if len(calls) > 3 else model(batch)).square().mean()
+
+    skipping = replace(SETTINGS, on_nan="skip")
+    with (
+        pytest.warns(SkippedBatchWarning),
+        pytest.raises(FloatingPointError, match="the loss is nan at step 4"),
+    ):
+        fit(model, loss, DATA, skipping, seed=0)
 
 
 def test_f5_a_gradient_whose_square_is_too_large_is_no_bad_one():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vidphys.runs.records import Recorder
 
 CELL = "tracks/specified"
-ELSEWHERE = ("tracks", "specification", "out", "overwrite", "quiet")
+ELSEWHERE = ("tracks", "specification", "out", "on_nan", "overwrite", "quiet")
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class FitConfig:
         train_share: of the frames that is trained on, from the first.
         steps: optimiser steps.
         seed: of initial weights and batch order.
+        on_nan: what a loss or gradient that is not finite does: stop ends the training at the
+            checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
@@ -53,12 +55,16 @@ class FitConfig:
     train_share: float = 0.6
     steps: int = 400
     seed: int = 0
+    on_nan: Literal["stop", "skip"] = "stop"
     overwrite: bool = False
     quiet: bool = False
 
 
-def fit(config: FitConfig) -> None:
+def fit(config: FitConfig) -> int:
     """See :class:`FitConfig`.
+
+    Returns:
+        0, or 1 where the training's loss or gradient was not finite.
 
     Raises:
         InputError: a table or a specification that cannot be read, or that do not belong together;
@@ -110,10 +116,14 @@ def fit(config: FitConfig) -> None:
             console.stage(("fit", step, steps))
 
         try:
-            found = train_specified(term, held, motion, end, config.steps, config.seed, show)
+            how = config.steps, config.seed, show, config.on_nan
+            found = train_specified(term, held, motion, end, *how)
         except InputError:
             run.abandon()
             raise
+        except FloatingPointError as error:
+            console.warn(f"{error}; try fewer frames, or --on-nan skip")
+            return 1
         save_fitted(run.checkpoints("heads"), found.model, config.steps)
         write_with(run.path / TRACKS, lambda path: write_tracks(path, motion))
         recorder = _record(config, found)
@@ -124,6 +134,7 @@ def fit(config: FitConfig) -> None:
         console.done(0)
         for row in recorder.rows:
             console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")
+    return 0
 
 
 def _draw(run: RunFolder, motion: Motion, found: Trained, name: str) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 HEADS = 4  # by which the width of a readout's attention is divided
 SIZES = {"widths": "width", "readers": "readers"}  # option: what a kind of readout calls it
 # where things lie and what is shown make no other run
-ELSEWHERE = ("data", "store", "out", "weights", "profile", "overwrite", "quiet")
+ELSEWHERE = ("data", "store", "out", "weights", "on_nan", "profile", "overwrite", "quiet")
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,8 @@ class TrainConfig(WhoOptions, SeeingOptions):
             says that it has none.
         beyond: seconds to roll past the end of the recorded clip.
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
+        on_nan: what a loss or gradient that is not finite does: stop ends the training at the
+            checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -103,6 +105,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
     friction: Literal["auto", "yes", "no"] = "auto"
     beyond: float = 3.0
     seed: int = 0
+    on_nan: Literal["stop", "skip"] = "stop"
     profile: Path | None = None
     overwrite: bool = False
     quiet: bool = False
@@ -147,7 +150,7 @@ def train(config: TrainConfig) -> int:
                 run.abandon()
                 raise
             except FloatingPointError as error:
-                console.warn(f"{error}; try smaller --learning-rates")
+                console.warn(f"{error}; try smaller --learning-rates, or --on-nan skip")
                 return 1
         _show(run, console)
     return 0
@@ -224,14 +227,14 @@ def _settings(config: TrainConfig) -> TrainSettings:
     kind = READOUTS[config.readout]
     steps, batch = config.steps or kind.steps, config.batch or kind.batch
     shift = (kind.shift or 0) if config.shift is None else config.shift
-    fit = FitSettings(steps, batch, config.learning_rates[0], kind.clip)
+    fit = FitSettings(steps, batch, config.learning_rates[0], kind.clip, on_nan=config.on_nan)
     readout = ReadoutSettings(fit, shift, StopSettings(patience=config.patience))
     seeds = tuple(range(config.seed, config.seed + config.seeds))
     sizes = {size: getattr(config, option) for option, size in SIZES.items()}
     tried = {size: values for size, values in sizes.items() if values}
     grid = Grid(config.readout, tried, config.learning_rates, seeds)
     how = config.mirrors, config.selection, config.train_share, config.head_steps
-    return TrainSettings(readout, grid, *how, config.heads, config.seed)
+    return TrainSettings(readout, grid, *how, config.heads, config.seed, config.on_nan)
 
 
 def _train(

@@ -29,6 +29,7 @@ from vidphys.data.charts import Chart, Curve
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.shooting.step import model_step
+from vidphys.training.learner import OnNan
 from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 FACTORED, UNSTRUCTURED = "factored", "unstructured"
@@ -152,6 +153,7 @@ def fit_head(
     seed: int,
     save_to: Path | None = None,
     progress: Progress | None = None,
+    on_nan: OnNan = "stop",
 ) -> Head:
     """Train a model of this term on the samples.
 
@@ -162,6 +164,7 @@ def fit_head(
         seed: of initial weights and batch order.
         save_to: folder of checkpoints.
         progress: called as ``(step, steps, loss)``.
+        on_nan: see :class:`vidphys.training.learner.FitSettings`.
     """
     _, length, bodies, space = samples.tracks.positions.shape
     dt, _ = model_step(samples.interval)
@@ -177,6 +180,7 @@ def fit_head(
         PRECISE[chart.kind],
         save_to,
         progress,
+        on_nan=on_nan,
     )
     tell_scale(head, task)
     train_by_shooting(head, task)

@@ -20,6 +20,7 @@ from vidphys.reading.fitted import Fitted, Rolled, Units, built, even, law_of
 from vidphys.reading.seen import Seen
 from vidphys.training.baths import measure_bath
 from vidphys.training.few import fit_few, is_few
+from vidphys.training.learner import OnNan
 from vidphys.training.tracks import TrackTask, tell_scale, train_by_shooting
 
 AHEAD = 4  # frames that are predicted after the two that start a window
@@ -51,6 +52,7 @@ def train_specified(
     steps: int,
     seed: int,
     progress: Progress | None = None,
+    on_nan: OnNan = "stop",
 ) -> Trained:
     """Train a model of these terms on the frames before ``end``, and roll it over the rest.
 
@@ -65,8 +67,10 @@ def train_specified(
         steps: of the optimiser, or rounds of the least squares, at most.
         seed: of initial weights and batch order.
         progress: called as ``(step, steps, loss)``.
+        on_nan: see :class:`vidphys.training.learner.FitSettings`.
 
     Raises:
+        FloatingPointError: a loss or a gradient is not finite.
         InputError: tracks of another scene.
     """
     _check(held, motion)
@@ -80,6 +84,7 @@ def train_specified(
         fit_few(fitted.head, tracks, law, interval, steps, progress)
     else:
         task = TrackTask(tracks, law, interval, steps, seed, AHEAD, PRECISE, progress=progress)
+        task = replace(task, on_nan=on_nan)
         tell_scale(fitted.head, task)
         train_by_shooting(fitted.head, task)
     fitted.head.eval()

@@ -33,6 +33,7 @@ from vidphys.training.candidates import (
     best_of,
     train_grid,
 )
+from vidphys.training.learner import OnNan
 from vidphys.training.readouts import ReadoutSettings
 
 
@@ -49,6 +50,7 @@ class TrainSettings:
         head_steps: of each head's optimiser.
         heads: of :data:`dynamics.HEADS`, trained beside the two that the scene asks for.
         seed: of batch orders and heads.
+        on_nan: of the heads; see :class:`vidphys.training.learner.FitSettings`.
     """
 
     readout: ReadoutSettings
@@ -59,6 +61,7 @@ class TrainSettings:
     head_steps: int = 400
     heads: tuple[str, ...] = ()
     seed: int = 0
+    on_nan: OnNan = "stop"
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,7 @@ def understand(
     heads = {}
     for name, each in terms.items():
         save_to = None if folder is None else folder / name
-        how = settings.head_steps, settings.seed, save_to, stage(f"{name} head")
+        how = settings.head_steps, settings.seed, save_to, stage(f"{name} head"), settings.on_nan
         heads[name] = fit_head(each, samples, chart, *how)
     dynamics = Dynamics(chart, samples.interval, terms, heads)
     return Pipeline(perceived.reader, perceived.chosen.candidate.recipe, dynamics)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +17,9 @@ from vidphys.runs.checkpoint import under
 from vidphys.training.early_stopping import BestWeights
 
 Loss = Callable[[Any], Tensor]
+OnNan = Literal["stop", "skip"]
 WARM_UP = 0.1
+MOST_SKIPPED = 0.1  # of the steps, beyond which a training that skips batches is lost too
 SMALL = 2**18  # numbers that one thread updates in a sixth of a millisecond
 
 
@@ -40,6 +42,8 @@ class FitSettings:
         learning_rate: peak of the one-cycle schedule of Adam.
         clip: largest gradient norm; 0 clips nothing.
         save_every: optimiser steps between checkpoints.
+        on_nan: of a batch whose loss or gradient is not finite: ``stop`` loses the training,
+            ``skip`` leaves the batch out, which counts as a step, of up to a tenth of all steps.
     """
 
     steps: int
@@ -47,6 +51,7 @@ class FitSettings:
     learning_rate: float
     clip: float = 0.0
     save_every: int = 500
+    on_nan: OnNan = "stop"
 
 
 class Learner:
@@ -70,7 +75,7 @@ class Learner:
         self.parameters = [p for p in modules.parameters() if p.requires_grad]
         self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate, fused=True)
         self.step, self.loss = 0, math.nan
-        self.lost, self.why = False, ""
+        self.lost, self.why, self.skipped = False, "", 0
 
     @property
     def done(self) -> bool:
@@ -79,19 +84,34 @@ class Learner:
         return self.lost or stopped or self.step >= self.settings.steps
 
     def update(self, batch: Any) -> None:
-        """One step; a loss or a gradient that is not finite updates nothing and loses it all."""
-        loss = self.batch_loss(batch)
-        self.loss = float(loss.detach())
+        """One step; a loss or a gradient that is not finite updates nothing.
+
+        ``why`` then says so, and ``lost`` whether that is the end of the training.
+        """
+        loss, before = self.batch_loss(batch), self.loss
+        self.loss, self.why = float(loss.detach()), ""
         if not math.isfinite(self.loss):
-            self.lost, self.why = True, f"the loss is {self.loss}"
-            return
+            self.why = f"the loss is {self.loss}"
+        elif not self._descend(loss):
+            self.why = "the gradient is not finite"
+        if self.why:
+            most = MOST_SKIPPED * self.settings.steps
+            self.lost = self.settings.on_nan == "stop" or self.skipped + 1 > most
+            if self.lost:
+                return
+            self.skipped, self.loss = self.skipped + 1, before
+        self.step += 1
+        if self.best is not None:
+            self.best.look(self.step, last=self.step == self.settings.steps)
+
+    def _descend(self, loss: Tensor) -> bool:
+        """Change the weights by a loss; ``False``, and nothing is changed, where that cannot be."""
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * one_cycle(self.step / self.settings.steps)
         self.optimiser.zero_grad()
         loss.backward()
         if not self._has_finite_gradient():
-            self.lost, self.why = True, "the gradient is not finite"
-            return
+            return False
         if self.settings.clip:
             nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
         # One thread for what one does at once: others would spin for milliseconds afterwards, where
@@ -99,9 +119,7 @@ class Learner:
         small = sum(p.numel() for p in self.parameters) <= SMALL
         with held_to(1) if small else nullcontext():
             self.optimiser.step()
-        self.step += 1
-        if self.best is not None:
-            self.best.look(self.step, last=self.step == self.settings.steps)
+        return True
 
     def _has_finite_gradient(self) -> bool:
         """Whether a step can be taken: by all weights, or by those of one of several models."""
@@ -121,9 +139,10 @@ class Learner:
 
     def meta(self) -> dict[str, Any]:
         """Beside the tensors, as plain data."""
-        loss = None if self.lost else self.loss
-        about = {"step": self.step, "loss": loss, "settings": asdict(self.settings)}
-        return about | ({"lost": self.why} if self.lost else {})
+        loss = self.loss if math.isfinite(self.loss) else None
+        about = {"step": self.step, "loss": loss, "settings": _lasting(asdict(self.settings))}
+        about |= {"skipped": self.skipped} if self.skipped else {}
+        return about | ({"lost": self.why, "loss": None} if self.lost else {})
 
     def load(self, tensors: Mapping[str, Tensor], meta: Mapping[str, Any]) -> None:
         """Go on from a checkpoint.
@@ -131,7 +150,7 @@ class Learner:
         Raises:
             InputError: it was made with other settings.
         """
-        if meta["settings"] != asdict(self.settings):
+        if _lasting(meta["settings"]) != _lasting(asdict(self.settings)):
             raise InputError(
                 f"made with other settings {meta['settings']}; use another folder, or delete it"
             )
@@ -141,8 +160,15 @@ class Learner:
             self.optimiser.state[parameter] = {k: _laid_out(v, parameter) for k, v in kept.items()}
         if self.best is not None:
             self.best.load(under("best", tensors))
-        self.lost, self.why = meta["loss"] is None, meta.get("lost", "")
-        self.step, self.loss = meta["step"], math.nan if self.lost else meta["loss"]
+        # one of before a loss could be skipped was lost where it had none
+        self.lost = "lost" in meta or (meta["loss"] is None and "skipped" not in meta)
+        self.why, self.skipped = meta.get("lost", ""), meta.get("skipped", 0)
+        self.step, self.loss = meta["step"], math.nan if meta["loss"] is None else meta["loss"]
+
+
+def _lasting(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Those that make no other training where they change between two parts of it."""
+    return {name: value for name, value in settings.items() if name != "on_nan"}
 
 
 def _laid_out(value: Tensor, parameter: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ import copy
 import math
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -34,6 +35,10 @@ __all__ = [
 
 
 NAMED = 16  # examples of a batch that a message names
+
+
+class SkippedBatchWarning(UserWarning):
+    """A batch whose loss or gradient is not finite was left out."""
 
 
 class Batches(Protocol):
@@ -135,6 +140,8 @@ def fit_together(
             batch = data[index]
             for learner in live:
                 learner.update(batch)
+                if learner.why and not learner.lost:
+                    _tell_skipped(learner, index)
             if all(each.lost for each in learners):
                 why, step = live[0].why, live[0].step
                 raise FloatingPointError(
@@ -149,6 +156,15 @@ def fit_together(
                 _save(save_to, learners, rngs)
             if interrupted.is_set():
                 raise KeyboardInterrupt
+
+
+def _tell_skipped(learner: Learner, index: Tensor) -> None:
+    warnings.warn(
+        f"training: {learner.why} at step {learner.step - 1}, in the batch of {_named(index)}, "
+        f"which is skipped, {learner.skipped} so far",
+        SkippedBatchWarning,
+        stacklevel=4,
+    )
 
 
 def _named(index: Tensor) -> str:

@@ -26,6 +26,7 @@ from readouts.differencing import central_difference
 from vidphys.progress import Progress
 from vidphys.shooting.aim import PRECISE, surprise
 from vidphys.shooting.step import model_step
+from vidphys.training.learner import OnNan
 from vidphys.training.loop import Batches, FitResult, FitSettings, Loss, choose_learning_rate, fit
 from vidphys.training.segments import Segments, from_trajectory, scale_of, segment_loss, standardise
 
@@ -70,6 +71,8 @@ class TrackTask:
         precise: position errors below it count by their square, above by their logarithm.
         save_to: folder of checkpoints, or ``None``.
         progress: called as ``(step, steps, loss)``.
+        settings: see :class:`TrackSettings`.
+        on_nan: see :class:`FitSettings`.
     """
 
     tracks: Tracks
@@ -82,6 +85,7 @@ class TrackTask:
     save_to: Path | None = None
     progress: Progress | None = None
     settings: TrackSettings = TrackSettings()
+    on_nan: OnNan = "stop"
 
     def checkpoint(self, stage: str) -> Path | None:
         return None if self.save_to is None else self.save_to / f"{stage}.json"
@@ -127,7 +131,7 @@ def _fit(
     probe = FitSettings(tried, stage.batch, 0.0, stage.clip)
     last = data[torch.arange(len(train), len(data))]
     choice = choose_learning_rate(head, loss, train, last, stage.rates, probe, task.seed)
-    settings = FitSettings(task.steps, stage.batch, choice.chosen, stage.clip)
+    settings = FitSettings(task.steps, stage.batch, choice.chosen, stage.clip, on_nan=task.on_nan)
     save_to = task.checkpoint(stage.name)
     return fit(head, loss(head), train, settings, task.seed, save_to, task.progress)
 
