@@ -3,9 +3,10 @@
 from binders.base import BINDERS, Binder, MotionTracks
 from binders.detect import detect
 from binders.hand import assign, bind_by_acceleration
-from binders.motion import MotionBinder, camera_path
+from binders.motion import MotionBinder
 from binders.palette import track_by_palette
 from binders.slots import SlotAttention, Slots
+from binders.steadied import camera_path
 from binders.tracker import SoftTracks, Tracker, extrapolate, follow_softly
 from binders.tracks import Detections, Tracks
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, UInt8
 
 from binders.base import BINDERS, MotionTracks
 from binders.blobs import Blobs
-from binders.camera import background_of, camera_drift, undo_drift
+from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
 from binders.exchanged import told_apart
 from binders.follow import Candidate, apart, as_likely, path_of, ranked
@@ -24,11 +24,10 @@ from binders.lawful import judge
 from binders.lookalike import seen_again
 from binders.placed import placed
 from binders.scenery import Scenery, lumps, threshold_of
+from binders.steadied import UP, Steadied
 from binders.tracks import Tracks
 from binders.wanted import Wanted, in_working_pixels
 
-SAMPLED_FRAMES = 48
-WORKING_SIDE = 480
 HIDING = 1.5, 4.0  # radii, and pixels
 LARGE = 0.2  # of the picture's shorter side, a radius beyond which the background is not cleaned
 PASSES = 2
@@ -90,7 +89,7 @@ class MotionBinder:
             ValueError: fewer than three frames, no frame in which all bodies are seen, or what is
                 said of them fits nothing that moves.
         """
-        clip = _Clip(frames, times)
+        clip = Steadied(frames, times)
         view = _view(clip, self)
         bodies = [
             seen_again(placed(body, clip.still, view.changed, clip.steps), clip.still, view.changed)
@@ -98,7 +97,7 @@ class MotionBinder:
         ]
         path = path_of(view.blobs[0], bodies)
         tracks = Tracks(
-            torch.from_numpy(clip.normalised(path.positions + clip.drift[:, None]))[None].float(),
+            torch.from_numpy(clip.normalised(clip.seen(path.positions)))[None].float(),
             torch.from_numpy(path.confidence)[None].float(),
             torch.from_numpy(times),
         )
@@ -117,32 +116,11 @@ class MotionBinder:
         Raises:
             ValueError: fewer than three frames.
         """
-        clip = _Clip(frames, times)
+        clip = Steadied(frames, times)
         found = [each.body for each in _view(clip, self).candidates]
-        places = np.stack([b.positions + clip.drift for b in found], 1)
+        places = clip.seen(np.stack([b.positions for b in found], 1))
         sizes = np.array([np.nanmedian(b.size) for b in found])
         return clip.factor * (places + 0.5) - 0.5, clip.factor * sizes
-
-
-UP = np.array([1.0, -1.0])  # from rows that count downwards
-
-
-class _Clip:
-    """The clip at its working size, and as a camera without drift would have seen it."""
-
-    def __init__(self, frames: np.ndarray, times: np.ndarray) -> None:
-        if len(frames) < 3:
-            raise ValueError(f"MotionBinder: motion needs at least 3 frames, got {len(frames)}")
-        small, self.factor = _working_copy(frames)
-        self.sample, self.drift = _drift(small)
-        self.still = _steady(small, self.drift)
-        self.steps = (times - times[0]) / np.median(np.diff(times))
-        self.half = max(frames.shape[1:3]) / 2 / self.factor
-        self.centre = np.array([frames.shape[2], frames.shape[1]]) / 2 / self.factor
-
-    def normalised(self, pixels: np.ndarray) -> np.ndarray:
-        """Working pixels in normalised image units, y upwards."""
-        return (pixels + 0.5 - self.centre) / self.half * UP
 
 
 @dataclass(frozen=True)
@@ -160,44 +138,7 @@ class _View:
     candidates: list[Candidate]
 
 
-def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:
-    """What the camera of a clip did, as in :class:`MotionTracks`, without following anything."""
-    small, factor = _working_copy(frames)
-    _, drift = _drift(small)
-    half = max(frames.shape[1:3]) / 2 / factor
-    return torch.from_numpy(drift / half * UP).float()
-
-
-def _working_copy(frames: np.ndarray) -> tuple[np.ndarray, int]:
-    """The frames at their working size, and the factor that they were shrunk by."""
-    import cv2
-
-    factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
-    h, w = (n // factor for n in frames.shape[1:3])
-    if factor == 1:
-        return frames, 1
-    whole = (f[: h * factor, : w * factor] for f in frames)
-    small = np.empty((len(frames), h, w, 3), np.uint8)
-    for out, frame in zip(small, whole, strict=True):
-        cv2.resize(frame, (w, h), out, interpolation=cv2.INTER_AREA)
-    return small, factor
-
-
-def _drift(small: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """The frames that the background is known by, and its displacement in each frame (pixels)."""
-    sample = np.unique(np.linspace(0, len(small) - 1, SAMPLED_FRAMES).astype(int)).tolist()
-    return sample, camera_drift(small.mean(-1, dtype=np.float32), sample)
-
-
-def _steady(frames: np.ndarray, drift: np.ndarray) -> np.ndarray:
-    """The frames as a camera without drift would have seen them, as bytes."""
-    still = np.empty_like(frames)
-    for out, frame, shift in zip(still, frames, drift, strict=True):
-        out[:] = np.rint(undo_drift(frame.astype(np.float32), shift))
-    return still
-
-
-def _view(clip: _Clip, settings: MotionBinder) -> _View:
+def _view(clip: Steadied, settings: MotionBinder) -> _View:
     """What may be bodies before a background that is cleaned of those that are known."""
     sampled = clip.still[clip.sample].astype(np.float32)
     hidden, candidates = None, []
@@ -219,7 +160,7 @@ def _view(clip: _Clip, settings: MotionBinder) -> _View:
 
 
 def _carried(
-    clip: _Clip,
+    clip: Steadied,
     others: list[Candidate],
     background: np.ndarray,
     changed: np.ndarray,
@@ -242,7 +183,7 @@ def _carried(
 
 
 def _judged(
-    clip: _Clip,
+    clip: Steadied,
     found: list[Hypothesis],
     kind: int,
     settings: MotionBinder,
@@ -256,7 +197,7 @@ def _judged(
 
 
 def _blobs(
-    clip: _Clip, background: np.ndarray, sampled: np.ndarray, settings: MotionBinder
+    clip: Steadied, background: np.ndarray, sampled: np.ndarray, settings: MotionBinder
 ) -> tuple[list[list[Blobs]], np.ndarray, np.ndarray]:
     """The blobs of each frame, which pixels changed, ``(t, h, w)`` boolean, and where ghosts are.
 
@@ -288,7 +229,7 @@ def _blobs(
     return blobs, changed, ghosts
 
 
-def _discs(candidates: list[Candidate], clip: _Clip) -> np.ndarray:
+def _discs(candidates: list[Candidate], clip: Steadied) -> np.ndarray:
     """Where likely bodies are in the sampled frames, with what is next to them, ``(t, h, w)``."""
     size = clip.still.shape[1:3]
     y, x = np.ogrid[: size[0], : size[1]]
@@ -305,7 +246,7 @@ def _discs(candidates: list[Candidate], clip: _Clip) -> np.ndarray:
     return hidden
 
 
-def _chosen(clip: _Clip, view: _View, settings: MotionBinder) -> list[Hypothesis]:
+def _chosen(clip: Steadied, view: _View, settings: MotionBinder) -> list[Hypothesis]:
     """The bodies that are followed.
 
     Raises:
@@ -328,7 +269,7 @@ def _chosen(clip: _Clip, view: _View, settings: MotionBinder) -> list[Hypothesis
     return bodies[:count]
 
 
-def _at(clip: _Clip, bodies: list[Hypothesis], wanted: Wanted) -> list[Hypothesis]:
+def _at(clip: Steadied, bodies: list[Hypothesis], wanted: Wanted) -> list[Hypothesis]:
     """The bodies that are where it was said, or else what looks like what is there."""
     met = [(set(wanted.meets(body, clip.factor)), body) for body in bodies]
     left, chosen = set(range(len(wanted.at))), []
@@ -339,7 +280,7 @@ def _at(clip: _Clip, bodies: list[Hypothesis], wanted: Wanted) -> list[Hypothesi
     return chosen + ([_told(clip, wanted, sorted(left))] if left else [])
 
 
-def _told(clip: _Clip, wanted: Wanted, places: list[int]) -> Hypothesis:
+def _told(clip: Steadied, wanted: Wanted, places: list[int]) -> Hypothesis:
     """A body of which only places are known."""
     frames = len(clip.still)
     positions, values = np.full((frames, 2), np.nan), np.full((5, frames), np.nan)

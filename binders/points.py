@@ -65,14 +65,20 @@ def carried(
     found = [np.empty((len(frames), 0, 2), np.float32)]
     for look in np.unique(np.linspace(0, len(frames) - 1, 2 * LOOKS + 1).astype(int)[1::2]):
         corners = cv2.goodFeaturesToTrack(grey[look], CORNERS, QUALITY, APART, mask=where)
-        if corners is None:
-            continue
-        paths = np.full((len(frames), len(corners), 2), np.nan, np.float32)
-        paths[look] = corners[:, 0]
-        for order in (range(look, len(frames)), range(look, -1, -1)):
-            _follow(grey, order, paths)
-        found.append(paths)
+        if corners is not None:
+            found.append(followed(grey, int(look), corners[:, 0]))
     return np.concatenate(found, 1).astype(float)
+
+
+def followed(
+    grey: list[UInt8[np.ndarray, "h w"]], look: int, corners: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "t n 2"]:
+    """Corners of one frame in all of them, pixels; NaN from where one is lost on."""
+    paths = np.full((len(grey), len(corners), 2), np.nan, np.float32)
+    paths[look] = corners
+    for order in (range(look, len(grey)), range(look, -1, -1)):
+        _follow(grey, order, paths)
+    return paths
 
 
 def _follow(grey: list[np.ndarray], order: range, paths: np.ndarray) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from binders.motion import camera_path
+from binders.steadied import camera_path
 from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder

@@ -1,0 +1,124 @@
+"""A clip as a camera that stands would have seen it."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+
+from binders.camera import background_of, camera_drift, undo_drift
+from binders.pan import through, turning, unturned
+
+SAMPLED_FRAMES = 48
+WORKING_SIDE = 480
+UP = np.array([1.0, -1.0])  # from rows that count downwards
+
+
+class Steadied:
+    """The clip at its working size, and as a camera without drift would have seen it.
+
+    Args:
+        frames: RGB, row 0 on top.
+        times: seconds.
+
+    Attributes:
+        still: RGB bytes ``(t, h, w, 3)`` of the working size, before a background that stands.
+        sample: frames that the background is known by.
+        drift: of the background, ``(t, 2)`` pixels of the working image; where the camera turns
+            far, that of the picture's middle from the first frame on.
+        factor: by which the frames were shrunk.
+        steps: times in units of the usual interval.
+        half: of the longer side, pixels of the working image.
+
+    Raises:
+        ValueError: fewer than three frames.
+    """
+
+    def __init__(
+        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
+    ) -> None:
+        if len(frames) < 3:
+            raise ValueError(f"MotionBinder: motion needs at least 3 frames, got {len(frames)}")
+        small, self.factor = _working_copy(frames)
+        self.half = max(frames.shape[1:3]) / 2 / self.factor
+        self._middle = np.array([frames.shape[2], frames.shape[1]]) / 2 / self.factor
+        self.sample = _sample(len(small))
+        self._turns = turning(small)
+        if self._turns is None:
+            self.drift = _drift(small, self.sample)
+            self.still = _steady(small, self.drift)
+        else:
+            self.drift = _turned(self._turns, self._middle)
+            self.still = _filled(*unturned(small, self._turns), self.sample)
+        self.steps = (times - times[0]) / np.median(np.diff(times))
+
+    def seen(self, places: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t n 2"]:
+        """Places before the still background, as the first frame's camera sees them, and drifted.
+
+        Without :attr:`drift` they are as a camera that stands sees them.
+        """
+        if self._turns is not None:
+            places = through(np.broadcast_to(self._turns[0], self._turns.shape), places)
+        return places + self.drift[:, None]
+
+    def normalised(self, pixels: Float[np.ndarray, "*t 2"]) -> Float[np.ndarray, "*t 2"]:
+        """Working pixels in normalised image units, y upwards."""
+        return (pixels + 0.5 - self._middle) / self.half * UP
+
+
+def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:
+    """What the camera of a clip did, as in :class:`MotionTracks`, without following anything."""
+    small, factor = _working_copy(frames)
+    turns = turning(small)
+    if turns is None:
+        drift = _drift(small, _sample(len(small)))
+    else:
+        drift = _turned(turns, np.array([frames.shape[2], frames.shape[1]]) / 2 / factor)
+    return torch.from_numpy(drift / (max(frames.shape[1:3]) / 2 / factor) * UP).float()
+
+
+def _working_copy(frames: np.ndarray) -> tuple[np.ndarray, int]:
+    """The frames at their working size, and the factor that they were shrunk by."""
+    import cv2
+
+    factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
+    h, w = (n // factor for n in frames.shape[1:3])
+    if factor == 1:
+        return frames, 1
+    whole = (f[: h * factor, : w * factor] for f in frames)
+    small = np.empty((len(frames), h, w, 3), np.uint8)
+    for out, frame in zip(small, whole, strict=True):
+        cv2.resize(frame, (w, h), out, interpolation=cv2.INTER_AREA)
+    return small, factor
+
+
+def _sample(count: int) -> list[int]:
+    return np.unique(np.linspace(0, count - 1, SAMPLED_FRAMES).astype(int)).tolist()
+
+
+def _drift(small: np.ndarray, sample: list[int]) -> np.ndarray:
+    """Displacement of the background in each frame (pixels), of a camera that hardly turns."""
+    return camera_drift(small.mean(-1, dtype=np.float32), sample)
+
+
+def _turned(turns: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Displacement of the picture's middle from the first frame on."""
+    places = through(turns, np.tile(middle, (len(turns), 1, 1)))[:, 0]
+    drift: np.ndarray = places - places[0]
+    return drift
+
+
+def _steady(frames: np.ndarray, drift: np.ndarray) -> np.ndarray:
+    """The frames as a camera without drift would have seen them, as bytes."""
+    still = np.empty_like(frames)
+    for out, frame, shift in zip(still, frames, drift, strict=True):
+        out[:] = np.rint(undo_drift(frame.astype(np.float32), shift))
+    return still
+
+
+def _filled(still: np.ndarray, shown: np.ndarray, sample: list[int]) -> np.ndarray:
+    """The frames with the background where the camera did not look."""
+    behind = background_of(still[sample].astype(np.float32), ~shown[sample])
+    for frame, there in zip(still, shown, strict=True):
+        frame[~there] = behind[~there]
+    return still
