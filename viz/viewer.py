@@ -35,31 +35,37 @@ def open_window(recordings: Sequence[Path]) -> None:
     _check(_run(_command(*map(str, recordings)), _quiet()))
 
 
-def serve_web(recordings: Sequence[Path], web_port: int, data_port: int) -> None:
-    """Serve the viewer's page and the recordings on 127.0.0.1 alone, until interrupted.
+def serve_page(web_port: int) -> None:
+    """Serve the viewer's page on 127.0.0.1 alone, until interrupted.
+
+    It answers whoever asks, so it is given no recording: :mod:`viz.served` has them.
 
     Raises:
         RuntimeError: the server ended with an error.
     """
-    ports = ("--port", str(data_port), "--web-viewer-port", str(web_port))
-    command = _command("--serve-web", "--bind", "127.0.0.1", *ports, *map(str, recordings))
+    ports = ("--port", str(free_port()), "--web-viewer-port", str(web_port))
+    command = _command("--serve-web", "--bind", "127.0.0.1", *ports)
     _check(_run(command, _quiet() | {"RUST_LOG": "warn"}))
 
 
-def web_address(web_port: int, data_port: int) -> str:
-    """Where a browser finds what :func:`serve_web` serves."""
-    source = quote(f"rerun+http://127.0.0.1:{data_port}/proxy", safe="")
-    return f"http://127.0.0.1:{web_port}/?url={source}&hide_welcome_screen"
+def web_address(web_port: int, recordings: Sequence[str]) -> str:
+    """Where a browser finds the page with these recordings, which are given by their addresses."""
+    sources = "".join(f"url={quote(address, safe='')}&" for address in recordings)
+    return f"http://127.0.0.1:{web_port}/?{sources}hide_welcome_screen"
 
 
 def free_ports() -> tuple[int, int]:
     """(web page, data): the usual two, or others if one of them is taken."""
     if _is_free(WEB_PORT) and _is_free(DATA_PORT):
         return WEB_PORT, DATA_PORT
-    with socket.socket() as one, socket.socket() as two:
+    return free_port(), free_port()
+
+
+def free_port() -> int:
+    """Any."""
+    with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
-        two.bind(("127.0.0.1", 0))
-        return one.getsockname()[1], two.getsockname()[1]
+        return one.getsockname()[1]
 
 
 def merge(recordings: Sequence[Path], path: Path) -> None:
@@ -94,7 +100,8 @@ def _run(command: list[str], environment: dict[str, str]) -> int:
 
 
 def _command(*arguments: str) -> list[str]:
-    return [sys.executable, "-c", _LAUNCH, *arguments]
+    # -P: nothing is imported from the folder that somebody stands in
+    return [sys.executable, "-P", "-c", _LAUNCH, *arguments]
 
 
 def _quiet() -> dict[str, str]:

@@ -54,7 +54,7 @@ def view(config: ViewConfig) -> None:
             "view: there is no display here; use --web to look in a browser, or --save PATH to "
             "take the recordings to another machine"
         )
-    if config.save is not None and config.save.suffix and config.save.exists():
+    if config.save is not None and config.save.suffix and _is_taken(config.save):
         raise InputError(f"view: --save {config.save} exists; remove it or choose another path")
     recordings = [_recording(config.run, file) for file in chosen.values()]
     if config.save is not None:
@@ -90,7 +90,13 @@ def _choose(config: ViewConfig) -> dict[str, Path]:
 
 
 def _recording(run: Path, file: Path) -> Path:
-    """A recording's file, written if there is only its showcase."""
+    """A recording's file, written if there is only its showcase.
+
+    Raises:
+        InputError: it leads out of the run, or cannot be read.
+    """
+    if not file.resolve().is_relative_to(run.resolve()):
+        raise InputError(f"view: {file} is a link that leads out of the run; copy its file there")
     if file.suffix == ".rrd":
         return file
     from viz.recording import write_recording
@@ -115,7 +121,7 @@ def _save(recordings: list[Path], target: Path) -> None:
         return
     if target.suffix or target.is_file():
         raise InputError(f"view: --save {target} is neither a .rrd file nor a folder; name one")
-    taken = [target / path.name for path in recordings if (target / path.name).exists()]
+    taken = [target / path.name for path in recordings if _is_taken(target / path.name)]
     if taken:
         raise InputError(f"view: --save would overwrite {taken[0]}; choose another folder")
     target.mkdir(parents=True, exist_ok=True)
@@ -124,13 +130,20 @@ def _save(recordings: list[Path], target: Path) -> None:
     print(f"wrote {len(recordings)} recording(s) into {target}")
 
 
+def _is_taken(path: Path) -> bool:
+    """Whether something has this name, be it a link that leads nowhere."""
+    return path.exists() or path.is_symlink()
+
+
 def _serve(recordings: list[Path]) -> None:
     from viz import viewer
+    from viz.served import serving
 
     web, data = viewer.free_ports()
     forward = f"ssh -N -L {web}:127.0.0.1:{web} -L {data}:127.0.0.1:{data} {socket.gethostname()}"
-    print(f"open      {viewer.web_address(web, data)}")
-    print(f"from elsewhere, first run there: {forward}")
-    print("Ctrl-C ends it; rerun's page reports usage when online, its settings turn that off")
-    sys.stdout.flush()
-    viewer.serve_web(recordings, web, data)
+    with serving(recordings, data, web) as addresses:
+        print(f"open      {viewer.web_address(web, addresses)}")
+        print(f"from elsewhere, first run there: {forward}")
+        print("Ctrl-C ends it; rerun's page reports usage when online, its settings turn that off")
+        sys.stdout.flush()
+        viewer.serve_page(web)

@@ -89,6 +89,8 @@ def meaning_of(name: str) -> Meaning:
             return Meaning(role, unit=unit)
     spoken = [word for word in words if not word.isdigit()]
     labels = [word for word in words if word.isdigit()]
+    if not spoken:
+        return Meaning(unit=unit)
     if any(word in OTHERS for word in spoken):
         return Meaning(unit=unit)
     if len(spoken) == 1 and spoken[0] in ("u", "v"):
