@@ -65,8 +65,6 @@ def main(arguments: list[str] | None = None, ending: Ending | None = None) -> in
         return _error(stranger)
     # The viewer's library reports usage by default; nothing here does unless asked.
     os.environ.setdefault("RERUN_ANALYTICS", "0")
-    # Workers, and what they start, import nothing from the folder that somebody stands in.
-    os.environ["PYTHONSAFEPATH"] = "1"
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     if verb != "weights":  # which fetches where it is told to
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
