@@ -9,12 +9,17 @@ from scipy.integrate import solve_ivp
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.charts import Plane
+from vidphys.diagnose.mechanisms.fit import fit
+from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
+from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, likeliest_errors
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism, of_lawful_bodies
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units, scale_of
 from vidphys.diagnose.telling.answers import answer
@@ -380,3 +385,33 @@ def test_a_body_that_leaves_faster_than_it_came_met_no_wall():
     told = replace(found, whole=gains)
     assert told.verdict.status == "not explained"
     assert any(line.startswith("No wall gives") for line in told.lines())
+
+
+# intervals
+
+
+def test_intervals_hold_the_truth_where_errors_last():
+    rng, off = np.random.default_rng(1), []
+    times = STEP * np.arange(100)
+    for _ in range(12):
+        error = rng.standard_normal((100, 2))
+        kept = np.exp(-1 / 6)
+        for k in range(1, 100):
+            error[k] = kept * error[k - 1] + np.sqrt(1 - kept**2) * error[k]
+        fall = np.stack([0.3 * times, 2.0 * times - 0.7 * times**2], -1)
+        motion = motion_of((fall + 0.01 * error)[None, :, None], STEP)
+        frames = frames_of(motion)
+        plane = Plane(2)
+        law = Law(2, "uniform", "linear")
+        found = fit(frames, Model(law, (plane,)), np.array([0, -1.4, 0.0, 0, 0, 0.3, 2.0]))
+        value, error_of = restricted(found).numbers["force 2"]
+        off.append((value + 1.4) / error_of)
+    size = float(np.sqrt(np.mean(np.square(off))))
+    assert 0.6 < size < 1.2, size  # 1.5 by what the fit leaves alone
+
+
+def test_a_length_in_a_picture_of_a_turned_plane_is_told_with_more_doubt():
+    assert view.unevenness(np.zeros(3)) == pytest.approx(0.0, abs=1e-12)
+    slight, much = (view.unevenness(np.array([x, 0.0, 0.0])) for x in (0.05, 0.3))
+    assert 0.02 < slight < 0.05 and 0.15 < much < 0.3
+    assert view.unevenness(np.array([0.0, 0.0, 0.1])) > 0.04

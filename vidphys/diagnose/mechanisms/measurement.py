@@ -110,24 +110,30 @@ def likeliest_errors(
     Args:
         least: white noise that there is in any case, unit of the positions.
     """
-    interval = float(np.median(np.concatenate([np.diff(s.times) for s in stretches])))
-    longest = max(float(s.times[-1] - s.times[0]) for s in stretches)
     count = sum(r.size for r in residuals)
     best: tuple[Errors, float] | None = None
-    for share in SHARES:
-        for frames in TIMES if share else TIMES[:1]:
-            memory = min(frames * interval, longest)
-            unit = Errors(1.0, float(share), memory)
-            square = 0.0
-            for stretch, r in zip(stretches, residuals, strict=True):
-                square += float((r * Covariance(stretch.times, stretch.trust, unit).solve(r)).sum())
-            white = max(float(np.sqrt(square / count)), least)
-            errors = Errors(white, white * float(share), memory)
-            likely = log_likelihood(stretches, residuals, errors)
-            if best is None or likely > best[1]:
-                best = errors, likely
+    for unit in unit_errors(stretches):
+        square = 0.0
+        for stretch, r in zip(stretches, residuals, strict=True):
+            square += float((r * Covariance(stretch.times, stretch.trust, unit).solve(r)).sum())
+        white = max(float(np.sqrt(square / count)), least)
+        errors = Errors(white, white * unit.smooth, unit.memory)
+        likely = log_likelihood(stretches, residuals, errors)
+        if best is None or likely > best[1]:
+            best = errors, likely
     assert best is not None
     return best
+
+
+def unit_errors(stretches: Sequence[Stretch]) -> list[Errors]:
+    """Errors that are tried, in units of the white noise."""
+    interval = float(np.median(np.concatenate([np.diff(s.times) for s in stretches])))
+    longest = max(float(s.times[-1] - s.times[0]) for s in stretches)
+    return [
+        Errors(1.0, float(share), min(frames * interval, longest))
+        for share in SHARES
+        for frames in (TIMES if share else TIMES[:1])
+    ]
 
 
 def trusted(stretches: Sequence[Stretch], residuals: Sequence[np.ndarray]) -> list[Stretch]:

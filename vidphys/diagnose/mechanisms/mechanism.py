@@ -15,6 +15,7 @@ from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
+from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
@@ -112,7 +113,9 @@ def _refitted(clips: Sequence[Frames], group: Group) -> tuple[Group, Group]:
     order = ranked([x for _, x in good if makes_sense(x)] or [good[0][1]])
     few = next(few for few, x in good if x is order[0])
     others = tuple(x for x in (group.fit, *group.others) if x is not few)
-    return Group(group.bodies, few, others), Group(group.bodies, order[0], tuple(order[1:]))
+    return Group(group.bodies, few, others), Group(
+        group.bodies, restricted(order[0]), tuple(order[1:])
+    )
 
 
 def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -> Mechanism | None:

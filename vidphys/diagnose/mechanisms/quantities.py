@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.rods import RodsFit
@@ -43,12 +44,14 @@ def quantities(fit: Fit) -> list[Quantity]:
     ]
     if isinstance(fit, RodsFit):
         return [*asked, *_of_rods(fit)]
-    return [_foreshortened(x) for x in asked] if fit.model.law.pictured else asked
-
-
-def _foreshortened(x: Quantity) -> Quantity:
-    """With what no motion tells: a plane that is turned shows lengths shorter across the turn."""
-    return replace(x, error=float(np.hypot(x.error, ASKEW * abs(x.value * x.length))))
+    camera = fit.model.view(fit.values)
+    if camera is None:
+        return asked
+    # What no motion tells: where in the picture, and along which way, a unit of length is known.
+    told = np.array([fit.numbers[name] for name in view.NAMES])
+    shown = camera * camera**2 / (camera**2 + told[:, 1] ** 2)  # a view that is vague is slight
+    share = float(np.hypot(ASKEW, view.unevenness(shown)))
+    return [replace(x, error=float(np.hypot(x.error, share * x.value * x.length))) for x in asked]
 
 
 def _of_rods(fit: RodsFit) -> Iterator[Quantity]:

@@ -15,6 +15,7 @@ from vidphys.diagnose.mechanisms.measurement import (
     Stretch,
     likeliest_errors,
     trusted,
+    unit_errors,
 )
 from vidphys.diagnose.weak.regression import gram_inverse
 
@@ -75,6 +76,59 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
         tuple(clips),
         tuple(residuals),
     )
+
+
+def restricted(found: Fit) -> Fit:
+    """The same fit with the covariance that all likely errors give its numbers.
+
+    A fit takes up some of the errors that last, and what it leaves tells too little of them. The
+    restricted likelihood counts that (Patterson and Thompson 1971, Biometrika 58); errors of all
+    sizes and memories that were tried have their say by it.
+    """
+    clips, stretches = list(found.clips), [s for c in found.clips for s in c.stretches]
+    joint = np.concatenate([found.values, *found.geometry])
+    slope = slopes_of(clips, found.model, joint, found.spread)
+    if not all(np.isfinite(x).all() for x in slope):
+        return found
+    prior, told = np.diag(_prior(found.model, len(joint))), []
+    for unit in unit_errors(stretches):
+        gram, moment = np.zeros((len(joint), len(joint))), np.zeros(len(joint))
+        square = log_size = 0.0
+        for stretch, j, r in zip(stretches, slope, found.residuals, strict=True):
+            inverse = Covariance(stretch.times, stretch.trust, unit)
+            log_size += r.shape[1] * inverse.log_size
+            for axis in range(r.shape[1]):
+                columns = np.concatenate([j[:, axis], r[:, axis, None]], 1)
+                products = columns.T @ inverse.solve(columns)
+                gram += products[:-1, :-1]
+                moment += products[:-1, -1]
+                square += float(products[-1, -1])
+        told.append(_under(gram, moment, square, log_size, prior, found))
+    likely = np.array([x[0] for x in told])
+    weights = np.exp(likely - likely.max())
+    covariances = np.stack([x[1] for x in told])
+    mean = np.tensordot(weights / weights.sum(), covariances, 1)
+    return replace(found, covariance=mean)
+
+
+def _under(
+    gram: np.ndarray,
+    moment: np.ndarray,
+    square: float,
+    log_size: float,
+    prior: np.ndarray,
+    found: Fit,
+) -> tuple[float, np.ndarray]:
+    """Restricted log likelihood and the numbers' covariance, of errors of one shape."""
+    variance = found.errors.white**2
+    inverse, freedom = gram_inverse(gram + variance * prior), float(found.count)
+    for _ in range(2):
+        inverse = gram_inverse(gram + variance * prior)
+        freedom = max(found.count - float((inverse * gram).sum()), 1.0)
+        left = max(square - float(moment @ inverse @ moment), 0.0)
+        variance = max(left / freedom, np.finfo(float).tiny)
+    size = np.linalg.slogdet(inverse)[1]
+    return -0.5 * float(freedom * np.log(variance) + log_size - size), variance * inverse
 
 
 def _prior(model: Model, count: int) -> np.ndarray:

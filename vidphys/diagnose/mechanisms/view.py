@@ -9,6 +9,9 @@ USUAL = (0.1, 0.1, 0.02)  # standard deviations: a plane tilted by 10 degrees, a
 FLAT = 2  # dimensions of the plane
 ROUNDS = 4  # until a place in the picture agrees with what the lens makes of it
 NEAREST = 0.05
+FAR = 1.6  # tangent of a plane's turn over the slope of its distance, of a usual camera
+ACROSS, UP = (-0.6, -0.3, 0.0, 0.3, 0.6), (-0.4, 0.0, 0.4)  # where a length may be known
+STEP = 1e-3
 
 
 def flat(places: np.ndarray, view: np.ndarray) -> np.ndarray:
@@ -29,3 +32,20 @@ def seen(places: np.ndarray, view: np.ndarray) -> np.ndarray:
     for _ in range(ROUNDS if view[2] else 0):
         out = straight / (1 - view[2] * (out**2).sum(-1, keepdims=True)).clip(NEAREST)
     return out
+
+
+def unevenness(view: np.ndarray) -> float:
+    """By which share of itself a length in the picture is uncertain, as a standard deviation.
+
+    A plane that is turned shows a length at another scale wherever it lies, and shorter along the
+    turn; a lens does the first too. A length that is known, a ruler, may lie anywhere.
+
+    Args:
+        view: see :func:`flat`.
+    """
+    at = np.stack(np.meshgrid(ACROSS, UP), -1).reshape(-1, 1, 2)
+    turns = np.linspace(0, np.pi, 4, endpoint=False)
+    ways = STEP * np.stack([np.cos(turns), np.sin(turns)], -1)
+    steps = flat(at + ways, view) - flat(at, view)
+    long = np.hypot(np.linalg.norm(steps, axis=-1), FAR * (steps @ view[:2]))
+    return float(np.sqrt(np.mean(np.log(long / STEP) ** 2)))
