@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -49,25 +50,48 @@ def network_size(height: int, width: int, resolution: int, multiple: int) -> tup
     return sides[0], sides[1]
 
 
-def resize(frames: Float[Tensor, "f c H W"], size: tuple[int, int]) -> Float[Tensor, "f c h w"]:
-    """Bilinear, antialiased where it shrinks; the image's edges stay its edges."""
+def resize(
+    frames: Float[Tensor, "f c H W"], size: tuple[int, int], mode: str = "bilinear"
+) -> Float[Tensor, "f c h w"]:
+    """Antialiased where it shrinks; the image's edges stay its edges, values stay in [0, 1]."""
     if frames.shape[-2:] == size:
         return frames
-    return functional.interpolate(
-        frames, size, mode="bilinear", align_corners=False, antialias=True
-    )
+    found = functional.interpolate(frames, size, mode=mode, align_corners=False, antialias=True)
+    return found if mode == "bilinear" else found.clamp(0, 1)
 
 
-def normalise(frames: Float[Tensor, "f 3 H W"]) -> Float[Tensor, "f 3 H W"]:
-    """ImageNet's mean and standard deviation, from values in [0, 1]."""
-    mean = frames.new_tensor(IMAGENET_MEAN)[:, None, None]
-    std = frames.new_tensor(IMAGENET_STD)[:, None, None]
-    return (frames - mean) / std
+@dataclass(frozen=True)
+class Look:
+    """How a network was shown its images, but for their size.
+
+    Args:
+        mean, std: of red, green and blue, of values in [0, 1].
+        mode: of resizing, ``bilinear`` or ``bicubic``.
+    """
+
+    mean: tuple[float, ...] = IMAGENET_MEAN
+    std: tuple[float, ...] = IMAGENET_STD
+    mode: str = "bilinear"
+
+    def __str__(self) -> str:
+        if self == Look():
+            return "bilinear, imagenet"
+        return f"{self.mode}, mean {self.mean}, std {self.std}"
+
+    def clips(
+        self, clips: Float[Tensor, "n f c H W"], size: tuple[int, int], dtype: torch.dtype
+    ) -> Float[Tensor, "n f 3 h w"]:
+        """Clips as RGB of the network's size, normalised, cast last."""
+        frames = resize(to_rgb(clips.flatten(0, 1)), size, self.mode)
+        mean, std = (frames.new_tensor(x)[:, None, None] for x in (self.mean, self.std))
+        return ((frames - mean) / std).to(dtype).unflatten(0, clips.shape[:2])
+
+
+IMAGENET = Look()
 
 
 def imagenet_clips(
     clips: Float[Tensor, "n f c H W"], size: tuple[int, int], dtype: torch.dtype
 ) -> Float[Tensor, "n f 3 h w"]:
     """Clips as RGB of the network's size, with ImageNet's mean and deviation, cast last."""
-    flat = normalise(resize(to_rgb(clips.flatten(0, 1)), size))
-    return flat.to(dtype).unflatten(0, clips.shape[:2])
+    return IMAGENET.clips(clips, size, dtype)

@@ -1,7 +1,8 @@
 """A table of parts by name, into which a part from outside comes as one of ours.
 
 A name is looked up among the parts that code has registered, then among the entry points of
-installed distributions, and at last, where it has a colon, as an import path.
+installed distributions, and at last, where it has a colon, behind a door of the registry's, such as
+``timm:NAME``, or as an import path.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class Registry(Mapping[str, T], Generic[T]):
     Args:
         what: the kind, in the singular, for messages.
         group: of the entry points by which installed packages add parts.
+        doors: by prefix, what makes a part of any name behind it: parts too many to be registered.
 
     Example:
         >>> greetings = Registry("greeting", "example.greetings")
@@ -66,8 +68,10 @@ class Registry(Mapping[str, T], Generic[T]):
         registry.registry.UnknownName: unknown greeting 'plane'; did you mean 'plain'? Known: plain
     """
 
-    def __init__(self, what: str, group: str) -> None:
-        self.what, self.group = what, group
+    def __init__(
+        self, what: str, group: str, doors: Mapping[str, Callable[[str], T]] | None = None
+    ) -> None:
+        self.what, self.group, self.doors = what, group, dict(doors or {})
         self._parts: dict[str, T] = {}
         self._modules: dict[str, str] = {}
 
@@ -108,7 +112,7 @@ class Registry(Mapping[str, T], Generic[T]):
             if entries:
                 self._load(name, entries[0].value)
             elif ":" in name:
-                self._load(name, name)
+                self._open(name)
             else:
                 raise unknown(self.what, name, self)
         strange = [entry for entry in entries if _top(entry.module) != _top(self._modules[name])]
@@ -200,6 +204,14 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def _entries(self, name: str) -> list[importlib.metadata.EntryPoint]:
         return list(self._installed.select(name=name))
+
+    def _open(self, name: str) -> None:
+        prefix, _, rest = name.partition(":")
+        if prefix not in self.doors:
+            self._load(name, name)
+            return
+        self._parts[name] = self.doors[prefix](rest)
+        self._modules[name] = self.doors[prefix].__module__
 
     def _load(self, name: str, path: str) -> None:
         module, _, attribute = path.partition(":")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.adapter import WHERE, Adapter
+from encoders.frozen.any_hub import any_hub
+from encoders.frozen.any_timm import any_timm
 from encoders.frozen.dinov2 import ARCHITECTURES, DINOTinySettings, DINOv2Settings, load_dinov2
 from encoders.frozen.foreign import as_ours
 from encoders.frozen.hiera import HieraSettings, load_hiera
@@ -20,35 +21,10 @@ from encoders.frozen.vjepa2_ac import VJEPA2ACSettings, load_vjepa2_ac
 from encoders.identity import IdentifiedEncoder
 from registry import Registry
 
-
-@dataclass(frozen=True)
-class Adapter:
-    """A factory of encoders: what they are set by, and what loads one.
-
-    Args:
-        settings: a dataclass; its fields are the options.
-        load: from settings, place of the weights and device.
-    """
-
-    settings: type[Any]
-    load: Callable[[Any, Path | None, str], FrozenEncoder]
-
-    def __call__(
-        self, *, weights: Path | None = None, device: str = "cpu", **options: Any
-    ) -> FrozenEncoder:
-        return self.load(self.settings(**options), weights, device)
-
-    @property
-    def __signature__(self) -> inspect.Signature:
-        named = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in WHERE]
-        own = inspect.signature(self.settings).parameters.values()
-        return inspect.Signature([*own, *named])
-
-
-WHERE = ("weights", "device")  # what a factory may be told beside its encoder's options
 # A factory takes its encoder's options by name, and ``weights`` (a path) and ``device`` if it has a
 # use for them; it returns a FrozenEncoder, or anything that is called like an Encoder.
-ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders")
+DOORS: dict[str, Callable[[str], Callable[..., Any]]] = {"timm": any_timm, "hf": any_hub}
+ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders", DOORS)
 
 for _name, _factory in {
     "hiera": Adapter(HieraSettings, load_hiera),

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.windows import Windowing
-from encoders.preprocess import imagenet_clips, network_size
+from encoders.preprocess import IMAGENET, Look, network_size
 
 
 class TimmMaps(FrozenEncoder):
@@ -22,6 +22,8 @@ class TimmMaps(FrozenEncoder):
         multiple: network pixels that sides are rounded to.
         index: of the layer among the network's intermediates.
         norm: whether the network's final norm follows it.
+        look: how the network was shown its images.
+        square: whether the whole image is resized to a square, as a network of one size needs.
         identity: see :class:`FrozenEncoder`.
 
     Raises:
@@ -35,16 +37,20 @@ class TimmMaps(FrozenEncoder):
         multiple: int,
         index: int,
         norm: bool = False,
+        look: Look = IMAGENET,
+        square: bool = False,
         **identity: Any,
     ) -> None:
-        network_size(1, 1, settings.resolution, multiple)
+        identity = {"resolution": getattr(settings, "resolution", None), **identity}
+        network_size(1, 1, identity["resolution"], multiple)
         self.multiple, self.index, self.norm = multiple, index, norm
-        super().__init__(network, settings, Windowing(), resolution=settings.resolution, **identity)
+        self.look, self.square = look, square
+        super().__init__(network, settings, Windowing(), **identity)
 
     def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
-        height, width = clips.shape[-2:]
-        size = network_size(height, width, self.settings.resolution, self.multiple)
-        pixels = imagenet_clips(clips, size, self.dtype)
+        height, width = (1, 1) if self.square else clips.shape[-2:]
+        size = network_size(height, width, self.identity.resolution, self.multiple)
+        pixels = self.look.clips(clips, size, self.dtype)
         return self.fast_maps(pixels.flatten(0, 1)).unflatten(0, clips.shape[:2])
 
     def maps(self, pixels: Tensor) -> Tensor:

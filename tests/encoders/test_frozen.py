@@ -17,7 +17,7 @@ from torch import Tensor
 from encoders import weights as weights_module
 from encoders.frozen.hiera import HieraEncoder, HieraSettings, build_trunk, load_hiera
 from encoders.known_weights import KNOWN
-from encoders.preprocess import network_size, normalise, to_rgb
+from encoders.preprocess import IMAGENET, network_size, to_rgb
 from encoders.release import WeightsMissing, file_sha256
 from encoders.weights import fetch, find_weights, lock, weights_folder
 from vidphys.cli.extract import ExtractConfig, extract
@@ -154,7 +154,8 @@ def test_channels_of_bodies_get_hues_of_their_own() -> None:
 def test_normalise_is_imagenet() -> None:
     mean = torch.tensor([0.485, 0.456, 0.406])[None, :, None, None]
     std = torch.tensor([0.229, 0.224, 0.225])[None, :, None, None]
-    torch.testing.assert_close(normalise(mean + 2 * std), torch.full((1, 3, 1, 1), 2.0))
+    pixels = IMAGENET.clips((mean + 0.2 * std)[None], (1, 1), torch.float32)
+    torch.testing.assert_close(pixels, torch.full((1, 1, 3, 1, 1), 0.2))
 
 
 @given(st.integers(1, 3000), st.integers(1, 3000), st.integers(1, 16))

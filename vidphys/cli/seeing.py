@@ -16,8 +16,9 @@ class SeeingOptions:
     """How a verb sees its clips. An encoder's option that is not given keeps its own default.
 
     Args:
-        encoder: the frozen encoder; `vidphys parts` names them, and package.module:factory is one
-            too. An option that it does not take is refused.
+        encoder: the frozen encoder; `vidphys parts` names them. timm:NAME is any image network of
+            timm, hf:FOLDER any vision or video model of transformers in its official layout, and
+            package.module:factory one of yours. An option that it does not take is refused.
         weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
         resolution: network pixels of the longer image side.
         frames: in a window of a video encoder.

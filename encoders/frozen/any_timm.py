@@ -1,0 +1,189 @@
+"""Any image network of timm that gives feature maps, by its name: ``timm:NAME``.
+
+The network, its layers, its image size and its normalisation are the library's. Class and register
+tokens are left out. A network that takes images of any size sees the clip's own shape; one of a
+fixed size sees the whole image resized to its square, so that nothing of the scene is cut off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from encoders.frozen.adapter import Adapter
+from encoders.frozen.base import Dtype
+from encoders.frozen.published import fresh, published
+from encoders.frozen.runtimes import Runtime
+from encoders.frozen.timm_maps import TimmMaps
+from encoders.frozen.tokens import chosen_layer
+from encoders.preprocess import Look
+from encoders.release import CONFIG, WeightsFile, load_strict, read_config
+
+CODE_VERSION = 1
+SHOWN = ("mean", "std", "input_size", "interpolation", "fixed_input_size")  # of a release
+MODES = {"bilinear": "bilinear", "bicubic": "bicubic"}  # others are taken as bicubic
+
+
+@dataclass(frozen=True)
+class AnyTimmSettings:
+    """What is read, and at which cost.
+
+    Args:
+        layer: of the network's feature maps, from 1: blocks of a transformer, stages of others; the
+            last where not given.
+        resolution: network pixels of the longer image side; the network's own where not given.
+        frame_stride: take each so-many-th frame.
+        seed: take fresh weights drawn from it in place of trained ones, as a control.
+        dtype: of the computation.
+        batch: frames per forward pass.
+        runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
+    """
+
+    layer: int | None = None
+    resolution: int | None = None
+    frame_stride: int = 1
+    seed: int | None = None
+    dtype: Dtype = "float32"
+    batch: int = 8
+    runtime: Runtime = "torch"
+
+
+class AnyTimmEncoder(TimmMaps):
+    """Frames to maps of one layer of a network of timm.
+
+    Args:
+        network: the timm model.
+        settings: see :class:`AnyTimmSettings`.
+        name: of the model in timm.
+        weights: what the network was loaded from.
+
+    Raises:
+        ValueError: a layer or a resolution that the network does not have.
+    """
+
+    def __init__(
+        self, network: Any, settings: AnyTimmSettings, name: str, weights: WeightsFile
+    ) -> None:
+        from timm.data import resolve_model_data_config
+
+        data = resolve_model_data_config(network)
+        known = network.feature_info
+        reductions = [info["reduction"] for info in known]
+        layer = chosen_layer(f"timm:{name}", settings.layer, len(reductions))
+        multiple, square = max(reductions), not _any_size(network)
+        own = data["input_size"][-1]
+        resolution = settings.resolution or own - own % multiple
+        if square and resolution != own:
+            raise ValueError(
+                f"timm:{name}: sees images of {own} pixels only, not {resolution}; leave "
+                "`resolution` out"
+            )
+        if square:
+            multiple = own
+        look = Look(
+            tuple(data["mean"]), tuple(data["std"]), MODES.get(data["interpolation"], "bicubic")
+        )
+        shape = "the image to the square" if square else f"sides to multiples of {multiple}"
+        super().__init__(
+            network,
+            settings,
+            multiple,
+            index=layer - 1,
+            norm=layer == len(reductions) and _normed(network),
+            look=look,
+            square=square,
+            name=f"timm:{name}",
+            code_version=CODE_VERSION,
+            weights_sha256=weights.sha256,
+            preprocessing=f"each {settings.frame_stride}. frame, rgb, {shape}, {look}",
+            layer=str(layer),
+            resolution=resolution,
+        )
+
+
+def any_timm(name: str) -> Adapter:
+    """The factory of the encoders over a network of timm.
+
+    Raises:
+        ValueError: timm has no such network; the nearest spelling is given.
+    """
+    return Adapter(AnyTimmSettings, partial(_load, name))
+
+
+def _load(name: str, settings: AnyTimmSettings, where: Path | None, device: str) -> AnyTimmEncoder:
+    if settings.seed is not None:
+        weights = fresh(settings.seed)
+        with torch.random.fork_rng():
+            torch.manual_seed(settings.seed)
+            network = _built(name, {})
+    else:
+        weights = published(f"timm:{name}", _repository(name), where)
+        network = _built(name, _told(name, weights))
+        head = network.default_cfg.get("classifier") or "head"
+        heads = (head,) if isinstance(head, str) else tuple(head)
+        load_strict(network, weights.path, unused=tuple(f"{part}." for part in heads))
+    return AnyTimmEncoder(network.to(device), settings, name, weights)
+
+
+def _built(name: str, arguments: dict[str, Any]) -> Any:
+    import timm
+    from timm.models import is_model
+
+    from registry import unknown
+
+    if not is_model(name.partition(".")[0]):
+        raise unknown("network of timm", name, _near(name))
+    make: Callable[..., nn.Module] = partial(
+        timm.create_model, name, pretrained=False, num_classes=0, **arguments
+    )
+    try:
+        network = make(dynamic_img_size=True)
+    except TypeError:  # it has one size, or takes any without being told
+        network = make()
+    if not hasattr(network, "forward_intermediates"):
+        raise ValueError(f"timm:{name}: gives no feature maps (it has no forward_intermediates)")
+    return network
+
+
+def _near(name: str) -> list[str]:
+    """Names of which a message can show all."""
+    import difflib
+
+    import timm
+
+    return difflib.get_close_matches(name.partition(".")[0], timm.list_models(), n=5, cutoff=0.3)
+
+
+def _repository(name: str) -> str:
+    """Where the hub has the weights of a name, or those that its name without a tag means."""
+    from timm.models import get_pretrained_cfg
+
+    told = get_pretrained_cfg(name)
+    return (told.hf_hub_id if told is not None else None) or f"timm/{name}"
+
+
+def _told(name: str, weights: WeightsFile) -> dict[str, Any]:
+    """What the release's configuration says of how the network is made."""
+    if not (weights.path / CONFIG).is_file():
+        return {}
+    config = read_config(weights, {"architecture": name.partition(".")[0]})
+    shown = {key: x for key, x in config.get("pretrained_cfg", {}).items() if key in SHOWN}
+    return {**config.get("model_args", {}), "pretrained_cfg_overlay": shown}
+
+
+def _any_size(network: Any) -> bool:
+    patches: Any = getattr(network, "patch_embed", None)
+    if hasattr(patches, "strict_img_size"):
+        return not patches.strict_img_size
+    return not network.default_cfg.get("fixed_input_size", False)
+
+
+def _normed(network: Any) -> bool:
+    """Whether the last map goes through a norm of the network's own, as a transformer's does."""
+    return isinstance(getattr(network, "norm", None), nn.Module) and hasattr(network, "blocks")
