@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from viz.legend import named_handles
 from viz.summary import Line, Records, median
+from viz.whole import whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,15 +120,14 @@ def save_svg(figure: Figure, path: Path) -> None:
     """Write a figure as vectors, text drawn as outlines so that it looks the same everywhere."""
     import matplotlib
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with matplotlib.rc_context(_TEXT):
-        figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})
+    with whole(path) as part, matplotlib.rc_context(_TEXT):
+        figure.savefig(part, format="svg", metadata={"Date": None, "Creator": None})
 
 
 def save_png(figure: Figure, path: Path, dots_per_inch: int = 110) -> None:
     """Write a figure as pixels."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    with whole(path) as part:
+        figure.savefig(part, format="png", dpi=dots_per_inch, metadata={"Software": None})
 
 
 def _rows_figure(records: Records) -> tuple[Figure, Axes, dict[Line, float]]:

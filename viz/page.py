@@ -10,6 +10,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from viz.whole import whole
+
 CSS = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
 
 
@@ -54,9 +56,8 @@ def write_page(run: Path, title: str, head: str, sections: Sequence[str]) -> Pat
     """
     body = "\n".join([head, contents(sections), *sections])
     path = run / "report.html"
-    part = path.with_name(".report.html.part")
-    part.write_text(page(f"{title} · {run.resolve().name}", body), encoding="utf-8")
-    part.replace(path)
+    with whole(path) as part:
+        part.write_text(page(f"{title} · {run.resolve().name}", body), encoding="utf-8")
     return path
 
 

@@ -26,6 +26,7 @@ from viz.showcase import (
     scalar,
     zoom_extent,
 )
+from viz.whole import whole
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -256,12 +257,10 @@ class _Tape:
 
     def save(self, path: Path, layout: rrb.Blueprint) -> None:
         """Write everything and the layout to ``path``, in one move."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        self.stream.save(part, default_blueprint=layout)
-        self.stream.flush()
-        self.stream.disconnect()
-        part.replace(path)
+        with whole(path) as part:
+            self.stream.save(part, default_blueprint=layout)
+            self.stream.flush()
+            self.stream.disconnect()
 
     def _when(self, times: np.ndarray) -> list[rr.TimeColumn]:
         import rerun as rr

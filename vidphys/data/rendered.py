@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -178,6 +179,7 @@ def write_video(path: Path, frames: np.ndarray, rate: float) -> None:
 
     Raises:
         InputError: OpenCV was built without the codec.
+        OSError: not all of it was written, of which the codec says nothing.
     """
     cv2 = opencv()
     size = frames.shape[2], frames.shape[1]
@@ -190,6 +192,23 @@ def write_video(path: Path, frames: np.ndarray, rate: float) -> None:
     try:
         for frame in frames:
             writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        writer.release()
+        if not _holds(cv2, target, frames):
+            raise OSError(errno.ENOSPC, "not written whole, the disk may be full", str(path))
+        target.replace(path)
     finally:
         writer.release()
-        target.replace(path)
+        target.unlink(missing_ok=True)
+
+
+def _holds(cv2: Any, path: Path, frames: np.ndarray) -> bool:
+    """Whether a video that was just written has these frames and no other."""
+    reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        for frame in frames:
+            _, found = reader.read()
+            if found is None or not np.array_equal(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), frame):
+                return False
+        return not reader.read()[0]
+    finally:
+        reader.release()

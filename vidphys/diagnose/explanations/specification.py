@@ -140,6 +140,7 @@ class Specification(Closed):
     numbers: Annotated[dict[Word, Estimate], Field(max_length=1000)]
     explained: bool
     mass: Annotated[list[Above], Field(max_length=MOST_BODIES)] | None = None
+    inputs: Annotated[list[Word], Field(max_length=1000)] = []
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
