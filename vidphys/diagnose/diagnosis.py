@@ -12,12 +12,15 @@ from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.inference.changes import Switch, find_switch
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
+from vidphys.diagnose.inference.measured import remeasured
 from vidphys.diagnose.inference.power import infer_with_power
-from vidphys.diagnose.inference.search import infer
+from vidphys.diagnose.inference.search import infer, ranked
 from vidphys.diagnose.inference.weigh import weigh
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
+from vidphys.diagnose.weak.mending import Mended, mend
 
+LOOKS = 2  # at the residual, for what it says of the measurement
 SMOOTH = 2  # degree of the polynomials by which motion is told from noise
 STILL = 1e-12  # of the size of the positions, below which a change is rounding
 SHUFFLES = 100  # orders of the frames that motion is compared with
@@ -37,6 +40,7 @@ class Diagnosis:
         parts: the terms before and after the switch.
         power: which powers of the coupling are possible, where couplings are known.
         look: the fit to the longest windows, of long recordings.
+        mended: what was done to the tracks before anything was fitted.
     """
 
     motion: Motion
@@ -47,6 +51,15 @@ class Diagnosis:
     parts: tuple[Inference, ...] = ()
     power: PowerVerdict | None = None
     look: LongFit | None = None
+    mended: Mended | None = None
+
+    @property
+    def told(self) -> bool:
+        """Whether the answer is told without a doubt: these terms, or none of the menu's."""
+        if self.explained or not self.inferences:
+            return self.sure
+        one = self.motion.bodies == 1 or not np.allclose(self.motion.mass, 1.0)
+        return one and any(x.leftover.certain for x in self.inferences)
 
     @property
     def inferences(self) -> tuple[Inference, ...]:
@@ -87,21 +100,34 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     """
     noise = measure_noise(motion)
     refused = nothing_to_see(motion)
+    mended = mend(motion)
+    motion = mended.motion
+    if refused and (mended.false_finds or mended.swaps):
+        refused = nothing_to_see(motion)
     if refused:
         return Diagnosis(motion, noise, refused)
+    noise = measure_noise(motion)
     inference, power = infer_with_power(motion, angles)
-    weighed = weigh(motion, inference, partial(infer, angles=angles))
+    for _ in range(LOOKS):
+        seen = None if inference.sure and not inference.kicks else remeasured(motion, inference)
+        if seen is None:
+            break
+        motion, noise = seen, measure_noise(seen)
+        inference, power = infer_with_power(motion, angles)
+    weighed = weigh(
+        motion, inference, partial(infer, angles=angles), partial(ranked, angles=angles)
+    )
     if weighed is not None:
         motion, inference = weighed.motion, weighed.inference
     switch = find_switch(motion, inference)
     if switch is not None:
         parts = _parts(motion, switch, angles)
         if parts and all(part.leftover.explained for part in parts):
-            return Diagnosis(motion, noise, "", inference, switch, parts, power)
+            return Diagnosis(motion, noise, "", inference, switch, parts, power, mended=mended)
     look = last_look(motion, inference)
     if look is not None:
         inference = looked_again(inference, look)
-    return Diagnosis(motion, noise, "", inference, power=power, look=look)
+    return Diagnosis(motion, noise, "", inference, power=power, look=look, mended=mended)
 
 
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:

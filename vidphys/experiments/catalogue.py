@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from registry import Registry
 from vidphys.experiments.confusion import table as diagnose
+from vidphys.experiments.confusion.storms import table as storms
 from vidphys.experiments.contacts import table as contacts
 from vidphys.experiments.core.cell import Table
 from vidphys.experiments.coupling import misspecification, selection
@@ -62,6 +63,7 @@ for table in (
     engine.REVERSAL,
     drag.DRAG,
     diagnose.DIAGNOSE,
+    storms.DIAGNOSE_STORMS,
     filmed.FILMED,
     formulas.FORMULAS,
     probes.PROBES,

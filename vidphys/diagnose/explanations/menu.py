@@ -230,8 +230,8 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
         if term is None or term not in inference.terms:
             continue
         at = fitted.place(term)
-        for k, name in enumerate(term.coefficients, at):
-            numbers[f"{term.kind}: {name}"] = float(fitted.values[k]), float(fitted.errors[k])
+        for k, name in enumerate(term.named, at):
+            numbers[name] = float(fitted.values[k]), float(fitted.errors[k])
         if term.scale is not None:
             numbers[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
         if term.kind == "trap":

@@ -51,6 +51,7 @@ def find_switch(motion: Motion, inference: Inference) -> Switch | None:
             is none.
     """
     frames = motion.positions.shape[1]
+    inference = _parted(inference)
     splits = np.arange(LEAST_FRAMES, frames - LEAST_FRAMES + 1)
     terms = _terms(inference.structure)
     size = int(np.clip(inference.windows.frames.shape[1], *PIECES))
@@ -123,9 +124,16 @@ def _confirmed(
 
 
 def _terms(structure: Structure) -> tuple[Term, ...]:
-    own = structure.term(FRICTION)
     linear = FRICTIONS["linear"]
-    return structure.terms if own is linear else (*structure.terms, linear)
+    return structure.terms if linear in structure.terms else (*structure.terms, linear)
+
+
+def _parted(inference: Inference) -> Inference:
+    """The same with two frictions as terms of their own, each of which may change alone."""
+    structure = inference.structure
+    parts = [t.parts if t.family == FRICTION and t.parts else (t,) for t in structure.terms]
+    parted = replace(structure, terms=tuple(term for some in parts for term in some))
+    return replace(inference, fitted=replace(inference.fitted, structure=parted))
 
 
 def _path(windows: Windows, inference: Inference) -> Paths:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from vidphys.diagnose.inference.menu import FRICTION, Term
 from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.inference.residual import Leftover, friction_rate
@@ -12,6 +14,7 @@ from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.weak.windows import Windows
 from vidphys.statistics import NORMAL_95
 
+LENIENT = 0.75  # of the price of a number, given back to rivals
 UNSURE = 0.9  # probability of a structure under which the diagnosis says that it is not sure
 
 
@@ -68,14 +71,28 @@ class Inference:
     def kinds(self) -> frozenset[str]:
         """Kinds of the terms, the bath among them."""
         if self.idle:
-            return frozenset(term.kind for term in self.terms)
+            return frozenset(kind for term in self.terms for kind in term.kinds)
         return self.structure.kinds | ({"bath"} if self.bathed else frozenset())
 
     @property
     def sure(self) -> bool:
-        """Whether the alternatives are unlikely and nothing is left unexplained."""
+        """Whether the alternatives are unlikely and nothing is left unexplained, anywhere."""
         likely = self.probability.get(self.structure.kinds, 0.0) >= UNSURE
-        return likely and self.leftover.explained
+        return likely and self.leftover.explained and self.leftover.even and not self.rivalled
+
+    @property
+    def rivalled(self) -> bool:
+        """Whether other terms fit better and lose by the price of their numbers alone.
+
+        Terms beside the winner's are no rivals: to be spared such is what the price is for.
+        """
+        best = self.structures[0]
+        price = LENIENT * 0.5 * np.log(max(self.fitted.freedom, 2))
+
+        def worth(structure: Structure) -> float:
+            return structure.score + price * sum(term.size for term in structure.terms)
+
+        return any(worth(s) > worth(best) for s in self.structures if not s.kinds >= best.kinds)
 
     def chance(self, kind: str) -> float:
         """Probability that a kind of term is there."""

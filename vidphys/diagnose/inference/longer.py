@@ -80,7 +80,7 @@ def last_look(motion: Motion, inference: Inference) -> LongFit | None:
 def _each_body(fit: LongFit, bodies: int) -> LongFit | None:
     """The same with a rate of friction for each body; none without friction."""
     structure, shared = fit.fitted.structure, fit.fitted.structure.term(FRICTION)
-    if shared is None:
+    if shared is None or shared.parts:
         return None
     terms = tuple(of_each_body(t, bodies) if t is shared else t for t in structure.terms)
     known = [np.repeat(structure.of(t), bodies if t is shared else 1) for t in structure.terms]
@@ -119,6 +119,9 @@ def _variants(structure: Structure, speed: float) -> Iterator[Structure]:
     for kept in _externals(structure):
         values = [law for _, law in kept]
         terms = tuple(term for term, _ in kept)
+        if own is not None and own.parts:
+            both = np.concatenate([*values, structure.of(own)])
+            yield replace(structure, terms=(*terms, own), coefficients=both)
         yield replace(structure, terms=terms, coefficients=np.concatenate([*values, []]))
         for power, friction in zip((1, 2, 0), FRICTIONS.values(), strict=True):
             same = own is not None and own.kind == friction.kind
@@ -157,7 +160,10 @@ def _longest(motion: Motion, inference: Inference, structure: Structure) -> Long
 
 
 def _means_what_it_says(structure: Structure) -> bool:
-    return all(not t.positive or structure.of(t)[0] > 0 for t in structure.terms)
+    return all(
+        not t.positive or (structure.of(t)[: max(1, len(t.parts))] > 0).all()
+        for t in structure.terms
+    )
 
 
 def looked_again(inference: Inference, look: LongFit) -> Inference:

@@ -1,7 +1,8 @@
 """The menu of terms: which accelerations a scene may have, as columns of a linear regression.
 
 Signs are such that a positive coefficient is what the term's name says: attraction, a restoring
-trap, a resistance. One term of each family at most stands in a structure.
+trap, a resistance. One term of each family at most stands in a structure; two that occur together
+are a term of their own.
 """
 
 from __future__ import annotations
@@ -86,7 +87,10 @@ class Term:
         scale: length in the shape of a pair force, world units.
         shape: of :data:`SHAPES`, or ``rest-length``, of a pair force.
         source: what a pair force goes with: ``mass``, or ``alike`` for all bodies.
-        positive: whether the first coefficient must be positive to mean what the name says.
+        positive: whether the first coefficient must be positive to mean what the name says; all of
+            them, where it has parts.
+        parts: two terms of one family that stand together, one for each coefficient.
+        remade: the same with another length.
     """
 
     name: str
@@ -98,11 +102,25 @@ class Term:
     positive: bool = False
     shape: str = ""
     source: str = ""
+    parts: tuple[Term, ...] = ()
+    remade: Callable[[float], Term] | None = None
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kind, or those of two terms of one family."""
+        return tuple(part.kind for part in self.parts) or (self.kind,)
+
+    @property
+    def named(self) -> list[str]:
+        """The kind that each coefficient belongs to, and its name."""
+        of = self.kinds if self.parts else self.kinds * len(self.coefficients)
+        return [f"{kind}: {name}" for kind, name in zip(of, self.coefficients, strict=True)]
 
     @property
     def size(self) -> int:
-        """Numbers that are fitted, the scale among them."""
-        return len(self.coefficients) + (self.scale is not None)
+        """Numbers that are fitted, lengths among them."""
+        lengths = [term.scale for term in self.parts or (self,)]
+        return len(self.coefficients) + sum(length is not None for length in lengths)
 
 
 def axes(field: Field) -> np.ndarray:
@@ -152,6 +170,8 @@ SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
     "gaussian": lambda r, s: np.exp(-0.5 * (r / s) ** 2),
     "spring": lambda r, s: np.isfinite(r).astype(float),
     "rest-length": lambda r, s: _inverse(r),
+    "inverse-cube": lambda r, s: (r**2 + s**2) ** -2.0,
+    "cut-off": lambda r, s: np.maximum(1 - (r / s) ** 2, 0) ** 2,
     "contact": lambda r, s: -np.maximum(s * _inverse(r) - 1, 0),
 }
 """Pair force over the displacement, from the distance and a length; infinite distance gives 0."""
@@ -182,6 +202,31 @@ FRICTIONS = {
 }
 
 
+def together(first: Term, second: Term) -> Term:
+    """Two terms of one family, of one coefficient each, as one; its length is the second's."""
+
+    def columns(field: Field) -> np.ndarray:
+        return np.concatenate([first.columns(field), second.columns(field)], -1)
+
+    remade = second.remade
+    return Term(
+        f"{first.name} and {second.name}",
+        first.family,
+        f"{first.kind}+{second.kind}",
+        (*first.coefficients, *second.coefficients),
+        columns,
+        second.scale,
+        positive=True,
+        shape=f"{first.shape}+{second.shape}",
+        source=first.source,
+        parts=(first, second),
+        remade=None if remade is None else lambda scale: together(first, remade(scale)),
+    )
+
+
+TWO_FRICTIONS = tuple(together(FRICTIONS["linear"], FRICTIONS[x]) for x in ("square", "dry"))
+
+
 def of_each_body(friction: Term, bodies: int) -> Term:
     """A friction of the same law with a rate of its own for each body."""
 
@@ -199,6 +244,8 @@ def of_each_body(friction: Term, bodies: int) -> Term:
 SOFTENINGS = (0.03, 0.06, 0.12, 0.2, 0.3, 0.45, 0.7)  # over the median distance
 WIDTHS = (0.2, 0.4, 0.7, 1.1)
 CONTACTS = (1.1, 1.25, 1.45, 1.7, 2.0, 2.4, 3.0)  # over the least distance
+REACHES = (0.6, 0.85, 1.15, 1.5, 2.0)  # over the median distance, of forces that end
+NEARBY = (0.75, 0.85, 0.93, 1.0, 1.07, 1.17, 1.33)  # over the best length so far
 
 
 def pair_term(kind: str, scale: float | None, source: str) -> Term:
@@ -217,6 +264,7 @@ def pair_term(kind: str, scale: float | None, source: str) -> Term:
         positive=kind == "contact",
         shape=kind,
         source=source,
+        remade=None if scale is None else lambda other: pair_term(kind, other, source),
     )
 
 
@@ -233,14 +281,21 @@ def pair_terms(distance: np.ndarray, source: str, near: Term | None = None) -> l
     scales: dict[str, list[float | None]] = {
         "inverse-square": [usual * x for x in SOFTENINGS],
         "inverse": [usual * x for x in SOFTENINGS[::2]],
+        "inverse-cube": [usual * x for x in SOFTENINGS[::2]],
+        "cut-off": [usual * x for x in REACHES],
         "gaussian": [usual * x for x in WIDTHS],
         "contact": [least * x for x in CONTACTS],
         "spring": [None],
         "rest-length": [None],
     }
-    if near is not None and near.scale is not None:
-        scales[near.shape] = [near.scale * x for x in (0.75, 0.85, 0.93, 1.0, 1.07, 1.17, 1.33)]
-    return [pair_term(kind, scale, source) for kind, some in scales.items() for scale in some]
+    if near is not None and near.scale is not None and not near.parts:
+        scales[near.shape] = [near.scale * x for x in NEARBY]
+    terms = [pair_term(kind, scale, source) for kind, some in scales.items() for scale in some]
+    if near is not None and near.parts and near.remade is not None and near.scale is not None:
+        return terms + [near.remade(near.scale * x) for x in NEARBY]
+    soft = [pair_term("inverse-square", usual * x, source) for x in SOFTENINGS[1::3]]
+    hard = [pair_term("contact", least * x, "alike") for x in CONTACTS[1::2]]
+    return terms + [together(pull, push) for pull in soft for push in hard]
 
 
 def external_terms(space: int, angles: bool) -> list[Term]:

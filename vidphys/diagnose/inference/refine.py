@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vidphys.diagnose.inference.menu import PAIR, Field, Term, field_of, pair_term
+from vidphys.diagnose.inference.menu import PAIR, Field, Term, field_of
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.weak.paths import Paths
 from vidphys.diagnose.weak.regression import gram_inverse
 from vidphys.diagnose.weak.windows import Windows
 
 NUDGE = 1e-5  # over the spread of what is nudged, for derivatives
-UNSEEN = 1e9  # variance of a frame in which a body was not seen, over that of the noise
 STEPS = 6
 SETTLED = 1e-3  # change of the numbers, in standard errors, below which the fit has settled
 
@@ -73,7 +72,7 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
     Raises:
         FloatingPointError: the fit diverged.
     """
-    whiten = _whitening(windows, ratio)
+    whiten = windows.whitening(ratio)
     values = _values(structure)
     for _ in range(STEPS):
         linear = _linearised(windows, paths, structure)
@@ -116,7 +115,8 @@ def _with(structure: Structure, values: np.ndarray) -> Structure:
 
 
 def _rescaled(term: Term, scale: float) -> Term:
-    return pair_term(term.shape, scale, term.source)
+    assert term.remade is not None
+    return term.remade(scale)
 
 
 @dataclass(frozen=True)
@@ -202,17 +202,6 @@ def _by_values(field: Field, structure: Structure) -> np.ndarray:
         return np.zeros((count, nodes, bodies * space, 0))
     joined = np.concatenate(columns, -1)
     return joined.reshape(count, nodes, bodies * space, -1)
-
-
-def _whitening(windows: Windows, ratio: float) -> np.ndarray:
-    """Matrices that make the frames' errors independent and of unit size, ``(w, n, f, f)``."""
-    t = windows.times
-    early, late = np.minimum(t[:, :, None], t[:, None]), np.maximum(t[:, :, None], t[:, None])
-    size = t.shape[1]
-    own = np.eye(size)
-    covariance = own + ratio * early**2 * (3 * late - early) / 6
-    unseen = np.where(windows.seen, 0.0, UNSEEN).transpose(0, 2, 1)
-    return np.linalg.inv(np.linalg.cholesky(covariance[:, None] + unseen[..., None] * own))
 
 
 @dataclass(frozen=True)

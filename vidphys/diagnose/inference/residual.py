@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
 
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
 from vidphys.diagnose.inference.refine import Fitted
@@ -18,6 +19,9 @@ from vidphys.statistics import NORMAL_95
 EXCESS = 0.05  # share of the noise's variance by which a residual may exceed it
 SPREADS = 5.0  # and standard deviations of a mean square
 BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree
+ESTIMATED = 1.35  # times that, where the noise's memory was estimated from the residual itself
+UNEVEN, SLACK = 1e-4, 1.3  # chance; share by which a window's own noise may exceed the average
+CERTAIN = 30.0  # gain of log likelihood by a force off the menu, from which it surely is there
 # Frames that a speed must last against friction or a drive to be told; beside random kicks, which
 # the smoothing of paths takes for noise where they fade sooner, so that a temperature is too low.
 LASTING, LASTING_BESIDE_KICKS = 1.0, 4.0
@@ -151,6 +155,8 @@ class Leftover:
             likelihood less its price.
         explained: whether the menu explains the motion.
         why: one sentence.
+        uneven: how unlikely it is that noise alone left so much more in some windows than in
+            others; the chance, by chi-square, of the worst window and body.
     """
 
     excess: float
@@ -160,6 +166,17 @@ class Leftover:
     probes: dict[str, float]
     explained: bool
     why: str
+    uneven: float = 1.0
+
+    @property
+    def even(self) -> bool:
+        """Whether what is left over is as much everywhere as noise leaves."""
+        return self.uneven > UNEVEN
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is sure that something is there that the menu lacks."""
+        return not self.explained and max(self.probes.values(), default=0.0) > CERTAIN
 
 
 def leftover(
@@ -193,13 +210,25 @@ def leftover(
     smooth = smooth_force_gain(windows, rows, chosen, floor) if kicks.gain > 0 else 0.0
     probes = _probe_gains(rows, chosen, places, ratio, floor)
     allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
+    if windows.colour is not None:
+        allowed *= ESTIMATED
     excess = fitted.variance / sigma**2
     doubt = ""
     if ratio and not _one_temperature(fitted, ratio * fitted.variance, field, windows):
         doubt = "random kicks and friction do not belong to one temperature"
     elif not _lasts(fitted, LASTING_BESIDE_KICKS if ratio else LASTING, windows):
         doubt = "speeds change faster than frames show: record more often, or the tracks jump"
-    return _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
+    found = _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
+    return replace(found, uneven=_unevenness(windows, fitted, ratio, floor))
+
+
+def _unevenness(windows: Windows, fitted: Fitted, ratio: float, floor: float) -> float:
+    """Chance that noise leaves as much in the worst window of a body, of all there are."""
+    white = windows.whitening(ratio) @ fitted.residual.transpose(0, 2, 1, 3)
+    power = (white**2).sum((2, 3)) / max(fitted.variance, floor**2)
+    freedom = np.clip(windows.seen.sum(1) - 2, 1, None) * fitted.residual.shape[-1]
+    worst = chi2.sf(power / SLACK, freedom)
+    return float(min(1.0, worst.min() * worst.size))
 
 
 def _lasts(fitted: Fitted, frames: float, windows: Windows) -> bool:

@@ -20,6 +20,7 @@ from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import (
     FRICTIONS,
     PAIR,
+    TWO_FRICTIONS,
     Field,
     Term,
     external_terms,
@@ -91,6 +92,13 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
     return result
 
 
+def ranked(motion: Motion, frames: int, angles: bool = False) -> list[Structure]:
+    """Every combination of terms along smooth paths in windows of so many frames, best first."""
+    floor = NUMERICAL * float(np.nanstd(motion.positions))
+    search = _Search(motion, angles, max(measure_noise(motion).sigma, floor), floor)
+    return search.round(frames, None).structures
+
+
 @dataclass(frozen=True)
 class _Search:
     motion: Motion
@@ -124,7 +132,8 @@ class _Search:
         return float(reach * spread / in_a_frame)
 
     def terms(self, field: Field, near: Term | None) -> list[Term]:
-        terms = external_terms(self.motion.space, self.angles) + list(FRICTIONS.values())
+        terms = external_terms(self.motion.space, self.angles)
+        terms += [*FRICTIONS.values(), *TWO_FRICTIONS]
         if self.motion.bodies > 1:
             alike = bool(np.allclose(self.motion.mass, 1.0))
             for source in ("alike",) if alike else ("mass", "alike"):

@@ -34,8 +34,9 @@ class Structure:
     def kinds(self) -> frozenset[str]:
         """Kinds of the terms; a friction that adds energy is a drive."""
         return frozenset(
-            "drive" if term.kind == "linear" and self.of(term)[0] < 0 else term.kind
+            "drive" if kind == "linear" and self.of(term)[0] < 0 else kind
             for term in self.terms
+            for kind in term.kinds
         )
 
     def of(self, term: Term) -> np.ndarray:
@@ -115,7 +116,10 @@ def _fit(
     price = PRICE * 0.5 * np.log(normal.count) * sum(term.size for term in terms)
     score = normal.log_likelihood(misfit, floor) - price
     structure = Structure(tuple(terms), coefficients, score, misfit / normal.count)
-    wrong = any(term.positive and structure.of(term)[0] <= 0 for term in terms)
+    wrong = any(
+        term.positive and (structure.of(term)[: max(1, len(term.parts))] <= 0).any()
+        for term in terms
+    )
     return None if wrong else structure
 
 

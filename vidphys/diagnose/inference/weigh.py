@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.refine import refine
+from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.paths import smooth
 from vidphys.diagnose.weak.windows import cut_windows
@@ -17,7 +19,8 @@ from vidphys.diagnose.weak.windows import cut_windows
 FEW = 3  # bodies, up to which each one's mass is looked for
 SWEEPS = 3
 FARTHEST = 10.0  # ratio of two masses
-ROUGH = np.geomspace(1 / FARTHEST, FARTHEST, 9)
+ROUGH = np.linspace(-np.log(FARTHEST), np.log(FARTHEST), 7)  # logarithms of a ratio
+FRAMES = (12, 24)  # of the windows in which masses are tried
 HELPS = 0.8  # of the residual with equal masses, to which other masses must bring it to go on
 
 
@@ -30,7 +33,10 @@ class Weighed:
 
 
 def weigh(
-    motion: Motion, inference: Inference, infer: Callable[[Motion], Inference]
+    motion: Motion,
+    inference: Inference,
+    infer: Callable[[Motion], Inference],
+    ranked: Callable[[Motion, int], Sequence[Structure]],
 ) -> Weighed | None:
     """Masses under which the menu explains the motion, if there are any.
 
@@ -38,17 +44,19 @@ def weigh(
         motion: of two or three bodies whose masses are not known.
         inference: with all masses alike, which left something unexplained.
         infer: finds the terms once masses are set.
+        ranked: every combination of terms in windows of so many frames, best first.
     """
     unknown = np.allclose(motion.mass, 1.0) and 2 <= motion.bodies <= FEW
     if not unknown or inference.leftover.explained or not inference.structure.terms:
         return None
-    logs = np.zeros(motion.bodies)
-    most = HELPS * _residual(motion, inference)
-    for body in range(1, motion.bodies):
-        logs[body] = _roughly(motion, inference, logs, body)
-        logs[body] = _near(motion, inference, logs, body)
-    if not _residual(_with(motion, logs), inference) < most:
+    size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
+    most = HELPS * ranked(motion, size)[0].misfit
+    tried = [np.array([0.0, *rest]) for rest in product(ROUGH, repeat=motion.bodies - 1)]
+    found = [(ranked(_with(motion, logs), size)[0], logs) for logs in tried]
+    best, logs = max(found, key=lambda one: one[0].score)
+    if not best.misfit < most:
         return None
+    inference = replace(inference, fitted=replace(inference.fitted, structure=best))
     for _ in range(SWEEPS):
         for body in range(1, motion.bodies):
             logs[body] = _near(motion, inference, logs, body)
@@ -72,15 +80,9 @@ def _left(motion: Motion, inference: Inference, logs: np.ndarray, body: int, log
     return _residual(_with(motion, trial), inference)
 
 
-def _roughly(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
-    """Logarithm of one mass at which least is left, of a few tried."""
-    tried = np.log(ROUGH)
-    return float(tried[np.argmin([_left(motion, inference, logs, body, x) for x in tried])])
-
-
 def _near(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
     """The same between the neighbours of what was found so far."""
-    step = float(np.log(ROUGH[1] / ROUGH[0]))
+    step = float(ROUGH[1] - ROUGH[0])
     bounds = (logs[body] - step, logs[body] + step)
     found = minimize_scalar(
         lambda log: _left(motion, inference, logs, body, float(log)),

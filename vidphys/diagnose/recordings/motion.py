@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.inputs import Signal
 
 LONGEST_GAP = 1e5  # usual intervals
@@ -27,6 +28,7 @@ class Motion:
         mass: ``(e, n)``; ones where nothing is known.
         coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
         inputs: what drives the scene and was recorded, of each clip, over all of its time.
+        colour: of the noise, where it is known to have a memory.
 
     Raises:
         ValueError: shapes that do not belong together, times that do not increase, or too few
@@ -38,6 +40,7 @@ class Motion:
     mass: np.ndarray
     coupling: np.ndarray | None = None
     inputs: tuple[Signal, ...] = ()
+    colour: Colour | None = None
 
     def __post_init__(self) -> None:
         clips, frames, bodies, _ = self.positions.shape
@@ -110,7 +113,14 @@ class Motion:
         """Some of the clips."""
         coupling = None if self.coupling is None else self.coupling[clips]
         inputs = tuple(self.inputs[i] for i in np.arange(self.clips)[clips] if self.inputs)
-        return Motion(self.positions[clips], self.times[clips], self.mass[clips], coupling, inputs)
+        return replace(
+            self,
+            positions=self.positions[clips],
+            times=self.times[clips],
+            mass=self.mass[clips],
+            coupling=coupling,
+            inputs=inputs,
+        )
 
 
 def motion_of(

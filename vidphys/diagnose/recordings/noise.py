@@ -55,11 +55,14 @@ def measure_noise(motion: Motion) -> Noise:
     """Noise from differences of the lowest order beyond which they shrink no further.
 
     A difference of order k of smooth motion shrinks with the frame interval to the power k, that
-    of independent noise of variance s^2 has the variance s^2 binomial(2k, k).
+    of independent noise of variance s^2 has the variance s^2 binomial(2k, k). Noise of a known
+    colour is that.
 
     Raises:
         Unseen: too few frames in a row show a body.
     """
+    if motion.colour is not None:
+        return noise_of(motion.colour.sigma, motion)
     best = None
     for order in ORDERS:
         x = differences(motion, order)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.interpolate import UnivariateSpline
 
-from vidphys.diagnose.weak.windows import Windows
+from vidphys.diagnose.weak.windows import UNSEEN, Windows
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,14 @@ def _fit(windows: Windows, degree: int) -> tuple[np.ndarray, float, int]:
     basis = chebyshev.chebvander(place, degree)[:, None]
     seen = windows.seen.transpose(0, 2, 1)[..., None]
     frames = windows.frames.transpose(0, 2, 1, 3)
-    weighted = basis * seen
-    coefficients = windows.inverse(weighted) @ (frames * seen)
-    misfit = float((((weighted @ coefficients) - frames * seen) ** 2).sum())
+    if windows.colour is None:
+        weighted, frames = basis * seen, frames * seen
+        coefficients = windows.inverse(weighted) @ frames
+    else:
+        white = windows.whitening()
+        weighted, frames = white @ (basis * seen), white @ (frames * seen)
+        coefficients = np.linalg.pinv(weighted) @ frames
+    misfit = float(((weighted @ coefficients - frames) ** 2).sum())
     free = np.clip(windows.seen.sum(1) - degree - 1, 0, None).sum() * frames.shape[-1]
     return coefficients, misfit, int(free)
 
@@ -105,10 +110,11 @@ def with_kicks(windows: Windows, paths: Paths, ratio: float) -> Paths:
         ratio: variance of the kicks per second over that of the noise of a position.
     """
     frame, node = windows.times, windows.node_times - windows.begin[:, None]
-    own = np.eye(frame.shape[1])
-    unseen = np.where(windows.seen, 0.0, 1e9).transpose(0, 2, 1)
-    covariance = own + ratio * _displaced(frame, frame)
-    inverse = np.linalg.inv(covariance[:, None] + unseen[..., None] * own)
+    # Of each body: the heavier, the less a kick of the same strength moves it.
+    strength = (ratio / windows.mass**2)[:, :, None, None]
+    unseen = np.where(windows.seen, 0.0, UNSEEN).transpose(0, 2, 1)[..., None]
+    covariance = windows.errors + strength * _displaced(frame, frame)[:, None]
+    inverse = np.linalg.inv(covariance + unseen * np.eye(frame.shape[1]))
     line = np.stack([np.ones_like(frame), frame], -1)[:, None]
     flat = paths.q.reshape(*paths.q.shape[:2], -1)
     rest = windows.frames - (windows.to_frames @ flat).reshape(windows.frames.shape)
@@ -116,8 +122,8 @@ def with_kicks(windows: Windows, paths: Paths, ratio: float) -> Paths:
     across = line.transpose(0, 1, 3, 2) @ inverse
     start = np.linalg.solve(across @ line, across @ rest)
     pull = inverse @ (rest - line @ start)
-    moved = ratio * _displaced(node, frame)[:, None] @ pull
-    sped = ratio * _sped(node, frame)[:, None] @ pull
+    moved = strength * _displaced(node, frame)[:, None] @ pull
+    sped = strength * _sped(node, frame)[:, None] @ pull
     begun = np.stack([np.ones_like(node), node], -1)[:, None] @ start
     q = paths.q + (moved + begun).transpose(0, 2, 1, 3)
     v = paths.v + (sped + start[:, :, 1:2]).transpose(0, 2, 1, 3)

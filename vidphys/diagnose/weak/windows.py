@@ -3,8 +3,9 @@
 A recording is cut into windows. Within one, position = x0 + v0 t + the acceleration integrated
 twice; test functions that are orthogonal to 1 and t leave the last part alone, so that neither a
 speed nor an acceleration is ever read from differences of noisy frames. Noise of the frames stays
-white under orthonormal test functions; they are turned so that random kicks (a bath) come out
-independent too, with the variance ``kicks`` per unit of their strength.
+white under orthonormal test functions, and noise with a memory becomes so under functions that are
+whitened by its covariance; they are turned so that random kicks (a bath) come out independent too,
+with the variance ``kicks`` per unit of their strength.
 
 Paths are kept at Chebyshev nodes, where integrals are as exact as the path is smooth.
 """
@@ -17,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 
 LEAST = 5  # frames of a body in a window, below which it tells nothing of its acceleration
@@ -24,6 +26,7 @@ NODES_PER_FRAME = 1.5
 NODES = (16, 48)
 FEW = 64  # frames of a window above which there is one node for each
 SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
+UNSEEN = 1e9  # variance of a frame in which a body was not seen, over that of the noise
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
 
 
@@ -40,6 +43,7 @@ class Windows:
         first: number of the first frame, ``(w,)``.
         mass: ``(w, n)``.
         coupling: ``(w,)``, or ``None``.
+        colour: of the noise; ``None`` where it is white.
     """
 
     frames: np.ndarray
@@ -50,6 +54,7 @@ class Windows:
     first: np.ndarray
     mass: np.ndarray
     coupling: np.ndarray | None
+    colour: Colour | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -119,11 +124,35 @@ class Windows:
                 seen = self.seen[window, :, body]
                 key = stamp + seen.tobytes()
                 if key not in known:
-                    known[key] = _tests(self.times[window], seen)
+                    known[key] = _tests(self.times[window], seen, self.colour)
                 basis, strength = known[key]
                 rows[window, body, : len(basis)] = basis
                 kicks[window, body, : len(basis)] = strength
-        return rows, kicks
+        return rows, kicks / self.mass[:, :, None] ** 2
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """Covariance of the frames' errors, of unit variance, ``(w, 1, f, f)``."""
+        if self.colour is None:
+            return np.broadcast_to(np.eye(self.times.shape[1]), (len(self), 1, *self._square))
+        return self.colour.covariance(self.times)[:, None]
+
+    @property
+    def _square(self) -> tuple[int, int]:
+        return self.times.shape[1], self.times.shape[1]
+
+    def whitening(self, ratio: float = 0.0) -> np.ndarray:
+        """Matrices that make the frames' errors independent, of unit size, ``(w, n, f, f)``.
+
+        Args:
+            ratio: variance of random kicks per second over that of the noise.
+        """
+        t = self.times
+        early, late = np.minimum(t[:, :, None], t[:, None]), np.maximum(t[:, :, None], t[:, None])
+        moved = (ratio * early**2 * (3 * late - early) / 6)[:, None]
+        unseen = np.where(self.seen, 0.0, UNSEEN).transpose(0, 2, 1)[..., None]
+        covariance = self.errors + moved / self.mass[:, :, None, None] ** 2
+        return np.linalg.inv(np.linalg.cholesky(covariance + unseen * np.eye(t.shape[1])))
 
     @cached_property
     def informative(self) -> np.ndarray:
@@ -150,13 +179,18 @@ class Windows:
         return out.reshape(*out.shape[:3], *moved.shape[3:])
 
 
-def _tests(times: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _tests(
+    times: np.ndarray, seen: np.ndarray, colour: Colour | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Test functions on the frames that were seen, and the variance that unit kicks give each."""
     if seen.sum() < LEAST:
         return np.zeros((0, len(times))), np.zeros(0)
     t = times[seen]
     straight = np.stack([np.ones_like(t), t], 1)
     free = np.linalg.qr(straight, mode="complete")[0][:, 2:].T
+    if colour is not None:
+        covariance = free @ colour.covariance(t) @ free.T
+        free = np.linalg.solve(np.linalg.cholesky(covariance), free)
     early, late = np.minimum(t[:, None], t), np.maximum(t[:, None], t)
     spread = early**2 * (3 * late - early) / 6  # covariance of white noise integrated twice
     strength, turn = np.linalg.eigh(free @ spread @ free.T)
@@ -210,4 +244,5 @@ def windows_at(motion: Motion, clip: np.ndarray, first: np.ndarray, size: int) -
         first,
         motion.mass[clip],
         coupling,
+        motion.colour,
     )

@@ -38,7 +38,8 @@ class Kind:
         truth: kinds of terms that must be found; ``None`` where the menu has no such scene.
         bodies: numbers of bodies that it may have.
         speed: standard deviation of the first velocities, per axis.
-        noise: standard deviation of random kicks, per square root of a second.
+        noise: standard deviation of random kicks, per square root of a second; of all bodies, or
+            of each, ``(n, 1)``.
         spread: standard deviation of the first places, per axis.
     """
 
@@ -47,7 +48,7 @@ class Kind:
     truth: frozenset[str] | None
     bodies: tuple[int, ...] = (1, 2, 3, 5, 8)
     speed: float = 0.7
-    noise: float = 0.0
+    noise: float | np.ndarray = 0.0
     spread: float = 1.0
 
 
@@ -205,6 +206,13 @@ class Setting:
 
 def record(kind: Kind, setting: Setting, clips: int = CLIPS, frames: int = FRAMES) -> Motion:
     """Clips of a scene as a tracker would deliver them."""
+    path = path_of(kind, setting, clips, frames)
+    noise = np.random.default_rng([setting.seed, 7]).standard_normal(path.shape)
+    return motion_of(path + setting.sigma * noise, setting.interval)
+
+
+def path_of(kind: Kind, setting: Setting, clips: int = CLIPS, frames: int = FRAMES) -> np.ndarray:
+    """True places ``(e, t, n, d)``, world units; the setting's noise is left out."""
     rng = np.random.default_rng([setting.seed, setting.bodies, *kind.name.encode()])
     shape = (clips, setting.bodies, 2)
     q = kind.spread * _apart(shape, rng)
@@ -216,9 +224,7 @@ def record(kind: Kind, setting: Setting, clips: int = CLIPS, frames: int = FRAME
             t = setting.interval * (frame - 1 + part / fine)
             q, v = _step(kind, q, v, t, setting.interval / fine, rng)
         stored.append(q)
-    path = np.stack(stored, 1)
-    noise = np.random.default_rng([setting.seed, 7]).standard_normal(path.shape)
-    return motion_of(path + setting.sigma * noise, setting.interval)
+    return np.stack(stored, 1)
 
 
 def _apart(shape: tuple[int, int, int], rng: np.random.Generator) -> np.ndarray:
@@ -237,7 +243,7 @@ def _step(
     kind: Kind, q: np.ndarray, v: np.ndarray, t: float, dt: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Runge and Kutta's step of fourth order, between two halves of the random kicks."""
-    if kind.noise:
+    if np.any(kind.noise):
         v = v + kind.noise * np.sqrt(dt / 2) * rng.standard_normal(v.shape)
     a1 = kind.law(q, v, t)
     q2, v2 = q + dt / 2 * v, v + dt / 2 * a1
@@ -247,6 +253,6 @@ def _step(
     q4, v4 = q + dt * v3, v + dt * a3
     a4 = kind.law(q4, v4, t + dt)
     q, v = q + dt / 6 * (v + 2 * v2 + 2 * v3 + v4), v + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-    if kind.noise:
+    if np.any(kind.noise):
         v = v + kind.noise * np.sqrt(dt / 2) * rng.standard_normal(v.shape)
     return q, v

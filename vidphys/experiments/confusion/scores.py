@@ -78,9 +78,9 @@ def pysindy(motion: Motion) -> Answer:
     terms = fixed
     if motion.bodies > 1:
         tried = [[*fixed, pair] for pair in pair_terms(field.distance, "alike")]
-        terms = min(tried, key=lambda some: _misfit(_design(field, some), y))
-    x, names = _design(field, terms), _names(terms, motion.space)
-    return Answer(_grouped(names, _thresholded(x / np.sqrt((x**2).mean(0) + 1e-24), y)))
+        terms = min(tried, key=lambda some: misfit_of(_design(field, some), y))
+    x, names = _design(field, terms), names_of(terms, motion.space)
+    return Answer(grouped(names, thresholded(x / np.sqrt((x**2).mean(0) + 1e-24), y)))
 
 
 def _differentiated(motion: Motion) -> tuple[Field, np.ndarray]:
@@ -103,11 +103,12 @@ def _design(field: Field, terms: Sequence[Term]) -> np.ndarray:
     return columns.reshape(-1, columns.shape[-1])
 
 
-def _misfit(x: np.ndarray, y: np.ndarray) -> float:
+def misfit_of(x: np.ndarray, y: np.ndarray) -> float:
+    """Mean square that least squares on columns ``(r, p)`` leave of ``(r,)``."""
     return float(((y - x @ np.linalg.lstsq(x, y, rcond=None)[0]) ** 2).mean())
 
 
-def _thresholded(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def thresholded(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Coefficients at the threshold that Akaike's criterion likes best."""
     import pysindy as ps
 
@@ -123,7 +124,7 @@ def _thresholded(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return best
 
 
-def _names(terms: Sequence[Term], space: int) -> list[str]:
+def names_of(terms: Sequence[Term], space: int) -> list[str]:
     """The kind of each column; constants of the trap's centre are a uniform field by themselves."""
     names = []
     for term in terms:
@@ -132,7 +133,8 @@ def _names(terms: Sequence[Term], space: int) -> list[str]:
     return names
 
 
-def _grouped(names: Sequence[str], values: np.ndarray) -> frozenset[str]:
+def grouped(names: Sequence[str], values: np.ndarray) -> frozenset[str]:
+    """Kinds of the columns whose numbers are not zero."""
     found = {name for name, value in zip(names, values, strict=True) if value != 0}
     if "trap" in found:
         found.discard("uniform")

@@ -1,0 +1,183 @@
+"""What trackers do wrong: found, mended, weighed, and never believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.inference.search import infer
+from vidphys.diagnose.recordings.colour import Colour
+from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.weak.colour import colour_of
+from vidphys.diagnose.weak.mending import mend
+from vidphys.diagnose.weak.windows import cut_windows
+from vidphys.experiments.confusion.scenes import KINDS, Kind, Setting, path_of, trapped
+from vidphys.experiments.confusion.scores import Answer
+from vidphys.experiments.confusion.storms import forces
+from vidphys.experiments.confusion.storms.measured import MEASURES, gaps, remembering, swaps
+from vidphys.experiments.confusion.storms.scenes import LISTED, filmed
+from vidphys.experiments.confusion.storms.scores import Scored, scores
+from vidphys.experiments.confusion.storms.table import measures_of
+from vidphys.experiments.confusion.storms.unlisted import UNLISTED
+
+STEP, SIGMA = 0.04, 0.005
+
+
+def paths(name, bodies=2, seed=1):
+    return path_of(KINDS[name], Setting(0.0, STEP, bodies, seed))
+
+
+def measured(name, measure, bodies=2, seed=1):
+    rng = np.random.default_rng(seed)
+    return motion_of(MEASURES[measure](paths(name, bodies, seed), SIGMA, rng), STEP)
+
+
+# mending
+
+
+@pytest.mark.parametrize("name", ["trap", "gravity", "disks-trap", "langevin"])
+def test_tracks_with_nothing_wrong_are_left_alone(name):
+    motion = measured(name, "white", 3)
+    assert mend(motion).motion is motion
+
+
+def test_false_finds_become_gaps_and_true_frames_stay():
+    path = paths("trap", 3)
+    rng = np.random.default_rng(2)
+    motion = motion_of(MEASURES["outliers"](path, SIGMA, rng), STEP)
+    off = np.linalg.norm(motion.positions - path, axis=-1)
+    gone = ~mend(motion).motion.seen
+    assert (off > 0.2).sum() > 20
+    assert gone[off > 0.2].mean() >= 0.95
+    assert gone[off < 4 * SIGMA].mean() <= 0.01
+
+
+def test_swapped_names_go_back():
+    path = paths("trap", 3, 4)
+    rng = np.random.default_rng(3)
+    white = path + SIGMA * rng.standard_normal(path.shape)
+    mixed = swaps(white, rng)
+    assert np.abs(mixed - white).max() > 0.5
+    found = mend(motion_of(mixed, STEP))
+    assert found.swaps > 0
+    for clip in range(len(path)):
+        # A clip may keep other names from its first frame on; no body changes its own within.
+        away = np.linalg.norm(found.motion.positions[clip] - path[clip], axis=-1)
+        assert (away < 0.1).mean() > 0.95
+
+
+# colour
+
+
+def test_a_memory_of_the_noise_is_told_from_white_noise_and_from_kicks():
+    rng = np.random.default_rng(0)
+    still = np.zeros((8, 64, 3, 2))
+    kicked = (0.02 * rng.standard_normal(still.shape)).cumsum(1).cumsum(1) * STEP
+    white = SIGMA * rng.standard_normal(still.shape)
+    windows = cut_windows(motion_of(still, STEP), 32)
+
+    def found(error):
+        return colour_of(windows, cut_windows(motion_of(error, STEP), 32).frames)
+
+    assert found(white) is None
+    assert found(white + kicked) is None
+    lasting = found(remembering(still, SIGMA, rng))
+    assert np.exp(-STEP / lasting.memory) == pytest.approx(0.8, abs=0.1)
+    assert lasting.sigma == pytest.approx(SIGMA, rel=0.35)
+
+
+def test_rows_of_coloured_noise_are_white_and_of_unit_size():
+    rng = np.random.default_rng(0)
+    noise = gaps(remembering(np.zeros((400, 16, 1, 2)), 1.0, rng), rng)
+    motion = motion_of(noise, STEP)
+    motion = replace(motion, colour=Colour(1.0, -STEP / np.log(0.8)))
+    windows = cut_windows(motion, 16)
+    rows = windows.measured[windows.informative]
+    assert rows.var() == pytest.approx(1.0, rel=0.05)
+    white = windows.whitening() @ windows.frames.transpose(0, 2, 1, 3)
+    assert white[:, 0, 5:].var() == pytest.approx(windows.seen[:, 5:].mean(), rel=0.06)
+
+
+def test_noise_with_a_memory_is_neither_a_bath_nor_a_force():
+    for name in ("projectile", "trap-drive"):
+        found = diagnose_motion(measured(name, "ar1"))
+        assert found.kinds == KINDS[name].truth and found.explained
+        assert found.motion.colour is not None
+    bath = diagnose_motion(measured("langevin", "white", 3))
+    assert bath.motion.colour is None and "bath" in bath.kinds
+
+
+# terms that stand together
+
+
+@pytest.mark.parametrize("other, power", [("dry", 0), ("square", 2)])
+def test_two_frictions_at_once_are_both_found(other, power):
+    resisted = [forces.resisted(0.4, 1), forces.resisted(0.4, power)]
+    law = Kind(
+        "two", lambda q, v, t: trapped(q, v, t) + sum(f(q, v, t) for f in resisted), None, speed=1.2
+    )
+    path = path_of(law, Setting(0.0, STEP, 2, 1))
+    noise = 0.001 * np.random.default_rng(0).standard_normal(path.shape)
+    found = infer(motion_of(path + noise, STEP))
+    assert found.kinds == {"trap", "linear", other} and found.leftover.explained
+    rates = found.fitted.values[-2:]
+    np.testing.assert_allclose(rates, 0.4, rtol=0.1)
+
+
+def test_kicks_move_heavy_bodies_less():
+    windows = cut_windows(motion_of(np.zeros((1, 12, 2, 1)), STEP, np.array([[1.0, 2.0]])), 12)
+    light, heavy = windows.tests[1][0]
+    np.testing.assert_allclose(light, 4 * heavy)
+    assert not np.allclose(*windows.whitening(1e3)[0])
+    np.testing.assert_allclose(*windows.whitening(0.0)[0])
+
+
+# the scenes and their scores
+
+
+def test_scenes_are_drawn_anew_for_each_seed_and_alike_for_the_same():
+    some = LISTED["gravity"]
+    first, again, other = (filmed(some, "all", seed) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first.motion.positions, again.motion.positions)
+    assert first.motion.positions.shape != other.motion.positions.shape or not np.allclose(
+        first.motion.positions, other.motion.positions, equal_nan=True
+    )
+    hidden = filmed(LISTED["outside-hidden"], "white", 0)
+    assert hidden.motion.bodies == hidden.bodies
+
+
+def test_three_bodies_together_feel_no_pair():
+    law = forces.three_together(1.0)
+    two = np.array([[[0.0, 0.0], [0.5, 0.0]]])
+    assert not law(two, two, 0.0).any()
+    three = np.concatenate([two, [[[0.0, 0.5]]]], 1)
+    assert law(three, three, 0.0).any()
+
+
+def test_no_class_is_both_tuned_on_and_held_out():
+    assert not set(LISTED) & set(UNLISTED)
+    assert all(some.truth is None for some in UNLISTED.values())
+
+
+def test_a_small_preset_takes_turns_over_measures_and_a_large_one_has_all():
+    quick = [measures_of(number, 32, 0) for number in range(7)]
+    assert all(len(set(some)) == 2 for some in quick)
+    assert {name for some in quick for name in some} == set(MEASURES)
+    assert set(measures_of(3, 64, 0)) == set(MEASURES)
+
+
+def test_what_is_said_surely_and_is_wrong_counts_a_false_alarm_too():
+    trap, magnetic = frozenset({"trap"}), None
+    marked = [
+        Scored("trap", trap, Answer(trap)),
+        Scored("trap", trap, Answer(frozenset({"pair"}))),
+        Scored("trap", trap, Answer(frozenset({"pair"}), sure=False)),
+        Scored("trap", trap, Answer(trap, explained=False)),
+        Scored("magnetic", magnetic, Answer(trap)),
+        Scored("magnetic", magnetic, Answer(trap, explained=False)),
+    ]
+    found = scores(marked)
+    assert found["exact_structure"] == [True, False, False, False, False, True]
+    assert found["sure_and_wrong"] == [False, True, False, True, True, False]
+    assert found["not_told"] == [False, False, True, False, False, False]

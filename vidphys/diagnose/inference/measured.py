@@ -1,0 +1,57 @@
+"""What the best model's residual says of the measurement: single frames that are wrong, and colour.
+
+The first fit takes the noise to be white and every frame to be true. Where its residual says
+otherwise, false finds that no neighbouring frame gave away become gaps, the noise gets its memory,
+and the terms are looked for again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.refine import refine
+from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.weak.colour import colour_of
+from vidphys.diagnose.weak.paths import smooth
+from vidphys.diagnose.weak.windows import Windows, cut_windows
+
+FRAMES = (16, 24)  # of a window, at least and at most: several memories, and few swings
+BESIDE_KICKS = 40.0  # gain of log likelihood by a memory, where kicks explain it nearly as well
+FAR, BESIDE = 8.0, 3.0  # usual residuals: of a frame that is wrong, and of its neighbours
+
+
+def remeasured(motion: Motion, inference: Inference) -> Motion | None:
+    """The motion as its residual shows that it was measured; ``None`` where nothing is new.
+
+    Args:
+        motion: tracks.
+        inference: of them.
+    """
+    size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
+    windows = cut_windows(motion, min(size, motion.positions.shape[1]))
+    try:
+        fitted = refine(windows, smooth(windows, inference.noise.sigma), inference.structure)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+    wrong = _spikes(windows, fitted.residual)
+    if wrong.any():
+        positions = motion.positions.copy()
+        window, frame, body = np.nonzero(wrong)
+        positions[windows.clip[window], windows.first[window] + frame, body] = np.nan
+        return replace(motion, positions=positions)
+    colour = colour_of(windows, fitted.residual, *([BESIDE_KICKS] if inference.kicks else []))
+    known = colour is None or (motion.colour is not None and motion.colour.near(colour))
+    return None if known else replace(motion, colour=colour)
+
+
+def _spikes(windows: Windows, residual: np.ndarray) -> np.ndarray:
+    """Frames ``(w, f, n)`` far off between neighbours that are not."""
+    off = np.where(windows.seen, np.linalg.norm(residual, axis=-1), np.nan)
+    usual = np.nanmedian(off)
+    beside = np.full((2, *off.shape), np.nan)
+    beside[0, :, 1:], beside[1, :, :-1] = off[:, :-1], off[:, 1:]
+    far = np.nan_to_num(off) > FAR * usual
+    return far & (np.nan_to_num(beside).max(0) < np.maximum(BESIDE * usual, off / FAR * BESIDE))
