@@ -7,7 +7,7 @@ are a term of their own.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -261,20 +261,20 @@ def pair_term(kind: str, scale: float | None, source: str) -> Term:
         names,
         attraction(shapes, scale or 1.0, source),
         scale,
-        positive=kind == "contact",
+        positive=kind in ("contact", "cut-off"),  # a repulsion that ends is a contact
         shape=kind,
         source=source,
         remade=None if scale is None else lambda other: pair_term(kind, other, source),
     )
 
 
-def pair_terms(distance: np.ndarray, source: str, near: Term | None = None) -> list[Term]:
+def pair_terms(distance: np.ndarray, source: str, near: Sequence[Term] = ()) -> list[Term]:
     """Pair forces to try, their lengths taken from the distances that occur.
 
     Args:
         distance: between bodies, any shape.
         source: ``mass`` where forces go with both masses, else ``alike``.
-        near: the best so far, about which lengths lie closer.
+        near: the best of some shapes so far, about which lengths lie closer.
     """
     finite = distance[np.isfinite(distance)]
     usual, least = float(np.median(finite)), float(np.quantile(finite, 0.005))
@@ -288,11 +288,14 @@ def pair_terms(distance: np.ndarray, source: str, near: Term | None = None) -> l
         "spring": [None],
         "rest-length": [None],
     }
-    if near is not None and near.scale is not None and not near.parts:
-        scales[near.shape] = [near.scale * x for x in NEARBY]
+    close = {term.shape: term for term in near if term.scale is not None}
+    for shape, term in close.items():
+        if shape in scales and term.scale is not None:
+            scales[shape] = [term.scale * x for x in NEARBY]
     terms = [pair_term(kind, scale, source) for kind, some in scales.items() for scale in some]
-    if near is not None and near.parts and near.remade is not None and near.scale is not None:
-        return terms + [near.remade(near.scale * x) for x in NEARBY]
+    both = next((term for term in close.values() if term.parts), None)
+    if both is not None and both.remade is not None and both.scale is not None:
+        return terms + [both.remade(both.scale * x) for x in NEARBY]
     soft = [pair_term("inverse-square", usual * x, source) for x in SOFTENINGS[1::3]]
     hard = [pair_term("contact", least * x, "alike") for x in CONTACTS[1::2]]
     return terms + [together(pull, push) for pull in soft for push in hard]

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +45,7 @@ FARTHEST = 2.5  # of the last windows, over the time scale of the model's motion
 NO_WORSE = 0.03  # share by which the mean square residual may grow in longer windows
 CHANCE = 2.0  # or so many standard deviations of a mean square
 PICARD = 4
+CLOSELY = 3  # shapes of pair forces whose lengths are looked for closely
 KICKED = 8.0  # gain of log likelihood from which random kicks are believed
 SHOVED = 3.0  # times the numerical error that kicks must move a row to be no such error
 NUMERICAL = 3e-4  # of the spread of the positions: what the integrals themselves may be wrong by
@@ -99,6 +101,21 @@ def ranked(motion: Motion, frames: int, angles: bool = False) -> list[Structure]
     return search.round(frames, None).structures
 
 
+def _likely_pairs(structures: Sequence[Structure]) -> list[Term]:
+    """The best pair force of each of the likeliest shapes.
+
+    Of each its length is looked for more closely: a shape must not win by a happier grid.
+    """
+    found: dict[str, Term] = {}
+    for structure in structures:
+        pair = structure.term(PAIR)
+        if pair is not None and pair.shape not in found:
+            found[pair.shape] = pair
+        if len(found) == CLOSELY:
+            break
+    return list(found.values())
+
+
 @dataclass(frozen=True)
 class _Search:
     motion: Motion
@@ -131,13 +148,13 @@ class _Search:
             return LONGEST
         return float(reach * spread / in_a_frame)
 
-    def terms(self, field: Field, near: Term | None) -> list[Term]:
+    def terms(self, field: Field, near: Sequence[Term]) -> list[Term]:
         terms = external_terms(self.motion.space, self.angles)
         terms += [*FRICTIONS.values(), *TWO_FRICTIONS]
         if self.motion.bodies > 1:
             alike = bool(np.allclose(self.motion.mass, 1.0))
             for source in ("alike",) if alike else ("mass", "alike"):
-                close = near if near is not None and near.source == source else None
+                close = [term for term in near if term.source == source]
                 terms += pair_terms(field.distance, source, close)
         return terms
 
@@ -151,12 +168,14 @@ class _Search:
                 paths = integrated(windows, before.best.accelerations(field_of(windows, paths)))
                 if ratio:
                     paths = with_kicks(windows, paths, ratio)
-        return self.tried(windows, paths, before.best if before else None, ratio)
+        return self.tried(windows, paths, before.structures if before else (), ratio)
 
-    def tried(self, windows: Windows, paths: Paths, last: Structure | None, ratio: float) -> _Round:
-        """Every combination along given paths."""
+    def tried(
+        self, windows: Windows, paths: Paths, last: Sequence[Structure], ratio: float
+    ) -> _Round:
+        """Every combination along given paths; ``last`` are those of the last ones, best first."""
         field = field_of(windows, paths)
-        menu = Menu(tuple(self.terms(field, last.term(PAIR) if last else None)))
+        menu = Menu(tuple(self.terms(field, _likely_pairs(last))))
         rows = rows_of(windows, menu.columns(field))
         return _Round(windows, paths, menu, rows, self.ranked(menu, rows, ratio), ratio)
 
@@ -177,7 +196,8 @@ class _Search:
         if found.ratio:
             kicked = with_kicks(found.windows, fitted.paths, found.ratio)
             fitted = replace(fitted, paths=kicked)
-        again = self.tried(found.windows, fitted.paths, fitted.structure, found.ratio)
+        last = [fitted.structure, *found.structures]
+        again = self.tried(found.windows, fitted.paths, last, found.ratio)
         return fitted, again
 
     def kicked(self, found: _Round) -> _Round:
