@@ -150,4 +150,14 @@ def _stranger() -> str | None:
                 f"import {name}: found {found}, not vidphys' own package; remove the other one "
                 "from the path"
             )
-    return None
+    from vidphys.cli.owners import changed, others
+
+    taken = changed(STAGES)
+    if not taken:
+        return None
+    who = ", ".join(sorted({o for found in others(STAGES).values() for o in found}))
+    return (
+        f"{taken[0]} is not the file that was installed with vidphys; "
+        + (f"uninstall {who}, which has taken its name, and " if who else "")
+        + "install vidphys again"
+    )

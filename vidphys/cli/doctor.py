@@ -8,6 +8,7 @@ import platform
 from dataclasses import dataclass
 
 PACKAGES = ("torch", "numpy", "scipy", "timm", "transformers", "mujoco", "rerun-sdk", "vidphys")
+SHOWN = 10  # files that are not as they were installed
 
 
 @dataclass(frozen=True)
@@ -18,8 +19,8 @@ class DoctorConfig:
     """
 
 
-def doctor(_config: DoctorConfig) -> None:
-    """Print versions, cores, devices and where weights are looked for."""
+def doctor(_config: DoctorConfig) -> int:
+    """Print versions, cores, devices, where weights are looked for, and whose the files are."""
     import torch
 
     from vidphys.runs.code import code_version
@@ -32,3 +33,22 @@ def doctor(_config: DoctorConfig) -> None:
     cuda = torch.cuda.get_device_name() if torch.cuda.is_available() else "none"
     print(f"cuda          {cuda}")
     print(f"weights from  {os.environ.get('VIDPHYS_WEIGHTS', 'VIDPHYS_WEIGHTS is not set')}")
+    return _installation()
+
+
+def _installation() -> int:
+    """Print whose the installed packages and files are; 1 where some are not ours."""
+    from vidphys.cli import STAGES
+    from vidphys.cli.owners import changed, others
+
+    taken, altered = others(("vidphys", *STAGES)), changed()
+    for name, who in taken.items():
+        print(f"name taken    {name}, by {', '.join(who)}: uninstall it, install vidphys again")
+    for file in altered[:SHOWN]:
+        print(f"changed       {file}: not as it was installed")
+    if len(altered) > SHOWN:
+        print(f"changed       {len(altered) - SHOWN} more")
+    if taken or altered:
+        return 1
+    print("installation  as it was installed, and no other distribution has its names")
+    return 0
