@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder test check mutate setup
+.PHONY: ladder test check hostile lock locked audit sbom mutate setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -18,6 +18,28 @@ check: $(READY)
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/deptry .
+
+# Thousands of hurt files of every kind that is read: each is read, or refused in one line.
+hostile: $(READY)
+	$(VENV)/bin/python -m tests.hostile.mutants --count 5500
+	$(VENV)/bin/python -m tests.hostile.mutants --count 500 --clips
+
+# What a development environment consists of, to the byte; `make locked` installs just that.
+lock: $(READY)
+	$(VENV)/bin/uv pip compile --quiet pyproject.toml --extra test --universal --upgrade \
+	  --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
+	  --custom-compile-command "make lock" --output-file requirements.lock
+
+locked: $(READY)
+	$(VENV)/bin/uv pip install --python $(VENV)/bin/python --require-hashes -r requirements.lock
+
+# Known holes in what is locked (asks the index, so it needs the network); what is installed.
+audit: $(READY)
+	$(VENV)/bin/uv tool run pip-audit --require-hashes --disable-pip -r requirements.lock
+
+sbom: $(READY)
+	$(VENV)/bin/cyclonedx-py environment $(VENV)/bin/python --output-file sbom.json
 
 # Whether the tests would notice: each tolerance of the physics' tests tightened, each sign turned.
 mutate: $(READY)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from vidphys.errors import InputError as InputError
     from vidphys.opened import Run as Run
     from vidphys.opened import open_run as open_run
+    from vidphys.queries import query as query
     from vidphys.scenes import SCENES as SCENES
     from vidphys.scenes import gravity as gravity
     from vidphys.training.loop import FitSettings as FitSettings
@@ -40,6 +41,7 @@ HOMES = {
     "from_trajectory": "vidphys.training.segments",
     "gravity": "vidphys.scenes",
     "open_run": "vidphys.opened",
+    "query": "vidphys.queries",
     "read_tracks": "vidphys.diagnose.recordings.tables",
     "rollout": "dynamics",
     "scale_of": "vidphys.training.segments",

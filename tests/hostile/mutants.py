@@ -1,7 +1,7 @@
 """Files of strangers, made here: good ones, and what becomes of them by seeded mishaps.
 
 ``python -m tests.hostile.mutants --count 5000`` reads so many, some hundreds in a process each, and
-says what was neither read nor refused in one line; `make faults` calls it.
+says what was neither read nor refused in one line; `make hostile` calls it.
 """
 
 from __future__ import annotations
@@ -188,8 +188,11 @@ def reader_of(name: str) -> Callable[[Path], object]:
     from encoders.tensors import read_tensors
     from vidphys.data.dataset import read_manifest
     from vidphys.data.formats import read_recording
+    from vidphys.data.video import ClipSelection, read_video
     from vidphys.diagnose.explanations.specification import read_specification
 
+    if name.endswith((".avi", ".mp4", ".mkv")):
+        return lambda path: read_video(path, ClipSelection(rate=25.0))
     return {
         "specification.json": read_specification,
         "dataset.json": read_manifest,
@@ -217,9 +220,27 @@ def outcome(path: Path) -> str:
     return found
 
 
-def tried(first: int, count: int, folder: Path) -> Iterator[tuple[int, Path, str]]:
+def clips() -> dict[str, bytes]:
+    """Clips of several containers."""
+    import cv2
+
+    made = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, codec in (("a.avi", "MJPG"), ("a.mp4", "mp4v"), ("a.mkv", "FFV1")):
+            path = str(Path(folder) / name)
+            writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*codec), 25.0, (64, 48))
+            for k in range(12):
+                writer.write(np.full((48, 64, 3), 20 * k, np.uint8))
+            writer.release()
+            made[name] = Path(path).read_bytes()
+    return made
+
+
+def tried(
+    first: int, count: int, folder: Path, files: dict[str, bytes] | None = None
+) -> Iterator[tuple[int, Path, str]]:
     """So many mutants, each with its number and what came of it."""
-    files = good()
+    files = good() if files is None else files
     names = list(files)
     for number in range(first, first + count):
         name = names[number % len(names)]
@@ -228,11 +249,12 @@ def tried(first: int, count: int, folder: Path) -> Iterator[tuple[int, Path, str
         yield number, path, outcome(path)
 
 
-def _some(first: int, count: int) -> dict[str, int]:
+def _some(first: int, count: int, of_clips: bool) -> dict[str, int]:
     counts: dict[str, int] = {}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "a.csv").touch()
-        for number, path, found in tried(first, count, Path(folder)):
+        files = clips() if of_clips else None
+        for number, path, found in tried(first, count, Path(folder), files):
             if found not in ("read", "refused"):
                 print(f"--- mutant {number}, {path.name}\n{found}", flush=True)
             key = found if found in ("read", "refused") else "WRONG"
@@ -244,6 +266,7 @@ def main() -> int:
     asked = argparse.ArgumentParser()
     asked.add_argument("--count", type=int, default=5000)
     asked.add_argument("--first", type=int, default=0)
+    asked.add_argument("--clips", action="store_true", help="hurt clips instead of the others")
     options = asked.parse_args()
     total: dict[str, int] = {}
     context = multiprocessing.get_context("spawn")
@@ -251,7 +274,7 @@ def main() -> int:
         count = min(500, options.first + options.count - first)
         with context.Pool(1) as pool:  # a crash is a pool that never answers
             try:
-                found = pool.apply_async(_some, (first, count)).get(SECONDS * count)
+                found = pool.apply_async(_some, (first, count, options.clips)).get(SECONDS * count)
             except multiprocessing.TimeoutError:
                 found = {"CRASHED": 1}
         for key, value in found.items():
