@@ -10,7 +10,9 @@ from vidphys.errors import InputError
 from vidphys.opened import open_run
 from vidphys.runs.records import EPISODE_SCHEMA, RECORD_SCHEMA
 
-ALONE = {  # no file is read or written, nothing is fetched, and no variable of Python is a table
+ALONE: dict[
+    str, str | bool | int | float | list[str]
+] = {  # no file is read or written, nothing is fetched, and no variable of Python is a table
     "enable_external_access": False,
     "autoinstall_known_extensions": False,
     "autoload_known_extensions": False,

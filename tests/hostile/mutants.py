@@ -202,9 +202,10 @@ def reader_of(name: str) -> Callable[[Path], object]:
 
 def outcome(path: Path) -> str:
     """``read``, ``refused`` or what went wrong."""
+    read = reader_of(path.name)
     began = time.monotonic()
     try:
-        reader_of(path.name)(path)
+        read(path)
         found = "read"
     except InputError as error:
         found = "refused" if "\n" not in str(error) else f"several lines: {error}"

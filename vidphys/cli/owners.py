@@ -29,7 +29,7 @@ def changed(names: Iterable[str] | None = None) -> list[str]:
 
 def others(names: Iterable[str]) -> dict[str, list[str]]:
     """By package, the other distributions that install one of its name; only where there are."""
-    wanted, found = set(names), {}
+    wanted, found = set(names), dict[str, list[str]]()
     for distribution in importlib.metadata.distributions():
         if distribution.name == OURS:
             continue

@@ -23,7 +23,7 @@ from vidphys.errors import InputError, is_utf8
 
 MAX_PIXELS = 40_000_000  # of a frame; 8K video has 33 million
 MEMORY = 3 * 2**29  # bytes that decoding may ask for
-SECONDS = 8  # of processor time for a frame, and for opening a clip
+SECONDS = 4  # of processor time for a frame, and for opening a clip
 PATIENCE = 60.0  # seconds without a byte, on a machine that is busy
 LINE = 1000  # bytes of the first line, at most
 STILL_PIXELS = 2**26  # of a still picture that is read here
