@@ -36,6 +36,8 @@ class PaletteSettings:
         explained: part of a colour's light that a disk must explain for it to be one.
         least_pixels: of light; a disk of less has no place within its pixel.
         faint: visible share below which a frame says nothing about a body.
+        in_order: whether bodies are known to stand nearer the earlier they are in the palette;
+            else a pixel is as much of a body as the others leave of it.
     """
 
     frames: int = 7
@@ -48,6 +50,7 @@ class PaletteSettings:
     explained: float = 0.5
     least_pixels: float = 2.0
     faint: float = 0.02
+    in_order: bool = True
 
 
 def track_by_palette(
@@ -89,7 +92,9 @@ def track_by_palette(
         clip, frame = torch.nonzero(~torch.isfinite(frames))[0, :2].tolist()
         raise ValueError(f"palette: clip {clip}, frame {frame} has a pixel that is not finite")
     visible = unmix(frames, palette)
-    clear = 1 - (visible.cumsum(-3) - visible)  # what the nearer bodies leave of each pixel
+    # what the nearer bodies leave of each pixel, or all others
+    covered = visible.cumsum(-3) if settings.in_order else visible.sum(-3, keepdim=True)
+    clear = 1 - (covered - visible)
     seen = _Seen(visible, clear.clamp(0, 1), coverage, xs.to(frames), ys.to(frames))
     positions, share = seen.locate(settings)
     paths = local_paths(positions.double(), share.double(), times.double(), settings)

@@ -35,6 +35,7 @@ class Rollout:
         seed: of a stochastic head's noise, where one was given.
         findings: what is wrong with it; each was also warned of.
         pieces: steps of a part of ``dt`` that close encounters needed.
+        split: steps of single episodes that were taken in such pieces.
         backend: what computed it, see :class:`dynamics.head.Trajectory`.
         fallbacks: pairs at which a compiled model asked its network, over all steps.
     """
@@ -48,6 +49,7 @@ class Rollout:
     pieces: int = 0
     backend: str = "torch"
     fallbacks: int = 0
+    split: int = 0
 
     @property
     def finite(self) -> Bool[Tensor, "*b"]:
@@ -141,10 +143,10 @@ def rollout(
             found += checks.fixed_step(rates, states, dt, every)
     for finding in found:
         finding.warn()
-    pieces = stepper.pieces if stepper else 0
+    pieces, split = (stepper.pieces, stepper.split) if stepper else (0, 0)
     said = (*findings, *found)
     ran = path.backend, path.fallbacks
-    return Rollout(states, params, dt * every, first_bad, seed, said, pieces, *ran)
+    return Rollout(states, params, dt * every, first_bad, seed, said, pieces, *ran, split)
 
 
 @contextmanager

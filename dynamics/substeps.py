@@ -52,6 +52,7 @@ class Substepper:
 
     Attributes:
         pieces: steps of a part of ``dt`` that were taken, over all groups of episodes.
+        split: steps of single episodes that were taken in pieces.
         unresolved: episodes that would have needed more pieces than are allowed, flat.
         steepest: the fastest term of the first of those, as it was met.
     """
@@ -62,7 +63,7 @@ class Substepper:
         self.composed = head.integrator.needs_separable and not len(head.ports)
         self.limit = LIMIT[min(head.integrator.order, 4)] if self.composed else RESOLVED
         self.fine_limit = LIMIT[4] if self.composed else RESOLVED
-        self.pieces, self.left = 0, 0
+        self.pieces, self.left, self.split = 0, 0, 0
         everyone = self.batch.numel()
         self.unresolved = torch.zeros(everyone, dtype=torch.bool, device=start.q.device)
         self.steepest: Stiffest | None = None
@@ -101,6 +102,7 @@ class Substepper:
             self._give_up(flat.q[who], who)
             return after, kept
         self.left = MAX_PIECES
+        self.split += len(who)
         law = flat_parameters(params, self.batch)[who]
         found = self._halved(flat[who], law, dt, who, 1)
         self.pieces += MAX_PIECES - self.left

@@ -30,8 +30,8 @@ class PixelSizes:
     """Perception and the training of a head on what it perceives.
 
     Args:
-        clips: training clips of ``frames`` frames, ``stride`` reference steps apart.
-        context: frames of the window that ends at t0.
+        clips: training clips of ``frames`` frames, ``stride`` reference steps apart; the held-out
+            ones, which end at t0, are as long, on every rung.
         image: pixels on a side.
         perception_steps, perception_batch: frames a step, for encoders that learn.
         track_steps: training of a head on tracks, under each readout.
@@ -43,7 +43,6 @@ class PixelSizes:
     clips: int
     frames: int
     stride: int
-    context: int
     image: int
     perception_steps: int
     perception_batch: int
@@ -66,17 +65,17 @@ PRESETS = {
     "quick": Preset(
         seeds=1,
         oracle=OracleSizes(2048, 600, 1024, (5e-3,), 32),
-        pixel=PixelSizes(256, 12, 40, 7, 32, 150, 64, 150, 32),
+        pixel=PixelSizes(256, 12, 40, 32, 150, 64, 150, 32),
     ),
     "standard": Preset(
         seeds=3,
         oracle=OracleSizes(8192, 4000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(1536, 16, 40, 7, 64, 600, 128, 600, 64, 768, 3),
+        pixel=PixelSizes(1536, 16, 40, 64, 600, 128, 600, 64, 768, 3),
     ),
     "paper": Preset(
         seeds=10,
         oracle=OracleSizes(8192, 10_000, 1024, (1e-2, 5e-3, 1e-3), 64),
-        pixel=PixelSizes(4096, 16, 40, 7, 64, 3000, 256, 3000, 64, 2048, 3),
+        pixel=PixelSizes(4096, 16, 40, 64, 3000, 256, 3000, 64, 2048, 3),
     ),
 }
 

@@ -28,11 +28,16 @@ _GROUNDINGS = (
     "anonymous-hand",
     "anonymous-tracker",
     "anonymous-tracker-twostage",
+    "anonymous-slots",
     "hiera",
     "i3d",
     "dino-tiny",
     "videomae-tiny",
     "vjepa2-tiny",
+    "dinov2",
+    "videomae",
+    "composed",
+    "composed-hiera",
 )
 _READOUTS = ("none", "differencing", "shooting")
 _HEADS = ("factored", "factored-radial", "factored-learned-kinetic", "symplectic", TWIN)
@@ -167,6 +172,11 @@ class Records:
         """The seeds that a line has any record of."""
         return sorted({int(row["seed"]) for row in self._of(line)})
 
+    def said(self, line: Line, column: str) -> str:
+        """What a line's records have in a column, each once; empty where they do not say it."""
+        told = [row.get(column) for row in self._of(line)]
+        return ", ".join(str(x) for x in dict.fromkeys(told) if x not in (None, ""))
+
     def is_stale(self, line: Line) -> bool:
         """Whether the code has changed since a number of a line was made."""
         return any(row.get("stale") for row in self._of(line))
@@ -256,9 +266,16 @@ def _index(order: Sequence[str], name: str) -> tuple[int, str]:
     return (order.index(name), "") if name in order else (len(order), name)
 
 
+def _rung(name: str) -> tuple[int, str]:
+    """A variant comes right after the rung whose name its own begins with."""
+    own = [rung for rung in _GROUNDINGS if name == rung or name.startswith(f"{rung}-")]
+    base = max(own, key=len, default=name)
+    return _index(_GROUNDINGS, base)[0], name.removeprefix(base) if own else name
+
+
 def _place(line: Line) -> tuple[tuple[int, str], ...]:
     return (
-        _index(_GROUNDINGS, line.grounding),
+        _rung(line.grounding),
         _index(_READOUTS, line.readout),
         _index(_HEADS, line.head),
     )

@@ -48,6 +48,9 @@ SHOWN = {
 }
 
 
+SEEN = {"supervision": "supervision", "knows": "knows of the pictures", "context": "frames seen"}
+
+
 class Column(NamedTuple):
     """A column: the heading that it shares with its neighbours, its own, and its cells."""
 
@@ -71,6 +74,7 @@ def ladder_table(records: Records) -> str:
 
     columns = [
         Column("", "status", lambda line: _status_cell(records, line)),
+        *_seen(records),
         _mean(records, flipped, "inversion nMSE", "inversion_nmse", g),
         Column(flipped, "regime match", match),
         Column(
@@ -88,6 +92,16 @@ def ladder_table(records: Records) -> str:
         ),
     ]
     return _table(records, records.lines, columns)
+
+
+def _seen(records: Records) -> list[Column]:
+    """How a line's states were perceived, where the records say it."""
+
+    def told(column: str) -> Callable[[Line], str]:
+        return lambda line: f"<td>{escape(records.said(line, column)) or '–'}</td>"
+
+    found = [c for c in SEEN if any(records.said(line, c) for line in records.lines)]
+    return [Column("how it sees", SEEN[column], told(column)) for column in found]
 
 
 def couplings_table(records: Records, episodes: Records | None) -> str:

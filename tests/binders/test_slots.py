@@ -23,7 +23,7 @@ from vidphys.training.loop import FitSettings, fit
 
 CHANNELS = SlotSettings().channels
 WORLD = AnonymousWorld(Camera(4.0, 16, 16), radius=1.0, softness=0.2)
-SIZES = PixelSizes(8, 8, 40, 7, 16, 2, 6, 0, 4)
+SIZES = PixelSizes(8, 8, 40, 16, 2, 6, 0, 4)
 
 
 @pytest.fixture

@@ -437,7 +437,6 @@ SIZES = PixelSizes(
     clips=12,
     frames=9,
     stride=40,
-    context=7,
     image=32,
     perception_steps=3,
     perception_batch=28,

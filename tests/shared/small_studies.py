@@ -9,7 +9,6 @@ TINY = Preset(
         clips=10,
         frames=9,
         stride=40,
-        context=7,
         image=32,
         perception_steps=3,
         perception_batch=8,

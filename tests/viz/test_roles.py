@@ -51,3 +51,31 @@ def test_the_ladder_is_of_confirmation_and_development_comes_last(run):
     assert "/3" not in html[ladder : html.index("</section>", ladder)]  # one seed, not three
     assert ">stale</span>" in html[:last] and ">stale</span>" not in html[last:]
     assert "their code has changed since" in html
+
+
+def test_the_ladder_says_how_each_rung_sees(run):
+    path = run / "records.parquet"
+    table = pq.read_table(path)
+    for name, value in (("supervision", "labels of 8 clips"), ("knows", "exact disk")):
+        table = table.append_column(name, pa.array([value] * len(table)))
+    pq.write_table(table.append_column("context", pa.array([16] * len(table))), path)
+    html = write_report(run).read_text()
+    ladder = html[html.index('<section id="ladder">') :]
+    ladder = ladder[: ladder.index("</section>")]
+    for word in ("how it sees", "knows of the pictures", "labels of 8 clips", "exact disk"):
+        assert word in ladder
+    assert "<td>16</td>" in ladder and "how it sees" not in html[: html.index(ladder)]
+
+
+def test_a_variant_stands_right_below_its_rung():
+    names = ("i3d", "hiera-random", "videomae-tiny", "jepa-centroid-joint", "hiera", "mine", "jepa")
+    rows = [{**row(0, None), "grounding": name} for name in names]
+    assert [line.grounding for line in Records(rows).lines] == [
+        "jepa",
+        "jepa-centroid-joint",
+        "hiera",
+        "hiera-random",
+        "i3d",
+        "videomae-tiny",
+        "mine",
+    ]

@@ -7,7 +7,7 @@ heads share one perception.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,15 +18,21 @@ from renderers.worlds import PALETTE
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.bars import rows_of
 from vidphys.experiments.core.cell import Cell, CellTask, Table, Unit
-from vidphys.experiments.core.oracle import OLDEST, held_out_question, score_oracle
+from vidphys.experiments.core.oracle import (
+    OLDEST,
+    held_out_question,
+    score_oracle,
+    true_segments,
+)
 from vidphys.experiments.core.scoring import Question, score_lost
 from vidphys.experiments.core.showcase import write_showcase
-from vidphys.experiments.core.trained import train_cell
+from vidphys.experiments.core.trained import Training, train_cell
 from vidphys.experiments.pixels.momentum import MOMENTUM, MomentumReadout
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell, Scored
 from vidphys.experiments.pixels.seen import Perceived, pixel_scene
 from vidphys.perception.base import Grounding
-from vidphys.perception.catalogue import ORACLE, RUNGS, rung_of
+from vidphys.perception.catalogue import ORACLE, ORACLES, RUNGS, rung_of
+from vidphys.presets import OracleSizes
 from vidphys.runs import checkpoint
 from vidphys.scenes import SCENES, Scene, gravity
 
@@ -38,6 +44,7 @@ ALL_HEADS = (
     "factored-learned-kinetic",
     "symplectic",
 )
+ALL = "all"
 FULL = (ORACLE.name, "renderer")  # rungs on which every head is compared
 
 
@@ -46,17 +53,43 @@ def oracle_scene() -> Scene:
     return gravity("gaussian")
 
 
-def oracle_cell(head: str, of: Callable[[], Scene] = oracle_scene) -> Cell:
-    """A cell that trains a head on true states of a scene and starts it from one."""
+@dataclass(frozen=True)
+class OracleCell:
+    """A cell that trains a head on true states of a scene and starts it from one.
 
-    def run(task: CellTask) -> None:
-        scene, done = of(), set()
+    Args:
+        head: name in ``dynamics.HEADS``.
+        scene: what is simulated.
+        grounding: says on how many trajectories, and how old their starts are.
+    """
+
+    head: str
+    scene: Callable[[], Scene] = oracle_scene
+    grounding: Grounding = ORACLE
+
+    @property
+    def training(self) -> Training:
+        """As the preset has it, but for what the rung is set to."""
+        told = self.grounding.settings
+        trajectories, oldest = told["trajectories"], told["oldest"]
+
+        def sizes(usual: OracleSizes) -> OracleSizes:
+            return usual if trajectories is None else replace(usual, trajectories=trajectories)
+
+        examples = true_segments if oldest is None else partial(true_segments, oldest=oldest)
+        return Training(sizes, examples=examples)
+
+    def __call__(self, task: CellTask) -> None:
+        scene, done, rung = self.scene(), set(), self.grounding
+        told = {"grounding": rung.name, "supervision": rung.supervision, "knows": rung.knows}
         try:
-            for seed, trained, recorder in train_cell(task, head, HEADS[head], scene):
+            for seed, trained, recorder in train_cell(
+                task, self.head, HEADS[self.head], scene, self.training, **told
+            ):
                 asked = partial(held_out_question, scene, task.sizes.held_out, seed)
                 question = task.kept.once("question", seed, asked)
                 rolled = score_oracle(recorder, trained, question)
-                _keep(head, trained, question, task.folder)
+                _keep(self.head, trained, question, task.folder)
                 _show(task, seed, trained, question, rolled)
                 done.add(seed)
         except FloatingPointError:
@@ -64,8 +97,6 @@ def oracle_cell(head: str, of: Callable[[], Scene] = oracle_scene) -> Cell:
         for recorder in task.recorders:
             if recorder.origin.seed not in done:
                 score_lost(recorder, task.sizes.held_out)
-
-    return run
 
 
 @dataclass(frozen=True)
@@ -124,11 +155,13 @@ class Rungs(Mapping[str, Cell]):
         rung, head, scene = parts_of(name)
         HEADS[head]  # an unknown one is named before any work
         grounding = rung_of(rung)
-        own = oracle_scene if grounding is ORACLE else pixel_scene
+        own = oracle_scene if grounding in ORACLES else pixel_scene
         of = SCENES[scene] if scene else own
         if why := why_not(grounding, of()):
             raise ValueError(f"scene {scene} cannot be asked on rung {rung}: {why}")
-        return oracle_cell(head, of) if grounding is ORACLE else RungCell(grounding, (head,), of)
+        if grounding in ORACLES:
+            return OracleCell(head, of, grounding)
+        return RungCell(grounding, (head,), of)
 
     def __iter__(self) -> Iterator[str]:
         return iter(cells_of())
@@ -149,7 +182,7 @@ def parts_of(cell: str) -> tuple[str, str, str]:
 
 def why_not(rung: Grounding, scene: Scene) -> str:
     """Why a rung's pictures cannot show a scene; empty where they can."""
-    if rung is ORACLE:
+    if rung in ORACLES:
         return ""
     if scene.space != 2:
         return f"it has {scene.space} dimension(s), and pictures show a plane"
@@ -175,7 +208,8 @@ def cells_of(
     """Cells by name.
 
     Args:
-        names: rungs or ``rung/head``; all rungs if none is named.
+        names: rungs or ``rung/head``; ``all`` is every rung and its variants, none named every
+            rung alone.
         heads: of every rung named without one, instead of the rung's own.
         scene: that they are asked about, in place of the study's own.
 
@@ -186,11 +220,14 @@ def cells_of(
     at = f"@{scene}" if scene else ""
     found: list[str] = []
     filmed = SCENES[scene]() if scene else pixel_scene()
-    for name in names or (name for name, rung in RUNGS.items() if not why_not(rung, filmed)):
+    every = ALL in names
+    listed = [name for name, g in RUNGS.items() if (every or not g.of) and not why_not(g, filmed)]
+    wanted = [name for name in names if name != ALL]
+    for name in dict.fromkeys([*(listed if every or not names else ()), *wanted]):
         rung, _, head = name.partition("/")
         own = ALL_HEADS if rung in FULL else TWINS
         found += [f"{rung}/{h}{at}" for h in ([head] if head else heads or own)]
-    if names or heads or scene:
+    if wanted or heads or scene:
         for name in found:
             CELLS[name]
     return tuple(dict.fromkeys(found))
@@ -225,7 +262,7 @@ LADDER = Ladder.told(
         "oldest_training_start_steps": OLDEST,
         "pixel_scene": pixel_scene().settings,
         "heads": {name: to_config(HEADS[name]) for name in HEADS.ours()},
-        "references": {row.cell: float(row.paper) for row in rows_of(NAME)},
+        "references": {row.cell: float(row.paper) for row in rows_of(NAME) if row.paper},
     },
     apart=True,
 )

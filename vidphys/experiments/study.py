@@ -21,8 +21,7 @@ from vidphys.experiments.core.bars import (
     rows_of,
     with_remark,
 )
-from vidphys.experiments.core.cell import CellTask, Kept, Report, Table, Unit
-from vidphys.experiments.pixels.pixel_cell import PixelCell
+from vidphys.experiments.core.cell import CellTask, Kept, OfRung, Report, Table, Unit
 from vidphys.perception.catalogue import rung_settings
 from vidphys.presets import Preset
 from vidphys.runs.asked import asked_of
@@ -105,8 +104,8 @@ def settings_of(
         tables: whose settings, and whose bars' hash, are part of it.
     """
     about = {table.name: dict(table.settings) for table in tables}
-    cells = [TABLES[unit.table].cells[cell] for unit in units for cell in unit.cells]
-    rungs = [cell.grounding for cell in cells if isinstance(cell, PixelCell)]
+    cells: list[object] = [TABLES[u.table].cells[cell] for u in units for cell in u.cells]
+    rungs = [cell.grounding for cell in cells if isinstance(cell, OfRung)]
     asked: dict[str, list[int]] = {}
     for unit in units:
         for cell in unit.cells:

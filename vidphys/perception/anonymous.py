@@ -26,15 +26,15 @@ from binders.tracker import (
 )
 from dynamics import Head, Parameters
 from vidphys.data.clips import Clips
-from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.perception.base import BLOBS, DISK, UNTOLD, FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
 from vidphys.perception.detections import (
     Detector,
     FixedDetector,
     Remembering,
     Windows,
-    anonymous_world,
     detections_of,
+    known_world,
     windows_of,
 )
 from vidphys.perception.discovered import new_head
@@ -132,22 +132,26 @@ class LearnedBinding:
         )
 
 
-def fit_hand(task: FitTask, settings: DetectorSettings = AnonymousSettings.detector) -> Perception:
-    """Nothing to fit."""
-    anonymous_world(task.clips)
-    return HandBinding(Remembering(FixedDetector(settings)))
+def fit_hand(
+    task: FitTask, settings: DetectorSettings = AnonymousSettings.detector, blobs: bool = False
+) -> Perception:
+    """Nothing to fit, but what blobs look like where no more is known of bodies."""
+    return HandBinding(Remembering(FixedDetector(settings, known_world(task.clips, blobs))))
 
 
 DECIDING = AnonymousSettings(tracking=TrackingSettings(hypotheses=1))  # each frame at once
 
 
-def fit_twostage(task: FitTask, settings: AnonymousSettings = DECIDING) -> Perception:
+def fit_twostage(
+    task: FitTask, settings: AnonymousSettings = DECIDING, blobs: bool = False
+) -> Perception:
     """Train the tracker to decide at once as the smoothest tracks do in hindsight, then freeze it.
 
     The untrained tracker follows many histories of each clip to its end, and the smoothest is
     the teacher. No label and no head is involved.
     """
-    detect, tracking = Remembering(FixedDetector(settings.detector)), settings.tracking
+    fixed = FixedDetector(settings.detector, known_world(task.clips, blobs))
+    detect, tracking = Remembering(fixed), settings.tracking
     found = detections_of(task.clips, task.folder, detect)
     tracker = learn_hindsight(task, "anonymous-tracker-twostage", found, tracking)
     return LearnedBinding(tracker, None, tracking.hypotheses, detect)
@@ -175,7 +179,9 @@ def learn_hindsight(
     return tracker.eval()
 
 
-def fit_end_to_end(task: FitTask, settings: AnonymousSettings = AnonymousSettings()) -> Perception:
+def fit_end_to_end(
+    task: FitTask, settings: AnonymousSettings = AnonymousSettings(), blobs: bool = False
+) -> Perception:
     """Train tracker and head by one decode-free loss: tracks that the head predicts.
 
     Raises:
@@ -189,7 +195,7 @@ def fit_end_to_end(task: FitTask, settings: AnonymousSettings = AnonymousSetting
         tracks = follow_softly(tracker, batch.detections)
         return prediction_loss(head, tracks, batch.params, every, tracking)
 
-    detect = Remembering(FixedDetector(settings.detector))
+    detect = Remembering(FixedDetector(settings.detector, known_world(task.clips, blobs)))
     found = detections_of(task.clips, task.folder, detect)
     data = windows_of(found, task.clips.params, tracking.window)
     train(task, name, nn.ModuleList([tracker, head]), loss, data, tracking.fit(task.sizes))
@@ -240,7 +246,12 @@ def _new_tracker(task: FitTask, name: str, settings: TrackingSettings) -> Tracke
 
 
 ANONYMOUS_GROUNDINGS = [
-    Grounding("anonymous-hand", "anonymous", "none", "hand", False, fit_hand),
-    Grounding("anonymous-tracker", "anonymous", "none", "tracker", True, fit_end_to_end),
-    Grounding("anonymous-tracker-twostage", "anonymous", "none", "tracker", False, fit_twostage),
+    rung
+    for name, binder, joint, fit in (
+        ("anonymous-hand", "hand", False, fit_hand),
+        ("anonymous-tracker", "tracker", True, fit_end_to_end),
+        ("anonymous-tracker-twostage", "tracker", False, fit_twostage),
+    )
+    for own in [Grounding(name, "anonymous", "none", binder, joint, fit, UNTOLD, DISK)]
+    for rung in (own, own.varied("blobs", knows=BLOBS, blobs=True))
 ]

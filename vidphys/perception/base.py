@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -42,6 +42,15 @@ class Attentive(Perception, Protocol):
         ...
 
 
+# Supervision: what told a perception where bodies are.
+STATES, LABELS, UNTOLD = "true states", "labels", "none"
+CENTROIDS, TRACKER, DETECTOR = "anchor: centroids", "anchor: tracker", "anchor: detector"
+# What a perception, or what anchors it, knows of how its pictures are drawn.
+NOTHING, CHANNELS, BODY = "nothing", "channels", "channels, exact body"
+DISK, COLOURS, BLOBS = "exact disk", "exact disk, colours, depth", "blobs"
+REDRAWS = "draws encounters"  # of true paths, to learn from
+
+
 @dataclass(frozen=True)
 class FitTask:
     """What a perception is fitted to.
@@ -73,9 +82,11 @@ class Grounding:
         encoder, binder: names for the record, ``none`` where there is none.
         joint: whether fitting involves the head, so that each head needs its own.
         fit: does it, given the task; what else it is given are the rung's settings.
+        supervision: what tells it where bodies are, see :data:`LABELS`.
+        knows: of how pictures are drawn, see :data:`DISK`.
         share: the rung is given the preset's training clips over this.
-        whole_context: the clips that end at t0 are as long as the training clips, for encoders
-            that see a whole clip at once.
+        of: the rung that this one is a variant of, whose clips and random streams it has; none for
+            a rung of its own.
     """
 
     name: str
@@ -84,8 +95,38 @@ class Grounding:
     binder: str
     joint: bool
     fit: Callable[[FitTask], Perception]
+    supervision: str
+    knows: str
     share: int = 1
-    whole_context: bool = False
+    of: str = ""
+
+    @property
+    def identified(self) -> bool:
+        """Whether its pictures say who is who."""
+        return self.world != "anonymous"
+
+    def told(self, clips: int) -> str:
+        """Its supervision, for the record: with how many clips have labels."""
+        return f"{LABELS} of {clips} clips" if self.supervision == LABELS else self.supervision
+
+    def varied(
+        self, name: str, supervision: str = "", knows: str = "", **settings: object
+    ) -> Grounding:
+        """The same rung with other settings of its fit.
+
+        Args:
+            name: of the variant, after a dash.
+            supervision, knows: the rung's own where not given.
+            settings: by keyword.
+        """
+        return replace(
+            self,
+            name=f"{self.name}-{name}",
+            fit=partial(self.fit, **settings),
+            supervision=supervision or self.supervision,
+            knows=knows or self.knows,
+            of=self.of or self.name,
+        )
 
     @property
     def settings(self) -> dict[str, Any]:

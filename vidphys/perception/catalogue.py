@@ -9,26 +9,33 @@ from typing import Any
 from encoders.frozen import ENCODERS, load_encoder
 from registry import Registry, unknown
 from vidphys.perception.anonymous import ANONYMOUS_GROUNDINGS
-from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.perception.base import NOTHING, STATES, FitTask, Grounding, Perception
 from vidphys.perception.channel_groundings import CHANNEL_GROUNDINGS
 from vidphys.perception.composed import COMPOSED_GROUNDINGS
 from vidphys.perception.frozen import FROZEN_GROUNDINGS, rung_over
-from vidphys.perception.palette import PALETTE_GROUNDING
+from vidphys.perception.palette import PALETTE_GROUNDINGS
 from vidphys.perception.slots import SLOT_GROUNDINGS
 from vidphys.shooting.initial_state import ShootingSettings
 from vidphys.training.tracks import TrackSettings
 
 
-def _sees_nothing(task: FitTask) -> Perception:
+def _sees_nothing(
+    task: FitTask, trajectories: int | None = None, oldest: int | None = None
+) -> Perception:
     raise ValueError("oracle: its heads are given true states; there is nothing to perceive")
 
 
-ORACLE = Grounding("oracle", "none", "none", "none", False, _sees_nothing)
+ORACLE = Grounding("oracle", "none", "none", "none", False, _sees_nothing, STATES, NOTHING)
+# the study's sizes: so many trajectories, all from the generator's own starts
+ORACLES = [
+    ORACLE,
+    *(ORACLE.varied(str(count), trajectories=count, oldest=0) for count in (32, 512)),
+]
 RUNGS: Registry[Grounding] = Registry("rung", "vidphys.rungs")
 for rung in (
-    ORACLE,
+    *ORACLES,
     *CHANNEL_GROUNDINGS,
-    PALETTE_GROUNDING,
+    *PALETTE_GROUNDINGS,
     *ANONYMOUS_GROUNDINGS,
     *SLOT_GROUNDINGS,
     *FROZEN_GROUNDINGS,
@@ -60,4 +67,9 @@ def rung_of(name: str) -> Grounding:
 def rung_settings(rungs: Iterable[Grounding]) -> dict[str, Any]:
     """For ``run.json``: the settings of each rung by name, and of what all rungs share."""
     shared = {"start": asdict(ShootingSettings()), "training": asdict(TrackSettings())}
-    return {"shared": shared, **{rung.name: rung.settings for rung in rungs}}
+    return {"shared": shared, **{rung.name: _told(rung) for rung in rungs}}
+
+
+def _told(rung: Grounding) -> dict[str, Any]:
+    about = {"supervision": rung.supervision, "knows": rung.knows, "share": rung.share}
+    return {**about, **({"variant_of": rung.of} if rung.of else {}), **rung.settings}

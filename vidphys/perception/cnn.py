@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from binders import Tracks
+from dynamics import Head
 from encoders.cnn import ConvEncoder
 from readouts.soft_argmax import SoftArgmax
 from renderers import Camera
@@ -43,12 +44,16 @@ class CnnSettings:
 class CnnPerception(nn.Module):
     """Frames through the trained encoder and soft-argmax; identity is the heatmap's number.
 
+    One that was trained together with a dynamics head has that as ``head``.
+
     Args:
         channels: of the frames.
         bodies: to be found.
         camera: of the frames.
         features: channels of the feature map.
     """
+
+    head: Head
 
     def __init__(
         self, channels: int, bodies: int, camera: Camera, features: int = CnnSettings.features

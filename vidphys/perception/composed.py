@@ -23,17 +23,17 @@ from encoders.frozen.catalogue import load_encoder
 from encoders.jepa import follow
 from readouts.scale import FeatureScale
 from vidphys.perception.anonymous import LearnedBinding, TrackingSettings, learn_hindsight
-from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.perception.base import BLOBS, DETECTOR, DISK, FitTask, Grounding, Perception
 from vidphys.perception.cnn import train
 from vidphys.perception.detections import (
     FixedDetector,
     Remembering,
-    anonymous_world,
     detections_of,
+    known_world,
 )
 from vidphys.perception.frozen import encode_clips
 from vidphys.perception.reconstruction import Reconstruction
-from vidphys.perception.slots import DetectionSettings, SlotDetector, SlotSight
+from vidphys.perception.slots import ALONE, DetectionSettings, SlotDetector, SlotSight
 from vidphys.perception.windows import Window, WindowBatches
 from vidphys.seeding import derive
 
@@ -134,6 +134,7 @@ def fit_composed(
     options: dict[str, Any],
     task: FitTask,
     settings: ComposedSettings = ComposedSettings(),
+    blobs: bool = False,
 ) -> Perception:
     """Encode the clips, train the detector on their tokens, then a tracker on what it finds.
 
@@ -141,12 +142,13 @@ def fit_composed(
         encoder_name: of ``encoders.frozen.catalogue``; one that has a feature frame for each frame.
         options: of its settings.
         task: see :class:`FitTask`.
+        blobs: whether no more is known of bodies than that they are blobs.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
         InputError: the clips are not of the anonymous world, or too short.
     """
-    world, bodies = anonymous_world(task.clips), task.clips.params.mass.shape[-1]
+    world, bodies = known_world(task.clips, blobs), task.clips.params.mass.shape[-1]
     detection, tracking = settings.detection, settings.tracking
     name, teacher = f"composed-{encoder_name}", Reconstruction.through(world, detection.teacher)
     encoder = load_encoder(encoder_name, options)
@@ -154,7 +156,8 @@ def fit_composed(
     torch.manual_seed(derive(task.seed, "init", name))
     tokens = FrozenTokens(features.values, features.stride, detection.attention.channels)
     detector = SlotDetector(tokens, bodies, world.camera.half_extent, teacher.fine, detection)
-    taught = detections_of(task.clips, task.folder, FixedDetector(settings.detector)).positions
+    fixed = FixedDetector(settings.detector, world)
+    taught = detections_of(task.clips, task.folder, fixed).positions
     views = Views(WindowBatches(task.clips, detection.length, taught), features.values)
 
     def distil(view: View) -> Tensor:
@@ -174,12 +177,19 @@ def fit_composed(
     return LearnedBinding(tracker, None, tracking.hypotheses, sight)
 
 
+def _rungs(name: str, encoder: str, options: dict[str, Any], share: int) -> list[Grounding]:
+    fit = partial(fit_composed, encoder, options)
+    seen = name, "anonymous", encoder, "slots", False
+    own = Grounding(*seen, fit, DETECTOR, DISK, share)
+    alone = ComposedSettings(detection=ALONE)
+    return [
+        own,
+        own.varied("proposals", settings=alone),
+        own.varied("blobs", knows=BLOBS, blobs=True),
+    ]
+
+
 COMPOSED_GROUNDINGS = [
-    Grounding(
-        name, "anonymous", encoder, "slots", False, partial(fit_composed, encoder, options), share
-    )
-    for name, encoder, options, share in (
-        ("composed", "dino-tiny", {"batch": 8}, 4),
-        ("composed-hiera", "hiera", {}, 8),
-    )
+    *_rungs("composed", "dino-tiny", {"batch": 8}, 4),
+    *_rungs("composed-hiera", "hiera", {}, 8),
 ]

@@ -19,6 +19,7 @@ from registry.seal import SEAL, are_sealed, arrays_seal
 from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
 from vidphys.errors import InputError
+from vidphys.perception.blobs import DrawnWorld, measured_world
 from vidphys.runs.atomic import write_with
 
 CHUNK = 64  # clips detected at once
@@ -79,9 +80,15 @@ def windows_of(detections: Detections, params: Parameters, window: int) -> Windo
 
 @dataclass(frozen=True)
 class FixedDetector:
-    """The detector by which all anonymous rungs see."""
+    """The detector by which all anonymous rungs see.
+
+    Args:
+        settings: of the search.
+        world: that it takes frames to be of; their own where not given.
+    """
 
     settings: DetectorSettings = DetectorSettings()
+    world: DrawnWorld | None = None
 
     def __call__(self, clips: Clips) -> Detections:
         """What is found in clips.
@@ -89,7 +96,7 @@ class FixedDetector:
         Raises:
             InputError: the clips are of another world, or their bodies differ in mass.
         """
-        world = anonymous_world(clips)
+        world = self.world or anonymous_world(clips)
         bodies, camera = clips.states.q.shape[2], world.camera
         parts = [
             detect(
@@ -106,6 +113,17 @@ class FixedDetector:
         positions = torch.cat([part.positions for part in parts])
         confidence = torch.cat([part.confidence for part in parts])
         return Detections(positions, confidence, clips.times.float())
+
+
+def known_world(clips: Clips, blobs: bool) -> DrawnWorld:
+    """The world that a rung takes clips to be of: their own, or what blobs in them look like.
+
+    Raises:
+        InputError: they are of another world than the anonymous one, their bodies differ in mass,
+            or too few stand alone to be measured.
+    """
+    own = anonymous_world(clips)
+    return measured_world(clips) if blobs else own
 
 
 Detector = Callable[[Clips], Detections]

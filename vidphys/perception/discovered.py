@@ -121,7 +121,9 @@ D = TypeVar("D", bound=Discovery)
 
 def fit_discovered(task: FitTask, settings: DiscoverySettings = DiscoverySettings()) -> Perception:
     """Train encoder and head by predicting future frames; see :func:`discover`."""
-    return discover(task, f"cnn-discovered-{task.head}", Discovery, settings).perception.eval()
+    found = discover(task, f"cnn-discovered-{task.head}", Discovery, settings)
+    found.perception.head = found.head
+    return found.perception.eval()
 
 
 def discover(task: FitTask, name: str, make: Callable[..., D], settings: DiscoverySettings) -> D:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Generator, Tensor
 
-from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
+from vidphys.perception.blobs import DrawnWorld
 from vidphys.seeding import derive
 
 MANY = 2**30  # dreams to choose from
@@ -40,7 +40,7 @@ class Dreams:
         strides: world units a frame along each axis, standard deviation.
     """
 
-    world: AnonymousWorld
+    world: DrawnWorld
     bodies: int
     spread: float
     length: int

@@ -1,7 +1,8 @@
 """Rungs over frozen encoders: features once, and a trained readout that says where bodies are.
 
-The readout is trained on true positions, as the supervised CNN is; only the encoder differs, and
-it is never trained. A rung whose weights are not on the machine is skipped.
+The readout is trained on true positions, as the supervised CNN is, or without labels on where a
+tracker of colours sees the bodies, as the study's is; only the encoder differs, and it is never
+trained. A rung whose weights are not on the machine is skipped.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import torch
 from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
+from encoders.frozen.untrained import untrained
 from encoders.identity import IdentifiedEncoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
 from readouts.base import FrameReadout
@@ -29,7 +31,16 @@ from vidphys.data.encounters import encounters
 from vidphys.data.extraction import Axes, mirrored
 from vidphys.data.labelled import LabelledFrames, joined, labelled_frames
 from vidphys.errors import InputError
-from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.perception.base import (
+    COLOURS,
+    LABELS,
+    REDRAWS,
+    TRACKER,
+    FitTask,
+    Grounding,
+    Perception,
+)
+from vidphys.perception.palette import PaletteTracking
 from vidphys.reading.reader import LoadedEncoder, Reader
 from vidphys.seeding import derive
 from vidphys.training.candidates import Examples
@@ -127,6 +138,8 @@ def fit_frozen(
     task: FitTask,
     pooled: bool = False,
     together: int | None = None,
+    anchored: bool = False,
+    random: bool = False,
     how: FrozenSettings = SETTINGS,
 ) -> Perception:
     """Load an encoder and train a readout over it.
@@ -134,14 +147,18 @@ def fit_frozen(
     Args:
         encoder_name: of ``encoders.frozen.catalogue``.
         options: of its settings.
-        task, pooled, together, how: see :func:`fit_readout`.
+        task, pooled, together, anchored, how: see :func:`fit_readout`.
+        random: the same network with weights that were never trained, as a control.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine.
         InputError: see :func:`fit_readout`.
     """
-    encoder = LoadedEncoder(encoder_name, options, load_encoder(encoder_name, options))
-    return fit_readout(encoder, task, pooled, together, how)
+    network = load_encoder(encoder_name, options)
+    if random:
+        network = untrained(network, derive(task.seed, "weights", encoder_name))
+    encoder = LoadedEncoder(encoder_name, options, network)
+    return fit_readout(encoder, task, pooled, together, anchored, how)
 
 
 def fit_readout(
@@ -149,9 +166,10 @@ def fit_readout(
     task: FitTask,
     pooled: bool = False,
     together: int | None = None,
+    anchored: bool = False,
     how: FrozenSettings = SETTINGS,
 ) -> Perception:
-    """Encode the training clips, and train a readout on their true positions.
+    """Encode the training clips, and train a readout on positions in them.
 
     Args:
         encoder: frozen; its name is that of the random streams, too.
@@ -159,6 +177,8 @@ def fit_readout(
         pooled: read the mean over the cells, with as many parameters, in place of attending.
         together: frames that the encoder is to see together, for made encounters: 1 for one that
             sees each by itself; those of whole clips where not given.
+        anchored: learn from where a tracker of colours sees the bodies, as the study does, in
+            place of true positions; no clip is made then.
         how: see :class:`FrozenSettings`.
 
     Raises:
@@ -178,9 +198,11 @@ def fit_readout(
             f"{encoder.name}: {frames} frames a clip give {seen} feature frames, which do not "
             "divide them; use another number of frames"
         )
-    every, last = labelled(clips, features), (count - held_out) * seen
+    tracks = PaletteTracking().tracks(clips) if anchored else None
+    every, last = labelled(clips, features, tracks), (count - held_out) * seen
     train, kept = every[:last], every[last:]
-    more = meeting(encoder.network, clips.first(count - held_out), together or frames, task)
+    few = clips.first(0 if anchored else count - held_out)
+    more = meeting(encoder.network, few, together or frames, task)
     examples = Examples(joined([train, *more]), kept)
     bodies = clips.states.q.shape[2]
     shape = MapShape(features.values.shape[2], features.grid, bodies, frames // seen)
@@ -190,12 +212,20 @@ def fit_readout(
     )
 
 
-def labelled(clips: Clips, features: FeatureMap) -> LabelledFrames:
-    """All feature frames of some clips with the true positions in the frames they stand for."""
+def labelled(clips: Clips, features: FeatureMap, tracks: Tracks | None = None) -> LabelledFrames:
+    """All feature frames of some clips with the positions in the frames they stand for.
+
+    Args:
+        clips: whose true positions are taken where there are no tracks.
+        features: of them.
+        tracks: where bodies were seen; each counts by how sure that is.
+    """
     seen = features.values.shape[1]
-    places = (clips.states.q / clips.world.camera.half_extent).float()
+    q = clips.states.q if tracks is None else tracks.positions
+    sure = torch.ones(q.shape[:-1]) if tracks is None else tracks.confidence
+    places = (q / clips.world.camera.half_extent).float()
     targets = places.unflatten(1, (seen, -1)).flatten(2, 3)
-    return labelled_frames(features, targets, torch.ones(targets.shape[:-1]))
+    return labelled_frames(features, targets, sure.unflatten(1, (seen, -1)).flatten(2, 3))
 
 
 def meeting(
@@ -205,13 +235,13 @@ def meeting(
 
     Args:
         encoder: frozen.
-        clips: whose paths they are made of.
+        clips: whose paths they are made of; none make none.
         length: frames of a clip that the encoder needs: the fewer, the more different encounters
             for as many frames.
         task: see :class:`FitTask`.
     """
     count = task.sizes.encounters * clips.frames.shape[1] // length
-    if not count:
+    if not count or not len(clips):
         return []
     made = encounters(clips, count, length, derive(task.seed, "encounters"))
     return [labelled(made, encode_clips(encoder, made, task.folder))]
@@ -253,12 +283,20 @@ def rung_over(
     """A rung of coloured disks over one frozen encoder, of images or of video."""
     together = together if video else 1
     fit = partial(fit_frozen, encoder, options, pooled=pooled, together=together)
-    return Grounding(
-        name, "rgb", encoder, "none", False, fit, share=SETTINGS.share, whole_context=video
-    )
+    seen = name, "rgb", encoder, "none", False
+    return Grounding(*seen, fit, LABELS, REDRAWS, share=SETTINGS.share)
 
 
-FROZEN_GROUNDINGS = [
+def with_variants(rung: Grounding) -> list[Grounding]:
+    """A frozen rung; the same without labels, as the study has it; and with random weights."""
+    return [
+        rung,
+        rung.varied("anchored", TRACKER, f"{COLOURS} (its anchor)", anchored=True),
+        rung.varied("random", random=True),
+    ]
+
+
+_TRAINED = [
     rung_over("hiera", "hiera", video=False),
     # its first stage, shown each frame twice, looks a frame back and two ahead
     rung_over("i3d", "i3d", video=True, together=4, layer="Conv3d_1a_7x7", resolution=64, shown=2),
@@ -270,3 +308,4 @@ FROZEN_GROUNDINGS = [
     rung_over("videomae-pooled", "videomae-base", video=True, pooled=True),
     *(rung_over(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g", "ac")),
 ]
+FROZEN_GROUNDINGS = [each for rung in _TRAINED for each in with_variants(rung)]

@@ -137,6 +137,7 @@ def _fit(
     jepa = Jepa(perception, head, every, steps, settings)
     data = WindowBatches(task.clips, SEEN + joint.future + 1, targets)
     train(task, name, jepa, jepa.loss, data, joint.fit(task.sizes))
+    perception.head = head
     perception.eval()
     perception.variance_floor = variance_floor(perception.tracks(task.clips).positions)
     return perception

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from binders import Tracks
 from binders.fit import Light, LightSettings, fit
-from renderers import AnonymousWorld
+from vidphys.perception.blobs import DrawnWorld
 from vidphys.perception.discovered import blur_matrices, blurred
 from vidphys.perception.relabel import relabel
 
@@ -79,13 +79,13 @@ class Reconstruction:
         light: the same, on the grid of the fit.
     """
 
-    world: AnonymousWorld
+    world: DrawnWorld
     light: Light
     settings: TeacherSettings
 
     @classmethod
     def through(
-        cls, world: AnonymousWorld, settings: TeacherSettings = TeacherSettings()
+        cls, world: DrawnWorld, settings: TeacherSettings = TeacherSettings()
     ) -> Reconstruction:
         """Of a world's own frames."""
         xs, ys = world.camera.xs(), world.camera.ys()

@@ -20,12 +20,12 @@ from binders import Detections
 from binders.slots import Found, SlotAttention, SlotSettings
 from encoders.cnn import ConvEncoder
 from encoders.features import FeatureMap
-from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
 from vidphys.perception.anonymous import LearnedBinding, TrackingSettings, learn_hindsight
-from vidphys.perception.base import FitTask, Grounding, Perception
+from vidphys.perception.base import BLOBS, DISK, UNTOLD, FitTask, Grounding, Perception
+from vidphys.perception.blobs import DrawnWorld
 from vidphys.perception.cnn import train
-from vidphys.perception.detections import Remembering, anonymous_world
+from vidphys.perception.detections import Remembering, anonymous_world, known_world
 from vidphys.perception.dreams import Dream, Dreams, light_spread
 from vidphys.perception.reconstruction import Reconstruction, TeacherSettings, told
 from vidphys.perception.windows import Window, WindowBatches
@@ -49,6 +49,8 @@ class DetectionSettings:
         earlier: weight of a round against the next.
         doubt: weight of the doubt's error.
         starts: rings that slots start from when clips are read.
+        decided: whether the frame's reconstruction decides where slots propose places; else one
+            ring's proposals stand as they are, and their own doubt is all that speaks of trust.
         sure: world units; an expected error of this size halves the confidence.
     """
 
@@ -60,6 +62,7 @@ class DetectionSettings:
     earlier: float = 0.5
     doubt: float = 0.05
     starts: int = 4
+    decided: bool = True
     sure: float = 0.06
 
     def fit(self, sizes: PixelSizes) -> FitSettings:
@@ -174,10 +177,11 @@ class SlotDetector(nn.Module):
             total = total + (weight * error.mean((0, 2, 3))).sum() + how.doubt * doubt
         return total / len(found)
 
-    def detect(self, seen: Tensor, frames: Tensor, world: AnonymousWorld) -> tuple[Tensor, Tensor]:
+    def detect(self, seen: Tensor, frames: Tensor, world: DrawnWorld) -> tuple[Tensor, Tensor]:
         """World positions ``(b, t, n, 2)`` and confidence ``(b, t, n)``.
 
         Slots are started from several rings; in each frame those stand that explain it best.
+        Where nothing but slots decides, there is one ring.
 
         Args:
             seen: what the tokens are made of, ``(b, t, ...)``.
@@ -186,18 +190,18 @@ class SlotDetector(nn.Module):
         """
         tokens = self.tokens(seen)
         best = self._answer(tokens, frames, world, 0.0)
-        starts, half = self.settings.starts, self.settings.sure
+        decided, half = self.settings.decided, self.settings.sure
+        starts = self.settings.starts if decided else 1
         for ring in range(1, starts):
             turn = 2 * math.pi / max(1, self.bodies) * ring / starts
             best = best.or_else(self._answer(tokens, frames, world, turn))
         squared = self.fine**2 * best.doubt.clamp_min(0).expm1()
-        faint = self.settings.teacher.faint
-        sure = 1 / (1 + squared / half**2) / (1 + best.unlike / faint).unsqueeze(-1)
+        sure = 1 / (1 + squared / half**2)
+        if decided:
+            sure = sure / (1 + best.unlike / self.settings.teacher.faint).unsqueeze(-1)
         return best.positions, sure
 
-    def _answer(
-        self, tokens: FeatureMap, frames: Tensor, world: AnonymousWorld, turn: float
-    ) -> Answer:
+    def _answer(self, tokens: FeatureMap, frames: Tensor, world: DrawnWorld, turn: float) -> Answer:
         found = self.follow(tokens, turn)
         positions = self.half_extent * torch.stack([f.slots.position for f in found], 1)
         unlike = (world(positions) - frames).square().mean((-3, -2, -1))
@@ -234,7 +238,8 @@ class SlotSight:
 
     Args:
         detector: trained.
-        teacher: takes the places that slots propose to where they explain the frame.
+        teacher: takes the places that slots propose to where they explain the frame, if it is
+            the frame that decides.
         show: what the detector's tokens are made of, ``(b, t, ...)``; by default the frames.
     """
 
@@ -243,7 +248,8 @@ class SlotSight:
     show: Callable[[Clips], Tensor] | None = None
 
     def __call__(self, clips: Clips) -> Detections:
-        world = anonymous_world(clips)
+        anonymous_world(clips)
+        world, decides = self.teacher.world, self.detector.settings.decided
         shown = None if self.show is None else self.show(clips)
         parts = []
         with torch.no_grad():
@@ -252,7 +258,7 @@ class SlotSight:
                 frames = clips.images(few)
                 seen = frames if shown is None else shown[few]
                 found = self.detector.detect(seen, frames, world)
-                parts.append(decided(self.teacher, frames, *found))
+                parts.append(decided(self.teacher, frames, *found) if decides else found)
         positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
         return Detections(positions, confidence, clips.times.float())
 
@@ -267,13 +273,15 @@ def decided(
     return moved, torch.where(believed, torch.ones_like(confidence), confidence)
 
 
-def fit_slots(task: FitTask, settings: SlotRungSettings = SlotRungSettings()) -> Perception:
+def fit_slots(
+    task: FitTask, settings: SlotRungSettings = SlotRungSettings(), blobs: bool = False
+) -> Perception:
     """Train slots on the frames of the clips, then a tracker on what they find.
 
     Raises:
         InputError: the clips are not of the anonymous world, or too short.
     """
-    world, bodies = anonymous_world(task.clips), task.clips.params.mass.shape[-1]
+    world, bodies = known_world(task.clips, blobs), task.clips.params.mass.shape[-1]
     detection, length = settings.detection, settings.detection.length
     teacher = Reconstruction.through(world, detection.teacher)
     torch.manual_seed(derive(task.seed, "init", NAME))
@@ -308,4 +316,10 @@ def mirrored(frames: Tensor, step: int) -> Tensor:
     return turned.flip(flip)
 
 
-SLOT_GROUNDINGS = [Grounding(NAME, "anonymous", "cnn", "slots", False, fit_slots)]
+ALONE = DetectionSettings(decided=False)  # what slots propose, and nothing decides
+_OWN = Grounding(NAME, "anonymous", "cnn", "slots", False, fit_slots, UNTOLD, DISK)
+SLOT_GROUNDINGS = [
+    _OWN,
+    _OWN.varied("proposals", settings=SlotRungSettings(ALONE)),
+    _OWN.varied("blobs", knows=BLOBS, blobs=True),
+]

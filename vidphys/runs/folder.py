@@ -242,7 +242,7 @@ class RunFolder:
             files = sorted((self.path / "parts").glob(f"*.{kind}.parquet"))
             if files:
                 parts = [_with_origin(read_table(f)) for f in files]
-                tables[kind] = pa.concat_tables(parts)
+                tables[kind] = pa.concat_tables(parts, promote_options="default")
                 write_table(self.path / f"{kind}.parquet", tables[kind])
         if "records" not in tables:
             raise InputError(f"run folder {self.path}: no finished work to report")

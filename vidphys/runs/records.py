@@ -20,7 +20,11 @@ from vidphys.runs.atomic import write_with
 
 @dataclass(frozen=True)
 class Origin:
-    """Which run of which model a number belongs to."""
+    """Which run of which model a number belongs to.
+
+    ``supervision`` is what told a perception where bodies are, ``knows`` what it knows of how its
+    pictures are drawn, ``context`` the frames that it is shown before the start, t0 included.
+    """
 
     experiment: str
     cell: str
@@ -33,13 +37,17 @@ class Origin:
     seed: int
     device: str
     dtype: str
+    supervision: str = ""
+    knows: str = ""
+    context: int | None = None
 
 
+COUNTS = ("seed", "context")
 HASH = b"rows_sha256"  # in the metadata of a table
 SCHEMA = b"schema_version"  # likewise
 SCHEMA_VERSION = 2  # 1 did not say its number
 RECORD_SCHEMA = pa.schema(
-    [(f.name, pa.int64() if f.name == "seed" else pa.string()) for f in fields(Origin)]
+    [(f.name, pa.int64() if f.name in COUNTS else pa.string()) for f in fields(Origin)]
     + [
         ("metric", pa.string()),
         ("coupling", pa.float64()),

@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
+import torch
+from torch import Generator
 
 from registry import UnknownName
 from tests.shared.small_studies import TINY
 from vidphys.cli import ladder as verb
 from vidphys.cli.console import Console
 from vidphys.errors import InputError
+from vidphys.experiments import ladder
 from vidphys.experiments.core.bars import rows_of
 from vidphys.experiments.ladder import ALL_HEADS, LADDER, TWINS, cells_of
 from vidphys.experiments.pixels import pixel_cell
@@ -17,6 +20,7 @@ from vidphys.experiments.study import run_unit, settings_of, units_of
 from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import OracleSizes, preset
 from vidphys.runs.folder import RunFolder
+from vidphys.seeding import derive
 
 
 def quiet(_stage, _step, _steps):
@@ -42,6 +46,9 @@ LEFT_OUT = (
     "videomae-tiny",
     "vjepa2-tiny",
 )
+
+
+VARIANTS = ("dino-tiny-anchored", "composed-proposals")  # of kinds that are read in another way
 
 
 def plan(names, heads, seeds):
@@ -73,7 +80,12 @@ def heads_of(units):
 def test_the_whole_ladder_is_every_rung_and_the_twins():
     units = plan((), (), 3)
     heads = heads_of(units)
-    assert len(units) == 3 * len(RUNGS) and set(heads) == set(RUNGS)
+    own = {name for name, rung in RUNGS.items() if not rung.of}
+    assert len(units) == 3 * len(own) and set(heads) == own
+    variants = heads_of(plan(("all",), (), 1))
+    assert set(variants) == set(RUNGS) and variants["hiera-anchored"] == TWINS
+    some = plan(("all", "oracle-32/symplectic"), (), 1)
+    assert heads_of(some)["oracle-32"] == (*TWINS, "symplectic")
     assert heads["oracle"] == heads["renderer"] == ALL_HEADS
     assert heads["jepa-centroid"] == TWINS
     # Whole ladders first: all of seed 0 before any of seed 1.
@@ -120,13 +132,39 @@ def test_a_rung_from_an_import_path_is_a_cell_as_ours_are():
 
 def test_what_the_rungs_are_set_to_stands_in_the_settings(run):
     rungs = run.manifest()["settings"]["rungs"]
-    assert rungs.keys() == {*(rung.name for rung in RUNGS.values()), "shared"} - {"oracle"}
+    assert rungs.keys() == {*(name for name, rung in RUNGS.items() if not rung.of), "shared"}
+    assert rungs["oracle"]["supervision"] == "true states"
 
 
 def test_the_studys_figures_are_those_of_its_tables():
     assert LADDER.settings["references"]["anonymous-tracker-twostage/factored"] == 0.16
     for row in rows_of("ladder"):
-        assert (row.metric, row.coupling, row.bar) == ("inversion_nmse", -1.0, "")
+        assert (row.metric, row.coupling) == ("inversion_nmse", -1.0)
+        # the study's momentum is by differencing, and only its own rows have its figure
+        assert not (row.paper and row.bar) and not (row.bar and row.readout != "shooting")
+        rung, _, head = row.cell.partition("/")
+        assert rung in RUNGS and head in ALL_HEADS
+    assert LADDER.settings["references"]["hiera-anchored/factored"] == 0.096
+
+
+def test_the_studys_size_is_a_variant_of_the_oracle(run, monkeypatch):
+    trained = {}
+
+    def spied(task, name, term, scene, how, **told):
+        start = how.examples(scene, 2, 0).train.start.q
+        trained[told["grounding"]] = how.sizes(task.sizes).trajectories, start[0], told
+        task.recorder(0, scene, name, **told)
+        return []
+
+    monkeypatch.setattr(ladder, "train_cell", spied)
+    for cell in ("oracle/factored", "oracle-32/factored", "oracle-512/factored"):
+        run_cell(run, cell)
+    counts = {name: count for name, (count, _, _) in trained.items()}
+    assert counts == {"oracle": TINY.oracle.trajectories, "oracle-32": 32, "oracle-512": 512}
+    first, _ = ladder.oracle_scene().sample(2, Generator().manual_seed(derive(0, "train")))
+    for name, (_, start, told) in trained.items():
+        assert torch.equal(start.double(), first.q[0].float().double()) == (name != "oracle")
+        assert (told["supervision"], told["knows"]) == ("true states", "nothing")
 
 
 def test_unknown_preset_is_refused():
@@ -168,7 +206,7 @@ def test_the_oracle_rung_writes_every_metric(run):
 
 @pytest.mark.parametrize(
     "rung",
-    [r for r in RUNGS if r not in LEFT_OUT],
+    [r for r in RUNGS if r in VARIANTS or r not in LEFT_OUT and not RUNGS[r].of],
 )
 def test_a_pixel_rung_writes_both_readouts_and_resumes(run, rung):
     run_cell(run, f"{rung}/unstructured")

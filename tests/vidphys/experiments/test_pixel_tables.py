@@ -1,12 +1,11 @@
 """Tables that draw and see pictures, at tiny sizes."""
 
-from types import SimpleNamespace
-
 import pytest
 import torch
 from torch import Generator
 
-from dynamics import HEADS, PhaseState
+from binders import Tracks
+from dynamics import HEADS, Parameters, PhaseState
 from encoders.cnn import ConvEncoder
 from encoders.release import WeightsMissing
 from readouts.local import RefinedReadout
@@ -17,13 +16,19 @@ from vidphys.data.clips import render_clips
 from vidphys.errors import InputError
 from vidphys.experiments import study
 from vidphys.experiments.catalogue import TABLES
+from vidphys.experiments.core import scoring
 from vidphys.experiments.core.cell import CellTask
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.scoring import (
+    Question,
+    score_fixed_step,
+    score_start,
+)
 from vidphys.experiments.pixels import pixel_cell
 from vidphys.experiments.pixels.consistency import latent_states
 from vidphys.experiments.pixels.perception_speed import faster, score_rmse
 from vidphys.experiments.pixels.readout_controls import pooled
-from vidphys.experiments.pixels.seen import Perceived, Seen, pixel_scene
+from vidphys.experiments.pixels.seen import Perceived, Seen, draw, perceive, pixel_scene
+from vidphys.metrics import nmse
 from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.cnn import CHUNK, CnnPerception
@@ -33,9 +38,10 @@ from vidphys.perception.windows import WindowBatches
 from vidphys.presets import OracleSizes, PixelSizes
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder, merged_tables
+from vidphys.scenes import gravity
 from vidphys.shooting.step import HEAD_DT
 
-SIZES = PixelSizes(8, 8, 40, 7, 32, 2, 8, 4, 4)
+SIZES = PixelSizes(8, 8, 40, 32, 2, 8, 4, 4)
 
 
 def run_cell(table, cell, seeds=(0,), folder=None):
@@ -51,7 +57,7 @@ def parts(rows, metric="inversion_nmse"):
 @pytest.mark.parametrize(
     ("table", "cell", "expected"),
     [
-        ("pixel-heads", "jepa", {"jepa/factored"}),
+        ("pixel-heads", "jepa", {"jepa/factored", "jepa/factored/joint"}),
         (
             "perception-speed",
             "speed-2",
@@ -65,7 +71,12 @@ def test_a_cell_leaves_records_of_every_part(table, cell, expected, tmp_path):
     names = {r["metric"] for r in rows}
     assert {"momentum_nmse", "ballistic_skill", "latent_growth", "in_distribution_nmse"} <= names
     assert {r["readout"] for r in rows} <= {"differencing", "shooting"}
-    assert {r["grounding"] for r in rows} == {"jepa" if cell == "jepa" else "cnn-supervised"}
+    groundings = {"jepa", "jepa-joint"} if cell == "jepa" else {"cnn-supervised"}
+    assert {r["grounding"] for r in rows} == groundings
+    supervision = "none" if cell == "jepa" else "labels of 8 clips"
+    assert {(r["supervision"], r["knows"], r["context"]) for r in rows} == {
+        (supervision, "channels", 8)
+    }
 
 
 def test_one_perception_serves_all_heads_and_a_lost_head_stops_no_other(monkeypatch):
@@ -82,7 +93,10 @@ def test_one_perception_serves_all_heads_and_a_lost_head_stops_no_other(monkeypa
         recorder.add_value("inversion_nmse", 1.0)
         return None, None
 
-    clips = SimpleNamespace(params=None, interval=1.0)
+    class Few(list):
+        params, interval, times = None, 1.0, (0.0,)
+
+    clips = Few()
     seen = Seen(clips, clips, Question(pixel_scene(), None, None, None))
     monkeypatch.setattr(pixel_cell, "draw", lambda *x: seen)
     monkeypatch.setattr(pixel_cell, "fit_perception", fit)
@@ -149,7 +163,7 @@ def test_a_frozen_cnn_says_which_weights_it_has_and_encodes_each_frame_by_itself
 
 
 def test_own_cnns_features_are_read_by_either_readout(tmp_path):
-    sizes = PixelSizes(16, 4, 40, 4, 32, 2, 8, 4, 4)
+    sizes = PixelSizes(16, 4, 40, 32, 2, 8, 4, 4)
     world = RgbWorld(camera=Camera(height=32, width=32))
     clips = render_clips(pixel_scene(), world, 16, 4, 40, 0, "train")
     for control, kind in ((False, RefinedReadout), (True, PooledReadout)):
@@ -209,3 +223,77 @@ def test_the_latents_residuals_are_of_the_frame_that_they_belong_to(tmp_path):
     chunks = iter(truth[:, -3:].split(CHUNK))
     found = latent_states(latent, clips)
     torch.testing.assert_close(found.q, truth[:, -2])
+
+
+def test_every_rung_is_asked_about_the_same_motions_from_the_same_moment():
+    scene = pixel_scene()
+    rungs = ("renderer", "hiera", "i3d", "anonymous-hand", "rgb-tracked-blobs")
+    seen = [draw(scene, RUNGS[name], SIZES, 0) for name in rungs]
+    for one in seen:
+        assert one.test.frames.shape[1] == one.train.frames.shape[1] == SIZES.frames
+        assert torch.equal(one.asked.truth.q, seen[0].asked.truth.q)
+        assert torch.equal(one.asked.truth.q, one.test.states.q[:, -1])
+
+
+@pytest.mark.parametrize("identified", [True, False])
+def test_tracks_get_the_true_numbers_only_where_bodies_look_alike(identified):
+    seen = draw(pixel_scene(), RUNGS["renderer"], SIZES, 0)
+
+    class Swapped:
+        def tracks(self, clips):
+            q = clips.states.q.flip(2)
+            return Tracks(q, torch.ones(q.shape[:-1]), clips.times)
+
+    found = perceive(Swapped(), seen, identified)
+    assert torch.equal(found.test.positions, seen.test.states.q) == (not identified)
+    assert torch.equal(found.under(None).positions, found.test.positions)
+    assert found.head is None and RUNGS["hiera"].identified
+    assert not RUNGS["composed"].identified
+
+
+def test_a_law_is_told_from_its_start_by_two_other_starts():
+    scene = pixel_scene()
+    start, params = scene.sample(4, Generator().manual_seed(0))
+    wrong = PhaseState(start.q + 1.0, start.p)
+    task = CellTask("pixel-heads", "x", (0,), OracleSizes(1, 1, 1, (1.0,), 1), SIZES)
+    recorder = task.recorder(0, scene, "factored")
+    question = Question(scene, wrong, start, params)
+    score_start(recorder, scene.law, question, start, "true_start")
+    score_start(recorder, scene.law, question, wrong, "shared_start")
+    rows = {(r["metric"], r["coupling"]): r["value"] for r in recorder.rows}
+    assert len(rows) == 12
+    for coupling in (-0.5, -1.0, -1.5):
+        assert rows["inversion_nmse_from_true_start", coupling] < 1e-12
+        assert rows["inversion_nmse_from_shared_start", coupling] > 0.1
+        error = rows["inversion_nmse_from_shared_start", coupling]
+        law = params.with_coupling(coupling)
+        floor = nmse(question.straight_lines().states, question.reference(law).states).value
+        skill = rows["ballistic_skill_from_shared_start", coupling]
+        assert skill == pytest.approx(error / floor)
+
+
+def test_the_share_of_steps_in_pieces_and_the_drift_without_them_are_told(monkeypatch):
+    monkeypatch.setattr(scoring, "DRIFT_STEPS", (50, 100))
+    scene = gravity("gaussian", mass=(1.0, 1.0))
+    q = torch.tensor([[[-0.15, 0.0], [0.15, 0.0], [3.0, 3.0]]] * 2, dtype=torch.float64)
+    q[1] = torch.tensor([[-3.0, 0.0], [3.0, 0.0], [0.0, 3.0]])
+    p = torch.zeros_like(q)
+    p[0, :2, 1] = torch.tensor([-1.0, 1.0])  # a narrow ellipse; the other three are far apart
+    start = PhaseState(q, p)
+    law = Parameters(torch.ones(2).double(), torch.ones(2, 3).double())
+    head = gravity("gaussian").law
+    head.dt = 0.01
+    question = Question(scene, start, start, law)
+    task = CellTask("pixel-heads", "x", (0,), OracleSizes(1, 1, 1, (1.0,), 1), SIZES)
+    recorder = task.recorder(0, scene, "factored")
+    rolled = question.ask(head, 100)
+    score_fixed_step(recorder, head, question, rolled)
+    value = {(r["metric"], r["horizon"]): r["value"] for r in recorder.rows}
+    share = value["steps_in_pieces", None]
+    assert share == rolled.split / (2 * 20) and 0.2 < share <= 0.5  # one of two episodes
+    fixed = question.ask(head, 100, substeps=False)
+    assert fixed.split == 0
+    energies = [scene.energy(r.states, law) for r in (fixed, rolled)]
+    drift = [float((e[:, -1] / e[:, 0] - 1).abs().max()) for e in energies]
+    assert value["energy_drift_worst_fixed_step", 100] == pytest.approx(drift[0], rel=1e-6)
+    assert drift[0] > 10 * drift[1]

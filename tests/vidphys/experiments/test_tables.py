@@ -368,7 +368,7 @@ def test_tables_that_share_models_train_them_once():
 
 
 def test_a_run_is_judged_reported_and_resumed(tmp_path, hasty):
-    preset = Preset(1, TINY, PixelSizes(1, 1, 1, 1, 1, 1, 1, 1, 1))
+    preset = Preset(1, TINY, PixelSizes(1, 1, 1, 1, 1, 1, 1, 1))
     tables = study.choose(["inversion"])
     units = study.units_of(tables, range(1), ("truth", "unstructured"))
     settings = study.settings_of("reproduce", "tiny", preset, units, tables)

@@ -30,7 +30,7 @@ from vidphys.shooting.step import HEAD_DT
 
 EVERY = 8
 CAMERA = Camera(4.0, 32, 32)
-SIZES = PixelSizes(24, 8, 40, 7, 32, 60, 16, 0, 8)
+SIZES = PixelSizes(24, 8, 40, 32, 60, 16, 0, 8)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.release import WeightsMissing
@@ -21,7 +22,7 @@ from vidphys.reading.reader import LoadedEncoder, Reader
 from vidphys.runs.folder import RunFolder
 from vidphys.scenes import gravity
 
-SIZES = PixelSizes(24, 9, 40, 7, 32, 40, 32, 0, 4)
+SIZES = PixelSizes(24, 9, 40, 32, 40, 32, 0, 4)
 WORLD = RgbWorld(Camera(height=32, width=32), radius=0.6)
 
 
@@ -91,7 +92,6 @@ def test_a_video_encoders_feature_frame_tells_where_bodies_are_in_each_of_its_fr
     tracks = perception.tracks(clips)
     error = (tracks.positions - clips.states.q).norm(dim=-1)
     assert float(error.median()) < 0.2 * float(clips.states.q.norm(dim=-1).median())
-    assert RUNGS["i3d"].whole_context
 
 
 def test_what_is_read_of_a_feature_frame_goes_to_its_own_frames_and_bodies():
@@ -229,3 +229,26 @@ def test_mirror_images_are_read_where_they_are_and_their_errors_average_out():
     once, closely = perception.tracks(clips), perception.closely(clips)
     torch.testing.assert_close(closely.positions, once.positions - 0.4, atol=1e-3, rtol=0)
     torch.testing.assert_close(closely.confidence, once.confidence)
+
+
+def test_an_anchored_readout_learns_from_a_tracker_and_reads_no_state(monkeypatch):
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: Blocks())
+    monkeypatch.setattr(frozen, "encounters", None)  # no clip is made of true paths
+    clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 24, 8, 40, 0, "train")
+    states = clips.states.map(lambda x: torch.full_like(x, torch.nan))
+    blind, sizes = replace(clips, states=states), replace(SIZES, encounters=8)
+    task = FitTask(blind, sizes, 0, "factored")
+    perception = frozen.fit_frozen("blocks", {}, task, anchored=True)
+    error = (perception.tracks(clips).positions - clips.states.q).norm(dim=-1)
+    assert float(error.median()) < 0.2 * float(clips.states.q.norm(dim=-1).median())
+
+
+def test_a_hidden_body_counts_by_as_much_as_is_seen_of_it():
+    clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 3, 8, 40, 0, "train")
+    features = Blocks()(clips.frames, clips.times)
+    sure = torch.rand(clips.states.q.shape[:-1], generator=torch.Generator().manual_seed(0))
+    tracks = Tracks(clips.states.q + 1, sure, clips.times)
+    told, plain = frozen.labelled(clips, features, tracks), frozen.labelled(clips, features)
+    shift = 1 / clips.world.camera.half_extent
+    assert torch.allclose(told.targets, plain.targets + shift, atol=1e-6)
+    assert torch.equal(told.weight, sure.flatten(0, 1)) and bool((plain.weight == 1).all())

@@ -4,8 +4,8 @@ import json
 from dataclasses import asdict
 from functools import partial
 
-from vidphys.perception.base import Grounding
-from vidphys.perception.catalogue import ORACLE, RUNGS, rung_settings
+from vidphys.perception.base import LABELS, NOTHING, REDRAWS, UNTOLD, Grounding
+from vidphys.perception.catalogue import RUNGS, rung_settings
 from vidphys.perception.cnn import CnnSettings
 
 CNN = CnnSettings()
@@ -16,17 +16,48 @@ def fit(encoder, task, rate=0.1, how=CNN):
 
 
 def test_a_rung_tells_all_that_its_fit_is_given_beside_the_task():
-    rung = Grounding("mine", "channel", "none", "none", False, partial(fit, "tiny", rate=0.2))
+    seen = "mine", "channel", "none", "none", False
+    rung = Grounding(*seen, partial(fit, "tiny", rate=0.2), UNTOLD, NOTHING)
     assert rung.settings == {"encoder": "tiny", "rate": 0.2, "how": asdict(CnnSettings())}
-    told = Grounding("mine", "channel", "none", "none", False, partial(fit, how=CnnSettings(8)))
+    told = Grounding(*seen, partial(fit, how=CnnSettings(8)), UNTOLD, NOTHING)
     assert told.settings["how"]["features"] == 8
 
 
 def test_every_rung_tells_its_settings_in_json():
-    found = json.loads(json.dumps(rung_settings(r for r in RUNGS.values() if r is not ORACLE)))
-    assert found.keys() == {*RUNGS, "shared"} - {"oracle"}
+    found = json.loads(json.dumps(rung_settings(RUNGS.values())))
+    assert found.keys() == {*RUNGS, "shared"}
     assert all(found.values())
     rates = [name for name in found if "learning_rate" in json.dumps(found[name])]
     assert {"cnn-supervised", "jepa", "anonymous-tracker", "anonymous-slots", "composed"} <= {
         *rates
     }
+
+
+def test_a_variant_is_the_same_rung_with_other_settings():
+    rung = Grounding("mine", "rgb", "e", "b", False, partial(fit, "tiny"), LABELS, REDRAWS, share=3)
+    other = rung.varied("fast", UNTOLD, rate=0.5)
+    assert (other.name, other.of, other.supervision, other.knows) == (
+        "mine-fast",
+        "mine",
+        UNTOLD,
+        REDRAWS,
+    )
+    assert other.settings == {**rung.settings, "rate": 0.5} and other.share == 3
+    assert other.varied("more").of == "mine"
+    assert (rung.told(12), other.told(12)) == ("labels of 12 clips", "none")
+
+
+def test_every_rung_says_what_it_is_told_and_what_it_knows():
+    told = rung_settings(RUNGS.values())
+    for name, rung in RUNGS.items():
+        assert rung.supervision and rung.knows
+        assert (told[name]["supervision"], told[name]["knows"]) == (rung.supervision, rung.knows)
+        assert not rung.of or (rung.of in RUNGS and told[name]["variant_of"] == rung.of)
+    assert {name for name, rung in RUNGS.items() if rung.of == "hiera"} == {
+        "hiera-anchored",
+        "hiera-random",
+    }
+    assert RUNGS["hiera-anchored"].supervision == "anchor: tracker"
+    blobs = {name for name in RUNGS if name.endswith("-blobs")}
+    assert blobs >= {"rgb-tracked-blobs", "anonymous-slots-blobs", "composed-blobs"}
+    assert all(RUNGS[name].knows.startswith("blobs") for name in blobs)

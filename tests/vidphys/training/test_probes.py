@@ -23,7 +23,7 @@ from vidphys.training.probes import StateFrames, Units, train_probes
 GRID, BODIES = (8, 8), 2
 HALF = 4.0  # world units
 SETTINGS = FitSettings(70, 32, 2e-2, 1.0)
-TINY = PixelSizes(24, 5, 40, 5, 32, 4, 8, 1, 4)
+TINY = PixelSizes(24, 5, 40, 32, 4, 8, 1, 4)
 
 
 def centres():

@@ -7,9 +7,10 @@ import tomllib
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from vidphys.experiments.core.figures import Panel, Sweep
+from vidphys.perception.base import Grounding
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes
 from vidphys.progress import Progress
 from vidphys.runs.records import Origin, Recorder
@@ -75,6 +76,7 @@ class CellTask:
         encoder: str = "none",
         binder: str = "none",
         dtype: str = "float32",
+        **seen: Any,
     ) -> Recorder:
         """A recorder of this cell, or of a named part of it, for one seed.
 
@@ -85,6 +87,7 @@ class CellTask:
             part: makes the cell ``cell/part``, for cells that compare several settings.
             grounding, encoder, binder: what the states were perceived by.
             dtype: of the model.
+            seen: how, see :class:`Origin`.
         """
         origin = Origin(
             experiment=self.table,
@@ -98,6 +101,7 @@ class CellTask:
             seed=seed,
             device=self.device,
             dtype=dtype,
+            **seen,
         )
         self.recorders.append(Recorder(origin))
         return self.recorders[-1]
@@ -117,6 +121,14 @@ class CellTask:
 
 
 Cell = Callable[[CellTask], None]
+
+
+@runtime_checkable
+class OfRung(Protocol):
+    """A cell that says by what states are perceived."""
+
+    @property
+    def grounding(self) -> Grounding: ...
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from vidphys.experiments.core.scoring import (
     LONG_STEPS,
     Question,
     score_drift,
+    score_fixed_step,
     score_inversion,
     score_long_drift,
 )
@@ -25,23 +26,29 @@ OLDEST, AGES = 2000, 20  # reference steps before a training trajectory starts, 
 
 
 def true_segments(
-    scene: Scene, trajectories: int, seed: int, k: int = 1, both_signs: bool = False
+    scene: Scene,
+    trajectories: int,
+    seed: int,
+    k: int = 1,
+    both_signs: bool = False,
+    oldest: int = OLDEST,
 ) -> Examples:
     """Examples of ``k`` steps from short reference trajectories."""
-    trajectory = true_trajectories(scene, trajectories, seed, both_signs)
+    trajectory = true_trajectories(scene, trajectories, seed, both_signs, oldest)
     # Whole trajectories are held out, so that no held-out step has a neighbour in training.
     kept = HORIZON + 1 - k
     return Examples(*from_trajectory(trajectory, k).split(kept * max(1, trajectories // 16)))
 
 
 def true_trajectories(
-    scene: Scene, trajectories: int, seed: int, both_signs: bool = False
+    scene: Scene, trajectories: int, seed: int, both_signs: bool = False, oldest: int = OLDEST
 ) -> Rollout:
     """Reference trajectories of ``HORIZON`` steps for training.
 
     Only the forward law is sampled, G > 0, unless both signs are asked for. Each
-    trajectory starts from a state that is up to ``OLDEST`` steps old, so that encounters and
-    bodies that have flown apart are seen as often as rollouts meet them.
+    trajectory starts from a state that is up to ``oldest`` steps old, so that encounters and
+    bodies that have flown apart are seen as often as rollouts meet them; with 0 from the
+    generator's own.
     """
     rng = Generator().manual_seed(derive(seed, "train"))
     start, params = scene.sample(trajectories, rng)
@@ -50,7 +57,9 @@ def true_trajectories(
     if both_signs:
         sign = 1 - 2 * (torch.arange(trajectories) % 2)
         params = params.with_coupling(sign * params.coupling)
-    past = scene.simulate(start, params, OLDEST, OLDEST // AGES).states
+    if not oldest:
+        return scene.simulate(start, params, HORIZON)
+    past = scene.simulate(start, params, oldest, oldest // AGES).states
     age = torch.randint(AGES + 1, (trajectories,), generator=rng)
     start = past[torch.arange(trajectories), age]
     return scene.simulate(start, params, HORIZON)
@@ -68,6 +77,7 @@ def score_oracle(recorder: Recorder, head: Head, question: Question) -> Rollout:
     score_inversion(recorder, head, question, rolled)
     score_drift(recorder, head, question, rolled=rolled)
     score_retrace(recorder, head, question)
+    score_fixed_step(recorder, head, question, rolled)
     score_long_drift(recorder, head, question, rolled)
     recorder.add_value("lyapunov_time", float(question.lyapunov_time.quantile(0.5)))
     return rolled

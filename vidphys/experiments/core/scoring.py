@@ -61,14 +61,21 @@ class Question:
         start, truth, params = self.start[one], self.truth[one], self.params[one]
         return replace(self, start=start, truth=truth, params=params, steps=steps)
 
-    def ask(self, head: Head, steps: int, params: Parameters | None = None) -> Rollout:
+    def step_of(self, head: Head) -> float:
+        """Seconds of a head's own step, or else of the reference's."""
+        return self.scene.dt if head.dt is None else head.dt
+
+    def ask(
+        self, head: Head, steps: int, params: Parameters | None = None, substeps: bool = True
+    ) -> Rollout:
         """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
         dtype = next((p.dtype for p in head.parameters()), torch.float64)
         law = (self.params if params is None else params).map(_to(dtype))
-        dt = self.scene.dt if head.dt is None else head.dt
+        dt = self.step_of(head)
         every = round(self.every * self.scene.dt / dt)
         count = steps // self.every * every
-        return rollout(head, self.start.map(_to(dtype)), law, count, dt, every)
+        start = self.start.map(_to(dtype))
+        return rollout(head, start, law, count, dt, every, substeps=substeps)
 
     def reference(self, params: Parameters, steps: int | None = None) -> Rollout:
         """The truth under a law, from the true start; rolled once for each law and length."""
@@ -161,6 +168,44 @@ def score_changed_law(
     recorder.add_episodes(
         "inversion_nmse", metrics.episode_nmse(predicted, reference), label, steps
     )
+
+
+def score_start(
+    recorder: Recorder, head: Head, question: Question, start: PhaseState, name: str
+) -> None:
+    """Error and skill under each flipped coupling from another start, as ``METRIC_from_NAME``.
+
+    What a head makes of a start that is not its own tells its law from its start.
+    """
+    other = question.starting(start)
+    straight = question.straight_lines().states
+    for coupling in COUPLINGS:
+        law = question.params.with_coupling(coupling)
+        reference = question.reference(law).states
+        error = metrics.nmse(other.ask(head, question.steps, law).states, reference)
+        skill = metrics.ratio(error, metrics.nmse(straight, reference))
+        recorder.add(f"inversion_nmse_from_{name}", error, coupling, question.steps)
+        recorder.add(f"ballistic_skill_from_{name}", skill, coupling, question.steps)
+
+
+def score_fixed_step(recorder: Recorder, head: Head, question: Question, rolled: Rollout) -> None:
+    """Energy drift without pieces of a step, and what share of steps the rollout took in pieces.
+
+    Args:
+        recorder: gets the numbers.
+        head: is asked.
+        question: gives the starts.
+        rolled: the head under the law that held, with pieces where encounters need them.
+    """
+    steps, episodes = rolled.states.q.shape[-3] - 1, rolled.states.q.shape[0]
+    whole = steps * episodes * round(rolled.dt / question.step_of(head))
+    recorder.add_value("steps_in_pieces", rolled.split / max(1, whole))
+    fixed = question.ask(head, DRIFT_STEPS[-1], substeps=False)
+    drift = _drift(question, fixed)
+    for horizon in DRIFT_STEPS:
+        at = drift[:, horizon // question.every]
+        recorder.add("energy_drift_median_fixed_step", metrics.median(at), None, horizon)
+        recorder.add("energy_drift_worst_fixed_step", metrics.worst(at), None, horizon)
 
 
 def _force_cosine(head: Head, question: Question, params: Parameters) -> metrics.Summary:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from dynamics import Head
 from dynamics.terms import HeadTerm
@@ -49,7 +50,7 @@ USUAL = Training()  # one step ahead
 
 
 def train_cell(
-    task: CellTask, name: str, term: HeadTerm, scene: Scene, how: Training = USUAL
+    task: CellTask, name: str, term: HeadTerm, scene: Scene, how: Training = USUAL, **seen: Any
 ) -> list[tuple[int, Head, Recorder]]:
     """Train a cell's heads side by side.
 
@@ -58,11 +59,12 @@ def train_cell(
         name: of the head, in the records.
         term, scene: what is built, and on what it is trained.
         how: see :class:`Training`.
+        seen: how states are, for the record; see :meth:`CellTask.recorder`.
 
     Returns:
         Seed, head and recorder of each training that was not lost; one that was has its record.
     """
-    recorders = {seed: task.recorder(seed, scene, name) for seed in task.seeds}
+    recorders = {seed: task.recorder(seed, scene, name, **seen) for seed in task.seeds}
     sizes = how.sizes(task.sizes)
 
     def examples() -> dict[int, Examples]:

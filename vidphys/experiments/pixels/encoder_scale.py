@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from vidphys.experiments.core.cell import Table
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell
 from vidphys.experiments.pixels.seen import pixel_scene
 from vidphys.perception.base import Grounding
-from vidphys.perception.frozen import SETTINGS, fit_frozen
+from vidphys.perception.frozen import SETTINGS, rung_over
 
 VIDEO = ("vjepa2-l", "vjepa2-h", "vjepa2-g")  # 300, 600 and 1,000 million parameters
 IMAGE = ("dinov2-small", "dinov2-base", "dinov2-large")  # 22, 86 and 300 million
 
 
 def rung(encoder: str, video: bool) -> Grounding:
-    """A frozen rung of the encoder at its own settings; one of video sees whole clips."""
-    fit = partial(fit_frozen, encoder, {}, together=None if video else 1)
-    return Grounding(
-        encoder, "rgb", encoder, "none", False, fit, share=SETTINGS.share, whole_context=video
-    )
+    """A frozen rung of the encoder at its own settings."""
+    return rung_over(encoder, encoder, video)
 
 
 ENCODER_SCALE = Table.told(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -17,8 +18,10 @@ from vidphys.experiments.core.scoring import (
     DRIFT_STEPS,
     Question,
     score_drift,
+    score_fixed_step,
     score_inversion,
     score_lost,
+    score_start,
 )
 from vidphys.experiments.pixels.momentum import MomentumReadout, Shooting
 from vidphys.experiments.pixels.seen import (
@@ -38,6 +41,7 @@ from vidphys.shooting.step import HEAD_DT
 from vidphys.training.tracks import TrackTask, tell_scale
 
 TWINS = ("factored", "unstructured")  # the two heads that every rung is asked of
+JOINT = "joint"  # trained together with the perception
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,9 @@ class PixelCell:
     """A cell that fits one perception for each seed and trains each head on what it sees.
 
     Each head is a part ``CELL/HEAD``, or ``CELL/HEAD/READOUT`` where there are several readouts.
-    A training that diverged is counted, and the others go on.
+    A training that diverged is counted, and the others go on. A head that was trained together
+    with the perception is asked too, beside the fresh one: its part ends with ``joint``, and so
+    does the name of its grounding.
 
     Args:
         grounding: how states are perceived; a joint one is fitted again for each head.
@@ -91,6 +97,9 @@ class PixelCell:
                 perceived = task.kept.once("perceived", key, fitted)
                 each = [self._score(task, perceived, seed, head, way) for way in self.readouts]
                 self.also(task, seed, head, [scored for scored in each if scored], perceived)
+                if perceived.head is not None:
+                    for way in self.readouts:
+                        self._score_joint(task, perceived, perceived.head, seed, head, way)
 
     def part(self, head: str, readout: MomentumReadout) -> str | None:
         """What a head's records are called in the cell."""
@@ -114,14 +123,43 @@ class PixelCell:
         folder = self.fit_folder(task, seed, head)
         progress = task.stage("seeing")
         fitted = fit_perception(self.grounding, seen, task.pixel, seed, head, folder, progress)
-        return perceive(fitted, seen)
+        return perceive(fitted, seen, self.grounding.identified)
+
+    def _recorder(
+        self, task: CellTask, seen: Seen, seed: int, head: str, part: str | None, joint: str = ""
+    ) -> Recorder:
+        g, scene = self.grounding, seen.asked.scene
+        how: dict[str, Any] = {
+            "supervision": g.told(len(seen.train)),
+            "knows": g.knows,
+            "context": len(seen.test.times),
+        }
+        name = f"{g.name}{joint}"
+        return task.recorder(seed, scene, head, part, name, g.encoder, g.binder, **how)
+
+    def _score_joint(
+        self,
+        task: CellTask,
+        perceived: Perceived,
+        trained: Head,
+        seed: int,
+        head: str,
+        readout: MomentumReadout,
+    ) -> None:
+        """Ask the head that was trained with the perception, from the start that it reads."""
+        own = self.part(head, readout)
+        part = JOINT if own is None else f"{own}/{JOINT}"
+        recorder = self._recorder(task, perceived.seen, seed, head, part, f"-{JOINT}")
+        reading = recorder.reading(readout.name)
+        began = time.perf_counter()
+        score(trained, readout, perceived, reading)
+        reading.took(time.perf_counter() - began)
 
     def _score(
         self, task: CellTask, perceived: Perceived, seed: int, head: str, readout: MomentumReadout
     ) -> Scored | None:
-        g, part = self.grounding, self.part(head, readout)
         seen, scene = perceived.seen, perceived.seen.asked.scene
-        recorder = task.recorder(seed, scene, head, part, g.name, g.encoder, g.binder)
+        recorder = self._recorder(task, seen, seed, head, self.part(head, readout))
         reading, folder = recorder.reading(readout.name), self.folder(task, seed, head, readout)
         began = time.perf_counter()
         track_task = TrackTask(
@@ -156,10 +194,24 @@ def train_and_score(
     """
     tell_scale(head, task)
     recorder.add_value("training_loss", readout.train(head, task).final_loss)
+    return score(head, readout, perceived, recorder)
+
+
+def score(
+    head: Head, readout: MomentumReadout, perceived: Perceived, recorder: Recorder
+) -> tuple[Question, Rollout]:
+    """Read the start at t0 by a trained head and score it, as :func:`train_and_score` does.
+
+    Its law is told from its start by two more: the true one, and differences of frames, which are
+    the same for every head.
+    """
     question = perceived.seen.asked.starting(readout.start(head, perceived))
     score_state(recorder, question)
     rolled = question.ask(head, DRIFT_STEPS[-1])
     score_inversion(recorder, head, question, rolled)
     score_drift(recorder, head, question, rolled=rolled)
     score_retrace(recorder, head, question)
+    score_fixed_step(recorder, head, question, rolled)
+    score_start(recorder, head, question, question.truth, "true_start")
+    score_start(recorder, head, question, perceived.plain_start, "shared_start")
     return question, rolled

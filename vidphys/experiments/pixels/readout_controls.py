@@ -9,12 +9,13 @@ from typing import Any, cast
 from vidphys.experiments.core.cell import Cell, Table
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell
 from vidphys.experiments.pixels.seen import pixel_scene
-from vidphys.perception.base import Grounding
+from vidphys.perception.base import LABELS, REDRAWS, Grounding
 from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.frozen import SETTINGS
 from vidphys.perception.own_cnn import NAME, fit_own_cnn
 
-OWN_CNN = Grounding(NAME, "rgb", "cnn", "none", False, fit_own_cnn, share=SETTINGS.share)
+_SEEN = NAME, "rgb", "cnn", "none", False
+OWN_CNN = Grounding(*_SEEN, fit_own_cnn, LABELS, REDRAWS, share=SETTINGS.share)
 FROZEN = ("hiera", "i3d")  # rungs of the ladder that are read with the pooled control too
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import torch
 
 from binders import Tracks
-from dynamics import Head
+from dynamics import Head, PhaseState
+from readouts.differencing import backward_difference
 from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
@@ -41,22 +42,27 @@ class Seen:
 
 
 def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Seen:
-    """Render the clips of a rung."""
+    """Render the clips of a rung; the held-out motions, and their t0, are those of every rung."""
     world = WORLDS[grounding.world](camera=Camera(height=sizes.image, width=sizes.image))
     clips = max(2, sizes.clips // grounding.share)
     train = render_clips(scene, world, clips, sizes.frames, sizes.stride, seed, "train")
-    context = sizes.frames if grounding.whole_context else sizes.context
-    test = render_clips(scene, world, sizes.held_out, context, sizes.stride, seed, "test")
+    test = render_clips(scene, world, sizes.held_out, sizes.frames, sizes.stride, seed, "test")
     start = test.states[:, -1]
     return Seen(train, test, Question(scene, start, start, test.params))
 
 
 @dataclass(frozen=True)
 class Perceived:
-    """Tracks of both sets of ``seen`` clips; the held-out ones are relabelled to the true bodies.
+    """Tracks of both sets of ``seen`` clips.
 
-    ``under`` follows the held-out clips anew with a trained head, which foresees where bodies
-    that look alike go; a perception that knows who is who has nothing to gain by it.
+    Args:
+        seen: the clips.
+        perception: fitted.
+        train, test: tracks; the held-out ones are relabelled to the true bodies where these look
+            alike.
+        under: follows the held-out clips anew with a trained head, which foresees where bodies
+            that look alike go; a perception that knows who is who has nothing to gain by it.
+        head: that was trained together with the perception, or ``None``.
     """
 
     seen: Seen
@@ -64,20 +70,41 @@ class Perceived:
     train: Tracks
     test: Tracks
     under: Callable[[Head], Tracks]
+    head: Head | None = None
+
+    @property
+    def plain_start(self) -> PhaseState:
+        """States at t0 by differences of frames, the same whatever the head."""
+        clips = self.seen.test
+        return backward_difference(
+            self.test.positions, clips.params.mass.to(self.test.positions), clips.interval
+        )
 
 
-def perceive(perception: Perception, seen: Seen) -> Perceived:
-    """Run a fitted perception over the clips of a rung."""
+def perceive(perception: Perception, seen: Seen, identified: bool = False) -> Perceived:
+    """Run a fitted perception over the clips of a rung.
+
+    Args:
+        perception: fitted.
+        seen: the clips.
+        identified: whether pictures say who is who; else each clip's tracks are given the numbers
+            of the true bodies.
+    """
     truth = seen.test.states.q
     look = perception.closely if isinstance(perception, Attentive) else perception.tracks
-    test = relabel(look(seen.test), truth)
+
+    def named(tracks: Tracks) -> Tracks:
+        return tracks if identified else relabel(tracks, truth)
+
+    test = named(look(seen.test))
 
     def under(head: Head) -> Tracks:
         if not isinstance(perception, Foreseeing):
             return test
-        return relabel(perception.under(head).tracks(seen.test), truth)
+        return named(perception.under(head).tracks(seen.test))
 
-    return Perceived(seen, perception, perception.tracks(seen.train), test, under)
+    head: Head | None = getattr(perception, "head", None)
+    return Perceived(seen, perception, perception.tracks(seen.train), test, under, head)
 
 
 def fit_perception(
@@ -90,7 +117,7 @@ def fit_perception(
     progress: Progress | None,
 ) -> Perception:
     """Fit a rung's perception; a joint one through a head of the given name."""
-    task_seed = derive(seed, "perception", grounding.name)
+    task_seed = derive(seed, "perception", grounding.of or grounding.name)
     torch.manual_seed(task_seed)
     return grounding.fit(FitTask(seen.train, sizes, task_seed, head, folder, progress))
 
