@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder test check hostile lock locked audit sbom mutate setup
+.PHONY: ladder test check hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -44,6 +44,10 @@ sbom: $(READY)
 # Whether the tests would notice: each tolerance of the physics' tests tightened, each sign turned.
 mutate: $(READY)
 	$(VENV)/bin/python -m tests.mutation --out runs/mutation.json
+
+# Kills, full disks, power cuts and damaged files, in the long versions: an hour on two cores.
+faults: $(READY)
+	VIDPHYS_FAULTS=100 $(VENV)/bin/python -m pytest tests/faults --timeout 7200
 
 setup: $(READY)
 

@@ -219,5 +219,7 @@ def shown(folder: Path, config: Any) -> tuple[Look, int]:
     own = getattr(config, "image_size", None) or getattr(config, "crop_size", None)
     side = own or (size if isinstance(size, int) else size.get("height", size.get("shortest_edge")))
     side = side[0] if isinstance(side, (list, tuple)) else side
-    look = Look(tuple(mean), tuple(std or Look.std), RESAMPLE.get(told.get("resample", 2), "bicubic"))
+    look = Look(
+        tuple(mean), tuple(std or Look.std), RESAMPLE.get(told.get("resample", 2), "bicubic")
+    )
     return look, int(side or 224)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import safe_open
 
 from tests.shared.small_clips import know_cells, write_clip
 from tests.shared.small_studies import TINY
@@ -50,7 +51,17 @@ def left(disk: Path) -> dict[str, bytes]:
     """Tensors and labels: what must be the same bits however the work was cut."""
     kinds = (".safetensors", ".csv", ".avi")
     files = sorted(path for path in disk.rglob("*") if path.is_file())
-    return {str(p.relative_to(disk)): p.read_bytes() for p in files if p.suffix in kinds}
+    return {str(p.relative_to(disk)): content(p) for p in files if p.suffix in kinds}
+
+
+def content(path: Path) -> bytes:
+    """Its bytes; of tensors the words beside them come in any order."""
+    if path.suffix != ".safetensors":
+        return path.read_bytes()
+    with safe_open(path, "numpy") as file:
+        arrays = [(key, file.get_tensor(key)) for key in sorted(file.keys())]
+        about = {k: v for k, v in sorted((file.metadata() or {}).items()) if k != "seal"}
+    return repr([about, *((key, a.dtype, a.shape, a.tobytes()) for key, a in arrays)]).encode()
 
 
 def empty(disk: Path) -> list[str]:

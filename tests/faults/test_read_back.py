@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +34,7 @@ from vidphys.stress.matrix import families, load_family
 from vidphys.stress.verdict import Outcome
 from viz.showcase import ROLES, read_showcase
 
+COUNT = 800 if os.environ.get("VIDPHYS_FAULTS") else 150  # flips of each file; `make faults`
 IDENTITY = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
 REQUEST = FeatureRequest(IDENTITY, "1" * 64, (0, 1), (0.0, 0.1), (32, 32))
 MADE = FeatureMap(torch.rand(1, 2, 8, 2, 2).half().float(), (16.0, 16.0), torch.tensor([0.0, 0.1]))
@@ -53,7 +55,7 @@ def mutants(whole: bytes, count: int) -> list[bytes]:
 def undetected(path: Path, read: Callable[[], object], same: Callable, error: type) -> list[int]:
     """The mutants of a file that are used for something else than was written."""
     whole, silent = path.read_bytes(), []
-    for number, content in enumerate(mutants(whole, 150)):
+    for number, content in enumerate(mutants(whole, COUNT)):
         path.write_bytes(content)
         try:
             found = read()

@@ -114,6 +114,7 @@ def test_what_nobody_foresaw_is_one_line_with_the_place_of_its_traceback(
     ("error", "said"),
     [
         (OSError(errno.ENOSPC, "No space left on device", "runs/a"), "runs/a: No space left on"),
+        (RuntimeError("I/O error: no room (os error 28)"), "No space left on device"),
         (MemoryError(), "memory ran out"),
     ],
 )

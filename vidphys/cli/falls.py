@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import tempfile
 import traceback
 
 FAILED, UNREAD = 1, 141
+SYSTEM = re.compile(r"\(os error (\d+)\)")  # as safetensors says it
 GOES_ON = "; what is finished is kept: the same command goes on from here"
 
 
@@ -23,6 +25,7 @@ def fallen(verb: str, error: Exception) -> int:
         return _say(
             f"vidphys {verb}: memory ran out ({_one_line(error)}); take less at once{GOES_ON}"
         )
+    error = _of_the_system(error)
     if isinstance(error, OSError) and error.strerror and error.errno is not None:
         where = "" if error.filename is None else f"{os.fsdecode(error.filename)!s}: "
         return _say(f"vidphys {verb}: {where}{error.strerror}{GOES_ON}{_kept(error)}")
@@ -30,6 +33,15 @@ def fallen(verb: str, error: Exception) -> int:
         f"vidphys {verb}: {type(error).__name__}: {_one_line(error)}; this is a mistake of vidphys"
         f"{_kept(error)}; report it with that, the command and what `vidphys doctor` says"
     )
+
+
+def _of_the_system(error: Exception) -> Exception:
+    """What a library says of the system in its own exceptions, as Python's own."""
+    found = SYSTEM.search(str(error))
+    if isinstance(error, OSError) or found is None:
+        return error
+    told = OSError(int(found[1]), os.strerror(int(found[1])))
+    return told.with_traceback(error.__traceback__)
 
 
 def _say(text: str) -> int:
