@@ -12,7 +12,7 @@ from vidphys.diagnose.explanations.forecast import State, beside_simple
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.mechanisms.strikes import strikes
-from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.telling.answers import answer
 
 
@@ -97,3 +97,18 @@ def test_a_body_that_another_one_turns_round_is_struck_by_nothing_unseen():
     away = np.stack([one, steady], 1)
     (struck,) = strikes(noisy(away))
     assert struck[0] == 0 and abs(struck[1] - 1.5) < 0.05
+
+
+def test_of_several_trials_a_tail_is_held_out_too():
+    times = np.arange(120) * 0.05
+    trials = [a * np.exp(-0.05 * times) * np.cos(2 * times + b) for a, b in ((1, 0), (0.6, 1))]
+    motion = noisy(np.array(trials[0])[:, None], 2e-3, 0.05)
+    both = np.stack([motion.positions[0], trials[1][:, None, None]])
+    both[1] += 2e-3 * np.random.default_rng(3).standard_normal(both[1].shape)
+    both[0, 60:] = np.nan  # the first trial ended sooner: the other one is foretold
+    for order in ([0, 1], [1, 0]):
+        given = answer(motion_of(both[order], 0.05), False, 0.3)
+        assert given.data["status"] == "explained" and given.data["terms"] == ["linear", "trap"]
+        assert given.data["forecast_error"]["model"] < 0.01
+        np.testing.assert_array_equal(given.positions, both[1])
+        assert given.path is not None and abs(given.path[1] - both[1]).max() < 0.02

@@ -95,7 +95,7 @@ class Explanation(Protocol):
         return {}
 
     def path(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times and positions ``(t, n, d)`` over the first clip; ``None`` where it has no path."""
+        """Times and positions ``(t, n, d)`` over the last clip; ``None`` where it has no path."""
         return None
 
     def forecast(self) -> Validation | None:

@@ -190,14 +190,17 @@ class ByMechanism(Explanation):
     def numbers(self) -> dict[str, float]:
         return {"share_explained": self.mechanism.share}
 
-    def path(self) -> tuple[np.ndarray, np.ndarray]:
-        times = self.motion.times[0]
-        times = times[times >= self.mechanism.begin[0]]
-        return times, self.mechanism.path(times, 0)
+    def path(self) -> tuple[np.ndarray, np.ndarray] | None:
+        windows = len(self.mechanism.begin) - self.motion.clips
+        if windows and self.motion.clips > 1:
+            return None  # rods', whose windows lie in several trials
+        times, clip = self.motion.times[-1], 0 if windows else -1
+        times = times[times >= self.mechanism.begin[clip]]
+        return times, self.mechanism.path(times, clip)
 
     def forecast(self) -> Validation | None:
         end, times = self.end, self.motion.times[-1]
-        if end >= len(times) or self.motion.clips > 1:
+        if end >= len(times):
             return None
         path = self.mechanism.path(times[end - 3 :])
         h = np.diff(times[end - 3 : end])

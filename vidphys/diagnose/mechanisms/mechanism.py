@@ -139,7 +139,7 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
         return None
     begin = motion.times[:, first].copy()
     if groups[0].fit.model.law.restoring == "chain":
-        begin = motion.times[0, 0] + np.array([clip.begin for clip in groups[0].fit.clips])
+        begin = motion.times[-1, 0] + np.array([clip.begin for clip in groups[0].fit.clips])
     return Mechanism(groups, first * stride, begin)
 
 

@@ -13,6 +13,7 @@ from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
+from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
@@ -40,7 +41,7 @@ class Answered:
         data: as JSON.
         specification: of the scene, where there is one.
         numbers: for the records, by metric.
-        times, positions: of the first clip, all of it.
+        times, positions: of the longest clip, all of it.
         probability: of each term.
         rolled: times and positions past the fitted part, ``model`` and changed laws.
         path: times and positions of the model over all frames, where it has such.
@@ -112,10 +113,12 @@ def answer(
 ) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
+    Of several trials a tail is held out of each; the longest one is rolled on, and drawn.
+
     Args:
         motion: tracks.
         angles: whether coordinates are joint angles.
-        hold_out: share at the end of a single long clip that nothing is fitted to.
+        hold_out: share at the end of a long recording of few trials that nothing is fitted to.
         points: measured speed against accuracy, from which integrator and encoder are chosen.
         camera: whether places are in a picture, counted from its middle.
         units: in which lengths are told.
@@ -125,12 +128,13 @@ def answer(
     Raises:
         ValueError: a recording that is too short.
     """
-    recorded, (begin, stop) = motion, free_frames(motion)
+    recorded = motion = _longest_last(motion)
+    begin, stop = free_frames(motion)
     used = used or Used(motion.positions.shape[1])
     motion = motion.cut(begin, stop)
     total = motion.positions.shape[1]
     end, tail = total, max(int(hold_out * total), LEAST_FRAMES)
-    if motion.clips == 1 and hold_out > 0 and total - tail >= FEWEST:
+    if motion.clips <= MOST_CLIPS and hold_out > 0 and total - tail >= FEWEST:
         end = total - tail
     understood = understand(motion, end, angles, camera, units, progress)
     explanation = understood.explanation
@@ -142,8 +146,8 @@ def answer(
         as_data(found, identity, explanation, advice),
         None,
         {"noise_sigma": found.noise.sigma},
-        recorded.times[0],
-        recorded.positions[0],
+        recorded.times[-1],
+        recorded.positions[-1],
         told_in=(None if explanation is None else explanation.told_in) or units or Units(),
     )
     said = about(found, identity, advice, answered.told_in)
@@ -166,6 +170,14 @@ def answer(
     if scene is None:
         return answered
     return replace(answered, specification={"mass": found.motion.mass[0].tolist(), **scene})
+
+
+def _longest_last(motion: Motion) -> Motion:
+    """The same trials, the one that shows most frames at the end."""
+    shown = motion.seen.any(-1).sum(-1)
+    if shown[-1] == shown.max():
+        return motion
+    return motion.take(np.argsort(shown, kind="stable"))
 
 
 def _later(found: Diagnosis, frames: int) -> Diagnosis:
