@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.search import infer
 from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.motion import motion_of
@@ -65,6 +66,17 @@ def test_swapped_names_go_back():
         # A clip may keep other names from its first frame on; no body changes its own within.
         away = np.linalg.norm(found.motion.positions[clip] - path[clip], axis=-1)
         assert (away < 0.1).mean() > 0.95
+
+
+def test_what_was_mended_and_what_stays_open_is_said():
+    found = diagnose_motion(measured("trap", "outliers"))
+    assert found.told and "frames of a body fit none" in found.mended.said[0]
+    inference = found.inference
+    assert not doubts(found.motion, inference)
+    uneven = replace(inference, leftover=replace(inference.leftover, uneven=1e-9))
+    assert not uneven.sure and "swapped names" in doubts(found.motion, uneven)[0]
+    unknown = replace(inference.leftover, explained=False)
+    assert "give the masses" in doubts(found.motion, replace(inference, leftover=unknown))[0]
 
 
 # colour

@@ -21,6 +21,7 @@ from vidphys.diagnose.explanations.forecast import (
 )
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.explanations.verdict import Verdict, judge
+from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, modes_of_model
 from vidphys.diagnose.inference.longer import LongFit
@@ -115,6 +116,8 @@ class ByMenu(Explanation):
             left = (part.leftover for part in found.inferences)
             why = "; ".join(x.why for x in left if not x.explained)
             lines.append(f"No term explains all of it: {why}.")
+        lines += [] if found.mended is None else found.mended.said
+        lines += [line for part in found.inferences for line in doubts(found.motion, part)]
         if found.power is not None:
             lines.append(f"Power of the coupling: {found.power.why}.")
         return lines

@@ -32,13 +32,23 @@ class Mended:
         motion: false finds are unseen, names stay with their bodies.
         false_finds: frames of a body that were taken out.
         swaps: names that were exchanged from some frame on.
-        open: exchanges that would be as smooth as none: names that nobody can tell.
     """
 
     motion: Motion
     false_finds: int
     swaps: int
-    open: int = 0
+
+    @property
+    def said(self) -> list[str]:
+        """A sentence, where anything was done."""
+        done = []
+        if self.false_finds:
+            frames = "1 frame" if self.false_finds == 1 else f"{self.false_finds} frames"
+            done.append(f"{frames} of a body fit none of their neighbours and are left out")
+        if self.swaps:
+            times = "once" if self.swaps == 1 else f"{self.swaps} times"
+            done.append(f"names of two bodies were exchanged {times}")
+        return [f"The tracks were mended: {'; '.join(done)}."] if done else []
 
 
 def mend(motion: Motion) -> Mended:

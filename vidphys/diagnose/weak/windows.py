@@ -134,12 +134,9 @@ class Windows:
     def errors(self) -> np.ndarray:
         """Covariance of the frames' errors, of unit variance, ``(w, 1, f, f)``."""
         if self.colour is None:
-            return np.broadcast_to(np.eye(self.times.shape[1]), (len(self), 1, *self._square))
+            size = self.times.shape[1]
+            return np.broadcast_to(np.eye(size), (len(self), 1, size, size))
         return self.colour.covariance(self.times)[:, None]
-
-    @property
-    def _square(self) -> tuple[int, int]:
-        return self.times.shape[1], self.times.shape[1]
 
     def whitening(self, ratio: float = 0.0) -> np.ndarray:
         """Matrices that make the frames' errors independent, of unit size, ``(w, n, f, f)``.

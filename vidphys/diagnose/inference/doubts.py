@@ -1,0 +1,36 @@
+"""Why an answer is not told as sure, and what recording would tell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.recordings.motion import Motion
+
+
+def doubts(motion: Motion, inference: Inference) -> list[str]:
+    """A sentence for each doubt, with the experiment that would end it.
+
+    Args:
+        motion: that was looked at.
+        inference: of it.
+    """
+    said, rest = [], inference.leftover
+    if rest.explained and not rest.even:
+        said.append(
+            "Not told as sure: some stretches fit far worse than others; look there for swapped "
+            "names and contacts, or record these moments at a higher frame rate."
+        )
+    if rest.explained and inference.rivalled:
+        said.append(
+            "Not told as sure: other terms fit as well and lose by their number alone; start the "
+            "bodies elsewhere and faster, or record longer."
+        )
+    if not rest.explained and not rest.certain:
+        several = motion.bodies > 1 and np.allclose(motion.mass, 1.0)
+        why = "give the masses, or " if several else ""
+        said.append(
+            f"Nor is it sure that the menu lacks a force: {why}record with less noise and more "
+            "often, and ask again."
+        )
+    return said
