@@ -24,7 +24,7 @@ def published(what: str, repository: str, where: Path | None) -> WeightsFile:
     if path is None:
         path = in_cache(repository)
     if path is None or not path.exists():
-        place = "the hub's cache" if where is None else str(where)
+        place = "such a folder or in the hub's cache" if where is None else str(where)
         raise WeightsMissing(
             f"{what}: no weights in {place}; get them where there is a network by `hf download "
             f"{repository}`, or copy {CONFIG} and {TENSORS} into a folder and give it as `weights`"
@@ -40,9 +40,13 @@ def fresh(seed: int) -> WeightsFile:
 def in_cache(repository: str) -> Path | None:
     """The newest snapshot of a repository in the hub's own cache; asks nobody."""
     from huggingface_hub import try_to_load_from_cache
+    from huggingface_hub.errors import HFValidationError
 
     for file in (TENSORS, INDEX):
-        found = try_to_load_from_cache(repository, file)
+        try:
+            found = try_to_load_from_cache(repository, file)
+        except HFValidationError:  # no name of a repository: a folder that is not there
+            return None
         if isinstance(found, str):
             return Path(found).parent
     return None

@@ -204,6 +204,8 @@ def test_weights_that_are_not_here_say_how_to_get_them(tmp_path, monkeypatch):
         load_encoder("timm:vit_tiny_patch16_224", {})
     with pytest.raises(WeightsMissing, match="hf download some/where"):
         load_encoder("hf:some/where", {})
+    with pytest.raises(WeightsMissing, match="no weights in such a folder or in the hub's cache"):
+        load_encoder(f"hf:{tmp_path / 'nowhere'}", {})
 
 
 @pytest.mark.parametrize(

@@ -317,7 +317,9 @@ def write_clip(path: Path, count: int = 5) -> Path:
 
 def test_extract_verb(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clips = (write_clip(tmp_path / "a.avi"), write_clip(tmp_path / "b.avi", 2))
-    config = ExtractConfig(clips, tmp_path / "store", weights=folder, resolution=64, batch=2)
+    config = ExtractConfig(
+        clips, tmp_path / "store", encoder="hiera", weights=folder, resolution=64, batch=2
+    )
     extract(config)
     first = capsys.readouterr().out
     assert "a.avi: extracted, 5 frames of 192 channels on a 8 x 8 grid" in first
@@ -335,12 +337,24 @@ def test_extract_refuses_bad_input(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     clip, out = write_clip(tmp_path / "a.avi"), tmp_path / "store"
     for config, message in [
-        (ExtractConfig((), out, weights=folder), "no clips"),
-        (ExtractConfig((clip, tmp_path / "no.avi"), out, weights=folder), "no.avi: no such file"),
-        (ExtractConfig((clip,), out, weights=tmp_path), "vidphys weights fetch hiera"),
-        (ExtractConfig((clip,), out, weights=folder, resolution=70), "multiple of 32"),
-        (ExtractConfig((clip,), out, weights=folder, stride=0), "stride 0"),
-        (ExtractConfig((clip,), out, weights=folder, device="cuda"), "`device` cuda: .*use cpu"),
+        (ExtractConfig((), out, encoder="hiera", weights=folder), "no clips"),
+        (
+            ExtractConfig((clip, tmp_path / "no.avi"), out, encoder="hiera", weights=folder),
+            "no.avi: no such file",
+        ),
+        (
+            ExtractConfig((clip,), out, encoder="hiera", weights=tmp_path),
+            "vidphys weights fetch hiera",
+        ),
+        (
+            ExtractConfig((clip,), out, encoder="hiera", weights=folder, resolution=70),
+            "multiple of 32",
+        ),
+        (ExtractConfig((clip,), out, encoder="hiera", weights=folder, stride=0), "stride 0"),
+        (
+            ExtractConfig((clip,), out, encoder="hiera", weights=folder, device="cuda"),
+            "`device` cuda: .*use cpu",
+        ),
     ]:
         with pytest.raises(InputError, match=message) as caught:
             extract(config)

@@ -33,5 +33,7 @@ def parts(_config: PartsConfig) -> None:
     for kind, (module, attribute) in REGISTRIES.items():
         registry = getattr(importlib.import_module(module), attribute)
         print(f"{kind:<10}{', '.join(registry.ours())}")
+        for prefix in registry.doors:
+            print(f"{'':<10}{prefix}:NAME, any of that library's")
         for name in registry.foreign():
             print(f"{'':<10}{name} ({registry.source(name)})")

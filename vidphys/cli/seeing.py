@@ -18,7 +18,8 @@ class SeeingOptions:
     Args:
         encoder: the frozen encoder; `vidphys parts` names them. timm:NAME is any image network of
             timm, hf:FOLDER any vision or video model of transformers in its official layout, and
-            package.module:factory one of yours. An option that it does not take is refused.
+            package.module:factory one of yours. The default comes with the package. An option
+            that it does not take is refused.
         weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
         resolution: network pixels of the longer image side.
         frames: in a window of a video encoder.
@@ -35,7 +36,7 @@ class SeeingOptions:
         rate: frames per second, in place of the container's time stamps.
     """
 
-    encoder: str = "hiera"
+    encoder: str = "dino-tiny"
     weights: Path | None = None
     resolution: int | None = None
     frames: int | None = None

@@ -35,7 +35,7 @@ ELSEWHERE = ("data", "store", "out", "weights", "on_nan", "profile", "overwrite"
 class TrainConfig(WhoOptions, SeeingOptions):
     """Train readouts and dynamics on a clip, a folder of clips, or a rendered folder.
 
-    Example: vidphys train clips --encoder hiera --seeds 3 --out runs/clips
+    Example: vidphys train clips --seeds 3 --out runs/clips
 
     Positions are learned from a table beside each clip (NAME.csv with columns x1,y1,... or
     u1,v1,...), or else from a hand-made binder that follows what moves. Interrupted, the same
