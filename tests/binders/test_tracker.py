@@ -452,11 +452,10 @@ def clips() -> Clips:
 
 
 def test_the_rungs_are_listed():
-    assert {name: (g.joint, g.world) for name, g in GROUNDINGS.items()} == {
-        "anonymous-hand": (False, "anonymous"),
-        "anonymous-tracker": (True, "anonymous"),
-        "anonymous-tracker-twostage": (False, "anonymous"),
-    }
+    own = {"anonymous-hand": False, "anonymous-tracker": True, "anonymous-tracker-twostage": False}
+    variants = {f"{name}-blobs": joint for name, joint in own.items()}
+    assert {name: g.joint for name, g in GROUNDINGS.items()} == own | variants
+    assert {g.world for g in GROUNDINGS.values()} == {"anonymous"}
 
 
 @pytest.mark.parametrize("name", GROUNDINGS)
@@ -467,7 +466,8 @@ def test_every_rung_gives_the_same_tracks_again(name, clips, tmp_path):
     again = GROUNDINGS[name].fit(FitTask(clips, SIZES, 0, "factored"))
     assert torch.equal(again.tracks(clips).positions, tracks.positions)
     error = (relabel(tracks, clips.states.q).positions - clips.states.q).norm(dim=-1)
-    assert float(error.median()) < 1e-3  # a tenth of a percent of a pixel's width, most of the time
+    # world units; a pixel is 0.25, and what a blob looks like is measured on so coarse a grid
+    assert float(error.median()) < (1e-2 if "blobs" in name else 1e-3)
 
 
 def test_the_hand_made_rung_is_detector_and_binder(clips):

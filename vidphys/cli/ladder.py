@@ -26,7 +26,7 @@ class LadderConfig(StudyOptions):
     Args:
         out: the run folder; the same command again goes on where it was.
         cells: rungs, or rung/head, where a rung is also any encoder by name or as
-            package.module:factory; all rungs if none is named.
+            package.module:factory; `all` is every rung and its variants, none named every rung.
         heads: heads of every named rung, instead of the rung's own.
         scene: what is asked about, by a name of `vidphys parts` or package.module:factory; the
             study's own where none is named.
