@@ -75,6 +75,8 @@ def test_what_was_mended_and_what_stays_open_is_said():
     assert not doubts(found.motion, inference)
     uneven = replace(inference, leftover=replace(inference.leftover, uneven=1e-9))
     assert not uneven.sure and "swapped names" in doubts(found.motion, uneven)[0]
+    lacking = replace(inference.leftover, explained=False, probes={"a force": 1e3})
+    assert lacking.certain and not replace(lacking, uneven=1e-9).certain
     unknown = replace(inference.leftover, explained=False)
     assert "give the masses" in doubts(found.motion, replace(inference, leftover=unknown))[0]
 

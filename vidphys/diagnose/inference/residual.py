@@ -175,8 +175,12 @@ class Leftover:
 
     @property
     def certain(self) -> bool:
-        """Whether it is sure that something is there that the menu lacks."""
-        return not self.explained and max(self.probes.values(), default=0.0) > CERTAIN
+        """Whether it is sure that something is there that the menu lacks.
+
+        What a few windows alone ask for may be an encounter that frames do not resolve.
+        """
+        asked = max(self.probes.values(), default=0.0) > CERTAIN
+        return not self.explained and self.even and asked
 
 
 def leftover(
