@@ -88,7 +88,10 @@ def _mask(path: Path) -> np.ndarray:
     from vidphys.data.formats.opencv import opencv
 
     cv2 = opencv()
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    try:
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:  # a picture of more pixels than any is let have
+        picture = None
     if picture is None:
         raise InputError(f"--mask {path}: no picture that can be read; save it as PNG")
     return picture > HALF
