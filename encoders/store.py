@@ -14,7 +14,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -27,6 +29,7 @@ from encoders.release import file_sha256
 from registry.seal import is_sealed, sealed
 
 SCHEMA_VERSION = 2
+STALE_SECONDS = 3600.0  # without a change, after which a partial file is nobody's
 UNSEALED = 1  # the schema of before a manifest held a hash of itself
 KEYED = 1  # what keys are made with; other requests, other keys
 DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
@@ -85,6 +88,7 @@ class FeatureStore:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._checked: set[tuple[str, int, int]] = set()
+        self._swept = False
         self.hits = 0
         self.misses = 0
 
@@ -183,6 +187,7 @@ class FeatureStore:
             )
         tensors = {"values": values, "times": features.times.cpu().contiguous()}
         path = self._manifest(request.key)
+        self._sweep()
         data = path.with_suffix(".safetensors")
         _into_place(data, lambda partial: save_file(tensors, partial))
         manifest = {
@@ -216,6 +221,15 @@ class FeatureStore:
             if not data.exists() or file_sha256(data) != manifest["sha256"]:
                 bad.append(manifest["key"])
         return bad
+
+    def _sweep(self) -> None:
+        """Delete, once, what killed processes left half-written and nobody has touched since."""
+        stale = () if self._swept else (self.folder / "entries").glob(".*.partial")
+        self._swept = True
+        for path in stale:
+            with suppress(OSError):  # another process sweeps too
+                if time.time() - path.lstat().st_mtime > STALE_SECONDS:
+                    path.unlink()
 
     def _manifest(self, key: str) -> Path:
         return self.folder / "entries" / f"{key}.json"
