@@ -1,4 +1,4 @@
-"""Bodies that were taken for one another where they met are told apart by their looks."""
+"""Bodies that were taken for one another where they met, and one that was followed in two parts."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from binders.hypotheses import Hypothesis
 MET = 1.5  # times the sum of their sizes, within which they may be exchanged
 LOOKED_AT = 20  # frames before and after, that tell their looks
 FEWEST = 3
+TOUCH = 0.5  # pixels, within which two are at one place
+SHARED = 5  # frames, in which two that were begun apart are at one place, if they are one body
 SURE = 0.15  # of what one body may differ from itself, by which the exchange must fit better
 
 
@@ -29,6 +31,22 @@ def told_apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
                     _joined(bodies[other], bodies[one], middle),
                 )
     return bodies
+
+
+def crossed(bodies: list[Hypothesis]) -> list[Hypothesis]:
+    """Each that is begun as one and ended as another, of two that go one way for a while.
+
+    What was followed from its middle may be lost to a hand at one end, and what was followed from
+    elsewhere at the other.
+    """
+    joined = []
+    for one, other in combinations(bodies, 2):
+        away = np.linalg.norm(one.positions - other.positions, axis=-1)
+        together = np.flatnonzero(away < TOUCH)
+        if SHARED <= len(together) < min(one.seen.sum(), other.seen.sum()):
+            middle = int(np.median(together))
+            joined += [_joined(one, other, middle), _joined(other, one, middle)]
+    return joined
 
 
 def _meetings(one: Hypothesis, other: Hypothesis) -> list[tuple[int, int]]:

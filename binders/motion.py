@@ -17,7 +17,7 @@ from binders.base import BINDERS, MotionTracks
 from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
-from binders.exchanged import told_apart
+from binders.exchanged import crossed, told_apart
 from binders.follow import Candidate, apart, as_likely, path_of, ranked
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
@@ -39,6 +39,7 @@ HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
 DOUBTS = 1.0, 0.75, 0.8
 CORNERS = 2  # the third way to find bodies, by corners
 AS_GOOD = 0.5  # of the score of what is drawn along, that what draws it has
+LIKELY = 6  # candidates, of which two may be parts of one
 HIDDEN = 0.5  # of the best score, from which the background is cleaned of a hypothesis
 
 
@@ -154,9 +155,18 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         haunted = ghosts[clip.sample]
         often = haunted.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~haunted)
-    return _View(
-        blobs, changed, ranked(judged + _carried(clip, judged, background, changed, settings))
-    )
+    judged += _crossed(clip, candidates, settings)
+    judged += _carried(clip, judged, background, changed, settings)
+    return _View(blobs, changed, ranked(judged))
+
+
+def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> list[Candidate]:
+    """What was followed in two parts, of the likeliest bodies."""
+    joined = []
+    for kind in {each.kind for each in found}:
+        bodies = [each.body for each in found[:LIKELY] if each.kind == kind]
+        joined += _judged(clip, bodies + crossed(bodies), kind, settings)[len(bodies) :]
+    return joined
 
 
 def _carried(

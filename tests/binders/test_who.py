@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from binders.exchanged import crossed
+from binders.hypotheses import Hypothesis
 from binders.lawful import foretold
 from binders.motion import MotionBinder
 from binders.wanted import Wanted
@@ -120,3 +122,18 @@ def test_a_throw_is_foretold_and_a_hand_is_not() -> None:
     bounce = np.stack([2.0 * T, 60 - 40 * np.abs(np.sin(0.16 * T))], 1)
     hand, throw = (foretold(path + noise, steps) for path in (wander(), BALL))
     assert throw > 2 * hand and foretold(bounce + noise, steps) > 1.5 * hand
+
+
+def test_a_body_that_was_followed_in_two_parts_is_one() -> None:
+    """One is lost to a hand at the end, the other was a hand at the beginning."""
+    column = np.full(60, 5.0)
+
+    def body(path: np.ndarray) -> Hypothesis:
+        return Hypothesis(path, column, column, column, np.zeros((60, 3)), column, column)
+
+    early = body(np.where(T[:, None] < 35, BALL, wander()))
+    late = body(np.where(T[:, None] < 25, wander(), BALL))
+    whole, hand = crossed([early, late])
+    assert np.array_equal(whole.positions, BALL)
+    assert np.abs(hand.positions[:25] - wander()[:25]).max() == 0
+    assert not crossed([early, body(BALL + 3.0)])
