@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +15,13 @@ from binders.lawful import Judged
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
 NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
+HALF_AS = 0.25  # and if it is as large and surely one thing
+AS_LARGE = 1.25  # times the size
+ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one thing
 MOST = 8  # bodies, where nobody says how many
+TURNING = 0.5  # of the frames, in which three are seen that turn as one
+RESTS = 0.1  # of their distance from their middle, that it and they may vary
+BLADE = 0.02  # how likely what turns in its place is a body
 
 
 @dataclass(frozen=True)
@@ -68,10 +75,50 @@ def _same(one: Hypothesis, other: Hypothesis) -> bool:
     return bool(near.sum() > SAME * one.seen.sum())
 
 
-def as_likely(candidates: list[Candidate]) -> int:
-    """How many, of those ranked, are nearly as likely bodies as the first."""
-    scores = [each.judged.score for each in candidates[:MOST]]
-    return sum(score >= NEARLY * scores[0] for score in scores)
+def likely(candidates: list[Candidate]) -> list[Hypothesis]:
+    """The bodies, of those ranked: the first, and what is nearly as likely.
+
+    What is as large as the first and is steady in all frames need be less likely: a body that
+    moves little is foretold less well.
+    """
+    first = candidates[:1]
+    bodies = []
+    for each in candidates[:MOST]:
+        alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(AS_LARGE)
+        certain = alike and each.judged.seen > ALWAYS and each.judged.steady > STEADY
+        if each.judged.score >= (HALF_AS if certain else NEARLY) * first[0].judged.score:
+            bodies.append(each.body)
+    return bodies
+
+
+def _size(candidate: Candidate) -> float:
+    return float(np.nanmedian(candidate.body.size))
+
+
+def wheels(candidates: list[Candidate]) -> list[Candidate]:
+    """The same candidates; three that turn about their middle as one, as a fan's blades, come last.
+
+    Any law of each may be right, but what turns in its place is no body that goes anywhere.
+    """
+    turning: set[int] = set()
+    for trio in combinations(range(min(len(candidates), MOST)), 3):
+        places = np.stack([candidates[k].body.positions for k in trio], 1)
+        seen = np.isfinite(places).all((1, 2))
+        if seen.mean() < TURNING:
+            continue
+        places = places[seen]
+        middle = places.mean(1)
+        arms = np.linalg.norm(places - middle[:, None], axis=-1)
+        rests = np.hypot(*middle.std(0)) < RESTS * arms.mean()
+        if rests and (arms.std(0) < RESTS * arms.mean()).all():
+            turning |= set(trio)
+    rest = [each for k, each in enumerate(candidates) if k not in turning]
+    faint = [
+        replace(c, judged=replace(c.judged, fits=BLADE * c.judged.fits))
+        for k, c in enumerate(candidates)
+        if k in turning
+    ]
+    return sorted(rest + faint, key=lambda c: -c.judged.score)
 
 
 def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:

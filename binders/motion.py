@@ -18,7 +18,7 @@ from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
 from binders.exchanged import crossed, told_apart
-from binders.follow import Candidate, apart, as_likely, path_of, ranked
+from binders.follow import Candidate, apart, likely, path_of, ranked, wheels
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
 from binders.lookalike import seen_again
@@ -157,7 +157,7 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         hidden = _discs(candidates, clip) | (often & ~haunted)
     judged += _crossed(clip, candidates, settings)
     judged += _carried(clip, judged, background, changed, settings)
-    return _View(blobs, changed, ranked(judged))
+    return _View(blobs, changed, wheels(ranked(judged)))
 
 
 def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> list[Candidate]:
@@ -270,7 +270,9 @@ def _chosen(clip: Steadied, view: _View, settings: MotionBinder) -> list[Hypothe
     bodies = [each.body for each in found]
     if wanted.at:
         bodies = _at(clip, bodies, wanted)
-    count = settings.bodies or (len(bodies) if wanted.at else as_likely(found))
+    elif settings.bodies is None:
+        bodies = likely(found)
+    count = settings.bodies or len(bodies)
     if not bodies or len(bodies) < count:
         raise ValueError(
             f"MotionBinder: no frame shows {count or 1} moving bodies that its edge does not cut; "

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from binders.exchanged import crossed
+from binders.follow import Candidate, likely, wheels
 from binders.hypotheses import Hypothesis
-from binders.lawful import foretold
+from binders.lawful import Judged, foretold
 from binders.motion import MotionBinder
 from binders.wanted import Wanted
 from tests.binders.test_motion import HEIGHT, WIDTH, disc, draw, pixels, still, times
@@ -137,3 +138,26 @@ def test_a_body_that_was_followed_in_two_parts_is_one() -> None:
     assert np.array_equal(whole.positions, BALL)
     assert np.abs(hand.positions[:25] - wander()[:25]).max() == 0
     assert not crossed([early, body(BALL + 3.0)])
+
+
+def candidate(path: np.ndarray, score: float, size: float = 5.0, steady: float = 0.95) -> Candidate:
+    column = np.full(60, size)
+    body = Hypothesis(path, column, column, column, np.zeros((60, 3)), column, column)
+    return Candidate(body, Judged(1.0, score / steady, steady, 1.0, 1.0, 1.0, 1.0, 0.0), 0)
+
+
+def test_the_blades_of_a_fan_are_no_bodies() -> None:
+    turns = 0.3 * T[:, None] + np.arange(3) * 2 * np.pi / 3
+    blades = np.stack([30 + 12 * np.cos(turns), 40 + 12 * np.sin(turns)], -1)
+    fan = [candidate(blades[:, k], 2.0 - 0.1 * k) for k in range(3)]
+    ball = candidate(BALL, 0.7)
+    assert wheels([*fan, ball])[0] is ball
+    assert wheels([*fan[:2], ball]) == [*fan[:2], ball]  # two may be bodies on a rod
+    assert likely(wheels([*fan, ball])) == [ball.body]
+
+
+def test_a_body_that_moves_little_is_one_if_it_is_as_large() -> None:
+    first = candidate(BALL, 1.3)
+    for size, steady, bodies in ((5.5, 0.95, 2), (1.6, 0.95, 1), (5.5, 0.6, 1)):
+        other = candidate(0.1 * BALL + 60, 0.4, size, steady)
+        assert len(likely([first, other])) == bodies
