@@ -7,7 +7,7 @@ from vidphys.runs.ending import Ending
 
 def main() -> int:
     """Run one verb as this process; returns the exit code, see :func:`vidphys.cli.main`."""
-    ending = Ending().__enter__()  # never left: what ends the process may take a while
+    ending = Ending(working=False).__enter__()  # never left: what ends the process may take a while
     from vidphys.cli import main as run
 
     try:

@@ -69,6 +69,7 @@ def main(arguments: list[str] | None = None, ending: Ending | None = None) -> in
     if verb != "weights":  # which fetches where it is told to
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
     try:
+        ending.working = True
         code = _run(verb, rest)
         sys.stdout.flush()
         return code

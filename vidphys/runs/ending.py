@@ -29,11 +29,15 @@ class Ending:
     Args:
         grace: seconds.
         said: what the process says when it ends.
+        working: whether somebody takes the interrupt; until then the process ends at once.
     """
 
-    def __init__(self, grace: float = GRACE_SECONDS, said: str = SAID) -> None:
+    def __init__(
+        self, grace: float = GRACE_SECONDS, said: str = SAID, working: bool = True
+    ) -> None:
         self.grace, self.said = grace, said
         self.asked = self.over = False
+        self.working = working
         self._left = threading.Event()
 
     def __enter__(self) -> Ending:
@@ -70,7 +74,7 @@ class Ending:
         if self.asked or self.over:
             return
         self.asked = True
-        if _is_importing(frame):
+        if not self.working or _is_importing(frame):
             self._leave()
         raise KeyboardInterrupt
 
