@@ -9,7 +9,7 @@ import pytest
 HOME = Path(__file__).resolve().parents[2]
 ROOMS = ("vidphys", "dynamics", "readouts", "binders", "encoders", "renderers", "viz", "registry")
 CACHES = {"lru_cache", "cache"}
-WORKERS = {"vidphys/runs/pool.py"}  # beside verbs and ``__main__``: where a process begins
+WORKERS = {"vidphys/runs/worker.py"}  # beside verbs and ``__main__``: where a process begins
 
 ALLOWED = {
     "writes a frozen object": {
