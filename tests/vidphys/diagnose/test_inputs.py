@@ -275,6 +275,7 @@ def told_of(path, out):
 
 
 @real
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     "name, on, terms_of_it", [("one_mass", "plane", "trap"), ("pendulum", "angle", "pendulum")]
 )
@@ -294,6 +295,7 @@ def test_real_recordings_are_modelled_and_foretold(tmp_path, name, on, terms_of_
 
 
 @real
+@pytest.mark.timeout(600)
 def test_a_real_weight_is_let_go_and_strikes_a_wall(tmp_path):
     path = Path(REAL or "") / "pendulum_string.mp4"
     data, numbers, share = told_of(path, tmp_path / "out")
@@ -305,6 +307,7 @@ def test_a_real_weight_is_let_go_and_strikes_a_wall(tmp_path):
 
 
 @real
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("clip, axis", [("ball_toss.mp4", 2), ("puck_constant_force.avi", 1)])
 def test_what_a_hand_sets_going_is_followed_and_not_the_hand(tmp_path, clip, axis):
     data, _, share = told_of(Path(REAL or "") / clip, tmp_path / "out")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from vidphys.diagnose.formula.grammar import Term
 from vidphys.diagnose.formula.search import Samples, Sum, design, search
@@ -122,7 +122,7 @@ def verdict_of(x: np.ndarray, f: np.ndarray, error: np.ndarray | float) -> Verdi
         raise ValueError("formula_of: errors must be above zero; give those of the values")
     samples = Samples(x, f, np.diag(1 / error), len(x))
     found = [with_errors(one, samples) for one in search(samples)[:20]]
-    limit = [stats.chi2.isf(STRANGE, max(len(x) - one.numbers, 1)) for one, _ in found]
+    limit = [chdtri(max(len(x) - one.numbers, 1), STRANGE) for one, _ in found]
     return chosen([(one, formula, one.misfit < most)
                    for (one, formula), most in zip(found, limit, strict=True)])  # fmt: skip
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from vidphys.diagnose.formula.formula import STRANGE, Verdict, chosen
 from vidphys.diagnose.formula.refusal import ELSE, would_tell
@@ -146,7 +146,7 @@ def _judged(found: list[Rolled], spring: Spring, variable: str) -> FoundLaw:
         worse = (each.fit.squares - spring.fit.squares) / spring.sigma**2
         free = max(spring.basis.count - each.sum.numbers, 1)
         if each.believed:
-            told.append((*each.formula(variable), bool(worse < stats.chi2.isf(STRANGE, free))))
+            told.append((*each.formula(variable), bool(worse < chdtri(free, STRANGE))))
     verdict = chosen(told)
     if verdict.formula is None:
         return FoundLaw(verdict, would_tell(verdict, *spring.basis.ends), found[0], (), spring)

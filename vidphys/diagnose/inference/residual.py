@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
 from vidphys.diagnose.inference.refine import Fitted
@@ -231,7 +231,7 @@ def _unevenness(windows: Windows, fitted: Fitted, ratio: float, floor: float) ->
     white = windows.whitening(ratio) @ fitted.residual.transpose(0, 2, 1, 3)
     power = (white**2).sum((2, 3)) / max(fitted.variance, floor**2)
     freedom = np.clip(windows.seen.sum(1) - 2, 1, None) * fitted.residual.shape[-1]
-    worst = chi2.sf(power / SLACK, freedom)
+    worst = chdtrc(freedom, power / SLACK)
     return float(min(1.0, worst.min() * worst.size))
 
 

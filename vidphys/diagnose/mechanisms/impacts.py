@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
-from scipy.signal import find_peaks
 
 SIDES = (3, 4, 6, 9, 14, 20)  # frames on each side of a kink
 CHANCE = 1e-3  # that noise lets two parabolas with a kink leave so much less than one cubic, of all
@@ -130,8 +129,19 @@ def between_turns(s: np.ndarray) -> float:
     away = s - s.mean(0)
     along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
     clear = TURN * float(np.ptp(along))
-    turns = sum(len(find_peaks(x, prominence=clear)[0]) for x in (along, -along))
-    return len(s) / (turns + 1)
+    return len(s) / (_turns(along, clear) + 1)
+
+
+def _turns(along: np.ndarray, clear: float) -> int:
+    """How often a path turns round, and then goes back by more than ``clear``."""
+    turns, way, low, high = 0, 0, along[0], along[0]
+    for x in along:
+        low, high = min(low, x), max(high, x)
+        if way >= 0 and high - x > clear:
+            turns, way, low = turns + (way > 0 or high - along[0] > clear), -1, x
+        elif way <= 0 and x - low > clear:
+            turns, way, high = turns + (way < 0 or along[0] - low > clear), 1, x
+    return turns
 
 
 def _left(design: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import lombscargle
 
 PER_PEAK = 10  # trial frequencies in one width of a spectral line
 STRETCHES = 8  # of a recording, in which an amplitude is followed
@@ -63,6 +62,8 @@ def _strongest(t: np.ndarray, x: np.ndarray) -> float:
     span, step = t[-1] - t[0], float(np.median(np.diff(t)))
     lowest, highest = 2 * np.pi / span, np.pi / step
     trial = np.linspace(lowest, highest, int(PER_PEAK * (highest - lowest) * span / (2 * np.pi)))
+    from scipy.signal import lombscargle  # takes half a second, and is seldom asked
+
     power = sum(lombscargle(t, column, trial) for column in x.T)
     best = float(trial[int(np.argmax(power))])
     width = 2 * np.pi / span / PER_PEAK
