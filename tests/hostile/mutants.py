@@ -221,6 +221,16 @@ def outcome(path: Path) -> str:
     return found
 
 
+def tried_apart(first: int, count: int, folder: Path) -> list[tuple[int, Path, str]]:
+    """As :func:`tried`, in a process of its own, whose memory nothing else has used."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply_async(_listed, (first, count, folder)).get(SECONDS * count)
+
+
+def _listed(first: int, count: int, folder: Path) -> list[tuple[int, Path, str]]:
+    return list(tried(first, count, folder))
+
+
 def clips() -> dict[str, bytes]:
     """Clips of several containers."""
     import cv2

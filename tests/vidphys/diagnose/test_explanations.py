@@ -3,14 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from tests.vidphys.diagnose.test_diagnose import seen
 from tests.vidphys.diagnose.test_mechanisms import noisy, thrown
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.explanation import Explanation
-from vidphys.diagnose.explanations.forecast import State, beside_simple
+from vidphys.diagnose.explanations.forecast import State, beside_simple, roll
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.inference.menu import pair_term
+from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.telling.answers import answer
@@ -112,3 +115,17 @@ def test_of_several_trials_a_tail_is_held_out_too():
         assert given.data["forecast_error"]["model"] < 0.01
         np.testing.assert_array_equal(given.positions, both[1])
         assert given.path is not None and abs(given.path[1] - both[1]).max() < 0.02
+
+
+@pytest.mark.parametrize(("strength", "rolls"), [(1.0, True), (1e14, False)])
+def test_terms_that_need_steps_far_shorter_than_a_frame_are_not_rolled_for_ever(strength, rolls):
+    spring = Structure((pair_term("spring", None, "mass"),), np.array([strength]), 0.0, 0.0)
+    q = np.array([[0.0, 0.0], [1.0, 0.0]])
+    start = State(0.0, q, np.zeros_like(q), np.ones(2))
+    times = np.linspace(0.1, 3.0, 30)
+    if rolls:
+        apart = np.ptp(roll(spring, start, times)[..., 0], axis=1)
+        np.testing.assert_allclose(apart, np.abs(np.cos(2**0.5 * times)), atol=1e-5)
+        return
+    with pytest.raises(FloatingPointError, match="steps far shorter"):
+        roll(spring, start, times)

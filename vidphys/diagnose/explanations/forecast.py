@@ -13,6 +13,7 @@ from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.recordings.motion import Motion
 
 ACCURACY = 1e-8
+EVALUATIONS, LEAST_EVALUATIONS = 1000, 20_000  # of the force: a moment, and in all
 SAMPLES = 600  # of a changed law
 
 
@@ -38,11 +39,14 @@ def roll(structure: Structure, start: State, times: np.ndarray) -> np.ndarray:
     """Positions ``(t, n, d)`` at increasing times, from a state at or before the first.
 
     Raises:
-        FloatingPointError: the integration failed.
+        FloatingPointError: the integration failed, or needs steps far shorter than what was asked.
     """
-    shape = start.q.shape
+    shape, left = start.q.shape, [max(LEAST_EVALUATIONS, EVALUATIONS * len(times))]
 
     def slope(t: float, state: np.ndarray) -> np.ndarray:
+        left[0] -= 1
+        if left[0] < 0:
+            raise FloatingPointError("roll: the terms need steps far shorter than a frame")
         q, v = state.reshape(2, 1, 1, *shape)
         field = Field(q, v, np.array([[t]]), start.mass[None], np.ones(1))
         return np.concatenate([v.ravel(), structure.accelerations(field).ravel()])

@@ -80,7 +80,14 @@ class ByMenu(Explanation):
 
     @property
     def explained(self) -> bool:
-        return self.found.explained
+        return self.found.explained and not self.strays
+
+    @property
+    def strays(self) -> bool:
+        """Whether its terms diverge over the frames that were held out: they are no law of it."""
+        odd = self.inference.kicks or self.found.parts
+        held = self.end < self.motion.positions.shape[1]
+        return bool(held and not odd and self._tail is None)
 
     @property
     def sure(self) -> bool:
@@ -112,6 +119,8 @@ class ByMenu(Explanation):
             ratio = found.motion.mass[0] / found.motion.mass[0, 0]
             masses = " : ".join(f"{x:.3g}" for x in ratio)
             lines.append(f"Masses as {masses}; motion shows only their ratios.")
+        if self.strays:
+            lines.append("Not explained: rolled on over the frames held out, these terms diverge.")
         if not found.explained:
             left = (part.leftover for part in found.inferences)
             why = "; ".join(x.why for x in left if not x.explained)

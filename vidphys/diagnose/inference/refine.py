@@ -21,6 +21,7 @@ from vidphys.diagnose.weak.windows import Windows
 NUDGE = 1e-5  # over the spread of what is nudged, for derivatives
 STEPS = 6
 SETTLED = 1e-3  # change of the numbers, in standard errors, below which the fit has settled
+FARTHEST = 1e3  # times what was seen, beyond which a pair force's length means nothing
 
 
 @dataclass(frozen=True)
@@ -82,11 +83,19 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
             raise FloatingPointError("refine: the fit diverged")
         structure = _with(structure, values)
         paths = step.paths
+        pair = structure.term(PAIR)
+        if pair is not None and pair.scale is not None and pair.scale > FARTHEST * _size(paths.q):
+            raise FloatingPointError("refine: the pair force's length left all that was seen")
         if (np.abs(step.change) <= SETTLED * np.sqrt(np.diag(step.covariance)) + 1e-13).all():
             break
     return Fitted(
         structure, values, step.covariance, paths, step.variance, step.freedom, step.residual
     )
+
+
+def _size(q: np.ndarray) -> float:
+    """Of what was seen, world units."""
+    return float(np.ptp(q[np.isfinite(q).all(-1)], axis=0).max())
 
 
 def unrefined(windows: Windows, paths: Paths, structure: Structure) -> Fitted:
