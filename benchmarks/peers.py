@@ -6,7 +6,6 @@ what ours computes: the same weights, the same inputs, every step stored, float3
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -17,12 +16,10 @@ import numpy as np
 import torch
 import torchdiffeq
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 from benchmarks.contenders import DT, RATE, Problem
 from dynamics import Hamiltonian, Parameters, PhaseState
-from dynamics.compiled.build import Sample
 from dynamics.compiled.cpu import states
 from dynamics.compiled.steps import kick, move_all, store
 from dynamics.mlp import MLP
@@ -62,13 +59,14 @@ def output(weights: Weights, x: Array) -> Array:
     return (x @ weights[-1][0] + weights[-1][1])[..., 0]
 
 
-def _soft(displacement: Array) -> Array:
+def soft(displacement: Array) -> Array:
+    """:func:`dynamics.potentials.soft_length`."""
     return jnp.sqrt((displacement**2).sum(-1, keepdims=True) + CORE**2)
 
 
 def plane_gradient(weights: Weights, displacement: Array) -> Array:
     """:meth:`dynamics.potentials.DisplacementPotential.pair_gradient`."""
-    r = _soft(displacement)
+    r = soft(displacement)
     u = displacement / (REACH + r)
     both = input_gradient(weights, SPREAD * jnp.concatenate([u, -u]).reshape(-1, 2))
     there, back = jnp.split(both.reshape(2 * u.shape[0], *u.shape[1:]), 2)
@@ -79,14 +77,14 @@ def plane_gradient(weights: Weights, displacement: Array) -> Array:
 
 def plane_energy(weights: Weights, displacement: Array) -> Array:
     """:meth:`dynamics.potentials.DisplacementPotential.pair_energy`."""
-    u = SPREAD * displacement / (REACH + _soft(displacement))
+    u = SPREAD * displacement / (REACH + soft(displacement))
     return 0.5 * (output(weights, u) + output(weights, -u))
 
 
 def radial_gradient(weights: Weights, displacement: Array) -> Array:
     """:meth:`dynamics.potentials.RadialPotential.pair_gradient`."""
     near, far = RadialPotential.NEAR, RadialPotential.FAR
-    r = _soft(displacement)
+    r = soft(displacement)
     inputs = SPREAD * (2 * jnp.concatenate([r / (near + r), r / (far + r)], -1) - 1)
     gradient = 2 * SPREAD * input_gradient(weights, inputs.reshape(-1, 2)).reshape(inputs.shape)
     slope = gradient[..., :1] * near / (near + r) ** 2 + gradient[..., 1:] * far / (far + r) ** 2
@@ -133,41 +131,6 @@ def jax_leapfrog(
         return jax.lax.scan(step, (q, p, force(q)), length=steps)[1]
 
     return lambda: jax.block_until_ready(roll(weights, q, p))
-
-
-def splined(potential: RadialPotential, reach: float, knots: int) -> Pair:
-    """A rival's way to the same trick: the radial law as a cubic spline of log r, in JAX.
-
-    Args:
-        potential: trained.
-        reach: world units; beyond it the outermost piece is used.
-        knots: evenly spread in the logarithm of the softened distance.
-    """
-    far = np.log(np.hypot(reach, CORE))
-    x = np.linspace(np.log(CORE), far, knots)
-    exact = copy.deepcopy(potential).double()
-    with torch.no_grad():
-        energy = exact.distance_energy(torch.from_numpy(np.exp(x))[:, None]).numpy()
-    pieces = jnp.asarray(CubicSpline(x, energy).c.astype(np.float32))  # (4, knots - 1)
-    start, step = float(x[0]), float(x[1] - x[0])
-
-    def gradient(_: Weights, displacement: Array) -> Array:
-        r = _soft(displacement)
-        place = (jnp.log(r) - start) / step
-        piece = jnp.clip(place.astype(jnp.int32), 0, knots - 2)
-        along = (place - piece) * step
-        cubic, square, slope, _height = pieces[:, piece]
-        return ((3 * cubic * along + 2 * square) * along + slope) * displacement / r**2
-
-    return gradient
-
-
-def force_error(potential: RadialPotential, gradient: Pair) -> float:
-    """Largest error of a radial force over the largest force within a third of the distance."""
-    sample = Sample.of(copy.deepcopy(potential).double(), 100.0)
-    found = np.asarray(gradient([], jnp.asarray(sample.places.float().numpy())), np.float64)
-    wrong = np.linalg.norm(found - sample.forces.numpy(), axis=-1).max(-1)
-    return float((wrong / sample.size.numpy()).max())
 
 
 def diffrax_rollout(

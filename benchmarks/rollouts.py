@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from benchmarks import peers
+from benchmarks import peers, splines
 from benchmarks.contenders import DT, WIDTH, episodes, fitted
 from benchmarks.match import BUILDING, Contender, Match
 from dynamics import HEADS, build, terms
@@ -87,9 +87,9 @@ def compiled_radial() -> Match:
     start, params = episodes(EPISODES)
     truth = peers.numba_truth(start, params, LONG, DT, SOFTENING)
     ours, numbers = _compiled(head)
-    spline = peers.splined(head.potential, REACH, KNOTS)  # type: ignore[arg-type]
+    spline = splines.splined(head.potential, REACH, KNOTS)  # type: ignore[arg-type]
     same = peers.jax_leapfrog(spline, None, start, params, LONG, DT)
-    numbers["force error of the spline in JAX"] = peers.force_error(head.potential, spline)  # type: ignore[arg-type]
+    numbers["force error of the spline in JAX"] = splines.force_error(head.potential, spline)  # type: ignore[arg-type]
     what = "one cubic of log r a step in place of the network, leapfrog, every state stored"
     against = {
         "JAX scan, a spline too": (
