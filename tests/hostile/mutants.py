@@ -216,9 +216,18 @@ def outcome(path: Path) -> str:
         found = "".join(traceback.format_exception(error))
     if time.monotonic() - began > SECONDS:
         found = f"{time.monotonic() - began:.0f} s"
-    if 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > BYTES:
-        found = f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10} MiB at most so far"
+    if (most := most_memory()) > BYTES:
+        found = f"{most >> 20} MiB at most so far"
     return found
+
+
+def most_memory() -> int:
+    """Bytes that this process held at most; of a new one, without those of its parent."""
+    status = Path("/proc/self/status")
+    if not status.is_file():
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
+    return 1024 * int(line.split()[1])
 
 
 def tried_apart(first: int, count: int, folder: Path) -> list[tuple[int, Path, str]]:
