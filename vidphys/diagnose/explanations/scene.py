@@ -40,15 +40,13 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
         fit = group.fit
         if fit.model.law.restoring == "chain":
             rest = float(np.mean([x[0] for x in fit.geometry]))
-            pictured = isinstance(fit, RodsFit)
-            held = as_specification(
-                _in_picture(fit, rest) if isinstance(fit, RodsFit) else _rods(fit),
-                2,
-                origin if pictured else [rest],
-                fit.numbers,
-                verdict.status == EXPLAINED,
-                interval,
-            )
+            rods: HeadTerm = _rods(fit)
+            if isinstance(fit, RodsFit):
+                rods = _in_picture(fit, rest)
+            else:
+                origin = [rest]
+            explained = verdict.status == EXPLAINED
+            held = as_specification(rods, 2, origin, fit.numbers, explained, interval)
             return {**held, "mass": [1.0, 1.0]}
         if fit.model.law.coupled:
             masses[list(group.bodies)] = _masses(fit)

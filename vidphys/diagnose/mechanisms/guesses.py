@@ -207,10 +207,9 @@ def _arcs(clips: Sequence[Frames], places: np.ndarray) -> Iterator[Guess]:
     """A circle through the places, if there is one, and the pendulum on it."""
     if places.shape[1] != 2:
         return
-    circle = circle_through(places)
-    if circle is None:
+    centre = circle_through(places)
+    if centre is None:
         return
-    centre, _ = circle
     rest = _mean_direction(places - centre)
 
     def read(places: np.ndarray) -> np.ndarray:
@@ -238,8 +237,8 @@ def _mean_direction(away: np.ndarray) -> np.ndarray:
     return mean / size if size > 1e-9 else np.array([0.0, -1.0])
 
 
-def circle_through(places: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Centre and radius by least squares (Kasa 1976), if a circle comes near the places."""
+def circle_through(places: np.ndarray) -> np.ndarray | None:
+    """Centre by least squares (Kasa 1976), if a circle comes near the places."""
     middle = places.mean(0)
     x = places - middle
     extent = float(np.sqrt((x**2).sum(1).mean()))
@@ -254,4 +253,4 @@ def circle_through(places: np.ndarray) -> tuple[np.ndarray, float] | None:
     miss = np.sqrt(np.mean((np.linalg.norm(x - found[:2], axis=1) - radius) ** 2))
     if miss > ROUND * extent or radius > LONGEST_RADIUS * extent:
         return None
-    return middle + found[:2], radius
+    return middle + found[:2]

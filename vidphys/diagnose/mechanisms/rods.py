@@ -111,10 +111,10 @@ def _candidates(places: np.ndarray) -> Iterator[Rods]:
     for order in ((0, 1), (1, 0)):
         upper, lower = (both[:, body] for body in order)
         reach = np.linalg.norm(lower - upper, axis=-1)
-        circle = circle_through(upper)
-        if circle is None or np.std(reach) > STIFF * reach.mean():
+        centre = circle_through(upper)
+        if centre is None or np.std(reach) > STIFF * reach.mean():
             continue
-        pivot = _pivot(upper, circle[0])
+        pivot = _pivot(upper, centre)
         length = np.linalg.norm(upper - pivot, axis=-1)
         if np.std(length) < STIFF * length.mean() and pivot[1] > upper[:, 1].mean():
             seen = length, reach
