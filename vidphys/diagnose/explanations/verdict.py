@@ -10,7 +10,7 @@ from vidphys.diagnose.explanations.forecast import Validation
 
 EXPLAINED, MOSTLY, NOT = "explained", "mostly explained", "not explained"
 NEAR = 0.1  # of the motion's spread: farther off, a model no longer foretells
-NOISE = 3.0  # or so many standard deviations of the errors that the fit left
+NOISE = 3.0  # or so many standard deviations of what is left by a fit that has all of the motion
 ALL, MOST = 0.99, 0.9  # shares of the fitted motion
 LONG = 1 / 3  # of the frames held out, that must be foretold
 AS_GOOD = 1.2  # times the best simple forecast's error; a constant pull is one of those
@@ -59,8 +59,9 @@ def judge(
     if tail is None or len(tail.times) < 2:
         status = MOSTLY if share >= ALL else NOT
         return Verdict(status, share, left, None, 0.0)
+    enough = NOISE * left if share >= ALL else 0.0
     # A flight goes farther while it is foretold than while it was seen.
-    near = max(NEAR * spread, 0.5 * NEAR * tail.errors["persistence"], NOISE * left)
+    near = max(NEAR * spread, 0.5 * NEAR * tail.errors["persistence"], enough)
     squares = ((tail.forecasts["model"] - tail.seen) ** 2).sum(-1)
     bodies = np.isfinite(squares).sum(-1)
     mean = np.nansum(squares, -1) / np.maximum(bodies, 1)
@@ -72,7 +73,6 @@ def judge(
     rivals = {"persistence"} if straight else tail.forecasts.keys() - {"model"}
     own = _rms(tail.forecasts["model"][:upto] - tail.seen[:upto])
     others = [_rms(tail.forecasts[name][:upto] - tail.seen[:upto]) for name in rivals]
-    enough = NOISE * left if share >= ALL else 0.0
     better = own < max(AS_GOOD * min(others), enough)
     best = min(tail.errors[name] for name in rivals)
     to_the_end = tail.errors["model"] < max(AS_GOOD * best, enough)
