@@ -1,0 +1,40 @@
+"""What a recording must show before its law is called explained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vidphys.diagnose.explanations.forecast import Validation
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, judge
+
+TIMES = np.arange(40) * 0.05
+
+
+def tail(miss: float) -> Validation:
+    """A body on a circle of one unit, foretold with an error of ``miss`` units."""
+    seen = np.stack([np.cos(TIMES), np.sin(TIMES)], -1)[:, None]
+    off = {"model": np.array([miss, 0.0]), "persistence": seen[0] - seen}
+    errors = {name: float(np.sqrt((by**2).sum(-1).mean())) for name, by in off.items()}
+    return Validation(TIMES, seen, {name: seen + by for name, by in off.items()}, errors)
+
+
+@pytest.mark.parametrize(
+    ("share", "left", "miss", "status"),
+    [
+        (0.9999, 0.01, 0.02, EXPLAINED),
+        (0.97, 0.17, 0.05, MOSTLY),
+        (0.9999, 0.01, 0.5, NOT),
+        (0.91, 0.3, 0.6, NOT),  # within three times of what is left, which is too much to count
+        (0.5, 0.7, 0.01, NOT),
+    ],
+)
+def test_a_law_is_believed_by_its_share_and_by_what_it_foretells(
+    share: float, left: float, miss: float, status: str
+) -> None:
+    assert judge(share, left, 1.0, tail(miss)).status == status
+
+
+def test_what_is_left_counts_as_noise_only_where_the_law_has_all_of_the_motion() -> None:
+    assert judge(0.995, 0.1, 0.5, tail(0.25)).horizon == pytest.approx(TIMES[-1])
+    assert judge(0.95, 0.1, 0.5, tail(0.25)).horizon == 0.0
