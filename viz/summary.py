@@ -14,6 +14,7 @@ from typing import Any
 
 Row = Mapping[str, Any]
 TWIN = "unstructured"
+GATED, GATE = "regime_match_gated", "gate not passed"
 SKILL_BAR = 0.5  # error over the zero-force predictor's: below it counts as inversion
 NON_NEGATIVE = ("nmse", "drift", "skill", "distance", "residual", "growth")
 _GROUNDINGS = (
@@ -122,6 +123,7 @@ class Records:
         if missing:
             raise ValueError(f"records: the columns {', '.join(missing)} are missing")
         self._found: dict[tuple[Line, str], list[Row]] = {}
+        self.rows = _gated(self.rows)
         for row in self.rows:
             line = Line(row["grounding"], row["readout"], row["head"])
             self._found.setdefault((line, row["metric"]), []).append(row)
@@ -185,7 +187,7 @@ class Records:
         """What has no number that counts: metric to seeds, by status."""
         found: dict[str, dict[str, list[int]]] = {}
         for row in self._of(line):
-            if not counts(row):
+            if not counts(row) and row["status"] != GATE:
                 seeds = found.setdefault(_status(row), {}).setdefault(row["metric"], [])
                 if row["seed"] not in seeds:
                     seeds.append(int(row["seed"]))
@@ -215,6 +217,25 @@ class Records:
             and (horizon is None or row["horizon"] == horizon)
         ]
         return summarise(rows) if rows else None
+
+
+def _gated(rows: Sequence[Row]) -> list[Row]:
+    """The rows; a gated match that has no value because its gate was not passed says that.
+
+    The gate is that a rollout beats the zero-force predictor. Its records say ``invalid``, as they
+    do where nothing could be compared; there the plain match has no number either.
+    """
+    matched = {_place_of(row) for row in rows if row["metric"] == "regime_match" and counts(row)}
+    return [
+        {**row, "status": GATE}
+        if row["metric"] == GATED and row["status"] == "invalid" and _place_of(row) in matched
+        else row
+        for row in rows
+    ]
+
+
+def _place_of(row: Row) -> tuple[Any, ...]:
+    return tuple(row[name] for name in ("grounding", "readout", "head", "seed", "coupling"))
 
 
 def summarise(rows: Sequence[Row]) -> Summary:

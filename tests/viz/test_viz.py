@@ -665,6 +665,20 @@ def test_a_worse_head_than_its_twin_does_not_hold():
     assert said["anonymous-tracker · shooting"] == "holds inverts; its twin: skipped 3/3"
 
 
+def test_a_gate_that_was_not_passed_is_no_failure():
+    rows = make_rows(2)
+    for entry in rows:
+        if entry["cell"] == "oracle/unstructured" and entry["metric"] == "regime_match_gated":
+            entry |= {"value": None, "status": "invalid"}
+    records = Records(rows)
+    twin = next(x for x in records.rungs["oracle"] if x.head == "unstructured")
+    assert records.troubles(twin) == {}
+    found = records.pick(twin, "regime_match_gated", coupling=-1.0)
+    assert found.words == "gate not passed 2/2"
+    lost = next(x for x in records.lines if x.grounding == "anonymous-tracker")
+    assert "regime_match_gated" in records.troubles(lost)["invalid"]
+
+
 def test_episodes_and_other_metrics_are_shown(tmp_path):
     run = make_run(tmp_path / "run", 1)
     rows = [*make_rows(1), row("oracle", "none", "factored", 0, "temperature_error", 0.125)]

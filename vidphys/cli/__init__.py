@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
+import importlib.metadata
 import importlib.util
 import math
 import os
@@ -32,6 +34,7 @@ VERBS = {
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
     "parts": ("PartsConfig", "list every part by name, also those of installed packages"),
     "doctor": ("DoctorConfig", "say what this machine has"),
+    "completion": ("CompletionConfig", "print what a shell needs to complete verbs and options"),
 }
 # numpy's matrices here are small; its threads only wait for each other, and where something else
 # runs on the machine a diagnosis takes twenty times as long. Torch's are its own.
@@ -54,12 +57,19 @@ def main(arguments: list[str] | None = None, ending: Ending | None = None) -> in
         with Ending() as heeded:
             return main(arguments, heeded)
     arguments = sys.argv[1:] if arguments is None else arguments
-    if not arguments or arguments[0] in ("-h", "--help"):
+    if len(arguments) > 1 and arguments[0] == "help":
+        arguments = [arguments[1], "--help"]
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(_usage())
         return OK if arguments else WRONG_INPUT
+    if arguments[0] in ("-V", "--version"):
+        print(f"vidphys {importlib.metadata.version('vidphys')}")
+        return OK
     verb, rest = arguments[0], arguments[1:]
     if verb not in VERBS:
-        return _error(f"vidphys {verb}: no such verb; use one of {', '.join(VERBS)}")
+        near = difflib.get_close_matches(verb, VERBS, n=1)
+        guess = f"did you mean {near[0]}? " if near else ""
+        return _error(f"vidphys {verb}: no such verb; {guess}use one of {', '.join(VERBS)}")
     stranger = _stranger()
     if stranger:
         return _error(stranger)
@@ -136,7 +146,7 @@ def _error(text: str) -> int:
 def _usage() -> str:
     lines = [f"  {verb:<10}{text}" for verb, (_, text) in VERBS.items()]
     return "\n".join(
-        ["usage: vidphys VERB [options]", "", *lines, "", "vidphys VERB --help shows an example."]
+        ["usage: vidphys VERB [options]", "", *lines, "", "vidphys help VERB shows an example."]
     )
 
 

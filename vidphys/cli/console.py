@@ -9,7 +9,16 @@ from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from vidphys.errors import InputError
 
@@ -29,10 +38,20 @@ class Console:
 
     def __enter__(self) -> Console:
         if self.live:
-            columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TaskProgressColumn(),
+                TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
+            )
             self.progress = Progress(*columns, console=self.rich, transient=True)
             self.progress.start()
             self.total = self.progress.add_task(self.name, total=self.units)
+        elif not self.quiet and self.units > 1:
+            self._line(f"0 of {self.units} units finished")
         return self
 
     def __exit__(
@@ -53,7 +72,7 @@ class Console:
             self.progress.update(self.bars[name], completed=step, visible=step < steps)
         elif not self.quiet and time.monotonic() - self.last_line > LINE_SECONDS:
             self.last_line = time.monotonic()
-            self._line(f"{name}: {step} of {steps}")
+            self._line(f"{name}: {step} of {steps} ({step / max(steps, 1):.0%})")
 
     def done(self, _index: int) -> None:
         """Count one finished unit."""
@@ -61,7 +80,10 @@ class Console:
         if self.live:
             self.progress.update(self.total, completed=self.finished)
         elif not self.quiet:
-            self._line(f"{self.finished} of {self.units} units finished")
+            share = self.finished / self.units
+            left = (time.monotonic() - self.began) * (1 - share) / share
+            more = f" ({share:.0%}), about {_span(left)} left" if share < 1 else ""
+            self._line(f"{self.finished} of {self.units} units finished{more}")
 
     def warn(self, text: str) -> None:
         """Say something that must not be missed, even when quiet."""
@@ -89,3 +111,10 @@ class Console:
     def _line(self, text: str) -> None:
         seconds = time.monotonic() - self.began
         print(f"[{self.name} {seconds:6.0f} s] {text}", file=sys.stderr, flush=True)
+
+
+def _span(seconds: float) -> str:
+    """In the unit that a person would say it in."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -322,6 +322,7 @@ def _draw(
         picture=None if frames is None else (frames[len(frames) // 2], units.per),
         probability=found.probability,
         wall=None if wall is None else {**wall, "place": units.per * wall["place"]},
+        holds=found.data["terms"] if found.data["explained"] else (),
     )
     save_svg(figure, run.path / "figures" / "diagnosis.svg")
     arrays = found.showcase(frames)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
-from vidphys.cli.study import StudyOptions, option, run_units
+from vidphys.cli.study import StudyOptions, measured, option, run_units
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -73,8 +73,7 @@ def ladder(config: LadderConfig) -> int:
         failed = run_units(run, units, sizes, config, console)
         run.join()
         report = publish(run, console)
-        count = sum(len(unit.cells) for unit in units)
-        console.result(f"{count} cells, seeds {told(seeds)}; report: {report}")
+        console.result(f"{measured(run, units)}; seeds {told(seeds)}; report: {report}")
     return 1 if failed else 0
 
 

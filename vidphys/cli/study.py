@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from vidphys.experiments.core.cell import Unit
     from vidphys.runs.folder import RunFolder
 
+SKIPPED = "skipped"  # how the reason begins of what was not run for want of weights
+
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions:
@@ -96,7 +98,7 @@ def run_units(
     for index, error in run_all(run_unit, tasks, config.workers, console.stage, console.done):
         unit, absent = units[index], isinstance(error, WeightsMissing)
         failed += not absent
-        word = "skipped" if absent else f"failed: {type(error).__name__}"
+        word = SKIPPED if absent else f"failed: {type(error).__name__}"
         for cell, part in zip(unit.cells, unit.parts, strict=True):
             if not run.is_done(part):
                 lost.add(f"{unit.table}/{cell}")
@@ -104,3 +106,22 @@ def run_units(
                 console.warn(f"{part} {word}: {error}")
     run.unskip({f"{unit.table}/{cell}" for unit in units for cell in unit.cells} - lost)
     return failed
+
+
+def measured(run: RunFolder, units: Sequence[Unit]) -> str:
+    """How many cells have all their seeds, and what became of the others, in words."""
+    left: dict[str, list[str]] = {}
+    cells = dict.fromkeys(cell for unit in units for cell in unit.cells)
+    reasons = {entry["cell"]: entry["reason"] for entry in run.manifest()["skipped"]}
+    for unit in units:
+        for cell, part in zip(unit.cells, unit.parts, strict=True):
+            if not run.is_done(part) and cell not in left.get(SKIPPED, ()):
+                skipped = reasons.get(f"{unit.table}/{cell}", "").startswith(SKIPPED)
+                left.setdefault(SKIPPED if skipped else "failed", []).append(cell)
+    gone = {cell for some in left.values() for cell in some}
+    count = len(cells) - len(gone)
+    words = f"{count} of {len(cells)} cells" if gone else f"{count} cells"
+    if SKIPPED in left:
+        rungs = len({cell.partition("/")[0] for cell in left[SKIPPED]})
+        words += f"; {rungs} rung{'s' * (rungs > 1)} skipped: no weights"
+    return words + (f"; {len(set(left['failed']))} failed" if "failed" in left else "")

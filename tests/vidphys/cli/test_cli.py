@@ -1,12 +1,17 @@
 """The command line: exit codes, one-line errors, and imports that cost nothing."""
 
+import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from vidphys.cli import VERBS, in_options, main
+from vidphys.cli.console import Console
 from vidphys.cli.rollout import RolloutConfig
+from vidphys.cli.study import measured
+from vidphys.experiments.core.cell import Unit
 
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "loops")
 HEAVY = ("cv2", "mujoco", "rerun", "transformers", "timm", "matplotlib", "vidphys", "viz")
@@ -46,6 +51,73 @@ def test_no_verb_and_an_unknown_verb(capsys):
     assert "ladder" in capsys.readouterr().out
     assert main(["fly"]) == 2
     assert "no such verb" in one_line(capsys)
+    assert main(["diagnos"]) == 2
+    assert "did you mean diagnose?" in one_line(capsys)
+
+
+def test_the_version_and_help_by_name(capsys):
+    assert main(["--version"]) == 0
+    assert re.fullmatch(r"vidphys \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+    with pytest.raises(SystemExit) as stop:
+        main(["help", "doctor"])
+    assert stop.value.code == 0 and "vidphys doctor" in capsys.readouterr().out
+    assert main(["help"]) == 0
+
+
+def test_a_shell_completes_every_verb(capsys, tmp_path):
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert all(verb in script for verb in VERBS) and "--preset" in script
+    (tmp_path / "it").write_text(script)
+    subprocess.run(["bash", "-n", tmp_path / "it"], check=True, timeout=60)
+
+
+def test_progress_tells_count_share_and_time_left(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr("vidphys.cli.console.time", SimpleNamespace(monotonic=lambda: now[0]))
+    with Console(False, 4, "ladder") as console:
+        now[0] = 20.0
+        console.done(0)
+    first, second = capsys.readouterr().err.splitlines()
+    assert "0 of 4 units finished" in first
+    assert second == "[ladder     20 s] 1 of 4 units finished (25%), about 60 s left"
+
+
+class Finished:
+    """A run folder in which some parts are done, and some cells were skipped."""
+
+    def __init__(self, done, skipped):
+        self.done, self.skipped = done, skipped
+
+    def is_done(self, part):
+        return part in self.done
+
+    def manifest(self):
+        return {"skipped": [{"cell": c, "reason": r} for c, r in self.skipped.items()]}
+
+
+def test_what_was_measured_is_told_of_what_was_asked():
+    units = [
+        Unit(
+            "ladder", (f"{rung}/a", f"{rung}/b"), (seed,), (f"{rung}-a-{seed}", f"{rung}-b-{seed}")
+        )
+        for seed in (0, 1)
+        for rung in ("oracle", "hiera", "dinov2")
+    ]
+    every = {part for unit in units for part in unit.parts}
+    assert measured(Finished(every, {}), units) == "6 cells"
+    absent = {
+        f"ladder/{rung}/{head}": "skipped: no weights"
+        for rung in ("hiera", "dinov2")
+        for head in "ab"
+    }
+    some = {part for part in every if part.startswith("oracle")}
+    said = measured(Finished(some, absent), units)
+    assert said == "2 of 6 cells; 2 rungs skipped: no weights"
+    lost = measured(
+        Finished(some - {"oracle-b-1"}, {**absent, "ladder/oracle/b": "failed: x"}), units
+    )
+    assert lost == "1 of 6 cells; 2 rungs skipped: no weights; 1 failed"
 
 
 @pytest.mark.parametrize(

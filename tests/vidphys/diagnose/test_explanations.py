@@ -8,15 +8,18 @@ import pytest
 from tests.vidphys.diagnose.test_diagnose import seen
 from tests.vidphys.diagnose.test_mechanisms import noisy, thrown
 from vidphys.diagnose.explanations import choice
-from vidphys.diagnose.explanations.explanation import Explanation
+from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import State, beside_simple, roll
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
-from vidphys.diagnose.inference.menu import pair_term
+from vidphys.diagnose.inference.linearised import sure_modes
+from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, pair_term
+from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.telling.answers import answer
+from vidphys.diagnose.weak.spectrum import Mode
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,41 @@ class Oracle(Explanation):
         return as_specification(
             terms_of(frozenset()), 1, [0.0, 0.0], {}, True, self.motion.interval
         )
+
+
+@dataclass(frozen=True)
+class Swinging(Oracle):
+    """One whose oscillation is known exactly, though a spectrum has it otherwise."""
+
+    def oscillations(self):
+        return [Oscillation(Mode(2.0, 0.25, 0.01, 0.002), Mode(2.1, 0.297), Mode(2.1, 0.297, 0.1))]
+
+
+def test_what_is_said_of_an_oscillation_is_the_fit_with_interval_and_unit(monkeypatch):
+    monkeypatch.setattr(choice, "FITTED", (lambda *_: None, Swinging.of))
+    given = answer(thrown(), False, 0.3)
+    (said,) = (line for line in given.lines if line.startswith("Oscillation"))
+    assert said == (
+        "Oscillation 1, about its rest: 2 ± 0.004 radians per second, its amplitude decays by "
+        "0.25 ± 0.02 per second (95 %)."
+    )
+    assert given.data["modes"][0]["spectrum_decay"] == 0.297
+
+
+def test_errors_of_an_oscillation_are_those_of_the_numbers_that_make_it():
+    stiffness, friction = 4.0, 0.5
+    held, rubbed = external_terms(1, False)[1], FRICTIONS["linear"]
+    values = np.array([stiffness, 0.0, friction])
+    structure = Structure((held, rubbed), values, 0.0, 0.0)
+    covariance = np.diag([0.04, 0.01, 0.02]) ** 2
+    covariance[0, 2] = covariance[2, 0] = 0.3 * 0.04 * 0.02
+    fitted = Fitted(structure, values, covariance, None, 0.0, 0, None)
+    (mode,) = sure_modes(fitted, np.zeros((1, 1)), np.ones(1))
+    omega = np.sqrt(stiffness - friction**2 / 4)
+    assert (mode.frequency, mode.decay) == pytest.approx((omega, friction / 2), rel=1e-6)
+    slope = np.array([1 / (2 * omega), 0.0, -friction / (4 * omega)])
+    assert mode.frequency_error == pytest.approx(np.sqrt(slope @ covariance @ slope), rel=1e-4)
+    assert mode.error == pytest.approx(0.02 / 2, rel=1e-4)
 
 
 def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch):

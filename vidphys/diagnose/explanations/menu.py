@@ -23,7 +23,7 @@ from vidphys.diagnose.explanations.specification import as_specification, terms_
 from vidphys.diagnose.explanations.verdict import Verdict, judge
 from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.inference import Inference
-from vidphys.diagnose.inference.linearised import fastest_rate, modes_of_model
+from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
 from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
 from vidphys.diagnose.recordings.motion import Motion
@@ -166,7 +166,7 @@ class ByMenu(Explanation):
         if look is None:
             return []
         near, mass = np.nanmean(motion.positions[0], axis=0), look.windows.mass
-        small = distinct(modes_of_model(look.fitted.structure, near, mass[0]))
+        small = distinct(sure_modes(look.fitted, near, mass[0]))
         if not small:
             return []
         first = look.fitted.paths

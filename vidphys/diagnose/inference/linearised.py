@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import Field, field_of
+from vidphys.diagnose.inference.refine import Fitted, with_values
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.weak.spectrum import Mode
 
@@ -40,6 +41,31 @@ def modes_of_model(structure: Structure, near: np.ndarray, mass: np.ndarray) -> 
     values = np.linalg.eigvals(flow)
     found = [Mode(float(x.imag), float(-x.real)) for x in values if x.imag > 0]
     return sorted(found, key=lambda mode: mode.frequency)
+
+
+def sure_modes(fitted: Fitted, near: np.ndarray, mass: np.ndarray) -> list[Mode]:
+    """The same of a fitted structure, with the standard errors that its numbers' errors leave."""
+    best = modes_of_model(fitted.structure, near, mass)
+    if not best or not np.isfinite(fitted.covariance).all():
+        return best
+    slopes = []
+    for k, error in enumerate(fitted.errors):
+        step = np.zeros_like(fitted.values)
+        step[k] = max(float(error), 1e-12)
+        sides = [
+            modes_of_model(with_values(fitted.structure, fitted.values + way * step), near, mass)
+            for way in (1, -1)
+        ]
+        if any(len(side) != len(best) for side in sides):
+            return best  # an oscillation that ends within the error has none that is told
+        up, down = ([(m.frequency, m.decay) for m in side] for side in sides)
+        slopes.append((np.array(up) - np.array(down)) / (2 * step[k]))
+    jacobian = np.array(slopes)  # (numbers, modes, 2)
+    spread = np.sqrt(np.einsum("kmi,kl,lmi->mi", jacobian, fitted.covariance, jacobian))
+    return [
+        Mode(mode.frequency, mode.decay, float(by_decay), float(by_frequency))
+        for mode, (by_frequency, by_decay) in zip(best, spread, strict=True)
+    ]
 
 
 def fastest_rate(inference: Inference) -> float:

@@ -81,7 +81,7 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
         values = values + step.change
         if not (np.isfinite(values).all() and np.isfinite(step.paths.q).all()):
             raise FloatingPointError("refine: the fit diverged")
-        structure = _with(structure, values)
+        structure = with_values(structure, values)
         paths = step.paths
         pair = structure.term(PAIR)
         if pair is not None and pair.scale is not None and pair.scale > FARTHEST * _size(paths.q):
@@ -113,7 +113,7 @@ def _values(structure: Structure) -> np.ndarray:
     return np.concatenate([structure.coefficients, length])
 
 
-def _with(structure: Structure, values: np.ndarray) -> Structure:
+def with_values(structure: Structure, values: np.ndarray) -> Structure:
     """The structure with other numbers."""
     count = len(structure.coefficients)
     terms = structure.terms

@@ -260,18 +260,20 @@ def _validated(answered: Answered, tail: Validation) -> None:
 
 
 def _oscillations(answered: Answered, found: Sequence[Oscillation]) -> None:
-    """Eigenfrequencies and decay: the model's, and the data's own."""
+    """Frequencies and decays: said as fitted; the spectrum's own, which are biased, are data."""
     if not found:
         return
     answered.data["modes"] = [
         {
             "small_frequency": one.small.frequency,
             "small_decay": one.small.decay,
+            "small_frequency_error": _known(one.small.frequency_error),
+            "small_decay_error": _known(one.small.error),
             "model_frequency": one.model.frequency,
             "model_decay": one.model.decay,
             "spectrum_frequency": one.seen.frequency,
             "spectrum_decay": one.seen.decay,
-            "spectrum_decay_error": one.seen.error if np.isfinite(one.seen.error) else None,
+            "spectrum_decay_error": _known(one.seen.error),
         }
         for one in found
     ]
@@ -279,15 +281,21 @@ def _oscillations(answered: Answered, found: Sequence[Oscillation]) -> None:
         model, seen = one.model, one.seen
         answered.numbers[f"mode{k}_frequency_ratio"] = model.frequency / seen.frequency
         answered.numbers[f"mode{k}_decay_ratio"] = model.decay / seen.decay
-        answered.lines.append(
-            f"Oscillation {k}: {model.frequency:.4g} radians per second by the model, "
-            f"{seen.frequency:.4g} by the spectrum alone; decay {model.decay:.3g} and "
-            f"{_sure_to(seen)} per second."
-        )
+        answered.lines.append(f"Oscillation {k}, about its rest: {_sure_to(one.small)}.")
+
+
+def _known(error: float) -> float | None:
+    return error if np.isfinite(error) else None
 
 
 def _sure_to(mode: Mode) -> str:
-    """A measured decay, with its interval where it is known."""
-    if not np.isfinite(mode.error):
-        return f"{mode.decay:.3g}"
-    return f"{mode.decay:.3g} ± {NORMAL_95 * mode.error:.1g} (95 %)"
+    """Frequency and decay, with their intervals where they are known."""
+
+    def with_interval(value: float, error: float) -> str:
+        return f"{value:.4g}" + (f" ± {NORMAL_95 * error:.1g}" if np.isfinite(error) else "")
+
+    sure = " (95 %)" if np.isfinite(mode.error) else ""
+    return (
+        f"{with_interval(mode.frequency, mode.frequency_error)} radians per second, its amplitude "
+        f"decays by {with_interval(mode.decay, mode.error)} per second{sure}"
+    )

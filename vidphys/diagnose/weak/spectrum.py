@@ -26,11 +26,13 @@ class Mode:
         frequency: radians per second.
         decay: of its amplitude, per second.
         error: standard error of the decay, where it was measured.
+        frequency_error: likewise of the frequency.
     """
 
     frequency: float
     decay: float
     error: float = float("nan")
+    frequency_error: float = float("nan")
 
 
 def distinct(modes: list[Mode]) -> list[Mode]:
