@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -26,18 +28,15 @@ def completion(config: CompletionConfig) -> int:
     """See :class:`CompletionConfig`."""
     from vidphys.cli import VERBS
 
-    verbs = [
+    verbs: list[Any] = [
         Annotated[
             getattr(importlib.import_module(f"vidphys.cli.{verb}"), name),
             tyro.conf.subcommand(name=verb),
         ]
         for verb, (name, _) in VERBS.items()
     ]
-    every = verbs[0]
-    for verb in verbs[1:]:
-        every = every | verb  # type: ignore[operator]
     try:
-        tyro.cli(every, prog="vidphys", args=["--tyro-print-completion", config.shell])
+        tyro.cli(reduce(or_, verbs), prog="vidphys", args=["--tyro-print-completion", config.shell])
     except SystemExit as ended:  # which is how tyro ends when it has printed it
         return int(ended.code or 0)
     return 1
