@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -53,3 +53,28 @@ class IdentifiedEncoder(Protocol):
     def __call__(
         self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
     ) -> FeatureMap: ...
+
+
+@runtime_checkable
+class LayeredEncoder(IdentifiedEncoder, Protocol):
+    """An encoder of which several layers can be read, from one pass.
+
+    It gives the layer of its identity itself; :meth:`at` is the same network at another.
+    """
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names, in order of depth."""
+        ...
+
+    def at(self, layer: int | str) -> LayeredEncoder: ...
+
+    def encode_layers(
+        self,
+        frames: Tensor,
+        times: Tensor,
+        layers: Sequence[int | str],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> dict[str, FeatureMap]:
+        """By the layer's name what :meth:`at` that layer gives."""
+        ...

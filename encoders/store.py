@@ -118,6 +118,10 @@ class FeatureStore:
         assert written is not None
         return written
 
+    def has(self, request: FeatureRequest) -> bool:
+        """Whether there is an entry of ``request``; it is not looked into."""
+        return self._manifest(request.key).exists()
+
     def read(self, request: FeatureRequest) -> FeatureMap | None:
         """The features of ``request``, memory-mapped, or ``None`` where the store has none.
 

@@ -9,7 +9,7 @@ asked with one bright patch, see :mod:`encoders.frozen.token_order`.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from encoders.frozen.base import Dtype, FrozenEncoder
 from encoders.frozen.published import fresh, published
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.token_order import ask_order
-from encoders.frozen.tokens import chosen_layer, windowing_words
+from encoders.frozen.tokens import chosen_layer, numbered, windowing_words
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import Look
 from encoders.release import CONFIG, WeightsFile, read_config
@@ -50,7 +50,7 @@ class AnyHubSettings:
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
-    layer: int | None = None
+    layer: int | str | None = None
     hop: int | None = None
     frame_stride: int = 1
     seed: int | None = None
@@ -90,18 +90,19 @@ class AnyHubEncoder(FrozenEncoder):
         self.input = next(key for key in PIXELS if key in inputs_of(model))
         states = partial(states_of, model.eval(), self.input)
         self.order = ask_order(name, states, self._blank(frames))
-        self.layer = chosen_layer(name, settings.layer, self.order.layers)
+        layers = numbered(self.order.layers)
         windowing = Windowing(frames, settings.hop, frames // self.order.grid.frames)
         words = windowing_words(windowing, settings.frame_stride)
         super().__init__(
             model,
             settings,
             windowing,
+            layers,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"{words}, rgb, the image to the square, {look}",
-            layer=str(self.layer),
+            layer=chosen_layer(name, settings.layer, layers),
             resolution=side,
         )
 
@@ -109,15 +110,19 @@ class AnyHubEncoder(FrozenEncoder):
         shape = (1, frames, 3, self.side, self.side) if self.video else (1, 3, self.side, self.side)
         return torch.zeros(shape, device=self.place)
 
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+    def encode(
+        self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
+    ) -> Sequence[Float[Tensor, "n t k h w"]]:
         pixels = self.look.clips(clips, (self.side, self.side), self.dtype)
         if self.video:
-            return self.fast_maps(pixels)
-        return self.fast_maps(pixels.flatten(0, 1)).unflatten(0, clips.shape[:2])[:, :, 0]
+            return self.fast_maps(pixels, layers)
+        found = self.fast_maps(pixels.flatten(0, 1), layers)
+        return [maps.unflatten(0, clips.shape[:2])[:, :, 0] for maps in found]
 
-    def maps(self, pixels: Tensor) -> Tensor:
+    def maps(self, pixels: Tensor, layers: tuple[str, ...]) -> list[Tensor]:
         """Pixels as the model takes them to ``(n, t, k, h, w)``; an image has one frame."""
-        return self.order.maps(states_of(self.network, self.input, pixels)[self.layer])
+        states = states_of(self.network, self.input, pixels)
+        return [self.order.maps(states[int(layer)]) for layer in layers]
 
 
 def any_hub(place: str) -> Adapter:

@@ -21,7 +21,7 @@ from encoders.frozen.base import Dtype
 from encoders.frozen.published import fresh, published
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
-from encoders.frozen.tokens import chosen_layer
+from encoders.frozen.tokens import chosen_layer, numbered
 from encoders.preprocess import Look
 from encoders.release import CONFIG, WeightsFile, load_strict, read_config
 
@@ -45,7 +45,7 @@ class AnyTimmSettings:
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
-    layer: int | None = None
+    layer: int | str | None = None
     resolution: int | None = None
     frame_stride: int = 1
     seed: int | None = None
@@ -75,7 +75,7 @@ class AnyTimmEncoder(TimmMaps):
         data = resolve_model_data_config(network)
         known = network.feature_info
         reductions = [info["reduction"] for info in known]
-        layer = chosen_layer(f"timm:{name}", settings.layer, len(reductions))
+        layers = numbered(len(reductions))
         multiple, square = max(reductions), not _any_size(network)
         own = data["input_size"][-1]
         resolution = settings.resolution or own - own % multiple
@@ -94,15 +94,15 @@ class AnyTimmEncoder(TimmMaps):
             network,
             settings,
             multiple,
-            index=layer - 1,
-            norm=layer == len(reductions) and _normed(network),
+            norm=_normed(network),
             look=look,
             square=square,
+            layers=layers,
             name=f"timm:{name}",
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"each {settings.frame_stride}. frame, rgb, {shape}, {look}",
-            layer=str(layer),
+            layer=chosen_layer(f"timm:{name}", settings.layer, layers),
             resolution=resolution,
         )
 

@@ -1,9 +1,12 @@
-"""What all frozen encoders share: checks, windows, passes that are filled up, time stamps."""
+"""What all frozen encoders share: layers, windows, passes that are filled up, time stamps."""
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 import torch
@@ -11,7 +14,8 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
 from encoders.features import FeatureMap
-from encoders.frozen.runtimes import Runtime, check_runtime, under_runtime
+from encoders.frozen.runtimes import Maps, Runtime, check_runtime, under_runtime
+from encoders.frozen.tokens import chosen_layer
 from encoders.frozen.windows import Window, Windowing, feature_times, windows
 from encoders.identity import EncoderIdentity
 
@@ -24,7 +28,8 @@ class FrozenEncoder(ABC):
     """Frames to feature maps, window by window; subclasses say what happens to one pass.
 
     A pass always has ``batch`` windows; the last one is filled up with copies, so that a clip has
-    the same features whatever it is encoded together with.
+    the same features whatever it is encoded together with. One pass gives any of :attr:`layers`; an
+    encoder by itself gives that of its identity, and :meth:`at` is the same network at another.
 
     Args:
         network: frozen, cast and put into evaluation mode here; where it runs, features are left.
@@ -32,6 +37,8 @@ class FrozenEncoder(ABC):
             has them, ``frame_stride`` (take each so-many-th frame, before windows are made) and
             ``runtime`` are read here.
         windowing: how the network samples time.
+        layers: names of all that can be read, in order of depth; the identity's alone where not
+            given.
         identity: what the features depend on, but for ``dtype``, which stands in the settings.
 
     Raises:
@@ -39,7 +46,12 @@ class FrozenEncoder(ABC):
     """
 
     def __init__(
-        self, network: nn.Module, settings: Any, windowing: Windowing, **identity: Any
+        self,
+        network: nn.Module,
+        settings: Any,
+        windowing: Windowing,
+        layers: tuple[str, ...] = (),
+        **identity: Any,
     ) -> None:
         name, dtype, batch = identity["name"], settings.dtype, settings.batch
         frame_stride: int = getattr(settings, "frame_stride", 1)
@@ -52,8 +64,10 @@ class FrozenEncoder(ABC):
         # OpenVINO casts by itself, from float32
         self.dtype = DTYPES["float32" if runtime == "openvino" else dtype]
         self.network = network.to(self.dtype).eval().requires_grad_(False)
-        self.fast_maps = under_runtime(self.network, self.maps, runtime, dtype)
+        self._fast: dict[tuple[str, ...], Maps] = {}
+        self.runtime: Runtime = runtime
         self.settings, self.windowing = settings, windowing
+        self.layers = layers or (identity["layer"],)
         self.frame_stride, self.batch = frame_stride, batch
         self.identity = EncoderIdentity(**identity, dtype=computed_in(dtype, runtime))
 
@@ -62,13 +76,43 @@ class FrozenEncoder(ABC):
         """Frames of the clip from a feature frame to the next one."""
         return self.frame_stride * self.windowing.tubelet
 
-    def maps(self, pixels: Tensor) -> Tensor:
+    @property
+    def sight(self) -> Hashable:
+        """What the pixels of a pass depend on; layers where it is the same share a pass."""
+        return self.windowing
+
+    def at(self, layer: int | str) -> FrozenEncoder:
+        """The same network at another layer; nothing is loaded or copied.
+
+        Raises:
+            ValueError: no such layer; those that there are are named.
+        """
+        chosen = chosen_layer(self.identity.name, layer, self.layers)
+        other = copy.copy(self)
+        other.identity = replace(self.identity, layer=chosen)
+        return other
+
+    def maps(self, pixels: Tensor, layers: tuple[str, ...]) -> Sequence[Tensor]:
         """The network alone, from its own pixels, as a runtime can take it over."""
         raise NotImplementedError(f"{self.identity.name}: has no runtime but torch")
 
+    def fast_maps(self, pixels: Tensor, layers: tuple[str, ...]) -> Sequence[Tensor]:
+        """As :meth:`maps`, by the runtime that was asked for."""
+        if layers not in self._fast:
+            maps = partial(self.maps, layers=layers)
+            self._fast[layers] = under_runtime(
+                self.network, maps, self.runtime, self.settings.dtype
+            )
+        return self._fast[layers](pixels)
+
     @abstractmethod
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
-        """The network's maps of ``n`` windows of frames with values in [0, 1]."""
+    def encode(
+        self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
+    ) -> Sequence[Float[Tensor, "n t k h w"]]:
+        """The maps of ``n`` windows of frames with values in [0, 1], of one layer after the other.
+
+        The layers are some of :attr:`layers`, in their order, and of one :attr:`sight`.
+        """
 
     def __call__(
         self,
@@ -90,30 +134,97 @@ class FrozenEncoder(ABC):
         Raises:
             ValueError: no frames, times that are not theirs, or values out of range.
         """
+        layer = self.identity.layer
+        return self.encode_layers(frames, times, (layer,), progress)[layer]
+
+    def encode_layers(
+        self,
+        frames: Float[Tensor, "b t c H W"] | UInt8[Tensor, "b t c H W"],
+        times: Float[Tensor, " t"],
+        layers: Sequence[int | str],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> dict[str, FeatureMap]:
+        """Several layers of the same clips, from one pass for all that see the same pixels.
+
+        Args:
+            frames, times, progress: see :meth:`__call__`.
+            layers: some of :attr:`layers`.
+
+        Returns:
+            By the layer's name what :meth:`at` that layer gives.
+
+        Raises:
+            ValueError: see :meth:`__call__` and :meth:`at`.
+
+        Example:
+            >>> from encoders import load_encoder
+            >>> encoder = load_encoder("dino-tiny", {})
+            >>> clip, times = torch.zeros(1, 2, 3, 64, 64), torch.tensor([0.0, 0.1])
+            >>> maps = encoder.encode_layers(clip, times, encoder.layers)
+            >>> list(maps), tuple(maps["2"].values.shape)
+            (['1', '2', '3'], (1, 2, 96, 16, 16))
+        """
         check_frames(self.identity.name, frames, times)
+        asked = {encoder.identity.layer: encoder for encoder in map(self.at, layers)}
+        together: dict[Hashable, list[str]] = {}
+        for layer in sorted(asked, key=self.layers.index):
+            together.setdefault(asked[layer].sight, []).append(layer)
+        found: dict[str, FeatureMap] = {}
+        for done, group in enumerate(together.values()):
+            told = _part_of(progress, done, len(together))
+            found |= asked[group[0]]._together(frames, times, tuple(group), told)
+        return {layer: found[layer] for layer in asked}
+
+    def _together(
+        self,
+        frames: Tensor,
+        times: Tensor,
+        layers: tuple[str, ...],
+        progress: Callable[[int, int], None] | None,
+    ) -> dict[str, FeatureMap]:
+        """Layers that see the same windows of the same pixels."""
         height, width = frames.shape[-2:]
         count = frames.shape[0] * frames.shape[1]
         frames, times = frames[:, :: self.frame_stride], times[:: self.frame_stride]
         plan = windows(frames.shape[1], self.windowing)
         jobs = [(clip, window) for clip in range(len(frames)) for window in plan]
-        kept: list[Tensor] = []
+        kept: dict[str, list[Tensor]] = {layer: [] for layer in layers}
         with torch.inference_mode():
             for start in range(0, len(jobs), self.batch):
-                kept += self._pass(frames, jobs[start : start + self.batch])
+                found = self._pass(frames, jobs[start : start + self.batch], layers)
+                for layer, maps in zip(layers, found, strict=True):
+                    kept[layer] += maps
                 if progress is not None:
                     progress(count * min(start + self.batch, len(jobs)) // len(jobs), count)
-            values = torch.cat(kept).unflatten(0, (len(frames), -1))
-        h, w = values.shape[-2:]
-        # leaving inference mode by a copy lets readouts be trained on the features
         stamps = feature_times(times, self.windowing)
-        return FeatureMap(values.clone(), (height / h, width / w), stamps)
+        features = {}
+        for layer in layers:  # outside of inference mode: readouts may be trained on them
+            values = torch.cat(kept.pop(layer)).unflatten(0, (len(frames), -1))
+            h, w = values.shape[-2:]
+            features[layer] = FeatureMap(values, (height / h, width / w), stamps)
+        return features
 
-    def _pass(self, frames: Tensor, jobs: list[tuple[int, Window]]) -> list[Tensor]:
+    def _pass(
+        self, frames: Tensor, jobs: list[tuple[int, Window]], layers: tuple[str, ...]
+    ) -> list[list[Tensor]]:
+        """Of each layer, the kept maps of each window."""
         filled = jobs + jobs[-1:] * (self.batch - len(jobs))
         clips = torch.stack([frames[clip, list(window.frames)] for clip, window in filled])
         clips = clips.to(next(self.network.parameters()).device)
-        maps = self.encode(clips.float() if clips.is_floating_point() else clips.float() / 255)
-        return [maps[i, list(window.kept)].float() for i, (_, window) in enumerate(jobs)]
+        light = clips.float() if clips.is_floating_point() else clips.float() / 255
+        return [
+            [maps[i, list(window.kept)].float() for i, (_, window) in enumerate(jobs)]
+            for maps in self.encode(light, layers)
+        ]
+
+
+def _part_of(
+    progress: Callable[[int, int], None] | None, number: int, parts: int
+) -> Callable[[int, int], None] | None:
+    """The progress of one of several equal parts."""
+    if progress is None:
+        return None
+    return lambda done, count: progress((number * count + done) // parts, count)
 
 
 def computed_in(dtype: str, runtime: Runtime) -> str:

@@ -18,7 +18,7 @@ from encoders.frozen.i3d import I3DSettings, load_i3d
 from encoders.frozen.videomae import VideoMAESettings, load_videomae
 from encoders.frozen.vjepa2 import VJEPA2Settings, VJEPA2TinySettings, load_vjepa2
 from encoders.frozen.vjepa2_ac import VJEPA2ACSettings, load_vjepa2_ac
-from encoders.identity import IdentifiedEncoder
+from encoders.identity import LayeredEncoder
 from registry import Registry
 
 # A factory takes its encoder's options by name, and ``weights`` (a path) and ``device`` if it has a
@@ -50,7 +50,7 @@ def options_of(name: str) -> tuple[str, ...]:
 
 def load_encoder(
     name: str, options: dict[str, Any], where: Path | None = None, device: str = "cpu"
-) -> IdentifiedEncoder:
+) -> LayeredEncoder:
     """The encoder ``name``.
 
     Args:

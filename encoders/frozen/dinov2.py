@@ -17,7 +17,7 @@ from torch import nn
 from encoders.frozen.base import Dtype
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
-from encoders.frozen.tokens import chosen_layer
+from encoders.frozen.tokens import chosen_layer, numbered
 from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
@@ -41,7 +41,7 @@ class DINOv2Settings:
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
-    layer: int | None = None
+    layer: int | str | None = None
     resolution: int = 224
     frame_stride: int = 1
     dtype: Dtype = "float32"
@@ -74,13 +74,13 @@ class DINOv2Encoder(TimmMaps):
     ) -> None:
         patch: int = cast(Any, network).patch_embed.patch_size[0]
         depth = len(cast(nn.Sequential, network.blocks))
-        self.layer = chosen_layer(name, settings.layer, depth)
+        layers = numbered(depth)
         super().__init__(
             network,
             settings,
             patch,
-            index=self.layer - 1,
-            norm=self.layer == depth,
+            norm=True,
+            layers=layers,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
@@ -88,7 +88,7 @@ class DINOv2Encoder(TimmMaps):
                 f"each {settings.frame_stride}. frame, rgb, longer side to resolution, "
                 f"sides to multiples of {patch}, bilinear, imagenet"
             ),
-            layer=str(self.layer),
+            layer=chosen_layer(name, settings.layer, layers),
         )
 
 

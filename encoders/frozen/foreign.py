@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ from torch import Tensor
 
 from encoders.features import Encoder, FeatureMap
 from encoders.frozen.base import FrozenEncoder, check_frames
-from encoders.identity import EncoderIdentity, IdentifiedEncoder
+from encoders.frozen.tokens import chosen_layer
+from encoders.identity import EncoderIdentity, LayeredEncoder
 from encoders.release import release_sha256
 
 
@@ -53,6 +54,31 @@ class ForeignEncoder:
         values = torch.cat([features.values for features in found])
         return FeatureMap(values, found[0].stride, found[0].times)
 
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """The one that it was made for."""
+        return (self.identity.layer,)
+
+    def at(self, layer: int | str) -> ForeignEncoder:
+        """Itself.
+
+        Raises:
+            ValueError: another layer.
+        """
+        chosen_layer(self.identity.name, layer, self.layers)
+        return self
+
+    def encode_layers(
+        self,
+        frames: Tensor,
+        times: Tensor,
+        layers: Sequence[int | str],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> dict[str, FeatureMap]:
+        """See :meth:`encoders.frozen.base.FrozenEncoder.encode_layers`."""
+        asked = {self.at(layer).identity.layer for layer in layers}
+        return {layer: self(frames, times, progress) for layer in asked}
+
     def _checked(self, features: FeatureMap, frames: int) -> FeatureMap:
         if not isinstance(features, FeatureMap):
             raise ValueError(
@@ -68,7 +94,7 @@ class ForeignEncoder:
         return features
 
 
-def as_ours(made: Any, name: str, source: str, options: dict[str, Any]) -> IdentifiedEncoder:
+def as_ours(made: Any, name: str, source: str, options: dict[str, Any]) -> LayeredEncoder:
     """What a foreign factory made, its source in its identity: other versions, other features.
 
     Args:

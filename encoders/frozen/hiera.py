@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from torch import nn
 
 from encoders.frozen.base import Dtype
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
+from encoders.frozen.tokens import chosen_layer
 from encoders.release import WeightsFile, load_strict
 from encoders.weights import find_weights
 
@@ -23,7 +23,7 @@ MODEL = "sam2_hiera_tiny.fb_r896"
 CODE_VERSION = 1
 MULTIPLE = 32
 PREPROCESSING = "rgb, longer side to resolution, sides to multiples of 32, bilinear, imagenet"
-LAYERS = {4: 0, 8: 1, 16: 2, 32: 3}
+LAYERS = ("4", "8", "16", "32")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class HieraSettings:
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
-    layer: Literal[4, 8, 16, 32] = 8
+    layer: int | str = 8
     resolution: int = 128
     dtype: Dtype = "float32"
     batch: int = 8
@@ -60,18 +60,16 @@ class HieraEncoder(TimmMaps):
     """
 
     def __init__(self, trunk: nn.Module, settings: HieraSettings, weights: WeightsFile) -> None:
-        if settings.layer not in LAYERS:
-            raise ValueError(f"hiera: no layer {settings.layer!r}; it has 4, 8, 16 and 32")
         super().__init__(
             trunk,
             settings,
             MULTIPLE,
-            index=LAYERS[settings.layer],
+            layers=LAYERS,
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=PREPROCESSING,
-            layer=str(settings.layer),
+            layer=chosen_layer(NAME, settings.layer, LAYERS),
         )
 
 

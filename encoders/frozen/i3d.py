@@ -14,7 +14,8 @@ than the last frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +25,7 @@ from torch.nn import functional
 
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
 from encoders.frozen.i3d_network import STAGES, I3DNetwork, field_centre, field_stride
-from encoders.frozen.tokens import windowing_words
+from encoders.frozen.tokens import chosen_layer, windowing_words
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import network_size, resize, to_rgb
 from encoders.release import WeightsFile, load_strict
@@ -95,11 +96,9 @@ class I3DEncoder(FrozenEncoder):
     """
 
     def __init__(self, network: I3DNetwork, settings: I3DSettings, weights: WeightsFile) -> None:
-        stage = settings.layer
-        if stage not in STAGES:
-            raise ValueError(f"i3d: no layer {stage!r}; it has {', '.join(STAGES)}")
+        stage = chosen_layer(NAME, settings.layer, STAGES)
         network_size(1, 1, settings.resolution, MULTIPLE)
-        windowing = _windowing(settings)
+        windowing = _windowing(settings, stage)
         words = windowing_words(windowing, settings.frame_stride)
         if settings.shown > 1:
             words += f", each frame shown {settings.shown} times"
@@ -107,6 +106,7 @@ class I3DEncoder(FrozenEncoder):
             network,
             settings,
             windowing,
+            STAGES,
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
@@ -115,8 +115,23 @@ class I3DEncoder(FrozenEncoder):
             resolution=settings.resolution,
         )
 
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
-        stage = self.settings.layer
+    @property
+    def sight(self) -> Hashable:
+        """Stages of one stride see the same edges and the same windows."""
+        return self.windowing, field_stride(self.identity.layer, 1)
+
+    def at(self, layer: int | str) -> FrozenEncoder:
+        other, stride = super().at(layer), self.settings.frame_stride
+        other.windowing = _windowing(self.settings, other.identity.layer)
+        own, others = (windowing_words(each.windowing, stride) for each in (self, other))
+        told = self.identity.preprocessing.replace(own, others)
+        other.identity = replace(other.identity, preprocessing=told)
+        return other
+
+    def encode(
+        self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
+    ) -> list[Float[Tensor, "n t k h w"]]:
+        stage = layers[0]
         height, width = clips.shape[-2:]
         size = network_size(height, width, self.settings.resolution, MULTIPLE)
         pixels = resize(to_rgb(clips.flatten(0, 1)), size) * 2 - 1
@@ -126,20 +141,21 @@ class I3DEncoder(FrozenEncoder):
         pads = (front, cell - front, front, cell - front)
         pixels = functional.pad(pixels, pads, mode="replicate").to(DTYPES[self.settings.dtype])
         pixels = pixels.unflatten(0, clips.shape[:2]).transpose(1, 2)
-        maps = self.network(pixels.repeat_interleave(self.settings.shown, 2), stage)
-        return maps[..., : size[0] // cell, : size[1] // cell].transpose(1, 2)
+        found = self.network(pixels.repeat_interleave(self.settings.shown, 2), layers)
+        inside = (..., slice(size[0] // cell), slice(size[1] // cell))
+        return [maps[inside].transpose(1, 2) for maps in found]
 
 
-def _windowing(settings: I3DSettings) -> Windowing:
+def _windowing(settings: I3DSettings, stage: str) -> Windowing:
     """How the network samples time, in frames of the clip."""
-    stride, shown = field_stride(settings.layer, 0), settings.shown
+    stride, shown = field_stride(stage, 0), settings.shown
     if shown < 1 or stride % shown:
         raise ValueError(
-            f"i3d: {settings.layer} strides over {stride} frames, so that each can be shown 1 to "
+            f"i3d: {stage} strides over {stride} frames, so that each can be shown 1 to "
             f"{stride} times, a number that divides it; got {shown}"
         )
     # the middle of what the network sees there, of which each frame is so many parts
-    centre = (field_centre(settings.layer, 0) + 0.5) / shown - 0.5
+    centre = (field_centre(stage, 0) + 0.5) / shown - 0.5
     return Windowing(settings.frames, settings.hop, stride // shown, centre, shortens=True)
 
 

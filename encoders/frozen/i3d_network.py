@@ -79,15 +79,21 @@ class I3DNetwork(nn.Module):
         for name, (channels, *widths) in MIXED.items():
             self.add_module(name, Mixed(channels, tuple(widths)))
 
-    def forward(self, x: Tensor, stage: str) -> Tensor:
-        """``(n, 3, t, h, w)`` in [-1, 1] to the maps of ``stage``; no later one is computed."""
+    def forward(self, x: Tensor, stages: tuple[str, ...]) -> list[Tensor]:
+        """``(n, 3, t, h, w)`` in [-1, 1] to the maps of some stages, in their order.
+
+        None after the last of them is computed.
+        """
+        found = []
         for name, module in self.named_children():
             if name in POOLS:
                 x = pool(x, *POOLS[name])
             x = module(x)
-            if name == stage:
-                return x
-        raise ValueError(f"i3d: no layer {stage!r}; it has {', '.join(STAGES)}")
+            if name in stages:
+                found.append(x)
+            if name == stages[-1]:
+                break
+        return found
 
 
 def field_stride(stage: str, axis: int) -> int:

@@ -9,14 +9,14 @@ for one shape of pixels, which a pass always has.
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
 
 Runtime = Literal["torch", "compile", "openvino"]
-Maps = Callable[[Tensor], Tensor]
+Maps = Callable[[Tensor], Sequence[Tensor]]
 PRECISIONS = {"float32": "f32", "bfloat16": "bf16"}
 
 
@@ -54,7 +54,7 @@ def under_runtime(network: nn.Module, maps: Maps, runtime: Runtime, dtype: str) 
 
     Args:
         network: whose weights ``maps`` uses.
-        maps: from pixels to maps, by torch operations alone.
+        maps: from pixels to maps of several layers, by torch operations alone.
         runtime: see ``Runtime``.
         dtype: of the computation.
     """
@@ -73,8 +73,8 @@ class _Traceable(nn.Module):
         self.network = network
         self.maps = maps
 
-    def forward(self, pixels: Tensor) -> Tensor:
-        return self.maps(pixels)
+    def forward(self, pixels: Tensor) -> tuple[Tensor, ...]:
+        return tuple(self.maps(pixels))
 
 
 class _OpenVINO:
@@ -85,12 +85,12 @@ class _OpenVINO:
         self.precision = precision
         self.compiled: dict[tuple[int, ...], Any] = {}
 
-    def __call__(self, pixels: Tensor) -> Tensor:
+    def __call__(self, pixels: Tensor) -> list[Tensor]:
         shape = tuple(pixels.shape)
         if shape not in self.compiled:
             self.compiled[shape] = self._compile(pixels)
-        (result,) = self.compiled[shape](pixels.numpy(), share_inputs=True).values()
-        return torch.from_numpy(result.copy())
+        results = self.compiled[shape](pixels.numpy(), share_inputs=True).values()
+        return [torch.from_numpy(result.copy()) for result in results]
 
     def _compile(self, pixels: Tensor) -> Any:
         import openvino

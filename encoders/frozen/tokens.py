@@ -8,17 +8,24 @@ from torch import Tensor
 from encoders.frozen.windows import Windowing
 
 
-def chosen_layer(name: str, layer: int | None, depth: int) -> int:
-    """Number of blocks to run: ``layer``, or all of ``depth``.
+def numbered(depth: int) -> tuple[str, ...]:
+    """Names of the layers of a network that counts them from 1."""
+    return tuple(str(number + 1) for number in range(depth))
+
+
+def chosen_layer(name: str, layer: int | str | None, layers: tuple[str, ...]) -> str:
+    """The layer that is read: ``layer``, or the last of ``layers``.
 
     Raises:
-        ValueError: the network has no such block.
+        ValueError: the network has no such layer.
     """
     if layer is None:
-        return depth
-    if not isinstance(layer, int) or not 1 <= layer <= depth:
-        raise ValueError(f"{name}: no layer {layer!r}; it has 1 to {depth}")
-    return layer
+        return layers[-1]
+    if str(layer) not in layers:
+        plain = layers == numbered(len(layers))
+        known = f"1 to {layers[-1]}" if plain else ", ".join(layers)
+        raise ValueError(f"{name}: no layer {layer!r}; it has {known}")
+    return str(layer)
 
 
 def token_maps(

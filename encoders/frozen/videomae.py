@@ -14,6 +14,7 @@ feature frame's time is the middle of the two frames that its tubelet covers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from torch import Tensor, nn
 
 from encoders.frozen.base import Dtype, FrozenEncoder
 from encoders.frozen.runtimes import Runtime
-from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
+from encoders.frozen.tokens import chosen_layer, numbered, token_maps, windowing_words
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import imagenet_clips
 from encoders.release import WeightsFile, load_strict, read_config
@@ -56,7 +57,7 @@ class VideoMAESettings:
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
     """
 
-    layer: int | None = None
+    layer: int | str | None = None
     hop: int | None = None
     frame_stride: int = 1
     dtype: Dtype = "float32"
@@ -82,35 +83,44 @@ class VideoMAEEncoder(FrozenEncoder):
     ) -> None:
         config: Any = network.config
         self.config = config
-        self.layer = chosen_layer(name, settings.layer, config.num_hidden_layers)
+        layers = numbered(config.num_hidden_layers)
         windowing = Windowing(config.num_frames, settings.hop, config.tubelet_size)
         words = windowing_words(windowing, settings.frame_stride)
         super().__init__(
             network,
             settings,
             windowing,
+            layers,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"{words}, {PREPROCESSING}",
-            layer=str(self.layer),
+            layer=chosen_layer(name, settings.layer, layers),
             resolution=config.image_size,
         )
 
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+    def encode(
+        self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
+    ) -> Sequence[Float[Tensor, "n t k h w"]]:
         side = self.config.image_size
-        return self.fast_maps(imagenet_clips(clips, (side, side), self.dtype))
+        return self.fast_maps(imagenet_clips(clips, (side, side), self.dtype), layers)
 
-    def maps(self, pixels: Tensor) -> Tensor:
-        """``(n, f, 3, h, w)`` to ``(n, t, k, h, w)``."""
+    def maps(self, pixels: Tensor, layers: tuple[str, ...]) -> list[Tensor]:
+        """``(n, f, 3, h, w)`` to ``(n, t, k, h, w)`` of each layer."""
         network: Any = self.network
         tokens = network.embeddings(pixels, None)
-        for block in network.encoder.layer[: self.layer]:
+        found: list[Tensor] = []
+        for layer, block in zip(self.layers, network.encoder.layer, strict=True):
             tokens = block(tokens)
-        if self.layer == self.config.num_hidden_layers and network.layernorm is not None:
-            tokens = network.layernorm(tokens)
+            if layer in layers:
+                found.append(tokens)
+            if layer == layers[-1]:
+                break
+        if layers[-1] == self.layers[-1] and network.layernorm is not None:
+            found[-1] = network.layernorm(tokens)
         grid = self.config.image_size // self.config.patch_size
-        return token_maps(tokens, pixels.shape[1] // self.config.tubelet_size, grid, grid)
+        frames = pixels.shape[1] // self.config.tubelet_size
+        return [token_maps(tokens, frames, grid, grid) for tokens in found]
 
 
 def load_videomae(

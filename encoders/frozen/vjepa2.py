@@ -14,6 +14,7 @@ is the middle of the two frames that its tubelet covers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,14 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
-from encoders.frozen.tokens import chosen_layer, token_maps, windowing_words
+from encoders.frozen.tokens import chosen_layer, numbered, token_maps, windowing_words
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import imagenet_clips, network_size
 from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
 CODE_VERSION = 1
+PREDICTOR = "predictor"  # a layer beyond the encoder's last
 NAMES = ("vjepa2-tiny", "vjepa2-l", "vjepa2-h", "vjepa2-g")
 PREPROCESSING = "rgb, longer side to resolution, sides to whole patches, bilinear, imagenet"
 
@@ -50,7 +52,7 @@ class VJEPA2Settings:
         batch: windows per forward pass.
     """
 
-    layer: int | None = None
+    layer: int | str | None = None
     resolution: int = 256
     frames: int = 16
     hop: int | None = None
@@ -95,7 +97,8 @@ class VJEPA2Encoder(FrozenEncoder):
         if settings.predictor and settings.layer is not None:
             raise ValueError(f"{name}: the predictor reads the last layer; leave out layer")
         self.config = config
-        self.layer = chosen_layer(name, settings.layer, config.num_hidden_layers)
+        layers = numbered(config.num_hidden_layers)
+        layer = chosen_layer(name, settings.layer, layers)
         tubelet = config.tubelet_size
         windowing = Windowing(settings.frames, settings.hop, tubelet, shortens=True)
         words = windowing_words(windowing, settings.frame_stride)
@@ -103,15 +106,18 @@ class VJEPA2Encoder(FrozenEncoder):
             network,
             settings,
             windowing,
+            (*layers, PREDICTOR) if settings.predictor else layers,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"{words}, {PREPROCESSING}",
-            layer="predictor" if settings.predictor else str(self.layer),
+            layer=PREDICTOR if settings.predictor else layer,
             resolution=settings.resolution,
         )
 
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n t k h w"]:
+    def encode(
+        self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
+    ) -> list[Float[Tensor, "n t k h w"]]:
         networks: Any = self.network
         patch = self.config.patch_size
         height, width = clips.shape[-2:]
@@ -119,39 +125,47 @@ class VJEPA2Encoder(FrozenEncoder):
         pixels = imagenet_clips(clips, size, DTYPES[self.settings.dtype])
         frames = clips.shape[1] // self.config.tubelet_size
         rows, columns = size[0] // patch, size[1] // patch
-        tokens, places = encoder_tokens(networks["encoder"], self.config, pixels, self.layer)
-        if self.settings.predictor:
+        foresees = layers[-1] == PREDICTOR
+        blocks = [int(layer) for layer in layers if layer != PREDICTOR]
+        depth = self.config.num_hidden_layers
+        run = blocks if depth in blocks or not foresees else [*blocks, depth]
+        found, places = encoder_tokens(networks["encoder"], self.config, pixels, run)
+        if foresees:
             if rows != columns:
                 raise ValueError(
                     f"{self.identity.name}: the predictor takes square frames, got "
                     f"{height} x {width}; pad or crop them"
                 )
-            masks = [places.expand(len(tokens), -1)]
-            tokens = networks["predictor"](tokens, masks, masks).last_hidden_state
-        return token_maps(tokens, frames, rows, columns)
+            masks = [places.expand(len(found[-1]), -1)]
+            said = networks["predictor"](found[-1], masks, masks).last_hidden_state
+            found = [*found[: len(blocks)], said]
+        return [token_maps(tokens, frames, rows, columns) for tokens in found]
 
 
 def encoder_tokens(
-    encoder: Any, config: Any, pixels: Float[Tensor, "n f c h w"], layers: int
-) -> tuple[Float[Tensor, "n tokens k"], Int[Tensor, "1 tokens"]]:
+    encoder: Any, config: Any, pixels: Float[Tensor, "n f c h w"], layers: Sequence[int]
+) -> tuple[list[Float[Tensor, "n tokens k"]], Int[Tensor, "1 tokens"]]:
     """Tokens after some blocks of the library's encoder, and the numbers of their places.
 
     Args:
         encoder: the ``VJEPA2Encoder`` of the library.
         config: its configuration.
         pixels: as the network takes them.
-        layers: blocks that are run; after all of them comes the final norm.
+        layers: numbers of the blocks, increasing; after the last of all comes the final norm.
     """
     patch = config.patch_size
     frames = pixels.shape[1] // config.tubelet_size
     rows, columns = pixels.shape[-2] // patch, pixels.shape[-1] // patch
     tokens = encoder.embeddings(pixels)
     places = _places(frames, rows, columns, config.crop_size // patch, tokens)
-    for block in encoder.layer[:layers]:
+    found = []
+    for number, block in enumerate(encoder.layer[: layers[-1]], 1):
         tokens = block(tokens, places)[0]
-    if layers == config.num_hidden_layers:
-        tokens = encoder.layernorm(tokens)
-    return tokens, places
+        if number in layers:
+            found.append(tokens)
+    if layers[-1] == config.num_hidden_layers:
+        found[-1] = encoder.layernorm(tokens)
+    return found, places
 
 
 def _places(

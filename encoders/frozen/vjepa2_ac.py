@@ -38,6 +38,7 @@ from encoders.weights import find_weights
 
 NAME = "vjepa2-ac"
 CODE_VERSION = 1
+OWN = "encoder"  # the layer of a frame's own tokens; the predictor's is the other
 PREPROCESSING = "rgb, the image to the square, bilinear, imagenet, each frame doubled"
 # the arm's place (metres), angles (radians) and gripper
 STATES = {"zero": (0.0,) * 7, "resting": (0.5, 0.0, 0.3, 3.14159265, 0.0, 0.0, 0.0)}
@@ -88,21 +89,25 @@ class VJEPA2ACEncoder(FrozenEncoder):
         self.config = config
         windowing = Windowing(settings.frames, settings.hop, shortens=True)
         words = windowing_words(windowing, settings.frame_stride)
+        foreseen = f"predictor, state {settings.state}"
         super().__init__(
             network,
             settings,
             windowing,
+            (OWN, foreseen) if settings.predictor else (OWN,),
             name=NAME,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"{words}, {PREPROCESSING}",
-            layer=f"predictor, state {settings.state}" if settings.predictor else "encoder",
+            layer=foreseen if settings.predictor else OWN,
             resolution=settings.resolution,
         )
 
-    def encode(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n f k h w"]:
+    def encode(
+        self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
+    ) -> list[Float[Tensor, "n f k h w"]]:
         seen = self.see(clips)
-        return self.foresee(seen) if self.settings.predictor else seen
+        return [seen if layer == OWN else self.foresee(seen) for layer in layers]
 
     def see(self, clips: Float[Tensor, "n f c H W"]) -> Float[Tensor, "n f k h w"]:
         """Normalised tokens of each frame by itself."""
@@ -111,7 +116,7 @@ class VJEPA2ACEncoder(FrozenEncoder):
         doubled = pixels.flatten(0, 1).unsqueeze(1).expand(-1, self.config.tubelet_size, -1, -1, -1)
         networks: Any = self.network
         depth = self.config.num_hidden_layers
-        tokens, _ = encoder_tokens(networks["encoder"], self.config, doubled, depth)
+        (tokens,), _ = encoder_tokens(networks["encoder"], self.config, doubled, [depth])
         grid = side // self.config.patch_size
         maps = token_maps(_normalised(tokens), 1, grid, grid)
         return maps.flatten(0, 1).unflatten(0, clips.shape[:2])

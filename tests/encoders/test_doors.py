@@ -15,6 +15,7 @@ from encoders.frozen import ENCODERS, load_encoder
 from encoders.frozen.token_order import ask_order
 from encoders.release import WeightsMissing
 from registry import RegistryError
+from tests.shared.layers import expect_layers
 
 MEAN, STD = (0.4, 0.5, 0.6), (0.2, 0.3, 0.4)
 SMALL = {"hidden_size": 32, "num_hidden_layers": 3, "num_attention_heads": 2}
@@ -163,6 +164,21 @@ def test_pictures_of_another_shape_are_resized_whole_by_the_models_own_filter(tm
     found, told = (encoder(x, torch.zeros(1)) for x in (frames, small.clamp(0, 1)[None]))
     torch.testing.assert_close(found.values, told.values)
     assert found.stride == (10.0, 12.5)
+
+
+@pytest.mark.parametrize("name", ["vit", "dinov3-convnext", "vjepa2", "timesformer", "timm"])
+def test_all_layers_in_one_pass(name, tmp_path):
+    door, options = f"hf:{tmp_path}", {"batch": 3}
+    if name == "timm":
+        door, options = "timm:test_vit", {"batch": 3, "seed": 0, "resolution": 64}
+    else:
+        saved((IMAGES | VIDEOS)[name](), tmp_path)
+    encoder = load_encoder(door, options)
+    frames, _ = frames_for(encoder, 2 if name in IMAGES else 4)
+    passes = -(-len(frames) * (frames.shape[1] if encoder.windowing.frames == 1 else 1) // 3)
+    expect_layers(
+        encoder, lambda layer: load_encoder(door, {**options, "layer": layer}), frames, passes
+    )
 
 
 def test_bfloat16_is_near_and_named(tmp_path):

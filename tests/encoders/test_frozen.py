@@ -20,6 +20,7 @@ from encoders.known_weights import KNOWN
 from encoders.preprocess import IMAGENET, network_size, to_rgb
 from encoders.release import WeightsMissing, file_sha256
 from encoders.weights import fetch, find_weights, lock, weights_folder
+from tests.shared.layers import expect_layers
 from vidphys.cli.extract import ExtractConfig, extract
 from vidphys.cli.weights import WeightsConfig, weights
 from vidphys.errors import InputError
@@ -360,6 +361,13 @@ def test_extract_refuses_bad_input(
             extract(config)
         assert "\n" not in str(caught.value)
     assert not out.exists()
+
+
+def test_all_stages_in_one_pass(folder: Path, encoder: HieraEncoder) -> None:
+    def alone(layer: str) -> HieraEncoder:
+        return load_hiera(HieraSettings(layer, resolution=64, batch=3), folder)
+
+    expect_layers(encoder, alone, frames(4), 2)
 
 
 def test_real_weights() -> None:

@@ -31,6 +31,7 @@ from encoders.frozen.windows import Windowing, feature_times, windows
 from encoders.known_weights import KNOWN
 from encoders.release import WeightsFile, WeightsMissing, release_sha256
 from encoders.weights import fetch, find_weights, lock
+from tests.shared.layers import expect_layers
 from vidphys.cli.extract import ExtractConfig, extract
 from vidphys.cli.weights import WeightsConfig, weights
 from vidphys.errors import InputError
@@ -181,6 +182,24 @@ def test_equals_the_library_and_stops_at_the_layer(name: str, folder: Path) -> N
         assert (states[layer - 1] - states[layer - 2]).abs().mean() > 0.01
 
 
+@pytest.mark.parametrize("name", [*QUICK, "predictor"])
+def test_all_layers_in_one_pass(name: str, folder: Path) -> None:
+    asked = {"vjepa2-l": {**QUICK["vjepa2-l"], "predictor": True}} if name == "predictor" else QUICK
+    name = "vjepa2-l" if name == "predictor" else name
+    options = {key: value for key, value in asked[name].items() if key != "layer"}
+
+    def alone(layer: str) -> FrozenEncoder:
+        if layer == "predictor":
+            return load_encoder(name, options, folder)
+        plain = {key: value for key, value in options.items() if key != "predictor"}
+        return load_encoder(name, {**plain, "layer": layer}, folder)
+
+    # I3D continues the edges by a cell, and strides in time: five kinds of windows
+    passes = 5 if name == "i3d" else 3 if name == "dinov2-small" else 1
+    encoder = load_encoder(name, options, folder)
+    expect_layers(encoder, alone, frames(7 if encoder.windowing.frames == 1 else 4), passes)
+
+
 def test_predictor_only_where_it_is_asked_for(folder: Path) -> None:
     from transformers import VJEPA2Model
 
@@ -245,7 +264,7 @@ def test_a_clip_has_the_same_features_in_any_company(encoder: FrozenEncoder) -> 
     clips = frames(9, clips=3)
     sizes: set[tuple[int, ...]] = set()
     original = encoder.encode
-    encoder.encode = lambda x: sizes.add(tuple(x.shape)) or original(x)  # type: ignore[method-assign,func-returns-value]
+    encoder.encode = lambda x, layers: sizes.add(tuple(x.shape)) or original(x, layers)  # type: ignore[method-assign,func-returns-value]
     together = encoder(clips, times(9)).values
     for k in range(3):
         assert torch.equal(encoder(clips[k : k + 1], times(9)).values[0], together[k])
@@ -620,7 +639,7 @@ def field(maps: Callable[[Tensor], Tensor], shape: tuple[int, ...], axis: int) -
 def test_fields_of_i3d_lie_where_the_formula_says(axis: int) -> None:
     """With weights of one the field is the support of the gradient; its middle is the centre."""
     network, stage = ones_network(), "Conv3d_2c_3x3"
-    found = field(lambda x: network(x, stage)[0, 0, 4, 7, 7], (1, 3, 16, 64, 64), 2 + axis)
+    found = field(lambda x: network(x, (stage,))[0][0, 0, 4, 7, 7], (1, 3, 16, 64, 64), 2 + axis)
     assert found == field_stride(stage, axis) * (4, 7)[axis] + field_centre(stage, axis)
 
 
@@ -629,7 +648,9 @@ def test_i3d_brings_its_fields_back_to_their_cells() -> None:
     weights_file = WeightsFile(Path("none"), "0" * 64)
     encoder = I3DEncoder(ones_network(), settings, weights_file)
     found = field(
-        lambda x: encoder.encode(x.float() / 64)[0, 1, 0, 7, 9].double(), (1, 4, 3, 64, 64), 4
+        lambda x: encoder.encode(x.float() / 64, (settings.layer,))[0][0, 1, 0, 7, 9].double(),
+        (1, 4, 3, 64, 64),
+        4,
     )
     assert abs(found - (4 * (9 + 0.5) - 0.5)) == 0.5  # two pixels more if they were not
 
@@ -655,7 +676,7 @@ def test_i3d_stages(folder: Path) -> None:
     for stage, width in zip(STAGES, channels, strict=True):
         if stage in ("Conv3d_2b_1x1", "Mixed_3c", "Mixed_4b", "Mixed_5c"):
             with torch.no_grad():
-                got = network(x, stage).shape
+                got = network(x, (stage,))[0].shape
             t, s = field_stride(stage, 0), field_stride(stage, 1)
             assert got == (1, width, 8 // t, 32 // s, 32 // s)
 

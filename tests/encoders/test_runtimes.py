@@ -25,11 +25,11 @@ def small_network() -> nn.Module:
 @pytest.mark.parametrize(("dtype", "tolerance"), [("float32", 1e-3), ("bfloat16", 2e-2)])
 def test_openvino_computes_what_torch_computes(dtype, tolerance):
     network = small_network()
-    fast = under_runtime(network, network, "openvino", dtype)
+    fast = under_runtime(network, lambda pixels: [network(pixels)], "openvino", dtype)
     for shape in ((2, 3, 16, 16), (1, 3, 8, 16)):
         pixels = torch.randn(shape, generator=torch.Generator().manual_seed(1))
         with torch.inference_mode():
-            exact, found = network(pixels), fast(pixels)
+            exact, (found,) = network(pixels), fast(pixels)
         assert found.shape == exact.shape
         assert float((found - exact).norm() / exact.norm()) < tolerance
 
@@ -37,11 +37,12 @@ def test_openvino_computes_what_torch_computes(dtype, tolerance):
 class SmallEncoder(FrozenEncoder):
     """One feature frame for each frame."""
 
-    def encode(self, clips: torch.Tensor) -> torch.Tensor:
-        return self.fast_maps(clips.flatten(0, 1).to(self.dtype)).unflatten(0, clips.shape[:2])
+    def encode(self, clips: torch.Tensor, layers: tuple[str, ...]) -> list[torch.Tensor]:
+        (found,) = self.fast_maps(clips.flatten(0, 1).to(self.dtype), layers)
+        return [found.unflatten(0, clips.shape[:2])]
 
-    def maps(self, pixels: torch.Tensor) -> torch.Tensor:
-        return self.network(pixels)
+    def maps(self, pixels: torch.Tensor, layers: tuple[str, ...]) -> list[torch.Tensor]:
+        return [self.network(pixels)]
 
 
 def encoder_of(runtime: str, dtype: str) -> SmallEncoder:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
 from torch import Tensor
 
 from encoders import weights as weights_module
-from encoders.frozen import load_encoder
+from encoders.frozen import FrozenEncoder, load_encoder
 from encoders.frozen.vjepa2_ac import VJEPA2ACEncoder
 from encoders.frozen.vjepa2_ac_network import Predictor, rotate, turn_by_place
 from encoders.known_weights import KNOWN
 from encoders.release import WeightsMissing
 from encoders.weights import fetch, lock
+from tests.shared.layers import expect_layers
 
 FILE, WIDTH, SIDE = KNOWN["vjepa2-ac"].file, 64, 32
 QUICK = {"resolution": SIDE, "frames": 4, "batch": 2}
@@ -115,6 +116,14 @@ def test_a_frame_is_seen_as_the_library_sees_two_copies_of_it(encoder: VJEPA2ACE
         tokens = library_encoder()(pixels.expand(1, 2, -1, -1, -1)).last_hidden_state
     want = torch.nn.functional.layer_norm(tokens[0], (WIDTH,)).T.reshape(WIDTH, 2, 2)
     torch.testing.assert_close(seen[0, 1], want, rtol=1e-4, atol=1e-4)
+
+
+def test_both_layers_in_one_pass(folder: Path, encoder: VJEPA2ACEncoder) -> None:
+    def alone(layer: str) -> FrozenEncoder:
+        options = {**QUICK, "predictor": layer != "encoder"}
+        return cast(FrozenEncoder, load_encoder("vjepa2-ac", options, folder))
+
+    expect_layers(encoder, alone, clip(6), 1)
 
 
 def test_places_turn_as_the_library_turns_them() -> None:

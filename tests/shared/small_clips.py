@@ -29,24 +29,27 @@ class CellsSettings:
 class Cells(FrozenEncoder):
     """Mean colour of square cells of ``layer`` pixels, those of ``frames`` frames side by side."""
 
+    passes = 0  # of all encoders
+
     def __init__(self, settings: CellsSettings, sha256: str) -> None:
-        self.cell = settings.layer
         windowing = Windowing(settings.frames, tubelet=settings.frames)
         super().__init__(
             nn.Linear(1, 1),
             settings,
             windowing,
+            ("2", "4", "8"),
             name="cells",
             code_version=1,
             weights_sha256=sha256,
             preprocessing="none",
-            layer=str(self.cell),
+            layer=str(settings.layer),
             resolution=SIDE,
         )
 
-    def encode(self, clips: Tensor) -> Tensor:
-        light = functional.avg_pool2d(clips.flatten(0, 1), self.cell)
-        return light.unflatten(0, clips.shape[:2]).flatten(1, 2)[:, None]
+    def encode(self, clips: Tensor, layers: tuple[str, ...]) -> list[Tensor]:
+        Cells.passes += 1
+        light = [functional.avg_pool2d(clips.flatten(0, 1), int(layer)) for layer in layers]
+        return [maps.unflatten(0, clips.shape[:2]).flatten(1, 2)[:, None] for maps in light]
 
 
 def know_cells(patch: pytest.MonkeyPatch) -> dict[str, str]:

@@ -15,7 +15,7 @@ from binders.steadied import camera_path
 from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
-from encoders.identity import IdentifiedEncoder
+from encoders.identity import IdentifiedEncoder, LayeredEncoder
 from readouts.attention import confidence_at, distance_at
 from readouts.base import Readout
 from vidphys.data.extraction import Axes, mirrored
@@ -43,7 +43,7 @@ def load_layers(
     weights: Path | None = None,
     device: str = "cpu",
 ) -> dict[Layer, LoadedEncoder]:
-    """One encoder for each layer that is read; ``None`` is its own default.
+    """An encoder for each layer that is read, over one network; ``None`` is its own default.
 
     Args:
         name, options: of the catalogue, without the layer.
@@ -53,11 +53,16 @@ def load_layers(
     Raises:
         ValueError: an unknown name or option, or weights that are missing or wrong.
     """
-    found = {}
+    found: dict[Layer, LoadedEncoder] = {}
+    first: LayeredEncoder | None = None
     for layer in layers:
         given = {**options, "layer": layer}
         kept = {key: value for key, value in given.items() if value is not None}
-        found[layer] = LoadedEncoder(name, kept, load_encoder(name, kept, weights, device))
+        if first is not None and str(layer) in first.layers:
+            network = first.at(str(layer))
+        else:  # or one of another package, which is made for its layer
+            first = network = load_encoder(name, kept, weights, device)
+        found[layer] = LoadedEncoder(name, kept, network)
     return found
 
 

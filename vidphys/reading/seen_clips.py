@@ -11,14 +11,15 @@ from binders.base import Binder
 from binders.tracks import Tracks
 from dynamics import Parameters
 from encoders.features import FeatureMap
+from encoders.identity import LayeredEncoder
 from encoders.store import FeatureStore
 from vidphys.data.dataset import ClipFile, Dataset
-from vidphys.data.extraction import extract
+from vidphys.data.extraction import extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labelled import LabelledFrames, joined
 from vidphys.data.labelled_clips import LabelledClip, read_clips
 from vidphys.data.splits import Split, split_clips, split_frames
-from vidphys.data.video import ClipSelection
+from vidphys.data.video import ClipSelection, Video
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.reading.reader import Layer, LoadedEncoder
@@ -90,16 +91,31 @@ def see(
             )
         _check_frames(clip, encoders)
         progress = stage(f"{clip.file.path.name}: features")
-        features = {
-            layer: extract(clip.video, encoder.network, store, progress=progress).features
-            for layer, encoder in encoders.items()
-        }
+        features = _features(clip.video, encoders, store, progress)
         seen.append(
             SeenClip(
                 clip.file, clip.video.size, clip.tracks, clip.camera, clip.follows_camera, features
             )
         )
     return tuple(seen)
+
+
+def _features(
+    video: Video,
+    encoders: Mapping[Layer, LoadedEncoder],
+    store: FeatureStore,
+    progress: Progress,
+) -> dict[Layer, FeatureMap]:
+    """Those of every layer, from one pass where one network has them all."""
+    first = next(iter(encoders.values())).network
+    names = {layer: encoder.network.identity.layer for layer, encoder in encoders.items()}
+    if isinstance(first, LayeredEncoder) and set(names.values()) <= set(first.layers):
+        found = extract_layers(video, first, list(names.values()), store, progress=progress)
+        return {layer: found[name].features for layer, name in names.items()}
+    return {
+        layer: extract(video, encoder.network, store, progress=progress).features
+        for layer, encoder in encoders.items()
+    }
 
 
 def _check_frames(clip: LabelledClip, encoders: Mapping[Layer, LoadedEncoder]) -> None:

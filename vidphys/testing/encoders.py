@@ -13,7 +13,7 @@ from torch import Tensor
 from encoders import Encoder, FeatureMap
 from encoders.frozen import load_encoder
 from encoders.frozen.foreign import as_ours
-from encoders.identity import IdentifiedEncoder
+from encoders.identity import IdentifiedEncoder, LayeredEncoder
 from vidphys.testing.failed import CheckFailed, expect, expect_same, expect_spoiled
 from vidphys.testing.states import moving_dots
 
@@ -38,6 +38,7 @@ def check_encoder(
         CheckFailed: what was expected, and what came.
     """
     name = encoder if isinstance(encoder, str) else type(encoder).__name__
+    made: IdentifiedEncoder
     if isinstance(encoder, str):
         made = load_encoder(encoder, options)
     elif isinstance(encoder, IdentifiedEncoder):
@@ -60,6 +61,8 @@ def check_encoder(
     spoiled = frames.float() / 255
     spoiled[0, 0, 0, 0, 0] = math.nan
     expect_spoiled(lambda: made(spoiled, times).values[0], f"{name} of a NaN pixel")
+    if isinstance(made, LayeredEncoder):
+        _check_layers(made, name, frames, times)
     held = asdict(made.identity)
     expect(json.loads(json.dumps(held)) == held, f"{name}.identity", "plain words", held)
 
@@ -72,6 +75,20 @@ def _called(encoder: Any, frames: Tensor, times: Tensor, name: str) -> FeatureMa
         raise CheckFailed(f"{name}: expected features of frames {shape}, got {error}") from error
     expect(isinstance(found, FeatureMap), name, "an encoders.FeatureMap", type(found).__name__)
     return found
+
+
+def _check_layers(encoder: LayeredEncoder, name: str, frames: Tensor, times: Tensor) -> None:
+    """All layers of one pass are those of an encoder at each; its own is one of them."""
+    own, layers = encoder.identity.layer, encoder.layers
+    expect(own in layers, f"{name}.layers", f"its own layer {own!r} among them", layers)
+    together = encoder.encode_layers(frames, times, layers)
+    expect(tuple(together) == layers, f"{name}: encode_layers", layers, tuple(together))
+    for layer, found in together.items():
+        at = encoder.at(layer)
+        expect(at.identity.layer == layer, f"{name}.at({layer!r})", layer, at.identity.layer)
+        _check_map(found, f"{name} at {layer}", at.frames_per_feature, times, frames.shape[-1])
+        alone = _called(at, frames, times, name).values
+        expect_same(found.values, alone, f"{name} at {layer}", "what it gives alone", ALIKE)
 
 
 def _check_map(found: FeatureMap, name: str, each: int, times: Tensor, side: int) -> None:

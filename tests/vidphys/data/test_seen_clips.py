@@ -18,7 +18,7 @@ from encoders.store import FeatureStore
 from tests.shared.small_clips import Cells, CellsSettings, write_clip
 from vidphys.cli import main
 from vidphys.data.dataset import clip_file, find_dataset
-from vidphys.data.extraction import extract
+from vidphys.data.extraction import extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labels import read_labels, write_labels
 from vidphys.data.splits import split_clips, split_frames
@@ -160,6 +160,24 @@ def test_extraction_is_cached(tmp_path: Path) -> None:
     frames = torch.from_numpy(clip.frames).permute(0, 3, 1, 2)[None]
     expected = encoder(frames, torch.from_numpy(clip.times))
     assert torch.equal(again.features.values, expected.values)
+
+
+def test_layers_that_are_not_in_the_store_come_from_one_pass(tmp_path: Path) -> None:
+    write_clip(tmp_path / "c.avi", 5)
+    clip, encoder = read_video(tmp_path / "c.avi", WHOLE), Cells(CellsSettings(), "0" * 64)
+    store, before = FeatureStore(tmp_path / "f"), Cells.passes
+    extract(clip, encoder.at(8), store, "float32")
+    assert Cells.passes == before + 1
+    found = extract_layers(clip, encoder, [2, "8", 4], store, "float32")
+    assert Cells.passes == before + 2  # five frames are one pass
+    assert {layer: each.cached for layer, each in found.items()} == {"2": 0, "8": 1, "4": 0}
+    for layer, each in found.items():
+        alone = extract(clip, encoder.at(layer), store, "float32")
+        assert alone.cached and alone.key == each.key
+        assert torch.equal(alone.features.values, each.features.values)
+    assert Cells.passes == before + 2 and len(store.entries()) == 3
+    with pytest.raises(ValueError, match="cells: no layer 3; it has 2, 4, 8"):
+        extract_layers(clip, encoder, [3], store)
 
 
 def test_real_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
