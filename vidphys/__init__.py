@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from vidphys.errors import InputError as InputError
     from vidphys.opened import Run as Run
     from vidphys.opened import open_run as open_run
+    from vidphys.probing.probe import probe as probe
     from vidphys.queries import query as query
     from vidphys.scenes import SCENES as SCENES
     from vidphys.scenes import gravity as gravity
@@ -41,6 +42,7 @@ HOMES = {
     "from_trajectory": "vidphys.training.segments",
     "gravity": "vidphys.scenes",
     "open_run": "vidphys.opened",
+    "probe": "vidphys.probing.probe",
     "query": "vidphys.queries",
     "read_tracks": "vidphys.diagnose.recordings.tables",
     "rollout": "dynamics",

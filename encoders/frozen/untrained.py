@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import torch
 from torch import nn
@@ -10,6 +11,7 @@ from torch import nn
 from encoders.frozen.base import FrozenEncoder
 from encoders.identity import IdentifiedEncoder
 
+Network = TypeVar("Network", bound=nn.Module)
 SPREAD = (
     0.02  # of weights that belong to no layer which could draw them (the usual of transformers)
 )
@@ -33,13 +35,19 @@ def untrained(encoder: IdentifiedEncoder, seed: int) -> FrozenEncoder:
             f"{encoder.identity.name}: only a FrozenEncoder can be had with random weights, got "
             f"{type(encoder).__name__}"
         )
-    with torch.random.fork_rng([]), torch.no_grad():
-        torch.manual_seed(seed)
-        for module in encoder.network.modules():
-            _draw(module)
+    drawn_anew(encoder.network, seed)
     weights = f"drawn anew by seed {seed}"
     encoder.identity = replace(encoder.identity, weights_sha256=weights)
     return encoder
+
+
+def drawn_anew(network: Network, seed: int) -> Network:
+    """A network with its weights drawn anew in place; see :func:`untrained`."""
+    with torch.random.fork_rng([]), torch.no_grad():
+        torch.manual_seed(seed)
+        for module in network.modules():
+            _draw(module)
+    return network
 
 
 def _draw(module: nn.Module) -> None:

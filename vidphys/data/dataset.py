@@ -72,6 +72,7 @@ class ClipFile:
     Args:
         path: the video.
         labels: the table beside it, if there is one.
+        truth: the table of all that is known of it, if there is one.
         coupling: G of the law that held.
         mass: of each body; ones where nothing is said.
     """
@@ -80,6 +81,7 @@ class ClipFile:
     labels: Path | None
     coupling: float = 1.0
     mass: tuple[float, ...] | None = None
+    truth: Path | None = None
 
     def law(self, bodies: int) -> Parameters:
         """What a head is told of the clip, batch of one.
@@ -219,7 +221,8 @@ def _listed(folder: Path, entry: Listed) -> ClipFile:
                 f"{file}: not the file that {folder / MANIFEST} lists (its sha256 differs); make "
                 "it again, or take its hash out of the list where it was changed on purpose"
             )
-    return ClipFile(path, labels, entry.coupling, entry.mass)
+    truth = None if entry.truth is None else folder / entry.truth
+    return ClipFile(path, labels, entry.coupling, entry.mass, truth)
 
 
 def _facts(about: Manifest | None) -> dict[str, Any]:

@@ -147,8 +147,8 @@ def truth_of(clips: Clips, k: int, scene: Scene) -> pa.Table:
     """All that is known of one clip, a row for each frame, in world units and seconds.
 
     Columns: ``time``; of each body 1, 2, ... its place ``x1, y1``, momentum ``px1, py1``, velocity
-    ``vx1, vy1``, the conservative force on it ``fx1, fy1`` and its mass ``m1``; ``coupling``, and
-    the law's further strengths by name.
+    ``vx1, vy1``, the conservative force on it ``fx1, fy1``, its mass ``m1`` and, where the law has
+    charges, its charge ``z1``; ``coupling``, and the law's further strengths by name.
     """
     states, law = clips.states[k], clips.params[k]
     frames = len(clips.times)
@@ -160,6 +160,8 @@ def truth_of(clips: Clips, k: int, scene: Scene) -> pa.Table:
             for axis, letter in enumerate("xy"):
                 columns[f"{name}{letter}{body + 1}"] = values[:, body, axis]
         columns[f"m{body + 1}"] = params.mass[:, body]
+        if params.charge is not None:
+            columns[f"z{body + 1}"] = params.charge[:, body]
     columns |= {"coupling": params.coupling, **params.scalars}
     return pa.table({name: values.detach().double().numpy() for name, values in columns.items()})
 

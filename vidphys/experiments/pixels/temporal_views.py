@@ -26,10 +26,10 @@ def repeated(frames: Tensor, centre: int) -> Tensor:
     return frames[:, [centre] * frames.shape[1]]
 
 
-def shuffled(frames: Tensor, centre: int) -> Tensor:
-    """The labelled frame where it was, and all others in an order of each clip's own."""
+def shuffled(frames: Tensor, *labelled: int) -> Tensor:
+    """The labelled frames where they were, and all others in an order of each clip's own."""
     rng = Generator().manual_seed(derive(0, "shuffle"))
-    others = [t for t in range(frames.shape[1]) if t != centre]
+    others = [t for t in range(frames.shape[1]) if t not in labelled]
     mixed = frames.clone()
     for clip in range(len(frames)):
         order = torch.randperm(len(others), generator=rng).tolist()

@@ -1,0 +1,157 @@
+"""From feature frames to what a layer knows of a target, beside all controls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from torch import Tensor
+
+from vidphys.probing.coding import coded, decoded
+from vidphys.probing.controls import CONSTANT, CONTROLS, PERMUTED
+from vidphys.probing.linear import Predictions, fold_of, inner_products, read_linearly
+from vidphys.probing.scores import Bootstrap, Score, Sums, sums_of
+from vidphys.probing.targets import Labels
+from vidphys.statistics import spearman
+
+# maps (e, c, h, w), targets (e, m) each, which are known, clips, folds, seed, controls
+Readout = Callable[..., list[Predictions]]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one layer knows of one target.
+
+    Args:
+        layer, depth: its name, and its place among all layers: 0 the first, 1 the last.
+        target: what was asked.
+        score: on clips that the readout did not see; see :mod:`vidphys.probing.scores`.
+        controls: likewise, by name; those that could not be had are not there.
+        best: the best of the rivals among them.
+        selectivity: the score less that of ``best``.
+        calibration: rank correlation between the error that the readout expects and its error;
+            ``None`` of what is no regression.
+        sums: of the score, for further comparisons.
+    """
+
+    layer: str
+    depth: float
+    target: Labels
+    score: Score
+    controls: Mapping[str, Score]
+    best: str
+    selectivity: Score
+    calibration: float | None
+    sums: Sums
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is read, of which examples, and how.
+
+    Args:
+        targets: with values for each example.
+        clips: number of each example's clip, from 0, ``(e,)``.
+        seed: of the folds and all draws.
+        folds: in which all clips are tested.
+        readout: of maps; see :data:`READOUTS`.
+    """
+
+    targets: Sequence[Labels]
+    clips: np.ndarray
+    seed: int
+    folds: int
+    readout: Readout
+
+    @property
+    def count(self) -> int:
+        """Clips."""
+        return int(self.clips.max()) + 1
+
+    def read(self, maps: Tensor, controls: bool = False) -> list[Predictions]:
+        """What a readout of these maps says of each target."""
+        return self.readout(
+            maps,
+            [coded(each).reshape(len(each.values), -1) for each in self.targets],
+            [each.known for each in self.targets],
+            self.clips,
+            fold_of(self.count, min(self.folds, self.count), self.seed),
+            self.seed,
+            controls,
+        )
+
+    def sums(self, said: Sequence[Predictions], what: str = "raw") -> list[Sums]:
+        """Errors of each target's predictions."""
+        found = []
+        for labels, each in zip(self.targets, said, strict=True):
+            shape = (*labels.values.shape, -1)
+            raw, constant = (getattr(each, name).reshape(shape) for name in (what, "constant"))
+            found.append(sums_of(labels, raw, constant, self.clips))
+        return found
+
+
+def linear(
+    maps: Tensor,
+    targets: Sequence[np.ndarray],
+    known: Sequence[np.ndarray],
+    clips: np.ndarray,
+    folds: np.ndarray,
+    seed: int,
+    controls: bool,
+) -> list[Predictions]:
+    """A ridge regression on all tokens; see :mod:`vidphys.probing.linear`."""
+    return read_linearly(inner_products(maps), targets, known, clips, folds, seed, controls)
+
+
+def findings_of(
+    layer: str,
+    depth: float,
+    maps: Tensor,
+    others: Mapping[str, Tensor],
+    given: Mapping[str, Sequence[Sums]],
+    asked: Asked,
+) -> list[Finding]:
+    """What a layer knows of every target.
+
+    Args:
+        layer, depth: see :class:`Finding`.
+        maps: of the examples, ``(e, c, h, w)``.
+        others: by control, the maps that it reads instead.
+        given: by control, what is known of it already (that of the pixels is the same for all).
+        asked: what is read.
+    """
+    said = asked.read(maps, controls=True)
+    own = asked.sums(said)
+    controls = {name: asked.sums(asked.read(other)) for name, other in others.items()}
+    controls |= {name: list(sums) for name, sums in given.items()}
+    controls |= {name: asked.sums(said, name) for name in (PERMUTED, CONSTANT)}
+    draws, found = Bootstrap(asked.count, asked.seed), []
+    for k, labels in enumerate(asked.targets):
+        each = {name: controls[name][k] for name in CONTROLS if name in controls}
+        best = max((name for name in each if CONTROLS[name].rival), key=lambda n: each[n].score)
+        found.append(
+            Finding(
+                layer,
+                depth,
+                labels,
+                draws.score(own[k]),
+                {name: draws.score(sums) for name, sums in each.items()},
+                best,
+                draws.difference(own[k], each[best]),
+                _calibration(labels, said[k]),
+                own[k],
+            )
+        )
+    return found
+
+
+def _calibration(labels: Labels, said: Predictions) -> float | None:
+    if labels.kind != "regression":
+        return None
+    known = labels.known
+    error = np.abs(decoded(labels, said.raw.reshape(*labels.values.shape, -1)) - labels.values)
+    doubt = said.doubt[known].ravel()
+    if np.ptp(doubt) == 0 or np.ptp(error[known]) == 0:
+        return None
+    return spearman(doubt.tolist(), error[known].ravel().tolist())
