@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -111,6 +114,14 @@ def test_a_rendered_folder_has_the_targets_of_mechanics(tmp_path):
     assert found.best("position").score.value > 0.1
     with pytest.raises(vidphys.InputError, match="target count: it is the same"):
         probe(lambda x: x, tmp_path / "clips", ["count"])
+
+
+def test_own_encoder_and_labels_with_all_controls_are_fifteen_lines():
+    """The page's block itself is run by the tests of the project."""
+    page = Path(__file__).parents[3] / "docs" / "probing.md"
+    (block,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    assert "vidphys.probe(" in block
+    assert len([line for line in block.splitlines() if line.strip()]) <= 15
 
 
 @pytest.mark.parametrize(
