@@ -186,8 +186,8 @@ def line(data: bytes, random: np.random.Generator) -> bytes:
 def reader_of(name: str) -> Callable[[Path], object]:
     """What a verb reads such a file by."""
     from encoders.tensors import read_tensors
-    from vidphys.data.dataset import read_manifest
     from vidphys.data.formats import read_recording
+    from vidphys.data.sets.folder import read_manifest
     from vidphys.data.video import ClipSelection, read_video
     from vidphys.diagnose.explanations.specification import read_specification
 

@@ -11,7 +11,8 @@ from dynamics import terms
 from vidphys import boundary
 from vidphys.boundary import Closed, read_json
 from vidphys.cli import main
-from vidphys.data.dataset import find_dataset, read_manifest
+from vidphys.data.dataset import find_dataset
+from vidphys.data.sets.folder import read_manifest
 from vidphys.diagnose.explanations.specification import as_specification, read_specification
 from vidphys.errors import InputError
 from vidphys.experiments.filmed.truth import Truth

@@ -85,6 +85,11 @@ class Console:
             more = f" ({share:.0%}), about {_span(left)} left" if share < 1 else ""
             self._line(f"{self.finished} of {self.units} units finished{more}")
 
+    def note(self, text: str) -> None:
+        """Say what was found on the way; a record has it too."""
+        if not self.quiet:
+            print(text, file=sys.stderr)
+
     def warn(self, text: str) -> None:
         """Say something that must not be missed, even when quiet."""
         print(f"warning: {text}", file=sys.stderr)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.options import MOTION, make_binder, option, refuse
+from vidphys.cli.options import MOTION, given_columns, make_binder, option, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
 from vidphys.cli.who import WhoOptions
@@ -17,10 +17,13 @@ from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from binders.base import Binder
-    from vidphys.data.dataset import Dataset
+    from vidphys.data.clip_files import Dataset
     from vidphys.progress import Progress
     from vidphys.reading.reader import Layer, LoadedEncoder
+    from vidphys.reading.seen_clips import SeenClip
     from vidphys.reading.training import TrainSettings
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
@@ -38,11 +41,13 @@ class TrainConfig(WhoOptions, SeeingOptions):
     Example: vidphys train clips --seeds 3 --out runs/clips
 
     Positions are learned from a table beside each clip (NAME.csv with columns x1,y1,... or
-    u1,v1,...), or else from a hand-made binder that follows what moves. Interrupted, the same
-    command goes on where it was.
+    u1,v1,...; any table that `vidphys diagnose` reads), or else from a hand-made binder that
+    follows what moves. Interrupted, the same command goes on where it was.
 
     Args:
         data: a video file, a folder of them, or a folder of `vidphys render`.
+        columns: what columns of the tables are, where their names do not tell (u1=LEFT v1=TOP), or
+            which of their bodies are learned (u=u2 v=v2).
         store: folder of the feature store; what is missing in it is extracted.
         out: the run folder.
         readout: what reads positions from features: refined (attention says about where, several
@@ -83,6 +88,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
     """
 
     data: Annotated[Path, tyro.conf.Positional]
+    columns: tuple[str, ...] = ()
     store: Path = Path("features")
     out: Path = Path("runs/clip")
     readout: str = "refined"
@@ -129,10 +135,12 @@ def train(config: TrainConfig) -> int:
     _check(config)
     binder = make_binder(config.binder, config.bodies, config.shadow, config)
     check_cuda(config.device)
-    dataset = find_dataset(config.data)
+    dataset = find_dataset(config.data, given_columns(config.columns))
     if dataset.labelled:
         why = f"the tables of {config.data} tell the positions"
         refuse(config, (*config.given, "binder", "bodies", "shadow"), why)
+    else:
+        refuse(config, ("columns",), f"{config.data} has no tables of positions")
     layers, options = config.layers or (None,), config.encoder_options
     try:
         encoders = load_layers(config.encoder, options, layers, config.weights, config.device)
@@ -260,6 +268,7 @@ def _train(
     try:
         store = FeatureStore(config.store)
         clips = see(dataset, encoders, store, selection, binder, stage)
+        _tell(run, console, dataset, clips)
         console.done(0)
         perceived = perceive(clips, dataset, encoders, store, settings, checkpoints, stage)
         console.done(1)
@@ -281,6 +290,16 @@ def _train(
     with console.drawing("the recording"):
         record_training(run.path, perceived, told[0], selection)
     console.done(3)
+
+
+def _tell(run: RunFolder, console: Console, dataset: Dataset, clips: Sequence[SeenClip]) -> None:
+    """Say, and keep, where positions come from and what is odd about the clips."""
+    labels = dataset.told(clips[0].labels.positions.shape[2])
+    console.note(labels)
+    for clip in clips:
+        for note in clip.about["notes"]:
+            console.note(f"{clip.file.path}: note: {note}")
+    run.tell(labels=labels, clips=[dict(clip.about) for clip in clips])
 
 
 def _recorder(config: TrainConfig, dataset: Dataset) -> Recorder:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from binders.base import Binder, MotionTracks
 from binders.tracks import Tracks
-from vidphys.data.dataset import ClipFile, Dataset
+from vidphys.data.clip_files import ClipFile, Dataset
 from vidphys.data.labels import read_labels
 from vidphys.data.video import ClipSelection, Video, read_video, require_frames
 from vidphys.errors import InputError
@@ -71,7 +71,8 @@ def _labelled(
 ) -> LabelledClip:
     still = torch.zeros(len(video.times), 2)
     if file.labels is not None:
-        tracks = read_labels(file.labels, video, selection, dataset.half_extent)
+        told = dataset.half_extent, dataset.columns
+        tracks = read_labels(file.labels, video, selection, *told)
         return LabelledClip(file, video, tracks, still, False)
     try:
         found = binder(video.frames, video.times)

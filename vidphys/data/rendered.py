@@ -22,9 +22,9 @@ import torch
 
 from renderers import WORLDS, Camera
 from vidphys.data.clips import Clips, render_clips
-from vidphys.data.dataset import MANIFEST, SCHEMA_VERSION
 from vidphys.data.formats.opencv import opencv
 from vidphys.data.labels import write_labels
+from vidphys.data.sets.folder import MANIFEST, SCHEMA_VERSION
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.runs.atomic import sha256, write_json, write_with

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from vidphys.data.dataset import ClipFile, find_dataset
+from vidphys.data.clip_files import ClipFile
+from vidphys.data.dataset import find_dataset
 from vidphys.data.video import ClipSelection, Video, read_video
 from vidphys.errors import InputError
 from vidphys.probing.catalogue import TARGETS
@@ -210,7 +211,7 @@ class Folder:
 
 
 def _table(file: ClipFile) -> Path | None:
-    return file.truth or file.labels
+    return file.truth or (file.labels and file.labels.path)
 
 
 def _labels(target: Target, truths: Sequence[Truth], reads: Sequence[list[int]]) -> Labels:

@@ -26,6 +26,7 @@ from dynamics import (
 from dynamics.ports import LinearFriction
 from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys.data.charts import Chart, Curve
+from vidphys.data.evenness import evenly
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.shooting.step import model_step
@@ -53,6 +54,10 @@ class Followed:
 
     track: Tracks
     law: Parameters
+
+    def until(self, end: int) -> Followed:
+        """Of its frames before that one, at even times."""
+        return Followed(evenly(self.track, end), self.law)
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,8 @@ def sample(clips: Sequence[Followed], known: Sequence[int], chart: Chart) -> Sam
         InputError: clips too short to show momentum.
     """
     every, interval = sampling(clips[0].track.times)
-    used = [(clip, end) for clip, end in zip(clips, known, strict=True) if end]
+    begun = [clip.until(end) for clip, end in zip(clips, known, strict=True) if end]
+    used = [(clip, len(clip.track.times)) for clip in begun]
     length = min(end for _, end in used) // every
     if length < LEAST_SAMPLES:
         raise InputError(

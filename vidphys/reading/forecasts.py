@@ -12,6 +12,7 @@ from torch import Tensor
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, rollout
 from readouts.differencing import central_difference
+from vidphys.data.evenness import JITTER, evenly, jitter
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import Dynamics, Followed
 from vidphys.shooting.initial_state import by_shooting
@@ -47,7 +48,8 @@ def state_at(head: Head, clip: Followed, end: int, dynamics: Dynamics) -> PhaseS
         InputError: fewer than three samples, or frames that do not meet the samples' interval.
     """
     interval, chart = dynamics.interval, dynamics.chart
-    frame = float(clip.track.times.diff().median())
+    clip = clip.until(end)
+    end, frame = len(clip.track.times), float(clip.track.times.diff().median())
     every = max(1, round(interval / frame))
     if abs(every * frame / interval - 1) > SAME_RATE:
         raise InputError(
@@ -115,10 +117,13 @@ def naive_forecasts(track: Tracks, end: int) -> dict[str, Forecast]:
     """What a forecast must beat: stay where it was, and keep the last speed."""
     times = track.times[end - 1 :]
     last = track.positions[0, end - 1 : end].double()
-    recent = track.positions[:, end - 3 : end].double()
+    even = evenly(track, end)
+    recent = even.positions[:, -3:].double()
     mass = torch.ones(1, recent.shape[2]).double()
     speed = central_difference(recent, mass, 1.0).p[0]
     steps = torch.arange(len(times), dtype=torch.float64)[:, None, None]
+    if jitter(track.times.double().numpy()) > JITTER:
+        steps = ((times - times[0]) / even.times.diff().median())[:, None, None]
     return {
         "persistence": Forecast(times, last.expand(len(times), -1, -1)),
         "constant-velocity": Forecast(times, last + steps * speed),

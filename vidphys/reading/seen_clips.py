@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
@@ -13,7 +14,8 @@ from dynamics import Parameters
 from encoders.features import FeatureMap
 from encoders.identity import LayeredEncoder
 from encoders.store import FeatureStore
-from vidphys.data.dataset import ClipFile, Dataset
+from vidphys.data.about import about_video
+from vidphys.data.clip_files import ClipFile, Dataset
 from vidphys.data.extraction import extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labelled import LabelledFrames, joined
@@ -38,6 +40,7 @@ class SeenClip:
         camera: displacement of the background ``(t, 2)``, normalised image units.
         follows_camera: whether that was looked for.
         features: by layer, memory-mapped.
+        about: how it was read, for the record.
     """
 
     file: ClipFile
@@ -46,6 +49,7 @@ class SeenClip:
     camera: Tensor
     follows_camera: bool
     features: Mapping[Layer, FeatureMap]
+    about: Mapping[str, Any]
 
     @property
     def law(self) -> Parameters:
@@ -94,7 +98,13 @@ def see(
         features = _features(clip.video, encoders, store, progress)
         seen.append(
             SeenClip(
-                clip.file, clip.video.size, clip.tracks, clip.camera, clip.follows_camera, features
+                clip.file,
+                clip.video.size,
+                clip.tracks,
+                clip.camera,
+                clip.follows_camera,
+                features,
+                about_video(clip.video),
             )
         )
     return tuple(seen)

@@ -18,7 +18,7 @@ from encoders.features import FeatureMap
 from encoders.store import FeatureStore
 from readouts.kinds import MapShape
 from vidphys.data.charts import chart_of
-from vidphys.data.dataset import Dataset
+from vidphys.data.clip_files import Dataset
 from vidphys.data.extraction import Axes, extract
 from vidphys.data.splits import Split
 from vidphys.data.video import ClipSelection, read_video

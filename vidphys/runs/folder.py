@@ -249,6 +249,12 @@ class RunFolder:
         self._keep({**self.manifest(), "made_by": self.made_by()})
         return tables["records"]
 
+    def tell(self, **found: Any) -> None:
+        """Keep in ``run.json`` what the work found out about its input."""
+        manifest = self.manifest()
+        if manifest != (told := {**manifest, **found}):
+            self._keep(told)
+
     def skip(self, cell: str, reason: str) -> None:
         """Note in ``run.json`` why a cell was not run."""
         manifest = self.manifest()

@@ -91,7 +91,7 @@ def test_a_folder_can_say_which_law_held(tmp_path: Path) -> None:
     assert found.half_extent == 2.5 and found.labelled and not found.conserving
     law = clip_file(tmp_path / "sub" / "a.avi").law(1)
     assert law.coupling.tolist() == [-2] and law.mass.tolist() == [[3]]
-    with pytest.raises(InputError, match="2 bodies, but dataset.json has 1 masses"):
+    with pytest.raises(InputError, match="2 bodies, but its data set has 1 masses"):
         found.files[0].law(2)
     about["clips"].append({"file": "b.avi"})
     (tmp_path / "dataset.json").write_text(json.dumps(about))

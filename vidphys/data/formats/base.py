@@ -12,7 +12,7 @@ import numpy as np
 from registry import Registry
 from vidphys.errors import InputError
 
-Unit = Literal["world", "pixels", "angles"]
+Unit = Literal["world", "pixels", "picture", "angles"]
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,9 @@ class Recording:
     Args:
         positions: ``(e, t, n, d)``, e clips of n bodies; NaN where a body was not seen.
         times: seconds of each frame, ``(e, t)``; ``None`` where the file has none.
-        unit: of the positions: ``world`` (any length, y upwards), ``pixels`` (from the top left
-            corner, the second coordinate downwards) or ``angles`` (radians).
+        unit: of the positions: ``world`` (any length, y upwards), ``pixels`` (from the centre of
+            the top left one, the second coordinate downwards), ``picture`` (shares of its width and
+            height, from its top left corner, likewise) or ``angles`` (radians).
         mass: of the bodies, ``(e, n)``; ``None`` where nothing is said.
         coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
         notes: how the file was understood, a line each.
@@ -31,6 +32,7 @@ class Recording:
             ``rad``; empty where it says nothing.
         inputs: what drives the bodies and is known, at each frame, ``(e, t, m)``.
         input_names: of the columns that they are.
+        frames: number of the clip's frame that each row is of, ``(t,)``, where the file says it.
     """
 
     positions: np.ndarray
@@ -42,6 +44,7 @@ class Recording:
     length: str = ""
     inputs: np.ndarray | None = None
     input_names: tuple[str, ...] = ()
+    frames: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -73,12 +76,12 @@ class TrackFormat(Format):
     ``None``) stands in for times that it does not have. It raises ``ValueError`` with one line.
 
     Args:
-        beside_clips: whether such a file beside a clip of its name holds the clip's labels; not so
-            where it has an origin of its own.
+        in_picture: reads the same as places in the picture that they were marked in, where
+            ``read`` gives them in axes of their own.
     """
 
     read: Callable[[Path, Mapping[str, str], float | None], Recording]
-    beside_clips: bool = True
+    in_picture: Callable[[Path, Mapping[str, str], float | None], Recording] | None = None
 
 
 Frames = Iterator[tuple[np.ndarray, float]]
@@ -112,13 +115,17 @@ def suffixes_of(kind: type[Format]) -> tuple[str, ...]:
 
 
 def read_recording(
-    path: Path, columns: Mapping[str, str] | None = None, interval: float | None = None
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    interval: float | None = None,
+    in_picture: bool = False,
 ) -> Recording:
     """Read a file of tracks by the format that it is of.
 
     Args:
         path: of the file.
         columns, interval: see :class:`TrackFormat`.
+        in_picture: whether places are wanted as they lie in a clip's picture.
 
     Raises:
         InputError: no such file, no format that is known, or a file that holds no tracks.
@@ -132,8 +139,9 @@ def read_recording(
             f"{path}: not a table that is known ({known}); a text of numbers has a line of names "
             "such as t,x,y above them"
         )
+    read = (in_picture and format.in_picture) or format.read
     try:
-        return format.read(path, columns or {}, interval)
+        return read(path, columns or {}, interval)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
 

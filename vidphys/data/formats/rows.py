@@ -67,6 +67,7 @@ def recording_of(
     times, positions = _padded(parts)
     kind: Unit = "angles" if columns.angles else "pixels" if columns.pixels else "world"
     taken = _taken(columns, clock, kind, length, names)
+    counted = columns.frame if columns.time is None and interval is None else None
     return Recording(
         positions,
         times if clock.seconds else None,
@@ -77,6 +78,7 @@ def recording_of(
         length,
         _inputs(table, columns, order, clip, times),
         columns.inputs,
+        times[0] if counted is not None and len(times) == 1 else None,
     )
 
 

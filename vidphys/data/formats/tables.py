@@ -8,7 +8,7 @@ and body (``t, body, x, y``); an NPZ has ``positions`` or ``pixels`` of ``(t, n,
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import ZipFile
@@ -108,28 +108,46 @@ def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays that are taken, each held to its header before it is read.
+    """The arrays that are taken.
 
     Raises:
-        InputError: not one array of places, one that is too large, or holds no numbers.
+        InputError: not one array of places; see :func:`arrays_of`.
+    """
+    held = headers_of(path)
+    found = [name for name in NAMES if name in held]
+    if len(found) != 1:
+        shapes = ", ".join(f"{name} {shape}" for name, (shape, _) in list(held.items())[:20])
+        raise InputError(f"has {shapes or 'nothing'}; needs either positions or pixels")
+    return arrays_of(path, [name for name in (*found, *BESIDE) if name in held])
+
+
+def arrays_of(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Some arrays of an NPZ, each held to its header before it is read.
+
+    Raises:
+        InputError: one that is too large, or holds no numbers.
+    """
+    held = headers_of(path)
+    for name in names:
+        shape, dtype = held[name]
+        if dtype.kind not in "fiub":
+            raise InputError(f"'{name}' holds {dtype}, which are no numbers")
+        require_room(shape, max(BYTES, dtype.itemsize), f"'{name}'")
+    with np.load(path, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in names}
+
+
+def headers_of(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
+    """Shape and type of every array of an NPZ, by its name.
+
+    Raises:
+        InputError: there are too many.
     """
     with ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) > MOST_MEMBERS:
             raise InputError(f"{len(members)} arrays, more than {MOST_MEMBERS}")
-        held = {m.filename.removesuffix(".npy"): _header(archive, m.filename) for m in members}
-        found = [name for name in NAMES if name in held]
-        if len(found) != 1:
-            shapes = ", ".join(f"{name} {shape}" for name, (shape, _) in list(held.items())[:20])
-            raise InputError(f"has {shapes or 'nothing'}; needs either positions or pixels")
-        wanted = [name for name in (*found, *BESIDE) if name in held]
-        for name in wanted:
-            shape, dtype = held[name]
-            if dtype.kind not in "fiub":
-                raise InputError(f"'{name}' holds {dtype}, which are no numbers")
-            require_room(shape, max(BYTES, dtype.itemsize), f"'{name}'")
-    with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in wanted}
+        return {m.filename.removesuffix(".npy"): _header(archive, m.filename) for m in members}
 
 
 def _header(archive: ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype]:

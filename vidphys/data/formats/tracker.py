@@ -53,13 +53,60 @@ def is_project(path: Path) -> bool:
 
 
 def read_project(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
-    """The point masses of a project.
+    """The point masses of a project, in its axes.
 
     Args:
         path: a ``.trk``, or a ``.trz`` or ``.zip`` with one in it.
         columns: ``body=NAME`` takes one of the tracks; they have no other columns.
         interval: seconds between frames, in place of the project's.
     """
+    root, found = _marked(path, columns)
+    axes, step = _axes(root), _milliseconds(root, interval)
+    places = found.places.copy()
+    for row, frame in enumerate(found.frames.tolist()):
+        held = [one for one in axes if one.frame <= frame] or axes[:1]
+        for body, at in enumerate(found.places[row].tolist()):
+            places[row, body] = held[-1].world(*at)
+    clip = _object(root, "videoclip")
+    first = float(_value(clip, "startframe", "0"))
+    began = float(_value(clip, "starttime", "0"))
+    times = (began + (found.frames - first) * step) / 1000
+    scaled = any(one.scale != (1.0, 1.0) for one in axes)
+    unit = _value(root, "length_unit", "m") if scaled else "px"
+    scale = f"{axes[0].scale[0]:.4g} px in 1 {unit}" if scaled else "no scale, so in pixels"
+    note = f"{found.said}: {scale}, y upwards in its axes, {step:.4g} ms a frame, {found.seen}"
+    weights = _weights(root, list(found.names))
+    return Recording(places[None], times[None], mass=weights, notes=(note,), length=unit)
+
+
+def read_marks(path: Path, columns: Mapping[str, str], _interval: float | None) -> Recording:
+    """The point masses of a project where they were marked: pixels of the clip, by its frames."""
+    root, found = _marked(path, columns)
+    weights = _weights(root, list(found.names))
+    notes = (f"{found.said}: pixels, {found.seen}",)
+    places = found.places[None] - 0.5  # Tracker counts from the corner, not the centre, of a pixel
+    return Recording(places, None, "pixels", weights, None, notes, "px", frames=found.frames)
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What was marked, a row for each frame from the first to the last.
+
+    Args:
+        names: of the tracks that are taken.
+        frames: numbers ``(t,)``.
+        places: pixels ``(t, n, 2)``, NaN where nothing was marked.
+        said, seen: whose tracks these are, and when, in words.
+    """
+
+    names: tuple[str, ...]
+    frames: np.ndarray
+    places: np.ndarray
+    said: str
+    seen: str
+
+
+def _marked(path: Path, columns: Mapping[str, str]) -> tuple[ET.Element, Marks]:
     text = _xml(path)
     if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
         raise InputError("not a project of Tracker (it declares entities)")
@@ -69,31 +116,19 @@ def read_project(path: Path, columns: Mapping[str, str], interval: float | None)
     wanted = _wanted(every, columns)
     if not wanted:
         raise InputError("no point mass is marked in this project; mark one in Tracker, and save")
-    axes = _axes(root)
-    step = _milliseconds(root, interval)
-    clip = _object(root, "videoclip")
     frames = sorted({frame for name in wanted for frame in every[name]})
     require_room((frames[-1] - frames[0], len(wanted), 2), 8, "marks")
     stride = math.gcd(*(b - a for a, b in zip(frames, frames[1:], strict=False))) or 1
     grid = np.arange(frames[0], frames[-1] + 1, stride)
-    places = np.full((1, len(grid), len(wanted), 2), np.nan)
+    places = np.full((len(grid), len(wanted), 2), np.nan)
     for body, name in enumerate(wanted):
         for frame, at in every[name].items():
-            held = [one for one in axes if one.frame <= frame] or axes[:1]
-            places[0, (frame - frames[0]) // stride, body] = held[-1].world(*at)
-    first = float(_value(clip, "startframe", "0"))
-    began = float(_value(clip, "starttime", "0"))
-    times = (began + (grid - first) * step) / 1000
-    scaled = any(one.scale != (1.0, 1.0) for one in axes)
-    unit = _value(root, "length_unit", "m") if scaled else "px"
-    scale = f"{axes[0].scale[0]:.4g} px in 1 {unit}" if scaled else "no scale, so in pixels"
+            places[(frame - frames[0]) // stride, body] = at
     left = [name for name in every if name not in wanted]
     also = f"; not taken: {', '.join(left)}" if left else ""
-    note = (
-        f"Tracker's tracks {', '.join(wanted)}: {scale}, y upwards in its axes, {step:.4g} ms a "
-        f"frame, marked from frame {frames[0]} to {frames[-1]}{also}"
-    )
-    return Recording(places, times[None], mass=_weights(root, wanted), notes=(note,), length=unit)
+    seen = f"marked from frame {frames[0]} to {frames[-1]}{also}"
+    said = f"Tracker's tracks {', '.join(wanted)}"
+    return root, Marks(tuple(wanted), grid, places, said, seen)
 
 
 def _xml(path: Path) -> bytes:

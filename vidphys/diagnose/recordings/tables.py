@@ -67,6 +67,11 @@ def read_tracks(
         raise InputError(
             f"{path}: no times in seconds; give the seconds between frames as `interval`"
         )
+    if found.unit == "picture":
+        raise InputError(
+            f"{path}: places in shares of a picture whose sides are not told; multiply them by its "
+            "width and height, and call them u and v"
+        )
     positions = found.positions
     if found.unit == "pixels":
         positions = positions * np.array([1.0, -1.0])

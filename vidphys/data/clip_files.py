@@ -1,0 +1,98 @@
+"""Clips where they lie, with what is known of each; a data set is several that belong together."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+
+from dynamics import Parameters
+from vidphys.data.labels import Labels
+from vidphys.errors import InputError
+from vidphys.runs.atomic import sha256
+
+Fact = str | int | float | bool
+
+
+@dataclass(frozen=True)
+class ClipFile:
+    """One clip on disk.
+
+    Args:
+        path: the video.
+        labels: where its bodies are, if that is known.
+        coupling: G of the law that held.
+        mass: of each body; ones where nothing is said.
+        truth: the table of all that is known of it, if there is one.
+        facts: what else is known of it, by name; one of them may say which clips belong together.
+        split: that its data set puts it into, such as train; empty where it says nothing.
+    """
+
+    path: Path
+    labels: Labels | None = None
+    coupling: float = 1.0
+    mass: tuple[float, ...] | None = None
+    truth: Path | None = None
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+    split: str = ""
+
+    def law(self, bodies: int) -> Parameters:
+        """What a head is told of the clip, batch of one.
+
+        Raises:
+            InputError: masses of another number of bodies.
+        """
+        mass = (1.0,) * bodies if self.mass is None else self.mass
+        if len(mass) != bodies:
+            raise InputError(
+                f"{self.path}: {bodies} bodies, but its data set has {len(mass)} masses"
+            )
+        return Parameters(torch.tensor([self.coupling]), torch.tensor([mass]))
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Clips that belong together.
+
+    Args:
+        files: in the order of their names, at least one.
+        half_extent: units of the labels' x and y in half of the longer image side.
+        identical: bodies look alike.
+        conserving: there is no friction in it.
+        columns: what columns of the labels are, where their names do not tell.
+    """
+
+    files: tuple[ClipFile, ...]
+    half_extent: float = 1.0
+    identical: bool = False
+    conserving: bool = False
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def labelled(self) -> bool:
+        """Whether tables tell the positions; else they are followed by what moves."""
+        return self.files[0].labels is not None
+
+    @property
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of every file."""
+        often = Counter(path.name for path in self.paths)
+        return {p.name if often[p.name] == 1 else str(p): sha256(p) for p in self.paths}
+
+    @property
+    def paths(self) -> list[Path]:
+        """Of the clips and their labels."""
+        pairs = ((file.path, file.labels and file.labels.path) for file in self.files)
+        return [path for pair in pairs for path in pair if path]
+
+    def told(self, bodies: int) -> str:
+        """Where positions come from, for a person."""
+        counted = f"({bodies} bod{'y' if bodies == 1 else 'ies'})"
+        tables = [file.labels.name for file in self.files if file.labels is not None]
+        if not tables:
+            return f"labels: none, following motion {counted}"
+        more = f" and {len(tables) - 1} more" if len(tables) > 1 else ""
+        return f"labels: {tables[0]}{more} {counted}"
