@@ -211,7 +211,7 @@ class Folder:
 
 
 def _table(file: ClipFile) -> Path | None:
-    return file.truth or (file.labels and file.labels.path)
+    return file.truth or (None if file.labels is None else file.labels.path)
 
 
 def _labels(target: Target, truths: Sequence[Truth], reads: Sequence[list[int]]) -> Labels:
