@@ -1,14 +1,39 @@
-"""One table cell at a time, as HTML: a number from the records, or the word that stands for it."""
+"""One table cell at a time: a number from the records, or the word that stands for it.
+
+Templates draw them (``templates/macros.html``); nothing here knows of HTML.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from html import escape
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from viz.summary import SKILL_BAR, Summary, one_sided_p
+from viz.summary import GATED, SKILL_BAR, Summary, one_sided_p
 
-NOT_MEASURED = '<td class="num none" title="not measured">–</td>'
 Choice = Callable[[Sequence[float]], float | None]
+Mark = tuple[str, str]  # a word, and its tone: good, bad or dull
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What stands in one cell.
+
+    Args:
+        text: the number or the words.
+        value: the exact number, by which a table is sorted.
+        small: notes below it.
+        marks: words in colour.
+        kind: ``num`` for numbers, ``said`` for sentences, ``none`` where nothing was measured.
+    """
+
+    text: str = ""
+    value: float | None = None
+    small: tuple[str, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    kind: str = "num"
+
+
+NOT_MEASURED = Cell("–", kind="none")
 
 
 def number(value: float) -> str:
@@ -23,78 +48,68 @@ def number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def chip(word: str, tone: str) -> str:
-    """A small labelled mark; ``tone`` is good, bad or dull."""
-    return f'<span class="chip {tone}">{escape(word)}</span>'
+def said(text: str) -> Cell:
+    """Plain words."""
+    return Cell(text or "–", kind="said")
 
 
-def tally(marks: Iterable[tuple[str, str]]) -> str:
-    """A row of chips, each a word and its tone."""
-    items = "".join(f"<li>{chip(word, tone)}</li>" for word, tone in marks)
-    return f'<ul class="tally">{items}</ul>'
-
-
-def numeric(value: float | None, text: str) -> str:
-    """A cell that shows ``text`` and keeps the exact value beside it."""
-    exact = "" if value is None else f' data-value="{value!r}" title="{value:.6g}"'
-    return f'<td class="num"{exact}>{text}</td>'
-
-
-def mean_cell(found: Summary | None, extra: str = "") -> str:
+def mean_cell(found: Summary | None, *marks: Mark) -> Cell:
     """Mean with its interval, and what happened to the seeds that do not count."""
     if found is None:
         return NOT_MEASURED
-    parts = []
-    if found.mean is not None:
-        parts.append(f"<b>{number(found.mean)}</b>")
+    small: tuple[str, ...] = ()
     if found.interval is not None:
         low, high, kind = found.interval
         ends = (number(low), number(high))
-        shown = f"[{ends[0]}, {ends[1]}]" if kind == "95 %" else f"range {ends[0]} to {ends[1]}"
-        parts.append(f"<small>{shown}</small>")
-    if found.words:
-        parts.append(chip(found.words, "bad"))
-    return numeric(found.mean, "".join(parts) + extra)
+        small = (f"[{ends[0]}, {ends[1]}]" if kind == "95 %" else f"range {ends[0]} to {ends[1]}",)
+    shown = "" if found.mean is None else number(found.mean)
+    return Cell(shown, found.mean, small, (*_lost(found), *marks))
 
 
-def chosen_cell(found: Summary | None, choose: Choice) -> str:
+def chosen_cell(found: Summary | None, choose: Choice) -> Cell:
     """One value chosen over the seeds, for example their median or the largest."""
     if found is None:
         return NOT_MEASURED
     value = choose(found.values) if found.values else None
-    text = "" if value is None else f"<b>{number(value)}</b>"
-    return numeric(value, text + (chip(found.words, "bad") if found.words else ""))
+    return Cell("" if value is None else number(value), value, (), _lost(found))
 
 
-def match_cell(plain: Summary | None, gated: Summary | None = None) -> str:
+def match_cell(plain: Summary | None, gated: Summary | None = None) -> Cell:
     """Seeds whose rollout is nearer to the changed law's truth, with the exact test if all are."""
     if plain is None:
         return NOT_MEASURED
-    parts = []
+    shown, small = "", []
+    marks = list(_lost(plain))
     if plain.values:
         hits, total = int(sum(plain.values)), len(plain.values)
-        parts.append(f"<b>{hits}/{total}</b>")
+        shown = f"{hits}/{total}"
         if hits == total:
-            parts.append(f"<small>p = {number(one_sided_p(hits, total))}</small>")
+            small.append(f"p = {number(one_sided_p(hits, total))}")
     if gated is not None and gated.values:
-        parts.append(f"<small>gated {int(sum(gated.values))}/{len(gated.values)}</small>")
-    if plain.words:
-        parts.append(chip(plain.words, "bad"))
-    return numeric(plain.mean, "".join(parts))
+        small.append(f"gated {int(sum(gated.values))}/{len(gated.values)}")
+    if gated is not None and plain.values:
+        marks += [(gated.words, "dull")] if gated.bad else []
+    return Cell(shown, plain.mean, tuple(small), tuple(marks))
 
 
-def skill_cell(found: Summary | None) -> str:
+def skill_cell(found: Summary | None) -> Cell:
     """Error over the zero-force predictor's, marked by whether it counts as inversion."""
     if found is None or not found.values:
         return mean_cell(found)
     below, total = sum(value < SKILL_BAR for value in found.values), len(found.values)
     word = f"< {SKILL_BAR:g} on {below}/{total}"
-    return mean_cell(found, chip(word, "good" if below == total else "bad"))
+    return mean_cell(found, (word, "good" if below == total else "bad"))
 
 
-def nonfinite_cell(found: Summary | None) -> str:
+def nonfinite_cell(found: Summary | None) -> Cell:
     """Non-finite episodes of all episodes, over the seeds."""
     if found is None or not found.episodes:
         return NOT_MEASURED
-    text = f"{found.nonfinite}/{found.episodes}"
-    return numeric(float(found.nonfinite), chip(text, "bad") if found.nonfinite else text)
+    shown, value = f"{found.nonfinite}/{found.episodes}", float(found.nonfinite)
+    return Cell("", value, (), ((shown, "bad"),)) if found.nonfinite else Cell(shown, value)
+
+
+def _lost(found: Summary) -> tuple[Mark, ...]:
+    """The seeds that do not count; that a gate was not passed is no failure."""
+    tone = "dull" if found.metric == GATED else "bad"
+    return ((found.words, tone),) if found.words else ()

@@ -5,20 +5,24 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from viz import figures, tables
-from viz.cells import chip, number, tally
+from viz.cells import NOT_MEASURED, Cell, chosen_cell, mean_cell, number
 from viz.explain import how_to_read, what_spread_means
+from viz.headline import headline
+from viz.moving import moving_pair
 from viz.overlay import contact_sheet
-from viz.page import heading, inline_png, inline_svg, paragraph, section, write_page
-from viz.roles import by_role, development, named
+from viz.page import Drawn, inline_png, inline_svg, write_page
+from viz.paths import typed
+from viz.roles import by_role, looked_at, named
+from viz.sentences import asked, fails, holds, law, verdicts
 from viz.showcase import read_showcase
-from viz.summary import SKILL_BAR, TWIN, Line, Records
+from viz.summary import TWIN, Line, Records, median
 
 SHEET_HEADS = ("factored", TWIN)  # whose showcases are drawn in the report
+TONES = {"ok": "good", "skipped": "dull", "gate not passed": "dull"}
 
 
 def write_report(run: Path) -> Path:
@@ -34,24 +38,47 @@ def write_report(run: Path) -> Path:
     about, every, raw = read_run(run)
     records, older = by_role(every)
     episodes = by_role(raw)[0] if raw else None
-    experiment = str(about.get("experiment") or records.rows[0].get("experiment") or "run")
-    title = "The grounding ladder" if experiment == "ladder" else experiment
-    sections = [
-        _short(records),
-        _troubles(about, records),
-        _ladder(run, about, records),
-        section("read", "How to read this", *map(paragraph, how_to_read())),
+    settings = about.get("settings") or {}
+    experiment = str(
+        about.get("experiment") or settings.get("experiment") or records.rows[0].get("experiment")
+    )
+    ladder = bool(records.couplings)
+    references = settings.get("tables", {}).get("ladder", {}).get("references") or {}
+    parts = [
+        _ladder(run, records, references),
+        {"id": "read", "title": "How to read this", "texts": how_to_read()},
         _force(run, records),
         _couplings(records, episodes),
         _drift(run, records),
-        _perception(records),
-        _others(records),
+        _tabled("perception", "What was perceived", tables.perception_table(records), PERCEIVED),
+        _tabled("others", "Other numbers", tables.other_table(records)),
         _sheets(run, records),
-        development(older),
-        _settings(about, every),
+        _development(older),
     ]
-    kept = [part for part in sections if part]
-    return write_page(run, title, _heading(title, about, every), kept)
+    told = {
+        "title": "The grounding ladder" if experiment == "ladder" else experiment,
+        "sentences": _sentences(records, about) if ladder else [],
+        "headline": headline(records, references) if ladder else None,
+        "moving": moving_pair(run, records) if ladder else None,
+        "first": _first(run, about, records, references, raw) if ladder else [],
+        "error": f"error at {law(records.coupling)}",
+        "drift": "energy drift" if records.horizon is None else f"drift, {records.horizon:,} steps",
+        "spread": what_spread_means(records),
+        "tally": _tally(records),
+        "facts": _facts(about, every),
+        "missing": _missing(about, records),
+        "negative": _negative(records) if ladder else None,
+        "verdicts": tables.verdict_table(records) if ladder else None,
+        "parts": [{**EMPTY, **part} for part in parts if part],
+        "kept": _kept(every),
+        "settings": _settings(about),
+        "episodes": _episodes(raw) if raw else {},
+    }
+    return write_page(run, "ladder.html", told)
+
+
+EMPTY: dict[str, Any] = {"texts": [], "figure": None, "table": None, "grey": False, "sheets": []}
+PERCEIVED = "Errors of the perceived state at t = 0, before anything was rolled forward."
 
 
 def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
@@ -72,10 +99,107 @@ def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
     return about, records, Records(chosen) if chosen else None
 
 
-def _heading(title: str, about: Mapping[str, Any], records: Records) -> str:
+def _sentences(records: Records, about: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("Asked:", asked(records, about)),
+        ("Holds:", holds(records)),
+        ("Does not, or is not known:", fails(records, about)),
+    ]
+
+
+def _first(
+    run: Path,
+    about: Mapping[str, Any],
+    records: Records,
+    references: Mapping[str, float],
+    raw: Records | None,
+) -> list[dict[str, Any]]:
+    """The first table: a row a model, with how to repeat it and how to look at it."""
+    told = _episodes(raw) if raw else {}
+    rows = []
+    for lines in records.rungs.values():
+        twin = next((line for line in lines if line.head == TWIN), None)
+        for line in lines:
+            error = records.pick(line, "inversion_nmse", coupling=records.coupling)
+            drift = records.pick(line, "energy_drift_median", horizon=records.horizon)
+            study = references.get(f"{line.grounding}/{line.head}")
+            if line.readout == "shooting":  # which the study does not have
+                study = None
+            verdict = (
+                tables.verdict_cell(records, line, twin)
+                if line.head.startswith("factored")
+                else Cell("the twin" if line is twin else "", kind="said")
+            )
+            rows.append(
+                {
+                    "line": line,
+                    "colour": figures.style(line.head, records.heads)[0],
+                    "again": _again(about, line),
+                    "view": _view(run, line),
+                    "episodes": told.get(f"{line.grounding}/{line.head} {line.readout}", ""),
+                    "cells": [
+                        verdict,
+                        mean_cell(error),
+                        NOT_MEASURED if study is None else Cell(number(study), study),
+                        chosen_cell(drift, median),
+                    ],
+                }
+            )
+    return rows
+
+
+def _again(about: Mapping[str, Any], line: Line) -> str:
+    """The command that measures one cell again."""
+    settings = about.get("settings") or {}
+    seeds = settings.get("seeds") or about.get("seeds") or [0]
+    preset = settings.get("preset") or about.get("preset") or "quick"
+    return (
+        f"vidphys ladder --preset {preset} --cells {line.grounding}/{line.head} "
+        f"--seed {min(seeds)} --seeds {len(seeds)} --out runs/again"
+    )
+
+
+def _view(run: Path, line: Line) -> str:
+    """The command that shows one cell, where it has something to show."""
+    stem = f"{line.grounding}-{line.head}"
+    if not (run / "showcase" / f"{stem}.safetensors").is_file():
+        return ""
+    return f"vidphys view {typed(run)} --cell {line.grounding}/{line.head}"
+
+
+def _episodes(raw: Records) -> dict[str, str]:
+    """The worst, the median and the best episode of each cell and readout, in words."""
+    found: dict[str, list[tuple[float, int, int]]] = {}
+    for row in raw.rows:
+        if row["coupling"] == raw.coupling and row["status"] == "ok" and row["value"] is not None:
+            key = f"{row['grounding']}/{row['head']} {row['readout']}"
+            place = int(row["seed"]), int(row.get("episode") or 0)
+            found.setdefault(key, []).append((float(row["value"]), *place))
+    told = {}
+    for key, values in found.items():
+        values.sort()
+        chosen = {"Worst": values[-1], "median": values[len(values) // 2], "best": values[0]}
+        words = [
+            f"{name} episode {episode} of seed {seed}: {number(value)}"
+            for name, (value, seed, episode) in chosen.items()
+        ]
+        told[key] = "; ".join(words) + f" ({len(values)} episodes)."
+    return told
+
+
+def _tally(records: Records) -> list[tuple[str, str]]:
+    """How many numbers have which status."""
+    status = Counter(str(row["status"]) for row in records.rows)
+    return [
+        (f"{count:,} numbers {name}", TONES.get(name, "bad"))
+        for name, count in status.most_common()
+    ]
+
+
+def _facts(about: Mapping[str, Any], records: Records) -> dict[str, str]:
     settings = _flat(about.get("settings") or {})
     old = sum(bool(row.get("stale")) for row in records.rows)
-    facts = {
+    return {
         "preset": _fact(about, settings, "preset"),
         "seeds": named(records),
         "generator": _fact(about, settings, "generator"),
@@ -87,110 +211,71 @@ def _heading(title: str, about: Mapping[str, Any], records: Records) -> str:
         else "nothing",
         "started": _fact(about, settings, "created").replace("T", " "),
     }
-    items = "".join(
-        f"<div><dt>{name}</dt><dd>{escape(value or 'not recorded')}</dd></div>"
-        for name, value in facts.items()
-    )
-    lead = (
-        "Models trained under one law, asked what happens under another: can each of them say how "
-        "the bodies move once the coupling changes sign, and does its energy hold?"
-    )
-    return f'{heading(title, lead)}<dl class="facts">{items}</dl>'
 
 
-def _short(records: Records) -> str:
-    """Counts, and each factored head against its twin."""
-    status = Counter(str(row["status"]) for row in records.rows)
-    tones = {"ok": "good", "skipped": "dull"}
-    counts = tally(
-        (f"{count:,} numbers {name}", tones.get(name, "bad"))
-        for name, count in status.most_common()
-    )
-    if not records.couplings:
-        return section("short", "In short", counts)
-    parts = []
-    for name, wanted in (("factored heads", "factored"), ("unstructured twins", TWIN)):
-        lines = [line for line in records.lines if line.head.startswith(wanted)]
-        skills = [records.pick(x, "ballistic_skill", coupling=records.coupling) for x in lines]
-        hits = sum(bool(s and s.values and not s.bad and max(s.values) < SKILL_BAR) for s in skills)
-        parts.append(f"{hits} of {len(lines)} {name} invert")
-    sentence = (
-        f"{'; '.join(parts)}. To invert is to have an error below {SKILL_BAR:g} of the zero-force "
-        "predictor's on every seed, with nothing failed or invalid."
-    )
-    table = tables.verdict_table(records)
-    return section("short", "In short", paragraph(sentence), counts, table, _note(records))
-
-
-def _troubles(about: Mapping[str, Any], records: Records) -> str:
-    """Everything without a number that counts, and every claim that did not hold."""
-    missing = [
-        f"{chip('skipped', 'dull')} <b>{escape(str(entry.get('cell')))}</b>: "
-        f"{escape(str(entry.get('reason') or 'no reason recorded'))}"
+def _missing(about: Mapping[str, Any], records: Records) -> list[dict[str, Any]]:
+    """Everything without a number that counts."""
+    found: list[dict[str, Any]] = [
+        {
+            "mark": ("skipped", "dull"),
+            "name": str(entry.get("cell")),
+            "more": "",
+            "why": str(entry.get("reason") or "no reason recorded"),
+        }
         for entry in about.get("skipped") or []
     ]
-    negative = []
-    for lines in records.rungs.values():
-        twin = next((line for line in lines if line.head == TWIN), None)
-        for line in lines:
-            name = f"<b>{escape(line.rung)}</b> with {escape(line.head)}"
-            for status, metrics in sorted(records.troubles(line).items()):
-                words = _which(records, line, metrics)
-                missing.append(f"{chip(status, 'bad')} {name}: {escape(words)}")
-            if records.couplings and line.head.startswith("factored"):
-                word, why = tables.verdict(records, line, twin)
-                if word != tables.HOLDS:
-                    negative.append(f"{chip(word, 'bad')} {name}: {escape(why)}")
-    parts = [
-        "<h3>Without a number that counts</h3>",
-        _callout(missing, "Nothing failed, was invalid, or was skipped."),
+    for line in records.lines:
+        for status, metrics in sorted(records.troubles(line).items()):
+            words = _which(records, line, metrics)
+            found.append({**_item((status, "bad"), line), "why": words})
+    return found
+
+
+def _negative(records: Records) -> list[dict[str, Any]]:
+    """Every claim that did not hold."""
+    return [
+        {**_item((word, tables.TONES[word]), line), "why": why}
+        for line, word, why in verdicts(records)
+        if word != tables.HOLDS
     ]
-    if records.couplings:
-        parts += [
-            "<h3>Factored heads whose claim does not hold here, or has no verdict</h3>",
-            _callout(negative, "Every factored head inverts, and its twin is worse on every seed."),
-        ]
-    return section("troubles", "What failed, and what did not hold", *parts)
+
+
+def _item(mark: tuple[str, str], line: Line) -> dict[str, Any]:
+    return {"mark": mark, "name": line.rung, "more": f"with {line.head}"}
 
 
 def _which(records: Records, line: Line, metrics: Mapping[str, list[int]]) -> str:
     """Metrics and seeds in words, short where it is all of them."""
     seeds = sorted({seed for found in metrics.values() for seed in found})
     every = seeds == records.seeds(line)
-    named = "every seed" if every else f"seed {', '.join(map(str, seeds))}"
+    told = "every seed" if every else f"seed {', '.join(map(str, seeds))}"
     everything = all(m in metrics for m in records.metrics if records.pick(line, m))
-    return f"{'every metric' if everything else ', '.join(sorted(metrics))} ({named})"
+    return f"{'every metric' if everything else ', '.join(sorted(metrics))} ({told})"
 
 
-def _callout(items: list[str], none: str) -> str:
-    if not items:
-        return f'<div class="callout calm"><p>{escape(none)}</p></div>'
-    return f'<div class="callout"><ul>{"".join(f"<li>{x}</li>" for x in items)}</ul></div>'
-
-
-def _ladder(run: Path, about: Mapping[str, Any], records: Records) -> str:
+def _ladder(run: Path, records: Records, references: Mapping[str, float]) -> dict[str, Any] | None:
     if not records.couplings:
-        return ""
-    told = (about.get("settings") or {}).get("tables", {}).get("ladder", {})
+        return None
     picture = _drawn(
         run,
         "ladder",
-        figures.ladder_figure(records, told.get("references")),
+        figures.ladder_figure(records, references),
         "Error under the flipped coupling by rung and head",
         "Large mark: mean over seeds; small marks: seeds. Left is better. A mark right of the "
         "dotted line is worse than assuming that no force acts at all.",
     )
-    table = tables.ladder_table(records)
-    return section("ladder", "The ladder", picture, table, _note(records))
+    return {
+        "id": "ladder",
+        "title": "The ladder, every head and reading",
+        "texts": [what_spread_means(records)],
+        "figure": picture,
+        "table": tables.ladder_table(records),
+    }
 
 
-def _note(records: Records) -> str:
-    return f'<p class="note">{escape(what_spread_means(records))}</p>'
-
-
-def _force(run: Path, records: Records) -> str:
+def _force(run: Path, records: Records) -> dict[str, Any] | None:
     if "force_cosine" not in records.metrics:
-        return ""
+        return None
     picture = _drawn(
         run,
         "force_cosine",
@@ -199,30 +284,34 @@ def _force(run: Path, records: Records) -> str:
         "Large mark: mean over seeds; small marks: seeds. A head far from 1 does not know the "
         "force, whatever its error over a short rollout says.",
     )
-    return section("force", "Which force was learned", picture)
+    return {"id": "force", "title": "Which force was learned", "figure": picture}
 
 
-def _couplings(records: Records, episodes: Records | None) -> str:
+def _couplings(records: Records, episodes: Records | None) -> dict[str, Any] | None:
     if not records.couplings:
-        return ""
+        return None
     apart = []
     for g in records.couplings:
         found = [records.pick(line, "truth_distance", coupling=g) for line in records.lines]
         values = [value for one in found if one for value in one.values]
         if values:
-            apart.append(f"{number(sum(values) / len(values))} at G = {g:g}")
+            apart.append(f"{number(sum(values) / len(values))} at {law(g)}")
     text = (
         f"The two truths, changed law and old law, are themselves apart by an nMSE of "
         f"{', '.join(apart)} (mean over all rows): an error near that says that the change was "
         "missed."
     )
-    table = tables.couplings_table(records, episodes)
-    return section("couplings", "All couplings", paragraph(text) if apart else "", table)
+    return {
+        "id": "couplings",
+        "title": "All couplings",
+        "texts": [text] if apart else [],
+        "table": tables.couplings_table(records, episodes),
+    }
 
 
-def _drift(run: Path, records: Records) -> str:
+def _drift(run: Path, records: Records) -> dict[str, Any] | None:
     if not records.horizons:
-        return ""
+        return None
     picture = _drawn(
         run,
         "drift",
@@ -232,23 +321,21 @@ def _drift(run: Path, records: Records) -> str:
         f"error is as large as the energy itself. Drifts above {figures.DRIFT_CAP:,.0f} are drawn "
         "there.",
     )
-    return section("drift", "Does the energy hold", picture, tables.drift_table(records))
+    table = tables.drift_table(records)
+    return {"id": "drift", "title": "Does the energy hold", "figure": picture, "table": table}
 
 
-def _perception(records: Records) -> str:
-    table = tables.perception_table(records)
-    text = "Errors of the perceived state at t = 0, before anything was rolled forward."
-    return section("perception", "What was perceived", paragraph(text), table) if table else ""
+def _tabled(
+    name: str, title: str, table: tables.Table | None, text: str = ""
+) -> dict[str, Any] | None:
+    if table is None:
+        return None
+    return {"id": name, "title": title, "texts": [text] if text else [], "table": table}
 
 
-def _others(records: Records) -> str:
-    table = tables.other_table(records)
-    return section("others", "Other numbers", table) if table else ""
-
-
-def _sheets(run: Path, records: Records) -> str:
+def _sheets(run: Path, records: Records) -> dict[str, Any] | None:
     """The showcase episodes of the factored heads and of their twins."""
-    parts: list[str] = []
+    sheets: list[tuple[str, Drawn]] = []
     cells = [f"{x.grounding}/{x.head}" for x in records.lines if x.head in SHEET_HEADS]
     for cell in dict.fromkeys(cells):
         stem = cell.replace("/", "-")
@@ -258,37 +345,44 @@ def _sheets(run: Path, records: Records) -> str:
         path = run / "figures" / f"showcase-{stem}.png"
         showcase, meta = read_showcase(file)
         figures.save_png(contact_sheet(showcase, {"cell": cell, **meta}), path, dots_per_inch=90)
-        picture = inline_png(path.read_bytes(), f"One episode of {cell}", "")
-        opened = "" if parts else " open"
-        parts.append(f"<details{opened}><summary>{escape(cell)}</summary>{picture}</details>")
-    if not parts:
-        return ""
+        sheets.append((cell, inline_png(path.read_bytes(), f"One episode of {cell}")))
     text = (
         "One test episode of each cell: what was observed, then both laws rolled forward. "
         "The command vidphys view shows it in time."
     )
-    return section("episodes", "One episode, seen", paragraph(text), *parts)
+    if not sheets:
+        return None
+    return {"id": "episodes", "title": "One episode, seen", "texts": [text], "sheets": sheets}
 
 
-def _settings(about: Mapping[str, Any], records: Records) -> str:
-    rows = {**_flat(about.get("settings") or {})}
-    versions = {f"version of {k}": v for k, v in (about.get("versions") or {}).items()}
-    rest = {k: about[k] for k in ("schema_version",) if k in about}
-    body = "".join(
-        f'<tr><th scope="row" class="head">{escape(str(k))}</th><td>{escape(str(v))}</td></tr>'
-        for k, v in {**rows, **versions, **rest}.items()
-    )
-    head = '<tr><th scope="col">setting</th><th scope="col">value</th></tr>'
-    note = (
+def _development(older: Records | None) -> dict[str, Any] | None:
+    """The ladder on the seeds that were looked at while tuning, greyed."""
+    if older is None or not older.couplings:
+        return None
+    return {
+        "id": "development",
+        "title": "Development seeds",
+        "texts": [looked_at(older)],
+        "table": tables.ladder_table(older),
+        "grey": True,
+    }
+
+
+def _kept(records: Records) -> str:
+    return (
         f"{len(records.rows):,} records: {', '.join(records.metrics)}. Each of them stands in "
         "records.parquet; episodes.parquet has the raw numbers of every episode, run.json all "
         "settings, recordings/ one recording a cell."
     )
-    table = f'<div class="scroll"><table class="settings">{head}{body}</table></div>'
-    return section("settings", "What was run", paragraph(note), table)
 
 
-def _drawn(run: Path, name: str, figure: Any, label: str, caption: str) -> str:
+def _settings(about: Mapping[str, Any]) -> dict[str, Any]:
+    versions = {f"version of {k}": v for k, v in (about.get("versions") or {}).items()}
+    rest = {k: about[k] for k in ("schema_version",) if k in about}
+    return {**_flat(about.get("settings") or {}), **versions, **rest}
+
+
+def _drawn(run: Path, name: str, figure: Any, label: str, caption: str) -> Drawn:
     """Keep a figure in ``figures/`` as vectors and pixels, and return it for the page."""
     path = run / "figures" / f"{name}.svg"
     figures.save_svg(figure, path)

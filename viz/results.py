@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
-from viz.cells import chip, number, numeric, tally
+from viz.cells import NOT_MEASURED, Cell, number
 from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import margin_figure
-from viz.page import heading, inline_svg, paragraph, read_verdicts, section, write_page
+from viz.page import Drawn, inline_svg, read_verdicts, write_page
 from viz.roles import DEVELOPMENT, first, role_of, roles
 from viz.summary import one_sided_p
 from viz.sweeps import sweep_figure
@@ -46,34 +45,40 @@ def write_results(run: Path) -> Path:
     about, tables = read_verdicts(run)
     records = _by_table(run)
     drawn: set[str] = set()
-    parts = [_table(run, name, table, records, drawn) for name, table in tables.items()]
-    sections = [_short(about, tables), *parts, _bars(about)]
-    lead = (
-        "Every figure is recomputed from the raw records of this run. Bars "
-        "were registered before it; a row without a bar only reports."
-    )
-    head = heading("Conservation, factoring and counterfactuals: the tables", lead)
-    return write_page(run, "Tables", head, sections)
-
-
-def _short(about: Mapping[str, Any], tables: Mapping[str, Any]) -> str:
     settings = about["settings"]
-    facts = (
-        f"Preset {settings['preset']}, seeds {', '.join(map(str, settings['seeds']))}, code "
-        f"{about['code_version']}, started {about['created'].replace('T', ' ')}."
+    told = {
+        "title": "Conservation, factoring and counterfactuals: the tables",
+        "lead": _lead(tables),
+        "facts": (
+            f"Preset {settings['preset']}, seeds {', '.join(map(str, settings['seeds']))}, code "
+            f"{about['code_version']}, started {about['created'].replace('T', ' ')}."
+        ),
+        "roles": [_of_role(role, tables) for role in _every_role(tables)],
+        "skipped": about["skipped"],
+        "tables": [_table(run, name, table, records, drawn) for name, table in tables.items()],
+        "columns": COLUMNS,
+        "bars": settings["bars_sha256"],
+    }
+    return write_page(run, "results.html", told)
+
+
+def _every_role(tables: Mapping[str, Any]) -> list[str]:
+    return roles([row for table in tables.values() for row in table["rows"]])
+
+
+def _lead(tables: Mapping[str, Any]) -> str:
+    """The result in a sentence, of the seeds that are reported."""
+    rows = first([row for table in tables.values() for row in table["rows"]])
+    held = Counter(row["verdict"] for row in rows if row["row"]["bar"])
+    told = ", ".join(
+        f"{held[word]} {word}" for word in ("met", "missed", "no number") if held[word]
     )
-    parts = [paragraph(facts)]
-    for role in roles([row for table in tables.values() for row in table["rows"]]):
-        told = _of_role(role, tables)
-        parts.append(f"<div class='development'>{told}</div>" if role == DEVELOPMENT else told)
-    skipped = [f"<li>{escape(s['cell'])}: {escape(s['reason'])}</li>" for s in about["skipped"]]
-    if skipped:
-        parts.append(f'<div class="callout"><p>Cells without a result:</p><ul>{"".join(skipped)}')
-        parts.append("</ul></div>")
-    return section("short", "In short", *parts)
+    return (
+        f"Of {sum(held.values())} figures with a bar that was registered before: {told or 'none'}."
+    )
 
 
-def _of_role(role: str, tables: Mapping[str, Any]) -> str:
+def _of_role(role: str, tables: Mapping[str, Any]) -> dict[str, Any]:
     """What was met and missed on the seeds of one role."""
     mine = [
         (name, table, row)
@@ -82,19 +87,19 @@ def _of_role(role: str, tables: Mapping[str, Any]) -> str:
         if role_of(row) == role
     ]
     verdicts = Counter(row["verdict"] for _, _, row in mine).most_common()
-    counts = tally((f"{count} {verdict}", TONES[verdict]) for verdict, count in verdicts)
     seeds = sorted({int(seed) for _, _, row in mine for seed in row["values"]})
-    named = f" ({', '.join(map(str, seeds))})" if seeds else ""
-    title = f"<h3>Seeds of {role}{named}</h3>" if role else ""
-    old = sum(row.get("stale", False) for _, _, row in mine)
-    stale = paragraph(f"{old} rows are stale: their code has changed since.") if old else ""
-    missed = [
-        f"<li><a href='#{_anchor(name)}'>{escape(table['title'])}</a>: {escape(_said(row))}</li>"
-        for name, table, row in mine
-        if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
-    ]
-    callout = f'<div class="callout"><p>Not met:</p><ul>{"".join(missed)}</ul></div>'
-    return title + counts + stale + (callout if missed else "")
+    return {
+        "role": role,
+        "grey": role == DEVELOPMENT,
+        "seeds": ", ".join(map(str, seeds)),
+        "tally": [(f"{count} {verdict}", TONES[verdict]) for verdict, count in verdicts],
+        "stale": sum(row.get("stale", False) for _, _, row in mine),
+        "missed": [
+            {"anchor": _anchor(name), "title": table["title"], "said": _said(row)}
+            for name, table, row in mine
+            if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
+        ],
+    }
 
 
 def _said(row: Mapping[str, Any]) -> str:
@@ -117,28 +122,27 @@ def _by_table(run: Path) -> dict[str, list[dict[str, Any]]]:
 
 def _table(
     run: Path, name: str, table: Mapping[str, Any], records: ByTable, drawn: set[str]
-) -> str:
-    head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
-    held, parts = "", []
+) -> dict[str, Any]:
+    held, groups = "", []
     for role in roles(table["rows"]):
         rows = [row for row in table["rows"] if role_of(row) == role]
         counts = Counter(row["verdict"] for row in rows if row["row"]["bar"])
-        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        told = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
         seeds = f" on seeds of {role}" if role else ""
-        held += f" Of the rows with a bar{seeds}: {said}." if said else ""
-        body = "".join(map(_row, rows))
-        grey = " development" if role == DEVELOPMENT else ""
-        parts.append(f"<h3>Seeds of {role}</h3>" if role else "")
-        parts.append(f'<div class="scroll{grey}"><table><thead><tr>{head}</tr></thead>{body}')
-        parts.append("</table></div>")
-    lead = paragraph(f"{table['about']} ({table['ids']}){held}")
-    figures = _figures(run, name, table, records, drawn)
-    return section(_anchor(name), table["title"], lead, *parts, *figures)
+        held += f" Of the rows with a bar{seeds}: {told}." if told else ""
+        groups.append({"role": role, "grey": role == DEVELOPMENT, "rows": list(map(_row, rows))})
+    return {
+        "anchor": _anchor(name),
+        "title": table["title"],
+        "lead": f"{table['about']} ({table['ids']}){held}",
+        "groups": groups,
+        "figures": _figures(run, name, table, records, drawn),
+    }
 
 
 def _figures(
     run: Path, name: str, table: Mapping[str, Any], records: ByTable, drawn: set[str]
-) -> list[str]:
+) -> list[Drawn]:
     """A table's sweeps and margins, and the drift where no table before showed these records."""
     source = table["records_of"]
     rows = first(records.get(source, []))
@@ -177,26 +181,19 @@ def drift_along_steps(records: Sequence[Mapping[str, Any]]) -> list[dict[str, An
     ]
 
 
-def _row(found: Mapping[str, Any]) -> str:
+def _row(found: Mapping[str, Any]) -> dict[str, Any]:
     row, value = found["row"], found["value"]
-    ours = "–" if value is None else f"<b>{number(value)}</b> <small>{row['over']}</small>"
-    verdict = chip(found["verdict"], TONES[found["verdict"]])
+    ours = NOT_MEASURED if value is None else Cell(number(value), value, (row["over"],))
+    marks = [(found["verdict"], TONES[found["verdict"]])]
     gone = [sum(counts) for counts in zip(*found.get("lost", {}).values(), strict=True)]
     if gone:
-        verdict += chip(f"{gone[0]}/{gone[1]} episodes lost", "bad")
+        marks.append((f"{gone[0]}/{gone[1]} episodes lost", "bad"))
     if found.get("stale"):
-        verdict += chip("stale: the code has changed since", "bad")
-    why = f"<small>{escape(found['why'])}</small>" if found["why"] else ""
-    if found["remark"]:
-        why += f"<p class='note'>{escape(found['remark'])}</p>"
+        marks.append(("stale: the code has changed since", "bad"))
     seeds = list(found["values"].values())
     matches = row["metric"].startswith("regime_match")
     spread = _matches(seeds) if matches and seeds else _spread(seeds)
-    return (
-        f"<tr><td>{escape(row['id'])}</td><td class='said'>{escape(row['what'])}</td>"
-        f"<td>{escape(row['paper'])}</td>{numeric(value, ours)}<td class='num'>{spread}"
-        f"</td><td class='num'>{escape(row['bar'])}</td><td>{verdict}{why}</td></tr>"
-    )
+    return {**found, **row, "ours": ours, "marks": marks, "spread": spread}
 
 
 def _matches(values: Sequence[float]) -> str:
@@ -219,8 +216,3 @@ def _spread(values: Sequence[float]) -> str:
 
 def _anchor(name: str) -> str:
     return name.replace("-", "_")
-
-
-def _bars(about: Mapping[str, Any]) -> str:
-    text = f"SHA-256 of the files of bars: {about['settings']['bars_sha256']}"
-    return section("bars", "The bars", paragraph(text))

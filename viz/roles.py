@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
-from viz import tables
-from viz.page import paragraph, section
 from viz.summary import Records
 
 DEVELOPMENT = "development"
@@ -39,17 +37,13 @@ def by_role(records: Records) -> tuple[Records, Records | None]:
     return Records(shown), Records(others) if others else None
 
 
-def development(records: Records | None) -> str:
-    """The ladder on the seeds that were looked at while tuning, greyed."""
-    if records is None or not records.couplings:
-        return ""
+def looked_at(records: Records) -> str:
+    """Why the seeds of development stand apart."""
     seeds = sorted({int(row["seed"]) for row in records.rows})
-    text = (
+    return (
         f"Seeds {', '.join(map(str, seeds))} were looked at while the code was tuned: they confirm "
         "nothing. All that stands above is of the others."
     )
-    table = f'<div class="development">{tables.ladder_table(records)}</div>'
-    return section("development", "Development seeds", paragraph(text), table)
 
 
 def named(records: Records) -> str:

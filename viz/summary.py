@@ -69,6 +69,7 @@ class Summary:
         nonfinite: non-finite episodes, all seeds together.
         episodes: episodes, all seeds together.
         clip: whether the metric cannot be negative, so that an interval's lower end is cut at 0.
+        metric: its name.
     """
 
     seeds: tuple[int, ...]
@@ -77,6 +78,7 @@ class Summary:
     nonfinite: int
     episodes: int
     clip: bool
+    metric: str = ""
 
     @property
     def mean(self) -> float | None:
@@ -250,6 +252,7 @@ def summarise(rows: Sequence[Row]) -> Summary:
         nonfinite=sum(int(row.get("nonfinite") or 0) for row in rows),
         episodes=sum(int(row.get("episodes") or 0) for row in rows),
         clip=any(word in metric for word in NON_NEGATIVE),
+        metric=metric,
     )
 
 

@@ -122,9 +122,14 @@ def _scale(axes: Axes, name: Literal["x", "y"], logarithmic: bool) -> None:
 
 def _logarithmic(axes: Axes, name: Literal["x", "y"]) -> None:
     """A scale whose labels do not run into each other."""
+    axes.set(**{f"{name}scale": "log"})
+    plain_ticks(axes, name)
+
+
+def plain_ticks(axes: Axes, name: Literal["x", "y"]) -> None:
+    """Of a logarithmic axis: none between, or at 1, 2 and 5 where it holds about a decade."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axes.set(**{f"{name}scale": "log"})
     axis = axes.xaxis if name == "x" else axes.yaxis
     low, high = axis.get_view_interval()
     if high < 30 * low:

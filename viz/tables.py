@@ -1,28 +1,29 @@
-"""The report's tables, as HTML: a row a line of the ladder, heads of a rung below one another."""
+"""The report's tables: a row a line of the ladder, heads of a rung below one another."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from html import escape
+from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
 from viz.cells import (
     NOT_MEASURED,
+    Cell,
     Choice,
-    chip,
     chosen_cell,
     match_cell,
     mean_cell,
     nonfinite_cell,
     number,
-    numeric,
+    said,
     skill_cell,
 )
 from viz.figures import style
 from viz.summary import SKILL_BAR, TWIN, Line, Records, median, paired
 
 HOLDS, FAILS, NO_VERDICT = "holds", "does not hold", "no verdict"
+TONES = {HOLDS: "good", FAILS: "bad", NO_VERDICT: "bad"}
 PERCEPTION = {
     "position_nmse": "position nMSE at t = 0",
     "momentum_nmse": "momentum nMSE at t = 0",
@@ -56,19 +57,37 @@ class Column(NamedTuple):
 
     group: str
     label: str
-    cell: Callable[[Line], str]
+    cell: Callable[[Line], Cell]
 
 
-def ladder_table(records: Records) -> str:
+class TableRow(NamedTuple):
+    """A line's cells; the first of a rung names it for ``opens`` rows, the others open none."""
+
+    line: Line
+    colour: str
+    opens: int
+    cells: list[Cell]
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a template draws: (group, its width) over labels, and rows."""
+
+    groups: list[tuple[str, int]]
+    labels: list[str]
+    rows: list[TableRow]
+
+
+def ladder_table(records: Records) -> Table:
     """The headline table."""
     g, steps, pick = records.coupling, records.horizon, records.pick
     flipped = "changed law" if g is None else f"changed law, G = {g:g}"
     long = "energy drift" if steps is None else f"energy drift at {steps:,} steps"
 
-    def drift(metric: str, choose: Choice) -> Callable[[Line], str]:
+    def drift(metric: str, choose: Choice) -> Callable[[Line], Cell]:
         return lambda line: chosen_cell(pick(line, metric, horizon=steps), choose)
 
-    def match(line: Line) -> str:
+    def match(line: Line) -> Cell:
         plain = pick(line, "regime_match", coupling=g)
         return match_cell(plain, pick(line, "regime_match_gated", coupling=g))
 
@@ -97,20 +116,20 @@ def ladder_table(records: Records) -> str:
 def _seen(records: Records) -> list[Column]:
     """How a line's states were perceived, where the records say it."""
 
-    def told(column: str) -> Callable[[Line], str]:
-        return lambda line: f"<td>{escape(records.said(line, column)) or '–'}</td>"
+    def told(column: str) -> Callable[[Line], Cell]:
+        return lambda line: said(records.said(line, column))
 
     found = [c for c in SEEN if any(records.said(line, c) for line in records.lines)]
     return [Column("how it sees", SEEN[column], told(column)) for column in found]
 
 
-def couplings_table(records: Records, episodes: Records | None) -> str:
+def couplings_table(records: Records, episodes: Records | None) -> Table:
     """Every coupling that was tested: error, skill, match, force."""
 
-    def match(g: float) -> Callable[[Line], str]:
+    def match(g: float) -> Callable[[Line], Cell]:
         return lambda line: match_cell(records.pick(line, "regime_match", coupling=g))
 
-    def typical(raw: Records, g: float) -> Callable[[Line], str]:
+    def typical(raw: Records, g: float) -> Callable[[Line], Cell]:
         return lambda line: chosen_cell(raw.pick(line, "inversion_nmse", coupling=g), median)
 
     columns = []
@@ -125,10 +144,10 @@ def couplings_table(records: Records, episodes: Records | None) -> str:
     return _table(records, records.lines, columns)
 
 
-def drift_table(records: Records) -> str:
+def drift_table(records: Records) -> Table:
     """Energy drift by horizon: median episode, worst episode, share of episodes above 1."""
 
-    def at(metric: str, steps: int, choose: Choice) -> Callable[[Line], str]:
+    def at(metric: str, steps: int, choose: Choice) -> Callable[[Line], Cell]:
         return lambda line: chosen_cell(records.pick(line, metric, horizon=steps), choose)
 
     columns = []
@@ -147,16 +166,16 @@ def drift_table(records: Records) -> str:
     return _table(records, lines, columns)
 
 
-def perception_table(records: Records) -> str:
-    """What the perceived state was worth; empty if nothing was recorded."""
+def perception_table(records: Records) -> Table | None:
+    """What the perceived state was worth, if anything was recorded."""
     found = [metric for metric in PERCEPTION if metric in records.metrics]
     columns = [_mean(records, "", PERCEPTION[metric], metric) for metric in found]
     lines = [line for line in records.lines if any(records.pick(line, m) for m in found)]
-    return _table(records, lines, columns) if columns else ""
+    return _table(records, lines, columns) if columns else None
 
 
-def other_table(records: Records) -> str:
-    """Every metric that no other table has; empty if there is none."""
+def other_table(records: Records) -> Table | None:
+    """Every metric that no other table has, if there is one."""
     others = {
         (row["metric"], row["coupling"], row["horizon"])
         for row in records.rows
@@ -167,10 +186,10 @@ def other_table(records: Records) -> str:
         at = "" if g is None else f"G = {g:g} "
         until = "" if steps is None else f"{steps:,} steps"
         columns.append(_mean(records, metric, at + until or "value", metric, g, steps))
-    return _table(records, records.lines, columns) if columns else ""
+    return _table(records, records.lines, columns) if columns else None
 
 
-def verdict_table(records: Records) -> str:
+def verdict_table(records: Records) -> Table:
     """Each factored head against the twin of its rung, seed by seed."""
     rows = []
     for lines in records.rungs.values():
@@ -179,9 +198,8 @@ def verdict_table(records: Records) -> str:
         for k, line in enumerate(mine):
             cells = _against(records, line, twin)
             rows.append(_row(records, line, cells, len(mine) if k == 0 else 0))
-    words = ("rung", "head", "its nMSE", "twin's nMSE", "twin / head", "twin worse", "verdict")
-    heads = "".join(f'<th scope="col">{word}</th>' for word in words)
-    return _scroll(f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>")
+    labels = ["its nMSE", "twin's nMSE", "twin / head", "twin worse", "verdict"]
+    return Table([], labels, rows)
 
 
 def verdict(records: Records, line: Line, twin: Line | None) -> tuple[str, str]:
@@ -207,32 +225,35 @@ def verdict(records: Records, line: Line, twin: Line | None) -> tuple[str, str]:
     return HOLDS, "inverts; the twin is worse on every seed"
 
 
-def _against(records: Records, line: Line, twin: Line | None) -> str:
+def _against(records: Records, line: Line, twin: Line | None) -> list[Cell]:
     error = records.pick(line, "inversion_nmse", coupling=records.coupling)
     other = records.pick(twin, "inversion_nmse", coupling=records.coupling) if twin else None
     pairs = paired(error, other) if error and other else []
     ratio = worse = NOT_MEASURED
     if pairs:
         hits = sum(mine < its for mine, its in pairs)
-        worse = numeric(None, f"{hits}/{len(pairs)} seeds")
+        worse = Cell(f"{hits}/{len(pairs)} seeds")
         if total := sum(mine for mine, _ in pairs):
             times = sum(its for _, its in pairs) / total
             shown = f"{times:,.0f}" if 100 <= times < 1e6 else number(times)
-            ratio = numeric(times, f"<b>{shown}</b> times")
+            ratio = Cell(f"{shown} times", times)
+    return [mean_cell(error), mean_cell(other), ratio, worse, verdict_cell(records, line, twin)]
+
+
+def verdict_cell(records: Records, line: Line, twin: Line | None) -> Cell:
+    """The verdict in colour, and why in words."""
     word, why = verdict(records, line, twin)
-    mark = chip(word, "good" if word == HOLDS else "bad")
-    said = f'<td class="said">{mark} {escape(why)}</td>'
-    return f"{mean_cell(error)}{mean_cell(other)}{ratio}{worse}{said}"
+    return Cell(why, None, (), ((word, TONES[word]),), "said")
 
 
-def _status_cell(records: Records, line: Line) -> str:
-    seeds, parts = records.seeds(line), []
+def _status_cell(records: Records, line: Line) -> Cell:
+    seeds, marks = records.seeds(line), []
     for status, metrics in sorted(records.troubles(line).items()):
         hit = {seed for found in metrics.values() for seed in found}
-        parts.append(chip(f"{status} {len(hit)}/{len(seeds)}", "bad"))
-    parts = parts or [chip(f"ok {len(seeds)}/{len(seeds)}", "good")]
-    stale = chip("stale", "bad") if records.is_stale(line) else ""
-    return f"<td>{''.join(parts)}{stale}</td>"
+        marks.append((f"{status} {len(hit)}/{len(seeds)}", "bad"))
+    marks = marks or [(f"ok {len(seeds)}/{len(seeds)}", "good")]
+    stale = [("stale", "bad")] if records.is_stale(line) else []
+    return Cell("", None, (), tuple(marks + stale))
 
 
 def _mean(
@@ -250,42 +271,22 @@ def _mean(
     )
 
 
-def _table(records: Records, lines: Sequence[Line], columns: Sequence[Column]) -> str:
+def _table(records: Records, lines: Sequence[Line], columns: Sequence[Column]) -> Table:
     rows = []
     for rung in records.rungs.values():
         group = [line for line in rung if line in lines]
         for k, line in enumerate(group):
-            cells = "".join(column.cell(line) for column in columns)
+            cells = [column.cell(line) for column in columns]
             rows.append(_row(records, line, cells, len(group) if k == 0 else 0))
-    return _scroll(f"<thead>{_headings(columns)}</thead><tbody>{''.join(rows)}</tbody>")
+    named = any(column.group for column in columns)
+    groups = [
+        (name, len(list(group))) for name, group in groupby(columns, key=lambda each: each.group)
+    ]
+    return Table(groups if named else [], [column.label for column in columns], rows)
 
 
-def _headings(columns: Sequence[Column]) -> str:
-    """One row of headings, or two where columns share one."""
-    own = "".join(f'<th scope="col">{escape(column.label)}</th>' for column in columns)
-    first = '<th scope="col">rung</th><th scope="col">head</th>'
-    if not any(column.group for column in columns):
-        return f"<tr>{first}{own}</tr>"
-    shared = '<td colspan="2"></td>'
-    for name, group in groupby(columns, key=lambda column: column.group):
-        width = len(list(group))
-        shared += f'<th scope="colgroup" colspan="{width}">{escape(name)}</th>'
-    return f"<tr>{shared}</tr><tr>{first}{own}</tr>"
-
-
-def _row(records: Records, line: Line, cells: str, opens: int) -> str:
-    """One line's row; the first of a rung also names the rung, for ``opens`` rows."""
-    readout = "" if line.readout == "none" else f"<small>{escape(line.readout)}</small>"
-    name = f"{escape(line.grounding)}{readout}"
-    rung = f'<th scope="rowgroup" rowspan="{opens}">{name}</th>' if opens else ""
-    colour, _ = style(line.head, records.heads)
-    head = f'<i style="background:{colour}"></i>{escape(line.head)}'
-    mark = ' class="first"' if opens else ""
-    return f'<tr{mark}>{rung}<th scope="row" class="head">{head}</th>{cells}</tr>'
-
-
-def _scroll(content: str) -> str:
-    return f'<div class="scroll"><table>{content}</table></div>'
+def _row(records: Records, line: Line, cells: list[Cell], opens: int) -> TableRow:
+    return TableRow(line, style(line.head, records.heads)[0], opens, cells)
 
 
 def _average(values: Sequence[float]) -> float:

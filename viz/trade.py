@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from viz.cells import number
 from viz.figures import save_svg
-from viz.page import heading, inline_svg, paragraph, section, write_page
+from viz.page import inline_svg, write_page
 from viz.trade_figures import Row, crowd_figure, pareto_figure, work_precision_figure
 
 if TYPE_CHECKING:
@@ -40,15 +39,43 @@ def write_trade(run: Path) -> Path:
     except (OSError, ValueError) as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
     fronts = list(dict.fromkeys(row["front"] for row in rows))
-    parts = [_front(run, [row for row in rows if row["front"] == name]) for name in fronts]
-    sections = [_short(about), *parts]
-    lead = (
-        "Points of a task were timed in turn; a cost is the median, after a "
-        "call that does not count. Bold: no other point of the task is both cheaper and more "
-        "accurate."
+    settings = about["settings"]
+    told = {
+        "title": "Speed against accuracy, on this machine",
+        "lead": _lead(rows, fronts),
+        "facts": f"Preset {settings['preset']}; "
+        + ", ".join(f"{k} {v}" for k, v in settings["surroundings"].items())
+        + ".",
+        "skipped": about["skipped"],
+        "fronts": [_front(run, [row for row in rows if row["front"] == name]) for name in fronts],
+        "columns": COLUMNS,
+    }
+    return write_page(run, "trade.html", told)
+
+
+def _lead(rows: Sequence[Row], fronts: Sequence[str]) -> str:
+    """The result in a sentence: how much a best point may cost more than another of its task."""
+    tasks: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        if row["error"] is not None and row["best"]:
+            tasks.setdefault((row["front"], row["task"]), []).append(row)
+    spans = {
+        key: max(row["cost"] for row in best) / min(row["cost"] for row in best)
+        for key, best in tasks.items()
+        if min(row["cost"] for row in best) > 0
+    }
+    kept = sum(len(best) for best in tasks.values())
+    text = (
+        f"{len(rows)} points of {len(fronts)} kinds of work were measured; no other is both "
+        f"cheaper and more accurate than {kept} of them."
     )
-    head = heading("Speed against accuracy, on this machine", lead)
-    return write_page(run, "Trade", head, sections)
+    if not spans:
+        return text
+    (front, task), most = max(spans.items(), key=lambda item: item[1])
+    return text + (
+        f" Accuracy costs most in {front} ({task}): a factor of {number(most)} between the "
+        "cheapest and the most accurate of these."
+    )
 
 
 def _rows(run: Path) -> list[dict[str, Any]]:
@@ -68,25 +95,17 @@ def _key(row: Row) -> str:
     return json.dumps([row["front"], row["task"], row["configuration"]], sort_keys=True)
 
 
-def _short(about: dict[str, Any]) -> str:
-    facts = ", ".join(f"{k} {v}" for k, v in about["settings"]["surroundings"].items())
-    parts = [paragraph(f"Preset {about['settings']['preset']}; {facts}.")]
-    skipped = [f"<li>{escape(s['cell'])}: {escape(s['reason'])}</li>" for s in about["skipped"]]
-    if skipped:
-        parts.append(f'<div class="callout"><p>Not measured:</p><ul>{"".join(skipped)}</ul></div>')
-    return section("short", "In short", *parts)
-
-
-def _front(run: Path, rows: Sequence[Row]) -> str:
+def _front(run: Path, rows: Sequence[Row]) -> dict[str, Any]:
     name = rows[0]["front"]
     path = run / "figures" / f"{name}.svg"
     save_svg(_figure(name, rows), path)
-    drawing = inline_svg(path.read_text(encoding="utf-8"), name, f"Error: {rows[0]['reference']}.")
-    head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
-    table = f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
-    return section(
-        name, name.capitalize(), drawing, table + "".join(map(_line, rows)) + "</table></div>"
-    )
+    caption = f"Error: {rows[0]['reference']}."
+    return {
+        "id": name,
+        "title": name.capitalize(),
+        "figure": inline_svg(path.read_text(encoding="utf-8"), name, caption),
+        "rows": list(map(_line, rows)),
+    }
 
 
 def _figure(name: str, rows: Sequence[Row]) -> Figure:
@@ -97,9 +116,8 @@ def _figure(name: str, rows: Sequence[Row]) -> Figure:
     return pareto_figure(rows, BY[name])
 
 
-def _line(row: Row) -> str:
+def _line(row: Row) -> dict[str, Any]:
     told = ", ".join(f"{k} {v}" for k, v in row["configuration"].items() if v is not None)
-    told = f"<b>{escape(told)}</b>" if row["best"] else escape(told)
     error = "not finite" if row["error"] is None else number(row["error"])
     memory = "" if row["peak_bytes"] is None else f"{row['peak_bytes'] / 2**20:.1f} MiB"
     units = ", ".join(f"{number(v)} {k.replace('_', ' ')}" for k, v in row["units"].items())
@@ -111,5 +129,4 @@ def _line(row: Row) -> str:
         memory,
         units,
     )
-    numbers = "".join(f'<td class="num">{escape(cell)}</td>' for cell in cells)
-    return f"<tr><td>{escape(row['task'])}</td><td>{told}</td>{numbers}</tr>"
+    return {"task": row["task"], "told": told, "best": row["best"], "cells": cells}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from viz.figures import _TEXT, FAINT, INK, SPARE, STYLES
 from viz.legend import named_handles
+from viz.sweeps import plain_ticks
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 MARKS = (*STYLES.values(), *SPARE)
-EXACT = 1e-17  # where an error of exactly zero is drawn
+UNITS = {"us": "µs", "ms": "ms", "s": "s", "ns": "ns", "bytes": "bytes"}
+EXACT = 0.2  # of the smallest other error: where one of exactly zero is drawn, as "0"
+SMALLEST = 1e-16  # error that a colour tells from zero
 FADED, FULL = 0.35, 1.0
 
 
@@ -49,16 +52,19 @@ def work_precision_figure(rows: Sequence[Row]) -> Figure:
         told = row["configuration"]
         pieces = ", pieces" if told["substeps"] else ""
         lines.setdefault(f"{told['integrator']}, {told['dtype']}{pieces}", []).append(row)
+    floor = _floor(rows)
     for number, (name, line) in enumerate(lines.items()):
         colour, marker = MARKS[number % len(MARKS)]
         finite = sorted((r for r in line if r["error"] is not None), key=lambda r: r["cost"])
-        errors = [max(r["error"], EXACT) for r in finite]
+        errors = [r["error"] or floor for r in finite]
         for axes, work in zip(panels, (_cost, _forces), strict=False):
             axes.plot([work(r) for r in finite], errors, color=colour, marker=marker, label=name)
     for axes, words in zip(
-        panels, (rows[0]["cost_name"], "force evaluations a simulated second"), strict=False
+        panels,
+        (in_words(rows[0]["cost_name"]), "force evaluations a simulated second"),
+        strict=False,
     ):
-        axes.set(xscale="log", yscale="log", xlabel=words, ylabel=rows[0]["error_name"])
+        _scaled(axes, rows, words)
     _legend(figure, panels)
     return figure
 
@@ -69,7 +75,7 @@ def crowd_figure(rows: Sequence[Row]) -> Figure:
 
     laws = list(dict.fromkeys(row["task"].rsplit(",", 1)[0] for row in rows))
     figure, panels = _grid(len(laws))
-    norm = matplotlib.colors.LogNorm(1e-16, 1)
+    norm = matplotlib.colors.LogNorm(SMALLEST, 1)
     for axes, law in zip(panels, laws, strict=False):
         lines: dict[str, list[Row]] = {}
         for row in rows:
@@ -80,23 +86,25 @@ def crowd_figure(rows: Sequence[Row]) -> Figure:
             bodies = [row["configuration"]["bodies"] for row in line]
             costs = [row["cost"] for row in line]
             axes.plot(bodies, costs, color=MARKS[number][0], lw=1, label=name, zorder=1)
-            shade = [max(row["error"] or 1e-16, 1e-16) for row in line]
+            shade = [max(row["error"] or 0.0, SMALLEST) for row in line]
             drawn = axes.scatter(
                 bodies, costs, c=shade, norm=norm, cmap="viridis_r", s=45, zorder=2
             )
-        axes.set(xscale="log", yscale="log", xlabel="bodies", ylabel=rows[0]["cost_name"])
+        axes.set(xscale="log", yscale="log", xlabel="bodies", ylabel=in_words(rows[0]["cost_name"]))
+        plain_ticks(axes, "x")
         axes.set_title(law, fontsize=9, loc="left")
-    figure.colorbar(drawn, ax=panels, label=rows[0]["error_name"])
+    figure.colorbar(drawn, ax=panels, label=in_words(rows[0]["error_name"]))
     _legend(figure, panels)
     return figure
 
 
 def _panel(axes: Axes, rows: Sequence[Row], by: str, kinds: Sequence[str]) -> None:
+    floor = _floor(rows)
     for row in rows:
         kind = str(row["configuration"].get(by))
         colour, marker = MARKS[kinds.index(kind) % len(MARKS)]
         failed = row["error"] is None
-        y = 1.0 if failed else max(row["error"], EXACT)
+        y = 1.0 if failed else row["error"] or floor
         spread = [[row["cost"] - row["cost_low"]], [row["cost_high"] - row["cost"]]]
         axes.errorbar(
             row["cost"],
@@ -111,9 +119,39 @@ def _panel(axes: Axes, rows: Sequence[Row], by: str, kinds: Sequence[str]) -> No
             label=kind,
         )
     best = sorted((row for row in rows if row["best"]), key=_cost)
-    errors = [max(row["error"], EXACT) for row in best]
+    errors = [row["error"] or floor for row in best]
     axes.step([_cost(row) for row in best], errors, where="post", color=INK, lw=1, alpha=0.6)
-    axes.set(xscale="log", yscale="log", xlabel=rows[0]["cost_name"], ylabel=rows[0]["error_name"])
+    _scaled(axes, rows, in_words(rows[0]["cost_name"]))
+
+
+def in_words(name: str) -> str:
+    """A measure in words, its unit first: ``us_per_frame`` is µs per frame."""
+    first, *others = name.split("_")
+    return " ".join([UNITS.get(first, first), *others])
+
+
+def _floor(rows: Sequence[Row]) -> float:
+    """Where an error of exactly zero is drawn: below all others, wherever they are."""
+    return EXACT * min((row["error"] for row in rows if row["error"]), default=1.0)
+
+
+def _scaled(axes: Axes, rows: Sequence[Row], words: str) -> None:
+    """Both axes logarithmic, in words; the level of exact results is called 0."""
+    axes.set(xscale="log", yscale="log", xlabel=words, ylabel=in_words(rows[0]["error_name"]))
+    plain_ticks(axes, "x")
+    plain_ticks(axes, "y")
+    if any(row["error"] == 0 for row in rows):
+        floor = _floor(rows)
+        axes.axhline(floor, color=FAINT, lw=0.8, ls=":")
+        axes.annotate(
+            "0 (exact)",
+            (1, floor),
+            xycoords=("axes fraction", "data"),
+            fontsize=8,
+            ha="right",
+            va="bottom",
+            color=INK,
+        )
 
 
 def _cost(row: Row) -> float:
@@ -164,5 +202,5 @@ def _beside(figure: Figure, handles: list[Artist], labels: list[str], title: str
         frameon=False,
         fontsize=8,
         title_fontsize=8,
-        labelcolor=FAINT,
+        labelcolor=INK,
     )

@@ -64,7 +64,8 @@ def test_the_ladder_says_how_each_rung_sees(run):
     ladder = ladder[: ladder.index("</section>")]
     for word in ("how it sees", "knows of the pictures", "labels of 8 clips", "exact disk"):
         assert word in ladder
-    assert "<td>16</td>" in ladder and "how it sees" not in html[: html.index(ladder)]
+    assert '<td class="said">16</td>' in ladder
+    assert "how it sees" not in html[: html.index(ladder)]
 
 
 def test_a_variant_stands_right_below_its_rung():

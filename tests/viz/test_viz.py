@@ -49,6 +49,7 @@ LADDER = (
     ("anonymous-tracker", "shooting", 0.009),
 )
 HEADS = {"factored": 1.0, "unstructured": 1e4}
+REFERENCES = {"oracle/factored": 0.067, "renderer/factored": 0.12}
 
 
 def row(grounding, readout, head, seed, metric, value, *, coupling=None, horizon=None, **other):
@@ -140,7 +141,12 @@ def make_run(path: Path, seeds: int = 3) -> Path:
     run = {
         "experiment": "ladder",
         "preset": "quick",
-        "settings": {"generator": "gaussian", "train": {"steps": 600, "lr": [1e-3, 3e-3]}},
+        "settings": {
+            "generator": "gaussian",
+            "train": {"steps": 600, "lr": [1e-3, 3e-3]},
+            "tables": {"ladder": {"references": REFERENCES}},
+            "weights": "/home/somebody/project/weights/hiera",
+        },
         "seeds": list(range(seeds)),
         "versions": {"python": "3.11", "torch": "2.15"},
         "device": "cpu",
@@ -524,7 +530,7 @@ class Tables(HTMLParser):
         raise AssertionError(f"no row {rung}, {head}")
 
 
-VERDICT, LADDER_TABLE = 0, 1
+FIRST, VERDICT, LADDER_TABLE = 0, 1, 2
 STATUS, ERROR, MATCH, SKILL, COSINE, DRIFT, WORST, NONFINITE = range(8)
 HEADLINES = {ERROR: "inversion_nmse", SKILL: "ballistic_skill", COSINE: "force_cosine"}
 
@@ -614,7 +620,7 @@ class TestReport:
 
     def test_trouble_is_told_with_its_reason(self, reported):
         page = reported[1]
-        part = page[page.index('id="troubles"') : page.index('id="ladder"')]
+        part = page[page.index('id="troubles"') : page.index('id="verdicts"')]
         assert "videomae/factored" in part and "no weights: vidphys weights &lt;fetch&gt;" in part
         assert "every metric (every seed)" in part and "energy_drift_worst (" in part
         assert "no verdict" in part
@@ -631,13 +637,41 @@ class TestReport:
 
     def test_one_file_that_needs_nothing_else(self, reported):
         run, page, _, _ = reported
-        assert "http:" not in page and "https:" not in page and "<script" not in page
+        assert "http:" not in page and "https:" not in page and "<script src" not in page
         assert not re.search(r'(src|href)="(?!#|data:)', page)
         assert not re.search(r">(nan|None|inf)<", page)
-        assert page.count("<svg") == 3
+        assert len(page) < 1_500_000
+        assert page.count("<svg") == 4
         for name in ("ladder", "force_cosine", "drift"):
             assert (run / "figures" / f"{name}.svg").is_file()
             assert (run / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+    def test_the_first_screen_says_what_was_asked_what_holds_and_what_does_not(self, reported):
+        page = reported[1]
+        first = page[: page.index("</figure>")]
+        for words in ("under G = −1", "of 5 factored heads answer", "anonymous-tracker · diff"):
+            assert words in re.sub(r"\s+", " ", first)
+        assert "not run: videomae" in first.replace("Not run", "not run")
+
+    def test_the_study_stands_in_the_figures_and_in_the_first_table(self, reported):
+        page = reported[1]
+        first = page[page.index('<svg class="headline"') : page.index("</svg>")]
+        for name, value in (("oracle", "0.067"), ("renderer", "0.12")):
+            assert f"<title>{name}, the study: {value}</title>" in first
+        told = re.search(r'id="cells">(.*?)</table>', page, re.S)[1]
+        shown = re.findall(r'data-value="(0\.067|0\.12)"', told)
+        assert shown == ["0.067", "0.12"]  # not beside shooting, which the study does not have
+
+    def test_each_row_says_how_to_repeat_it(self, reported):
+        page, seeds = reported[1], reported[3]
+        assert (
+            f"vidphys ladder --preset quick --cells renderer/factored --seed 0 --seeds {seeds} "
+            "--out runs/again" in page
+        )
+
+    def test_folders_of_the_machine_are_shortened(self, reported):
+        page = reported[1]
+        assert "/home/somebody" not in page and "…/weights/hiera" in page
 
     def test_what_was_run_is_all_there(self, reported):
         page = reported[1]
@@ -654,10 +688,12 @@ def test_a_worse_head_than_its_twin_does_not_hold():
             entry["value"] = 0.7 if entry["metric"] == "ballistic_skill" else entry["value"]
         if entry["cell"] == "anonymous-tracker/unstructured":
             entry["status"] = "skipped"
-    table = Tables(verdict_table(Records(rows)))
+    records = Records(rows)
     said = {
-        rung: " ".join(table.row(0, rung, "factored")[4][0].split()) for rung in Records(rows).rungs
+        row.line.rung: f"{row.cells[-1].marks[0][0]} {row.cells[-1].text}"
+        for row in verdict_table(records).rows
     }
+    assert list(said) == list(records.rungs)
     assert said["oracle"].startswith("does not hold") and "2/3 seeds only" in said["oracle"]
     assert said["renderer · differencing"].startswith("holds inverts; the twin is worse")
     assert said["renderer · shooting"] == "does not hold does not invert: skill up to 0.7"
@@ -689,10 +725,9 @@ def test_episodes_and_other_metrics_are_shown(tmp_path):
     ]
     pq.write_table(pa.Table.from_pylist(raw), run / "episodes.parquet")
     _, records, episodes = read_run(run)
-    cells = Tables(couplings_table(records, episodes)).row(0, "oracle", "factored")
-    assert [text for text, _ in cells].count("0.004") == 1
-    (cell,) = Tables(other_table(records)).row(0, "oracle", "factored")
-    assert cell[1]["data-value"] == "0.125"
+    cells = couplings_table(records, episodes).rows[0].cells
+    assert [cell.text for cell in cells].count("0.004") == 1
+    assert other_table(records).rows[0].cells[0].value == 0.125
 
 
 def test_another_experiment_has_no_ladder(tmp_path):

@@ -180,7 +180,9 @@ def test_the_verb_writes_records_verdicts_figures_and_a_report(tmp_path, capsys)
     assert {row["dtype"] for row in records} >= {"float32"}  # each has its precision
     assert sum(row["metric"] == "error" for row in records) == len(verdicts["cells"])
     report = (tmp_path / "run" / "report.html").read_text()
-    assert "The reliability figures" in report and report.count("<svg") == 1
+    assert (
+        "The reliability figures" in report and report.count("<svg") == 2
+    )  # all cells, and the axis
     assert main(command) == 0  # goes on where it was
 
 
