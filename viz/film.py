@@ -18,17 +18,17 @@ NAMES = {
     "observed": "observed",
     "readout": "track",
     "rollout": "forecast",
-    "changed": "other law",
 }
 
 
-def write_film(video: Arrays, path: Path) -> None:
+def write_film(video: Arrays, path: Path, law: str = "another law") -> None:
     """Write the frames of a clip with what is known and foretold of its bodies drawn over them.
 
     Args:
         video: as :func:`viz.recording.write_overlay_recording` takes it. The film goes on, over
             the last frame dimmed, until the rollout ends.
         path: the ``.mp4`` to write.
+        law: what ``changed`` is called.
 
     Raises:
         ValueError: an array is missing or has the wrong shape, or OpenCV cannot write such a file.
@@ -50,7 +50,7 @@ def write_film(video: Arrays, path: Path) -> None:
     try:
         for time, picture in _pictures(video, times, interval):
             canvas = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
-            _draw(canvas, video, time)
+            _draw(canvas, video, time, law)
             writer.write(cv2.cvtColor(canvas, cv2.COLOR_RGB2BGR))
     finally:
         writer.release()
@@ -67,19 +67,19 @@ def _pictures(
         yield float(times[-1] + k * interval), last
 
 
-def _draw(canvas: np.ndarray, video: Arrays, time: float) -> None:
+def _draw(canvas: np.ndarray, video: Arrays, time: float, law: str) -> None:
     """All paths of the last second, each with a dot where its body is at this time."""
     import cv2
 
     height, width = canvas.shape[:2]
     thick = max(1, round(max(height, width) / 400))
-    shown = []
+    shown: list[tuple[str, str]] = []
     for role, (key, stamps) in VIDEO_ARRAYS.items():
         if key not in video:
             continue
         when = np.asarray(video[stamps], np.float64)
         pixels = world_to_pixel(video[key], (height, width), half_extent(video))
-        shown.append(role)
+        shown.append((role, NAMES.get(role, law)))
         if not when[0] - 1e-9 <= time <= when[-1] + 1e-9:
             continue
         recent = (when > time - TRAIL) & (when <= time + 1e-9)
@@ -92,13 +92,13 @@ def _draw(canvas: np.ndarray, video: Arrays, time: float) -> None:
     _legend(canvas, shown, thick)
 
 
-def _legend(canvas: np.ndarray, roles: list[str], thick: int) -> None:
+def _legend(canvas: np.ndarray, roles: list[tuple[str, str]], thick: int) -> None:
     import cv2
 
     size = 0.4 * thick
-    for row, role in enumerate(roles, 1):
+    for row, (role, name) in enumerate(roles, 1):
         at = (8 * thick, 16 * thick * row)
         for colour, width in (((0, 0, 0), 2 * thick + 1), (COLOURS[role], thick)):
             cv2.putText(
-                canvas, NAMES[role], at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, width, cv2.LINE_AA
+                canvas, name, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, width, cv2.LINE_AA
             )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viz.overlay import picture_factor
+from viz.overlay import energy_range, picture_factor
 from viz.showcase import ROLES, Arrays, zoom_extent
 
 if TYPE_CHECKING:
@@ -47,16 +47,17 @@ def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
         left = [camera, about]
     plots: list[rrb.View | rrb.Container] = [
         _plot("log10 |E - E0| / |E0|", [f"energy_error/{role}" for role in ROLES], window),
-        _plot("Energy, the trained law", ["energy/truth", "energy/prediction"], window),
-        _plot(
+        _energies("Energy, the trained law", showcase, ("truth", "prediction"), window),
+        _energies(
             "Energy, the coupling flipped",
-            ["energy/counterfactual_truth", "energy/counterfactual"],
+            showcase,
+            ("counterfactual_truth", "counterfactual"),
             window,
         ),
     ]
     if "energy_long" in showcase:
         end = (0.0, float(showcase["long_times"][-1]))
-        long = _plot("Energy, the long rollout", ["energy/long"], end)
+        long = _energies("Energy, the long rollout", showcase, ("long",), end)
         plots[0] = rrb.Tabs(plots[0], long)
     worlds = rrb.Horizontal(
         rrb.Tabs(*left),
@@ -96,8 +97,21 @@ def _whole_picture(times: np.ndarray, frames: np.ndarray) -> rrb.VisualBounds2D:
     return rrb.VisualBounds2D(x_range=(0, width), y_range=(0, height))
 
 
+def _energies(
+    name: str, showcase: Arrays, roles: Sequence[str], window: tuple[float, float]
+) -> rrb.TimeSeriesView:
+    """Energies on an axis that does not make a plunge of a thousandth."""
+    values = np.concatenate([np.ravel(showcase[f"energy_{role}"]) for role in roles])
+    values = values[np.isfinite(values)]
+    ends = energy_range(float(values.min()), float(values.max())) if len(values) else None
+    return _plot(name, [f"energy/{role}" for role in roles], window, ends)
+
+
 def _plot(
-    name: str, entities: Sequence[str], window: tuple[float, float] | None = None
+    name: str,
+    entities: Sequence[str],
+    window: tuple[float, float] | None = None,
+    values: tuple[float, float] | None = None,
 ) -> rrb.TimeSeriesView:
     import rerun as rr
     import rerun.blueprint as rrb
@@ -107,7 +121,8 @@ def _plot(
         start, end = (rr.TimeRangeBoundary.absolute(seconds=edge) for edge in window)
         axis = rrb.TimeAxis(link="independent", view_range=rr.TimeRange(start=start, end=end))
     contents = [f"+ /{entity}" for entity in entities]
-    return rrb.TimeSeriesView(origin="/", contents=contents, name=name, axis_x=axis)
+    height = None if values is None else rrb.ScalarAxis(range=values)
+    return rrb.TimeSeriesView(origin="/", contents=contents, name=name, axis_x=axis, axis_y=height)
 
 
 def _growing(

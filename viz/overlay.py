@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase, SubFigure
 
 MAX_SIDE = 640  # pixels; larger pictures are shrunk by a whole factor
-MAX_RAW_SIDE = 128  # the same, for pictures that are stored uncompressed
+MAX_RAW_SIDE = 128  # the same, for larger ones that cannot be compressed
+SMALL_SIDE = 256  # pixels, below which a picture is stored as it is: JPEG damages small bodies
+LEAST_RANGE = 0.2  # of an axis of energy, as a share of the energy
 # Okabe and Ito's palette: told apart with every common kind of colour vision.
 BODY_COLOURS = (
     (230, 159, 0),
@@ -29,7 +31,7 @@ GUESS_COLOURS = {"prediction": "#0072B2", "counterfactual": "#D55E00"}
 # Of a contact sheet's parts, in shares of them; an automatic layout draws everything three times.
 STRIP = {"left": 0.01, "right": 0.99, "bottom": 0.0, "top": 0.72}
 SPACED = 1.3  # sides of a frame from one to the next
-PANELS = {"left": 0.04, "right": 0.99, "bottom": 0.13, "top": 0.91, "wspace": 0.25, "hspace": 0.1}
+PANELS = {"left": 0.04, "right": 0.88, "bottom": 0.15, "top": 0.91, "wspace": 0.25, "hspace": 0.1}
 
 
 def world_to_pixel(positions: np.ndarray, size: tuple[int, int], half_extent: float) -> np.ndarray:
@@ -46,15 +48,28 @@ def world_to_pixel(positions: np.ndarray, size: tuple[int, int], half_extent: fl
     return np.stack([width / 2 + scale * x, height / 2 - scale * y], axis=-1)
 
 
-def stored_as_jpeg(times: np.ndarray) -> bool:
-    """Whether pictures at ``times`` (seconds) can be compressed."""
+def stored_as_jpeg(times: np.ndarray, frames: np.ndarray) -> bool:
+    """Whether frames ``(F, H, W, 3)`` at ``times`` (seconds) are compressed: large, and can be."""
     # Viewer 0.41 shows no encoded picture (JPEG or PNG) at a negative time, but raw ones.
-    return bool(np.min(times) >= 0)
+    return bool(np.min(times) >= 0) and max(frames.shape[1:3]) >= SMALL_SIDE
 
 
 def picture_factor(times: np.ndarray, frames: np.ndarray) -> int:
     """The whole factor by which frames ``(F, H, W, 3)`` are shrunk to fit the cap."""
-    return -(-max(frames.shape[1:3]) // (MAX_SIDE if stored_as_jpeg(times) else MAX_RAW_SIDE))
+    side = max(frames.shape[1:3])
+    if side < SMALL_SIDE:
+        return 1
+    return -(-side // (MAX_SIDE if stored_as_jpeg(times, frames) else MAX_RAW_SIDE))
+
+
+def energy_range(low: float, high: float) -> tuple[float, float]:
+    """Ends of an axis of energy, as wide as a share of the energy at least.
+
+    A drift of less than a thousandth would fill the picture, and look like a plunge.
+    """
+    centre, half = (low + high) / 2, (high - low) / 2
+    least = LEAST_RANGE * max(abs(low), abs(high)) / 2
+    return centre - max(half, least), centre + max(half, least)
 
 
 def shrink(picture: np.ndarray, factor: int) -> np.ndarray:
@@ -153,7 +168,8 @@ def _paths(axes: Axes, showcase: Arrays, truth: str, guess: str, title: str) -> 
     box = np.stack([centre - half, centre + half])
     axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", title=title)
     axes.tick_params(labelsize=8)
-    axes.legend(loc="best", fontsize=8, frameon=False)
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.08), "ncols": 3}
+    axes.legend(**below, fontsize=8, frameon=False)
 
 
 def _energies(upper: Axes, lower: Axes, showcase: Arrays) -> None:
@@ -172,8 +188,8 @@ def _energies(upper: Axes, lower: Axes, showcase: Arrays) -> None:
         }
         upper.plot(times[after], energy, label=role.replace("_", " "), **look)
         lower.plot(times[after], np.where(error > 0, error, np.nan), **look)
-    upper.set(title="Energy", xticklabels=[])
-    upper.legend(loc="center right", fontsize=7, frameon=False)
+    upper.set(title="Energy", xticklabels=[], ylim=energy_range(*upper.get_ylim()))
+    upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
     lower.set(yscale="log", ylabel="|E - E0| / |E0|", xlabel="seconds since the law may change")
     lower.minorticks_off()
     lower.yaxis.set_major_formatter(lambda value, _: f"{value:g}")  # powers take long to set

@@ -75,7 +75,7 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
     times = np.asarray(showcase["times"], np.float64)
     extent, zoom = half_extent(showcase), zoom_extent(showcase)
     dt = scalar(showcase, "dt") if "dt" in showcase else float(np.median(np.diff(times)))
-    tape = _Tape(meta, step=dt)
+    tape = _Tape(meta, dt, laws_of(meta))
     tape.turn_upright("world")
     since, past = context(showcase)
     if len(since):  # it disappears with the first instant of the rollout
@@ -121,7 +121,7 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     stamps = np.asarray(video["frame_times"], np.float64)
     interval = float(np.median(np.diff(stamps)))
     height, width = video["frames"].shape[1:3]
-    tape = _Tape(meta, step=interval)
+    tape = _Tape(meta, interval, {"rollout": "the law that held", "changed": other_law(meta)})
     factor = tape.pictures("video/image", stamps, video["frames"])
     radius = 0.014 * max(height, width) / factor
     after = np.array([stamps[-1] + interval])
@@ -146,12 +146,31 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     tape.save(path, overlay_layout(video))
 
 
+def laws_of(meta: Mapping[str, str]) -> dict[str, str]:
+    """What each role of a ladder's cell is called: by its law and whose it is."""
+    held = f"G = {float(meta['coupling']):.3g}" if "coupling" in meta else "the trained law"
+    flipped = "G = −1" if "coupling" in meta else "the flipped law"
+    return {
+        "truth": f"{held}, truth",
+        "prediction": f"{held}, model",
+        "counterfactual_truth": f"{flipped}, truth",
+        "counterfactual": f"{flipped}, model",
+        "long": f"{held}, model",
+    }
+
+
+def other_law(meta: Mapping[str, str]) -> str:
+    """What a rollout under another law is called: by that law, where it is told."""
+    return meta.get("law") or "another law"
+
+
 class _Tape:
     """A recording in memory that knows the timelines and how each kind of array is stored."""
 
-    def __init__(self, meta: Mapping[str, str], step: float) -> None:
+    def __init__(self, meta: Mapping[str, str], step: float, names: Mapping[str, str]) -> None:
         import rerun as rr
 
+        self.names = names  # of roles, in the words of their laws
         self.step = step  # seconds between neighbouring values of the `step` timeline
         self.layer = 0.0  # what is stored later is drawn on top
         name = meta.get("cell", "recording")
@@ -220,7 +239,7 @@ class _Tape:
         import rerun as rr
 
         rows = np.asarray(values, np.float64).reshape(len(times), -1)
-        name = role.replace("_", " ")
+        name = self.names.get(role, role)
         names = [name] if rows.shape[1] == 1 else [f"{name} {n + 1}" for n in range(rows.shape[1])]
         colours = [COLOURS[role]] * rows.shape[1]
         line = rr.SeriesLines(colors=colours, names=names, widths=[2.0] * rows.shape[1])
@@ -240,8 +259,8 @@ class _Tape:
             picture = rr.Image(shrink(frames[k], factor))
             self.stream.set_time("sim_time", duration=float(times[k]))
             self.stream.set_time("step", sequence=round(float(times[k]) / self.step))
-            encode = stored_as_jpeg(times)
-            self.stream.log(entity, picture.compress(jpeg_quality=75) if encode else picture)
+            encode = stored_as_jpeg(times, frames)
+            self.stream.log(entity, picture.compress(jpeg_quality=90) if encode else picture)
         self.stream.reset_time()
         return factor
 

@@ -22,11 +22,12 @@ import tyro
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vidphys.cli.recordings import told_law
 from vidphys.cli.view import ViewConfig, view
 from vidphys.errors import InputError
 from viz import figures, viewer
 from viz.cells import number
-from viz.overlay import contact_sheet, world_to_pixel
+from viz.overlay import contact_sheet, energy_range, world_to_pixel
 from viz.recording import write_overlay_recording, write_recording
 from viz.report import read_run, write_report
 from viz.showcase import ROLES
@@ -396,6 +397,44 @@ class TestRecording:
         assert seconds(rolled)[-1] > seconds(images)[-1]
         states = [row[0] for row in entities["/phase"]["StateChange:state"]]
         assert states == ["trained on", "held out", "past the end of the clip"]
+
+
+def test_small_pictures_are_stored_as_they_are(tmp_path):
+    video = make_video()
+    rng = np.random.default_rng(0)
+    video["frames"] = rng.integers(0, 256, (30, 96, 64, 3)).astype(np.uint8)
+    write_overlay_recording(video, {"cell": "small"}, tmp_path / "v.rrd")
+    images = read_back(tmp_path / "v.rrd")["/video/image"]
+    assert "EncodedImage:media_type" not in images
+    stored = np.array(images["Image:buffer"][7], np.uint8).reshape(96, 64, 3)
+    assert np.array_equal(stored, video["frames"][7])
+
+
+def test_a_small_drift_is_drawn_on_a_wide_axis():
+    low, high = energy_range(-2.0, -1.9986)
+    assert low < -2.15 and high > -1.85
+    assert energy_range(-2.0, 1.0) == (-2.0, 1.0)
+    showcase = make_showcase()
+    flat = 5.0 + 1e-3 * np.linspace(0, 1, len(showcase["times"]))
+    for role in ROLES:
+        showcase[f"energy_{role}"] = flat
+    sheet = contact_sheet(showcase, {})
+    panel = next(a for part in sheet.subfigs for a in part.axes if a.get_title() == "Energy")
+    low, high = panel.get_ylim()
+    assert high - low >= 0.19 * 5
+
+
+def test_laws_are_called_by_their_words(tmp_path):
+    write_recording(make_showcase(), {"cell": "x", "coupling": "0.78"}, tmp_path / "x.rrd")
+    entities = read_back(tmp_path / "x.rrd")
+    names = {role: str(entities[f"/energy/{role}"]["SeriesLines:names"]) for role in ROLES}
+    assert "G = 0.78, model" in names["prediction"] and "G = −1, model" in names["counterfactual"]
+    video = make_video()
+    video |= {"changed": video["rollout"], "changed_times": video["rollout_times"]}
+    write_overlay_recording(video, {"cell": "x", "law": "friction times 0"}, tmp_path / "v.rrd")
+    changed = read_back(tmp_path / "v.rrd")["/position_x/changed"]
+    assert "friction times 0" in str(changed["SeriesLines:names"])
+    assert told_law(-1.0, ("friction=0",)) == "G = −1, friction times 0"
 
 
 def test_large_pictures_are_shrunk_and_long_clips_thinned(tmp_path):
@@ -849,6 +888,30 @@ class TestView:
         with pytest.raises(InputError, match="would overwrite"):
             view(ViewConfig(run_folder, save=tmp_path / "out"))
 
+    def test_one_cell_is_shown_at_first_and_the_others_are_named(
+        self, run_folder, monkeypatch, capsys
+    ):
+        called = fake_viewer(monkeypatch)
+        monkeypatch.setenv("DISPLAY", ":0")
+        view(ViewConfig(run_folder))
+        assert [word for word in called[0][0] if ".rrd" in word] == [
+            str(run_folder / "recordings/oracle-factored.rrd")
+        ]
+        assert "--cell all: anonymous-tracker/unstructured" in capsys.readouterr().out
+        view(ViewConfig(run_folder, ("all",)))
+        assert sum(".rrd" in word for word in called[1][0]) == 2
+
+    def test_what_was_saved_is_opened_again(self, run_folder, tmp_path, monkeypatch):
+        called = fake_viewer(monkeypatch)
+        monkeypatch.setenv("DISPLAY", ":0")
+        view(ViewConfig(run_folder, save=tmp_path / "both.rrd"))
+        view(ViewConfig(tmp_path / "both.rrd"))
+        assert called[-1][0][-1] == str(tmp_path / "both.rrd")
+
+    def test_a_skipped_cell_says_why(self, run_folder):
+        with pytest.raises(InputError, match="videomae/factored has no recording: no weights"):
+            view(ViewConfig(run_folder, ("videomae/factored",), web=True))
+
     def test_save_merges_into_one_file(self, run_folder, tmp_path):
         from rerun.chunk import RrdReader
 
@@ -915,6 +978,7 @@ class TestView:
 
 def fake_viewer(monkeypatch, code=0):
     called = []
+    monkeypatch.setattr("viz.viewer.sys.platform", "linux")
 
     def run(command, environment):
         called.append((command, environment))

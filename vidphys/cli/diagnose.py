@@ -326,8 +326,10 @@ def _draw(
     )
     save_svg(figure, run.path / "figures" / "diagnosis.svg")
     arrays = found.showcase(frames)
+    law = next((name for name in found.rolled if name != "model"), "")
     if arrays is not None:
-        meta = {"cell": "diagnosis", "clip": config.input.name}
+        meta = {"cell": "diagnosis", "clip": config.input.name, **({"law": law} if law else {})}
         write_overlay_recording(arrays, meta, run.path / "recordings" / "diagnosis.rrd")
     if config.video is not None and frames is not None:
-        draw_film(arrays or followed_alone(found.times, found.positions, frames), config.video)
+        shown = arrays or followed_alone(found.times, found.positions, frames)
+        draw_film(shown, config.video, law)

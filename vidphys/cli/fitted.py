@@ -176,11 +176,13 @@ def _write(path: Path, motion: Motion, held: Rolled, changed: Rolled | None) -> 
 def _draw(
     config: RolloutConfig, run: Path, recorded: Recorded, held: Rolled, changed: Rolled | None
 ) -> None:
-    from vidphys.cli.recordings import write_tracks_recording
+    from vidphys.cli.recordings import told_law, write_tracks_recording
 
     paths = {"rollout": held} | ({} if changed is None else {"changed": changed})
     rolled = {name: (path.times, path.positions) for name, path in paths.items()}
     meta = {"cell": "rollout", "input": (config.input or config.run).name}
+    if changed is not None:
+        meta["law"] = told_law(config.coupling, config.law)
     motion = recorded.motion
     write_tracks_recording(
         run / "recordings" / "rollout.rrd",

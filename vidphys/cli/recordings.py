@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,6 +53,7 @@ def record_rollout(
     changed: Forecast | None,
     extent: float,
     film: Path | None = None,
+    law: str = "",
 ) -> None:
     """Write the recording of one clip that a pipeline read and rolled on.
 
@@ -63,6 +64,7 @@ def record_rollout(
         changed: its rollout under another law.
         extent: world units in half of the longer image side.
         film: the video file to draw it into as well.
+        law: the other law in words.
     """
     from viz.recording import write_overlay_recording
 
@@ -72,10 +74,10 @@ def record_rollout(
     }
     if changed is not None:
         arrays |= _rolled("changed", changed, video, reading.camera)
-    meta = {"cell": "rollout", "clip": video.path.name}
+    meta = {"cell": "rollout", "clip": video.path.name, **({"law": law} if law else {})}
     write_overlay_recording(arrays, meta, run / "recordings" / "rollout.rrd")
     if film is not None:
-        draw_film(arrays, film)
+        draw_film(arrays, film, law)
 
 
 def write_tracks_recording(
@@ -121,7 +123,7 @@ def write_tracks_recording(
         arrays |= {role: _plane(path_there), f"{role}_times": at}
     write_overlay_recording(arrays, meta, path)
     if film is not None:
-        draw_film(arrays, film)
+        draw_film(arrays, film, meta.get("law", ""))
 
 
 def followed_alone(
@@ -139,8 +141,19 @@ def followed_alone(
     }
 
 
-def draw_film(arrays: Mapping[str, np.ndarray], path: Path) -> None:
+def told_law(coupling: float | None, law: Sequence[str]) -> str:
+    """A changed law in words, from the options that changed it: ``G = -1, friction times 0``."""
+    words = [] if coupling is None else [f"G = {coupling:g}".replace("-", "\u2212")]
+    return ", ".join([*words, *(" times ".join(x.split("=", 1)) for x in law)])
+
+
+def draw_film(arrays: Mapping[str, np.ndarray], path: Path, law: str = "") -> None:
     """Draw the arrays of a recording over their frames, into a video file.
+
+    Args:
+        arrays: of the recording.
+        path: the file.
+        law: the changed law in words, where there is one.
 
     Raises:
         InputError: such a file cannot be written.
@@ -148,7 +161,7 @@ def draw_film(arrays: Mapping[str, np.ndarray], path: Path) -> None:
     from viz.film import write_film
 
     try:
-        write_film(arrays, path)
+        write_film(arrays, path, law or "another law")
     except ValueError as error:
         raise InputError(f"--video {path}: {error}") from error
 

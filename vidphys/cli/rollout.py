@@ -94,7 +94,7 @@ def rollout(config: RolloutConfig) -> None:
 
 def _roll_trained(config: RolloutConfig) -> None:
     """With a pipeline, which sees for itself."""
-    from vidphys.cli.recordings import record_rollout
+    from vidphys.cli.recordings import record_rollout, told_law
     from vidphys.data.dataset import clip_file
     from vidphys.data.video import ClipSelection, read_video, require_frames
     from vidphys.reading.clip_dynamics import FACTORED
@@ -133,7 +133,8 @@ def _roll_trained(config: RolloutConfig) -> None:
         _write(run.path / "rollout.npz", reading, changed)
         extent = pipeline.reader.half_extent
         with console.drawing("the recording"):
-            record_rollout(run.path, video, reading, changed, extent, config.video)
+            words = told_law(config.coupling, config.law)
+            record_rollout(run.path, video, reading, changed, extent, config.video, words)
         console.done(0)
         _show(run, reading, changed, console)
 

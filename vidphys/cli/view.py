@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import shutil
 import socket
 import sys
@@ -14,6 +15,8 @@ import tyro
 
 from vidphys.errors import InputError
 
+PREFERRED = ("renderer/factored", "oracle/factored")  # of many cells, which is shown at first
+
 
 @dataclass(frozen=True)
 class ViewConfig:
@@ -22,8 +25,8 @@ class ViewConfig:
     Example: vidphys view runs/ladder --cell oracle/factored --web
 
     Args:
-        run: the run's folder.
-        cell: cells to show (grounding/head); all if none is named.
+        run: the run's folder, or a recording (.rrd).
+        cell: cells to show (grounding/head), or `all`; one if none is named, and all are saved.
         web: serve the viewer to a browser, on this machine only.
         save: write the recordings to this .rrd file, or into this folder, instead of showing them.
     """
@@ -48,7 +51,7 @@ def view(config: ViewConfig) -> None:
 
     if config.web and config.save is not None:
         raise InputError("view: --web and --save exclude each other; give one of them")
-    chosen = _choose(config)
+    chosen = {"": config.run} if config.run.suffix == ".rrd" else _choose(config)
     if config.save is None and not config.web and not viewer.has_display():
         raise InputError(
             "view: there is no display here; use --web to look in a browser, or --save PATH to "
@@ -56,7 +59,8 @@ def view(config: ViewConfig) -> None:
         )
     if config.save is not None and config.save.suffix and _is_taken(config.save):
         raise InputError(f"view: --save {config.save} exists; remove it or choose another path")
-    recordings = [_recording(config.run, file) for file in chosen.values()]
+    folder = config.run.parent if config.run.suffix == ".rrd" else config.run
+    recordings = [_recording(folder, file) for file in chosen.values()]
     if config.save is not None:
         _save(recordings, config.save)
     elif config.web:
@@ -70,16 +74,29 @@ def _choose(config: ViewConfig) -> dict[str, Path]:
     from vidphys.runs.recordings import recordings_of
 
     if not config.run.is_dir():
-        raise InputError(f"view: {config.run} is not a folder; give the folder of a run")
+        raise InputError(
+            f"view: {config.run} is not a folder; give the folder of a run, or a .rrd file"
+        )
     cells = recordings_of(config.run)
     if not cells:
         raise InputError(
             f"view: {config.run} has no recordings; give the folder of a finished run "
             "(recordings/*.rrd or showcase/*.safetensors)"
         )
+    if config.cell == ("all",) or (not config.cell and config.save is not None):
+        return cells
+    if not config.cell:
+        first = next((name for name in PREFERRED if name in cells), next(iter(cells)))
+        others = [name for name in cells if name != first]
+        if others:
+            print(f"shown: {first}; by --cell NAME, or --cell all: {', '.join(others)}")
+        return {first: cells[first]}
     chosen = {}
-    for name in config.cell or cells:
+    for name in config.cell:
         if name not in cells:
+            why = _skipped(config.run, name)
+            if why:
+                raise InputError(f"view: --cell {name} has no recording: {why}")
             near = difflib.get_close_matches(name, cells, n=1)
             guess = f"did you mean {near[0]}? " if near else ""
             raise InputError(
@@ -87,6 +104,16 @@ def _choose(config: ViewConfig) -> dict[str, Path]:
             )
         chosen[name] = cells[name]
     return chosen
+
+
+def _skipped(run: Path, cell: str) -> str | None:
+    """Why a cell was not run, as the run's ``run.json`` says it."""
+    try:
+        entries = json.loads((run / "run.json").read_text(encoding="utf-8"))["skipped"]
+    except (OSError, ValueError, KeyError):
+        return None
+    reasons = {str(e.get("cell")): str(e.get("reason")) for e in entries}
+    return reasons.get(cell, reasons.get(f"ladder/{cell}"))
 
 
 def _recording(run: Path, file: Path) -> Path:

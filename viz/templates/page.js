@@ -58,8 +58,8 @@ if (kept) {
   }
 }
 
-// The hues of bodies, told apart with every common kind of colour vision.
-const HUES = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2"];
+// The hues of bodies, told apart with every common kind of colour vision; 3 : 1 on light and dark.
+const HUES = ["#c8641e", "#2f86c6", "#00876a", "#b4609a", "#8a7a10", "#7a7f87"];
 
 // Bodies at one instant, their ways until then, and the truth as rings.
 function drawBodies(canvas, extent, truth, guess, until) {
