@@ -168,7 +168,7 @@ def _paths(axes: Axes, showcase: Arrays, truth: str, guess: str, title: str) -> 
     box = np.stack([centre - half, centre + half])
     axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", title=title)
     axes.tick_params(labelsize=8)
-    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.08), "ncols": 3}
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.08), "ncols": 3}
     axes.legend(**below, fontsize=8, frameon=False)
 
 
