@@ -1,6 +1,6 @@
 """Detections and features to tracks that keep identity."""
 
-from binders.base import BINDERS, Binder, MotionTracks
+from binders.base import BINDERS, Binder, MotionTracks, Pictures
 from binders.detect import detect
 from binders.hand import assign, bind_by_acceleration
 from binders.motion import MotionBinder
@@ -16,6 +16,7 @@ __all__ = [
     "Detections",
     "MotionBinder",
     "MotionTracks",
+    "Pictures",
     "SlotAttention",
     "Slots",
     "SoftTracks",

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from binders.tracks import Tracks
 from registry import Registry
+
+
+@runtime_checkable
+class Pictures(Protocol):
+    """Frames ``(t, h, w, 3)`` of bytes, RGB, row 0 on top: an array, or what is decoded as asked.
+
+    A forward slice is such a sequence too; a number or a list of them gives an array. Going
+    through them in order is cheap, and so is rising; ``numpy.asarray`` has them all in memory.
+    """
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[Any]: ...
+    def __getitem__(self, which: Any) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -37,13 +52,11 @@ class MotionTracks:
 class Binder(Protocol):
     """Follows the bodies of a clip."""
 
-    def __call__(
-        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
-    ) -> Tracks | MotionTracks:
+    def __call__(self, frames: Pictures, times: Float[np.ndarray, " t"]) -> Tracks | MotionTracks:
         """The tracks of a clip, and the camera's where the binder follows it too.
 
         Args:
-            frames: RGB, row 0 on top.
+            frames: of the clip.
             times: seconds.
 
         Raises:

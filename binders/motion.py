@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
-from binders.base import BINDERS, MotionTracks
+from binders.base import BINDERS, MotionTracks, Pictures
 from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
@@ -81,9 +81,7 @@ class MotionBinder:
         if self.shadow is not None and not 0 < self.shadow <= 1:
             raise ValueError(f"shadow {self.shadow}: must be above 0 and at most 1")
 
-    def __call__(
-        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
-    ) -> MotionTracks:
+    def __call__(self, frames: Pictures, times: Float[np.ndarray, " t"]) -> MotionTracks:
         """See :class:`binders.base.Binder`.
 
         Raises:
@@ -107,7 +105,7 @@ class MotionBinder:
         return MotionTracks(tracks, camera, path.others, radius)
 
     def candidates(
-        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
+        self, frames: Pictures, times: Float[np.ndarray, " t"]
     ) -> tuple[Float[np.ndarray, "t k 2"], Float[np.ndarray, " k"]]:
         """What may be a body, the likeliest first, in the order that `Wanted.choose` counts.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
+from binders.base import Pictures
 from binders.camera import background_of, camera_drift, undo_drift
 from binders.pan import through, turning, unturned
 
@@ -34,9 +35,7 @@ class Steadied:
         ValueError: fewer than three frames.
     """
 
-    def __init__(
-        self, frames: UInt8[np.ndarray, "t h w 3"], times: Float[np.ndarray, " t"]
-    ) -> None:
+    def __init__(self, frames: Pictures, times: Float[np.ndarray, " t"]) -> None:
         if len(frames) < 3:
             raise ValueError(f"MotionBinder: motion needs at least 3 frames, got {len(frames)}")
         small, self.factor = _working_copy(frames)
@@ -66,7 +65,7 @@ class Steadied:
         return (pixels + 0.5 - self._middle) / self.half * UP
 
 
-def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 2"]:
+def camera_path(frames: Pictures) -> Float[torch.Tensor, "t 2"]:
     """What the camera of a clip did, as in :class:`MotionTracks`, without following anything."""
     small, factor = _working_copy(frames)
     turns = turning(small)
@@ -77,14 +76,14 @@ def camera_path(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[torch.Tensor, "t 
     return torch.from_numpy(drift / (max(frames.shape[1:3]) / 2 / factor) * UP).float()
 
 
-def _working_copy(frames: np.ndarray) -> tuple[np.ndarray, int]:
+def _working_copy(frames: Pictures) -> tuple[np.ndarray, int]:
     """The frames at their working size, and the factor that they were shrunk by."""
     import cv2
 
     factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
     h, w = (n // factor for n in frames.shape[1:3])
     if factor == 1:
-        return frames, 1
+        return np.asarray(frames), 1
     whole = (f[: h * factor, : w * factor] for f in frames)
     small = np.empty((len(frames), h, w, 3), np.uint8)
     for out, frame in zip(small, whole, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -48,6 +49,59 @@ class FeatureMap:
         x = ((torch.arange(w, device=device) + 0.5) * su - w * su / 2) / half
         y = (h * sv / 2 - (torch.arange(h, device=device) + 0.5) * sv) / half
         return torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)
+
+
+@dataclass(frozen=True)
+class FeatureStream:
+    """Features of one clip as they are made, for clips that are too long to be held.
+
+    Args:
+        layers: that come from one pass.
+        pieces: ``(f, c, h, w)`` of each layer, one after the other; ``f`` adds up to
+            ``len(times)``.
+        size: of the frames in pixels, (height, width).
+        times: as those of a :class:`FeatureMap`.
+    """
+
+    layers: tuple[str, ...]
+    pieces: Iterator[Sequence[Tensor]]
+    size: tuple[int | float, int | float]
+    times: Float[Tensor, " t"]
+
+    def whole(self) -> dict[str, FeatureMap]:
+        """All of them, by layer."""
+        kept: list[list[Tensor]] = [[] for _ in self.layers]
+        for piece in self.pieces:
+            for some, values in zip(kept, piece, strict=True):
+                some.append(values)
+        joined = (torch.cat(some)[None] for some in kept)
+        return {
+            layer: FeatureMap(values, stride_of(self.size, values.shape), self.times)
+            for layer, values in zip(self.layers, joined, strict=True)
+        }
+
+
+def streamed(layer: str, features: FeatureMap) -> FeatureStream:
+    """Features of one clip that are there already, as a stream.
+
+    Raises:
+        ValueError: more than one clip.
+    """
+    if len(features.values) != 1:
+        raise ValueError(f"features: one clip at a time, got a batch of {len(features.values)}")
+    pieces = ([values] for values in features.values)
+    return FeatureStream((layer,), pieces, size_of(features), features.times)
+
+
+def stride_of(size: tuple[int | float, int | float], shape: Sequence[int]) -> tuple[float, float]:
+    """Pixels of frames of a size (height, width) between the cells of ``(…, h, w)``."""
+    return size[0] / shape[-2], size[1] / shape[-1]
+
+
+def size_of(features: FeatureMap) -> tuple[float, float]:
+    """Pixels of the frames, (height, width), that features are of."""
+    (down, right), (h, w) = features.stride, features.grid
+    return down * h, right * w
 
 
 @runtime_checkable

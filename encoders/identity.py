@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import torch
 from torch import Tensor
 
-from encoders.features import FeatureMap
+from encoders.features import FeatureMap, FeatureStream, streamed
 
 
 @dataclass(frozen=True)
@@ -78,3 +79,44 @@ class LayeredEncoder(IdentifiedEncoder, Protocol):
     ) -> dict[str, FeatureMap]:
         """By the layer's name what :meth:`at` that layer gives."""
         ...
+
+
+@runtime_checkable
+class StreamingEncoder(LayeredEncoder, Protocol):
+    """One that need not have a clip whole."""
+
+    def stream(
+        self,
+        chunks: Callable[[], Iterable[Tensor]],
+        size: tuple[int, int],
+        times: Tensor,
+        layers: Sequence[int | str],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Iterator[FeatureStream]:
+        """See :meth:`encoders.frozen.base.FrozenEncoder.stream`."""
+        ...
+
+
+def stream(
+    encoder: IdentifiedEncoder,
+    chunks: Callable[[], Iterable[Tensor]],
+    size: tuple[int, int],
+    times: Tensor,
+    layers: Sequence[str],
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[FeatureStream]:
+    """The features of one clip as they are made; an encoder that cannot do so gets it whole.
+
+    Args:
+        encoder: of images or video.
+        chunks, size, times, layers, progress: see
+            :meth:`encoders.frozen.base.FrozenEncoder.stream`; a plain encoder has one layer.
+    """
+    if isinstance(encoder, StreamingEncoder):
+        return encoder.stream(chunks, size, times, layers, progress)
+    clip = torch.cat([*chunks()])[None]
+    if isinstance(encoder, LayeredEncoder):
+        found = encoder.encode_layers(clip, times, layers, progress)
+    else:
+        found = {layer: encoder(clip, times, progress) for layer in layers}
+    return (streamed(layer, features) for layer, features in found.items())

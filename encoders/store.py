@@ -13,17 +13,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
 
-from encoders.features import FeatureMap
+from encoders.entry import new_entry, placed
+from encoders.features import FeatureMap, FeatureStream, streamed, stride_of
 from encoders.identity import EncoderIdentity
 from encoders.release import file_sha256
 from registry.seal import is_sealed, sealed
@@ -118,6 +118,27 @@ class FeatureStore:
         assert written is not None
         return written
 
+    def get_layers(
+        self,
+        requests: Mapping[str, FeatureRequest],
+        source: str,
+        encode: Callable[[Sequence[str]], Iterator[FeatureStream]],
+    ) -> dict[str, FeatureMap]:
+        """Several layers of a clip, those that are not on disk by ``encode(layers)``.
+
+        Args:
+            requests: by layer.
+            source: see :meth:`get`.
+            encode: makes the features of some layers; see :class:`encoders.FrozenEncoder`.
+        """
+        missing = [layer for layer, request in requests.items() if not self.has(request)]
+        for stream in encode(missing) if missing else ():
+            self.write_layers(requests, source, stream)
+        self.misses += len(missing)
+        self.hits += len(requests) - len(missing)
+        found = {layer: self.read(request) for layer, request in requests.items()}
+        return {layer: features for layer, features in found.items() if features is not None}
+
     def has(self, request: FeatureRequest) -> bool:
         """Whether there is an entry of ``request``; it is not looked into."""
         return self._manifest(request.key).exists()
@@ -177,34 +198,39 @@ class FeatureStore:
         Raises:
             ValueError: more than one episode, or values that the dtype cannot hold.
         """
-        from safetensors.torch import save_file
+        layer = request.encoder.layer
+        self.write_layers({layer: request}, source, streamed(layer, features))
 
-        if features.values.shape[0] != 1:
-            raise ValueError(
-                f"feature store: one clip at a time, got a batch of {features.values.shape[0]}"
-            )
-        values = features.values[0].to("cpu", DTYPES[request.dtype]).contiguous()
-        if not bool(torch.isfinite(values).all()):
-            raise ValueError(
-                f"feature store: features of {source} are not finite in {request.dtype}; "
-                "use float32"
-            )
-        tensors = {"values": values, "times": features.times.cpu().contiguous()}
-        path = self._manifest(request.key)
+    def write_layers(
+        self, requests: Mapping[str, FeatureRequest], source: str, stream: FeatureStream
+    ) -> None:
+        """Store features of one clip as they come in, an entry for each layer.
+
+        Raises:
+            ValueError: values that the dtype cannot hold.
+        """
         self._sweep()
-        data = path.with_suffix(".safetensors")
-        _into_place(data, lambda partial: save_file(tensors, partial))
-        manifest = {
-            "schema_version": SCHEMA_VERSION,
-            "source": source,
-            "request": asdict(request),
-            "stride": list(features.stride),
-            "shape": list(values.shape),
-            "bytes": data.stat().st_size,
-            "sha256": file_sha256(data),
-        }
-        text = json.dumps(sealed(manifest), indent=2)
-        _into_place(path, lambda partial: partial.write_text(text, encoding="utf-8"))
+        chosen = [requests[layer] for layer in stream.layers]
+        with ExitStack() as stack:
+            entries = [
+                stack.enter_context(
+                    new_entry(self._data(r.key), stream.times, DTYPES[r.dtype], source)
+                )
+                for r in chosen
+            ]
+            for piece in stream.pieces:
+                for entry, values in zip(entries, piece, strict=True):
+                    entry.add(values)
+        for request, entry in zip(chosen, entries, strict=True):
+            manifest = {
+                "schema_version": SCHEMA_VERSION,
+                "source": source,
+                "request": asdict(request),
+                "stride": list(stride_of(stream.size, entry.grid)),
+                **entry.about(),
+            }
+            with placed(self._manifest(request.key)) as partial:
+                partial.write_text(json.dumps(sealed(manifest), indent=2), encoding="utf-8")
 
     def write_index(self) -> Path:
         """Rebuild ``index.parquet``: one row per entry, without the lists of frames."""
@@ -214,7 +240,8 @@ class FeatureStore:
         rows = [_row(manifest) for manifest in self.entries()]
         path = self.folder / "index.parquet"
         table = pyarrow.Table.from_pylist(rows)
-        _into_place(path, lambda partial: parquet.write_table(table, partial))
+        with placed(path) as partial:
+            parquet.write_table(table, partial)
         return path
 
     def verify(self) -> list[str]:
@@ -237,6 +264,9 @@ class FeatureStore:
 
     def _manifest(self, key: str) -> Path:
         return self.folder / "entries" / f"{key}.json"
+
+    def _data(self, key: str) -> Path:
+        return self._manifest(key).with_suffix(".safetensors")
 
     def _open(self, path: Path, manifest: dict[str, Any]) -> FeatureMap:
         from safetensors import SafetensorError, safe_open
@@ -305,16 +335,3 @@ def _row(manifest: dict[str, Any]) -> dict[str, Any]:
         "bytes": manifest["bytes"],
         "sha256": manifest["sha256"],
     }
-
-
-def _into_place(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a neighbour of ``path``; sync it and rename it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        write(partial)
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -19,7 +19,7 @@ LEAST = 0.015  # of the picture's longer side, that a ring measures at least
 
 
 def look_sheet(
-    frames: np.ndarray, numbers: np.ndarray, times: np.ndarray, places: np.ndarray, size: np.ndarray
+    frames: Any, numbers: np.ndarray, times: np.ndarray, places: np.ndarray, size: np.ndarray
 ) -> Figure:
     """Frames of a clip with a numbered ring around each thing that moves, and its way as a line.
 

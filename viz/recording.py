@@ -141,7 +141,9 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     if "train_end" in video:
         marks = {float(stamps[0]): "trained on", scalar(video, "train_end"): "held out"}
     marks[float(after[0])] = "past the end of the clip"
-    tape.pictures("video/image", after, (video["frames"][-1:] * 0.35).astype(np.uint8))  # dimmed
+    tape.pictures(
+        "video/image", after, (np.asarray(video["frames"][-1:]) * 0.35).astype(np.uint8)
+    )  # dimmed
     tape.phases(marks)
     tape.save(path, overlay_layout(video))
 

@@ -138,7 +138,7 @@ def _instants(who: str, arrays: Arrays, key: str) -> int:
 
 
 def _pictures(who: str, arrays: Arrays, seen: str) -> int:
-    frames = np.asarray(arrays["frames"])
+    frames = arrays["frames"]
     count = _instants(who, arrays, "frame_times")
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8:
         raise ValueError(

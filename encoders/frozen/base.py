@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from typing import Any, Literal
 
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
-from encoders.features import FeatureMap
+from encoders.features import FeatureMap, FeatureStream, stride_of
 from encoders.frozen.runtimes import Maps, Runtime, check_runtime, under_runtime
 from encoders.frozen.tokens import chosen_layer
-from encoders.frozen.windows import Window, Windowing, feature_times, windows
+from encoders.frozen.windows import Window, Windowing, feature_times, seen_by, windows
 from encoders.identity import EncoderIdentity
 
 Dtype = Literal["float32", "bfloat16", "float16"]
 DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 RANGE_TOLERANCE = 1e-3
+
+Job = tuple[Tensor, Window]  # the frames (f, c, H, W) that a window sees
 
 
 class FrozenEncoder(ABC):
@@ -165,15 +168,12 @@ class FrozenEncoder(ABC):
             (['1', '2', '3'], (1, 2, 96, 16, 16))
         """
         check_frames(self.identity.name, frames, times)
-        asked = {encoder.identity.layer: encoder for encoder in map(self.at, layers)}
-        together: dict[Hashable, list[str]] = {}
-        for layer in sorted(asked, key=self.layers.index):
-            together.setdefault(asked[layer].sight, []).append(layer)
+        groups = self._groups(layers)
         found: dict[str, FeatureMap] = {}
-        for done, group in enumerate(together.values()):
-            told = _part_of(progress, done, len(together))
-            found |= asked[group[0]]._together(frames, times, tuple(group), told)
-        return {layer: found[layer] for layer in asked}
+        for done, (seer, group) in enumerate(groups):
+            told = _part_of(progress, done, len(groups))
+            found |= seer._together(frames, times, group, told)
+        return {layer: found[layer] for layer in (self.at(x).identity.layer for x in layers)}
 
     def _together(
         self,
@@ -183,39 +183,94 @@ class FrozenEncoder(ABC):
         progress: Callable[[int, int], None] | None,
     ) -> dict[str, FeatureMap]:
         """Layers that see the same windows of the same pixels."""
-        height, width = frames.shape[-2:]
-        count = frames.shape[0] * frames.shape[1]
+        size, count = (frames.shape[-2], frames.shape[-1]), frames.shape[0] * frames.shape[1]
         frames, times = frames[:, :: self.frame_stride], times[:: self.frame_stride]
         plan = windows(frames.shape[1], self.windowing)
-        jobs = [(clip, window) for clip in range(len(frames)) for window in plan]
-        kept: dict[str, list[Tensor]] = {layer: [] for layer in layers}
-        with torch.inference_mode():
-            for start in range(0, len(jobs), self.batch):
-                found = self._pass(frames, jobs[start : start + self.batch], layers)
-                for layer, maps in zip(layers, found, strict=True):
-                    kept[layer] += maps
-                if progress is not None:
-                    progress(count * min(start + self.batch, len(jobs)) // len(jobs), count)
+        jobs = ((clip[list(window.frames)], window) for clip in frames for window in plan)
+        told = _counted(progress, len(frames) * len(plan), count)
+        passes = zip(*self._passes(jobs, layers, told), strict=True)
         stamps = feature_times(times, self.windowing)
         features = {}
-        for layer in layers:  # outside of inference mode: readouts may be trained on them
-            values = torch.cat(kept.pop(layer)).unflatten(0, (len(frames), -1))
-            h, w = values.shape[-2:]
-            features[layer] = FeatureMap(values, (height / h, width / w), stamps)
+        for layer, maps in zip(layers, passes, strict=True):
+            values = torch.cat(maps).unflatten(0, (len(frames), -1))
+            features[layer] = FeatureMap(values, stride_of(size, values.shape), stamps)
         return features
 
-    def _pass(
-        self, frames: Tensor, jobs: list[tuple[int, Window]], layers: tuple[str, ...]
-    ) -> list[list[Tensor]]:
+    def stream(
+        self,
+        chunks: Callable[[], Iterable[Tensor]],
+        size: tuple[int, int],
+        times: Float[Tensor, " t"],
+        layers: Sequence[int | str],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Iterator[FeatureStream]:
+        """Encode one clip as its frames come in; a few windows of them are held at a time.
+
+        Args:
+            chunks: gives its frames, bytes ``(n, c, H, W)``, in order; called once for all layers
+                that see the same pixels.
+            size: of the frames, (height, width).
+            times: seconds of each frame.
+            layers: some of :attr:`layers`.
+            progress: called as ``(frames done, frames)``.
+
+        Returns:
+            One stream after the other, each to be used up before the next, which between them have
+            of each layer what :meth:`at` that layer gives.
+
+        Raises:
+            ValueError: no frames, no such layer, or fewer frames than times.
+        """
+        check_count(self.identity.name, len(times))
+        taken = times[:: self.frame_stride]
+        groups = self._groups(layers)
+        for done, (seer, group) in enumerate(groups):
+            told = _part_of(progress, done, len(groups))
+            plan = windows(len(taken), seer.windowing)
+            jobs = zip(seen_by(plan, chunks(), self.frame_stride), plan, strict=True)
+            pieces = seer._passes(jobs, group, _counted(told, len(plan), len(times)))
+            yield FeatureStream(group, pieces, size, feature_times(taken, seer.windowing))
+
+    def _groups(self, layers: Sequence[int | str]) -> list[tuple[FrozenEncoder, tuple[str, ...]]]:
+        """Layers that see the same windows of the same pixels, and an encoder of them."""
+        asked = {encoder.identity.layer: encoder for encoder in map(self.at, layers)}
+        together: dict[Hashable, list[str]] = {}
+        for layer in sorted(asked, key=self.layers.index):
+            together.setdefault(asked[layer].sight, []).append(layer)
+        return [(asked[group[0]], tuple(group)) for group in together.values()]
+
+    def _passes(
+        self, jobs: Iterable[Job], layers: tuple[str, ...], told: Callable[[int], None]
+    ) -> Iterator[list[Tensor]]:
+        """Of each layer features ``(f, c, h, w)`` of some windows, pass by pass."""
+        waiting, done = iter(jobs), 0
+        while some := [*islice(waiting, self.batch)]:
+            with torch.inference_mode():
+                found = self._pass(some, layers)
+            done += len(some)
+            told(done)
+            # outside of inference mode: readouts may be trained on them
+            yield [torch.cat(maps) for maps in found]
+
+    def _pass(self, jobs: list[Job], layers: tuple[str, ...]) -> list[list[Tensor]]:
         """Of each layer, the kept maps of each window."""
         filled = jobs + jobs[-1:] * (self.batch - len(jobs))
-        clips = torch.stack([frames[clip, list(window.frames)] for clip, window in filled])
+        clips = torch.stack([seen for seen, _ in filled])
         clips = clips.to(next(self.network.parameters()).device)
         light = clips.float() if clips.is_floating_point() else clips.float() / 255
         return [
             [maps[i, list(window.kept)].float() for i, (_, window) in enumerate(jobs)]
             for maps in self.encode(light, layers)
         ]
+
+
+def _counted(
+    progress: Callable[[int, int], None] | None, windows: int, frames: int
+) -> Callable[[int], None]:
+    """Progress in windows, told in frames."""
+    if progress is None:
+        return lambda done: None
+    return lambda done: progress(frames * done // windows, frames)
 
 
 def _part_of(
@@ -232,10 +287,15 @@ def computed_in(dtype: str, runtime: Runtime) -> str:
     return dtype if runtime == "torch" else f"{dtype} by {runtime}"
 
 
+def check_count(name: str, frames: int) -> None:
+    """Refuse a clip without frames."""
+    if not frames:
+        raise ValueError(f"{name}: needs at least one frame")
+
+
 def check_frames(name: str, frames: Tensor, times: Tensor) -> None:
     """Refuse frames that are none, see :meth:`FrozenEncoder.__call__`."""
-    if frames.shape[0] * frames.shape[1] == 0:
-        raise ValueError(f"{name}: needs at least one frame, got shape {tuple(frames.shape)}")
+    check_count(name, frames.shape[0] * frames.shape[1])
     if len(times) != frames.shape[1]:
         raise ValueError(
             f"{name}: {frames.shape[1]} frames have {len(times)} times; give the seconds of each"

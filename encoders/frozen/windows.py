@@ -10,7 +10,9 @@ but copies are dropped.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import torch
 from jaxtyping import Float
@@ -84,6 +86,30 @@ def windows(count: int, windowing: Windowing) -> list[Window]:
         for start, keep in zip(starts, kept, strict=True)
         if keep
     ]
+
+
+def seen_by(plan: Sequence[Window], chunks: Iterable[Tensor], stride: int = 1) -> Iterator[Tensor]:
+    """The frames ``(f, c, H, W)`` of each window of a clip whose frames come in chunks.
+
+    Args:
+        plan: windows in order, as :func:`windows` makes them.
+        chunks: of the clip's frames, ``(n, c, H, W)``.
+        stride: of the clip's frames, of which the windows count each so-many-th.
+
+    Raises:
+        ValueError: fewer frames come in than the windows see.
+    """
+    coming = (frame for chunk in chunks for frame in chunk)
+    taken, held, count = islice(coming, 0, None, stride), dict[int, Tensor](), 0
+    for window in plan:
+        first, last = window.frames[0], window.frames[-1]
+        held = {number: frame for number, frame in held.items() if number >= first}
+        for frame in islice(taken, last + 1 - count):
+            held[count] = frame
+            count += 1
+        if count <= last:
+            raise ValueError(f"encoder: {count} frames came in, more than {last} were announced")
+        yield torch.stack([held[frame] for frame in window.frames])
 
 
 def feature_times(times: Float[Tensor, " t"], windowing: Windowing) -> Float[Tensor, " f"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -288,6 +288,52 @@ def test_any_number_of_frames(encoder: FrozenEncoder, count: int) -> None:
         alone = encoder(clip[:, :length], times(length)).values
         kept = windows(count, encoder.windowing)[0].kept
         assert torch.equal(found.values[:, : len(kept)], alone[:, : len(kept)])
+
+
+@pytest.mark.parametrize("count", [1, 5, 13])
+def test_a_clip_that_streams_in_has_the_features_of_a_whole_one(
+    encoder: FrozenEncoder, count: int
+) -> None:
+    bytes_ = (255 * frames(count)[0]).round().to(torch.uint8)
+    pictures = bytes_.permute(0, 2, 3, 1).contiguous()  # as they are decoded
+    whole = encoder(pictures.permute(0, 3, 1, 2)[None], times(count))
+    said: list[tuple[int, int]] = []
+    size, layer = (bytes_.shape[-2], bytes_.shape[-1]), encoder.identity.layer
+
+    def told(done: int, of: int) -> None:
+        said.append((done, of))
+
+    def blocks() -> Iterator[Tensor]:
+        return (block.permute(0, 3, 1, 2) for block in pictures.split(3))
+
+    (stream,) = encoder.stream(blocks, size, times(count), [layer], told)
+    found = stream.whole()[layer]
+    assert torch.equal(found.values, whole.values) and found.stride == whole.stride
+    assert torch.equal(found.times, whole.times) and not found.values.is_inference()
+    assert said[-1] == (count, count)
+    with pytest.raises(ValueError, match="needs at least one frame"):
+        next(encoder.stream(blocks, size, times(0), [layer]))
+    (short,) = encoder.stream(lambda: [bytes_[:0]], size, times(count), [layer])
+    with pytest.raises(ValueError, match="0 frames came in, more than"):
+        short.whole()
+
+
+def test_layers_stream_together(encoder: FrozenEncoder) -> None:
+    clip = (255 * frames(9)).round().to(torch.uint8)
+    whole = encoder.encode_layers(clip, times(9), encoder.layers)
+    said: list[int] = []
+    streams = encoder.stream(
+        lambda: clip[0].split(4),
+        (clip.shape[-2], clip.shape[-1]),
+        times(9),
+        encoder.layers,
+        lambda done, of: said.append(done),
+    )
+    found = {layer: each for stream in streams for layer, each in stream.whole().items()}
+    assert set(found) == set(whole) and said == sorted(said) and said[-1] == 9
+    for layer, each in found.items():
+        assert torch.equal(each.values, whole[layer].values)
+        assert torch.equal(each.times, whole[layer].times) and each.stride == whole[layer].stride
 
 
 @pytest.mark.parametrize("name", ["videomae-base", "vjepa2-l"])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 
 import pytest
 import torch
 from pyarrow import parquet
 
-from encoders import store as module
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.release import file_sha256
@@ -165,7 +165,7 @@ def test_an_interrupted_write_leaves_nothing_that_is_read(
                 raise OSError("disk is full")
 
         with monkeypatch.context() as patch:
-            patch.setattr(module.os, "fsync", fsync)
+            patch.setattr(os, "fsync", fsync)
             with pytest.raises(OSError, match="disk is full"):
                 store.get(request_, "clip.mp4", lambda: features)
         assert store.read(request_) is None

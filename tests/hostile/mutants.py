@@ -188,11 +188,11 @@ def reader_of(name: str) -> Callable[[Path], object]:
     from encoders.tensors import read_tensors
     from vidphys.data.formats import read_recording
     from vidphys.data.sets.folder import read_manifest
-    from vidphys.data.video import ClipSelection, read_video
+    from vidphys.data.video import ClipSelection, open_video
     from vidphys.diagnose.explanations.specification import read_specification
 
     if name.endswith((".avi", ".mp4", ".mkv")):
-        return lambda path: read_video(path, ClipSelection(rate=25.0))
+        return lambda path: open_video(path, ClipSelection(rate=25.0))
     return {
         "specification.json": read_specification,
         "dataset.json": read_manifest,

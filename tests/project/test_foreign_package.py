@@ -25,7 +25,7 @@ from encoders.frozen import ENCODERS, load_encoder
 from tests.shared.small_studies import TINY
 from vidphys.cli import main
 from vidphys.data.formats import FORMATS, ClipFormat, format_of
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 from vidphys.presets import PRESETS
 from vidphys.scenes import SCENES
 from vidphys.testing import check_encoder, check_format, check_head, check_scene, check_term
@@ -53,7 +53,7 @@ def strange(rendered: Path) -> Path:
     folder = rendered.parent / "strange"
     folder.mkdir()
     for clip in sorted((rendered / "clips").glob("*.avi")):
-        video = read_video(clip, ClipSelection())
+        video = open_video(clip, ClipSelection())
         with (folder / f"{clip.stem}.stack").open("wb") as file:
             np.savez(file, frames=video.frames, rate=1 / video.interval)
         rows = np.loadtxt(clip.with_suffix(".csv"), delimiter=",", skiprows=1)

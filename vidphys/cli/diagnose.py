@@ -15,8 +15,7 @@ from vidphys.cli.who import WhoOptions
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-
+    from vidphys.data.frames import Frames
     from vidphys.diagnose.recordings.tables import Loaded
     from vidphys.diagnose.recordings.units import Units
     from vidphys.diagnose.telling.answers import Answered
@@ -197,7 +196,7 @@ def _check(config: DiagnoseConfig) -> None:
         raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
 
 
-def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, np.ndarray | None]:
+def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames | None]:
     """The tracks, and the pictures where there are any."""
     from vidphys.diagnose.recordings.tables import Loaded, read_tracks
     from vidphys.diagnose.recordings.used import Used
@@ -302,9 +301,7 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
     return recorder
 
 
-def _draw(
-    run: RunFolder, config: DiagnoseConfig, found: Answered, frames: np.ndarray | None
-) -> None:
+def _draw(run: RunFolder, config: DiagnoseConfig, found: Answered, frames: Frames | None) -> None:
     from vidphys.cli.recordings import draw_film, followed_alone
     from viz.diagnosis import diagnosis_figure
     from viz.figures import save_svg

@@ -12,7 +12,7 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
-from vidphys.data.video import Video, read_video
+from vidphys.data.video import Video, open_video
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
@@ -96,7 +96,7 @@ def _extract_all(config: ExtractConfig, encoder: IdentifiedEncoder) -> None:
     started, frames = time.perf_counter(), 0
     with Console(config.quiet, len(config.clips), "extract") as console:
         for number, path in enumerate(config.clips):
-            video = read_video(path, config.selection)
+            video = open_video(path, config.selection)
             show = _stage_of(console, path.name)
             found = extraction.extract(video, encoder, store, config.store_dtype, show)
             console.done(number)

@@ -15,6 +15,7 @@ from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from vidphys.cli.rollout import RolloutConfig
+    from vidphys.data.frames import Frames
     from vidphys.diagnose.recordings.motion import Motion
     from vidphys.reading.fitted import Fitted, Rolled
 
@@ -33,7 +34,7 @@ class Recorded:
     """
 
     motion: Motion
-    frames: tuple[np.ndarray, np.ndarray] | None = None
+    frames: tuple[Frames, np.ndarray] | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -115,14 +116,14 @@ def _cut(config: RolloutConfig, motion: Motion) -> Motion:
 
 def _of_clip(config: RolloutConfig, fitted: Fitted) -> Recorded:
     """The tracks that the fit kept of this clip, or those that are followed in another one."""
-    from vidphys.data.video import ClipSelection, read_video
+    from vidphys.data.video import ClipSelection, open_video
     from vidphys.diagnose.recordings.clips import follow_clip
     from vidphys.diagnose.recordings.tables import read_tracks
     from vidphys.runs.folder import RunFolder
 
     assert config.input is not None
     selection = ClipSelection(config.start, config.stop, rate=config.rate)
-    video = read_video(config.input, selection)
+    video = open_video(config.input, selection)
     pictures = video.frames, video.times
     settings = RunFolder(config.run).manifest()["settings"]
     if settings.get("clip_sha256") == video.sha256 and config.rate is None:

@@ -32,9 +32,8 @@ def look(path: Path, selection: ClipSelection, binder: Binder, folder: Path) -> 
         raise InputError("--look: only the binder motion tells what it chooses from")
     video = clip_of(path, selection)
     first, stop, _ = whole_part(video, binder)
-    frames, numbers, times = (
-        x[first:stop] for x in (video.frames, video.indices, video.times - video.times[0])
-    )
+    frames, numbers = video.frames[first:stop], video.indices[first:stop]
+    times = (video.times - video.times[0])[first:stop]
     try:
         places, sizes = binder.candidates(frames, video.times[first:stop])
     except ValueError as error:

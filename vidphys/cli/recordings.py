@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from torch import Tensor
@@ -12,6 +12,7 @@ from torch import Tensor
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from vidphys.data.frames import Frames
     from vidphys.data.video import ClipSelection, Video
     from vidphys.reading.forecasts import Forecast
     from vidphys.reading.pipeline import Reading
@@ -30,12 +31,12 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
         told: what was foretold of the shown one.
         selection: the frames that were used of it.
     """
-    from vidphys.data.video import read_video
+    from vidphys.data.video import open_video
     from vidphys.reading.clip_dynamics import FACTORED
     from viz.recording import write_overlay_recording
 
     clip, extent = perceived.clips[told.clip], perceived.reader.half_extent
-    video = read_video(clip.file.path, selection)
+    video = open_video(clip.file.path, selection)
     arrays = {
         **_pictures(video, perceived.tracks[told.clip].positions[0], extent),
         "track": extent * clip.labels.positions[0].numpy(),
@@ -68,7 +69,7 @@ def record_rollout(
     """
     from viz.recording import write_overlay_recording
 
-    arrays = {
+    arrays: dict[str, Any] = {
         **_pictures(video, reading.tracks.positions[0], extent),
         **_rolled("rollout", reading.rollout, video, reading.camera),
     }
@@ -85,7 +86,7 @@ def write_tracks_recording(
     track: tuple[np.ndarray, np.ndarray],
     rolled: dict[str, tuple[np.ndarray, np.ndarray]],
     meta: dict[str, str],
-    pictures: tuple[np.ndarray, np.ndarray] | None = None,
+    pictures: tuple[Frames, np.ndarray] | None = None,
     film: Path | None = None,
 ) -> None:
     """Write the recording of tracks that were rolled on; none in three dimensions.
@@ -104,6 +105,7 @@ def write_tracks_recording(
     if places.shape[-1] > 2:
         return
     shown = _plane(places)
+    frames: Any
     if pictures is None:
         everything = [shown, *(_plane(there) for _, there in rolled.values())]
         extent = 1.1 * max(float(np.nanmax(np.abs(x), initial=1e-9)) for x in everything)
@@ -113,7 +115,7 @@ def write_tracks_recording(
         after = np.clip(np.searchsorted(times, when - 1e-6), 0, len(times) - 1)
         there = np.abs(times[after] - when) < 1e-6
         shown = np.where(there[:, None, None], shown[after], np.nan)
-    arrays = {
+    arrays: dict[str, Any] = {
         "frames": frames,
         "frame_times": when,
         "readout": shown,
@@ -126,9 +128,7 @@ def write_tracks_recording(
         draw_film(arrays, film, meta.get("law", ""))
 
 
-def followed_alone(
-    times: np.ndarray, places: np.ndarray, frames: np.ndarray
-) -> dict[str, np.ndarray]:
+def followed_alone(times: np.ndarray, places: np.ndarray, frames: Frames) -> dict[str, Any]:
     """The arrays of a clip whose bodies were followed, and nothing foretold of them."""
     nothing = np.full((2, *places.shape[1:]), np.nan)
     return {
@@ -184,7 +184,7 @@ def _plane(places: np.ndarray) -> np.ndarray:
     return np.concatenate([places, np.zeros_like(places)], -1)
 
 
-def _pictures(video: Video, read: Tensor, extent: float) -> dict[str, np.ndarray]:
+def _pictures(video: Video, read: Tensor, extent: float) -> dict[str, Any]:
     return {
         "frames": video.frames,
         "frame_times": video.times,

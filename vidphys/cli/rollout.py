@@ -96,7 +96,7 @@ def _roll_trained(config: RolloutConfig) -> None:
     """With a pipeline, which sees for itself."""
     from vidphys.cli.recordings import record_rollout, told_law
     from vidphys.data.dataset import clip_file
-    from vidphys.data.video import ClipSelection, read_video, require_frames
+    from vidphys.data.video import ClipSelection, open_video, require_frames
     from vidphys.reading.clip_dynamics import FACTORED
     from vidphys.reading.laws import factors_of
     from vidphys.reading.pipeline import load_pipeline
@@ -113,7 +113,7 @@ def _roll_trained(config: RolloutConfig) -> None:
     except ValueError as error:
         raise InputError(str(error)) from error
     how = pipeline.reader.stride, pipeline.reader.side, config.rate
-    video = read_video(config.input, ClipSelection(config.start, config.stop, *how))
+    video = open_video(config.input, ClipSelection(config.start, config.stop, *how))
     require_frames(video)
     law, head = file.law(pipeline.reader.bodies), config.head or FACTORED
     with (

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
+from binders.base import Pictures
 from vidphys.data.formats.opencv import opencv
 
 SIDE = 64  # pixels of the longer side, at which frames are compared
@@ -17,7 +18,7 @@ MOVES = 0.1  # of what changes in the liveliest frames, from which something mov
 LIVELY = 0.9
 
 
-def parts(frames: UInt8[np.ndarray, "t h w 3"]) -> list[tuple[int, int]]:
+def parts(frames: Pictures) -> list[tuple[int, int]]:
     """First frame of each part between cuts, and the one after its last.
 
     At a cut a large share of the picture changes from one frame to the next, far more than in the
@@ -34,7 +35,7 @@ def parts(frames: UInt8[np.ndarray, "t h w 3"]) -> list[tuple[int, int]]:
     return list(zip([0, *cuts], [*cuts, len(frames)], strict=True))
 
 
-def liveliest(frames: UInt8[np.ndarray, "t h w 3"], parts: list[tuple[int, int]]) -> int:
+def liveliest(frames: Pictures, parts: list[tuple[int, int]]) -> int:
     """Which part has the most frames in which something moves; of equals the longest."""
     small = _small(frames)
     change = np.abs(np.diff(small, axis=0)).mean(-1).max((1, 2))
@@ -47,7 +48,7 @@ def liveliest(frames: UInt8[np.ndarray, "t h w 3"], parts: list[tuple[int, int]]
     )
 
 
-def _small(frames: np.ndarray) -> Float[np.ndarray, "t h w 3"]:
+def _small(frames: Pictures) -> Float[np.ndarray, "t h w 3"]:
     cv2 = opencv()
     height, width = frames.shape[1:3]
     scale = min(1.0, SIDE / max(height, width))

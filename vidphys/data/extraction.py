@@ -1,9 +1,13 @@
-"""A clip on disk to features in a store, decoded and encoded only where they are not there yet."""
+"""A clip on disk to features in a store, encoded only where they are not there yet.
+
+Frames are decoded block by block while the network takes them, and features are written as they
+are made: neither is ever held whole.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -11,9 +15,10 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from encoders.features import FeatureMap
-from encoders.identity import IdentifiedEncoder, LayeredEncoder
+from encoders.features import FeatureMap, FeatureStream
+from encoders.identity import IdentifiedEncoder, LayeredEncoder, stream
 from encoders.store import FeatureRequest, FeatureStore
+from vidphys.data.frames import Frames
 from vidphys.data.video import Video
 from vidphys.progress import Progress
 
@@ -47,21 +52,15 @@ def extract(
     """The features of a clip, from the store or else by the encoder.
 
     Args:
-        video: the decoded clip.
+        video: the opened clip.
         encoder: a frozen encoder of images or video.
         store: where they are kept.
         dtype: of the stored values.
         progress: called as ``(frames done, frames, 0.0)``.
         axes: of the frames ``(..., H, W)`` along which they are mirrored.
     """
-    request = _request(video, encoder, dtype, axes)
-    before = store.hits
-
-    def encode() -> FeatureMap:
-        return encoder(*_shown(video, axes), _told(progress))
-
-    features = store.get(request, str(video.path), encode)
-    return Extraction(features, request.key, store.hits > before)
+    layer = encoder.identity.layer
+    return _extracted(video, encoder, {layer: encoder}, store, dtype, progress, axes)[layer]
 
 
 def extract_layers(
@@ -85,21 +84,43 @@ def extract_layers(
         ValueError: a layer that the encoder does not have.
     """
     single = {at.identity.layer: at for at in map(encoder.at, layers)}
-    requests = {layer: _request(video, at, dtype, ()) for layer, at in single.items()}
-    missing = [layer for layer, request in requests.items() if not store.has(request)]
-    made: dict[str, FeatureMap] = {}
-    if missing:
-        made = encoder.encode_layers(*_shown(video, ()), missing, _told(progress))
-    found = {}
-    for layer, request in requests.items():
-        features = store.get(request, str(video.path), partial(made.pop, layer))
-        found[layer] = Extraction(features, request.key, layer not in missing)
-    return found
+    return _extracted(video, encoder, single, store, dtype, progress)
+
+
+def _extracted(
+    video: Video,
+    encoder: IdentifiedEncoder,
+    single: Mapping[str, IdentifiedEncoder],
+    store: FeatureStore,
+    dtype: StoredDtype,
+    progress: Progress | None,
+    axes: Axes = (),
+) -> dict[str, Extraction]:
+    """By layer, what the encoders that are of that layer alone would give."""
+    requests = {layer: _request(video, at, dtype, axes) for layer, at in single.items()}
+    missing: list[str] = []
+
+    def encode(layers: Sequence[str]) -> Iterator[FeatureStream]:
+        missing.extend(layers)
+        shown, times = partial(pictures, video.frames, axes), torch.from_numpy(video.times)
+        return stream(encoder, shown, video.size, times, layers, _told(progress))
+
+    found = store.get_layers(requests, str(video.path), encode)
+    return {
+        layer: Extraction(features, requests[layer].key, layer not in missing)
+        for layer, features in found.items()
+    }
 
 
 def mirrored(frames: Tensor, axes: Axes) -> Tensor:
     """Frames ``(..., H, W)`` mirrored along some of their last two axes."""
     return frames.flip(axes) if axes else frames
+
+
+def pictures(frames: Frames, axes: Axes = ()) -> Iterator[Tensor]:
+    """The frames of a clip in blocks ``(n, 3, H, W)`` of bytes, as encoders take them."""
+    for block in frames.chunks():
+        yield mirrored(torch.from_numpy(block).permute(0, 3, 1, 2), axes)
 
 
 def _request(
@@ -114,12 +135,6 @@ def _request(
         frame_size=video.size,
         dtype=dtype,
     )
-
-
-def _shown(video: Video, axes: Axes) -> tuple[Tensor, Tensor]:
-    """What the encoder is given: bytes until one of its passes, so that no clip is all floats."""
-    frames = torch.from_numpy(video.frames).permute(0, 3, 1, 2)[None]
-    return mirrored(frames, axes), torch.from_numpy(video.times)
 
 
 def _told(progress: Progress | None) -> Callable[[int, int], None] | None:

@@ -12,7 +12,7 @@ from binders.base import Binder, MotionTracks
 from binders.tracks import Tracks
 from vidphys.data.clip_files import ClipFile, Dataset
 from vidphys.data.labels import read_labels
-from vidphys.data.video import ClipSelection, Video, read_video, require_frames
+from vidphys.data.video import ClipSelection, Video, open_video, require_frames
 from vidphys.errors import InputError
 
 SAME_RATE = 0.02
@@ -53,7 +53,7 @@ def read_clips(
     """
     first: LabelledClip | None = None
     for file in dataset.files:
-        video = read_video(file.path, selection)
+        video = open_video(file.path, selection)
         require_frames(video)
         clip = _labelled(file, video, dataset, selection, binder)
         if first is not None:

@@ -1,19 +1,22 @@
-"""The user's clip: decoded frames with their time stamps, and what the container got wrong.
+"""The user's clip: its frames with their time stamps, and what the container got wrong.
 
 Containers state a frame rate and a frame count; both can be false. Frames are counted by decoding
-them and times are the presentation stamps.
+them once, and times are the presentation stamps. The frames of a long clip are not held: each use
+decodes them again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from vidphys.data.formats import VIDEO, ClipFormat, format_of
 from vidphys.data.formats.opencv import opencv
-from vidphys.data.pile import Pile
+from vidphys.data.frames import Frames, Holding, Source
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
@@ -41,14 +44,19 @@ class ClipSelection:
     side: int | None = None
     rate: float | None = None
 
+    def takes(self, number: int) -> bool:
+        """Whether it is a frame with this number."""
+        past = self.stop is not None and number >= self.stop
+        return number >= self.start and not past and (number - self.start) % self.stride == 0
+
 
 @dataclass(frozen=True)
 class Video:
-    """A decoded clip.
+    """An opened clip.
 
     Args:
         path: the file, and ``sha256`` its hash.
-        frames: uint8 ``(t, H, W, 3)``, RGB, row 0 on top.
+        frames: uint8 ``(t, H, W, 3)``, RGB, row 0 on top; decoded when they are asked for.
         times: seconds of each frame, float64 ``(t,)``.
         indices: number of each frame, counted by decoding from 0, int64 ``(t,)``.
         notes: where the container's word and what was decoded disagree, a line each.
@@ -56,7 +64,7 @@ class Video:
 
     path: Path
     sha256: str
-    frames: np.ndarray
+    frames: Frames
     times: np.ndarray
     indices: np.ndarray
     notes: tuple[str, ...]
@@ -78,8 +86,8 @@ class Video:
         return float(np.median(np.diff(self.times)))
 
 
-def read_video(path: Path, selection: ClipSelection) -> Video:
-    """Decode a clip by the format that it is of; by OpenCV (FFmpeg) where none is known.
+def open_video(path: Path, selection: ClipSelection) -> Video:
+    """Count the frames of a clip by the format that it is of; by OpenCV where none is known.
 
     Raises:
         InputError: a selection that makes no sense, a missing file, not a video, no frame that can
@@ -88,34 +96,59 @@ def read_video(path: Path, selection: ClipSelection) -> Video:
     _check(selection)
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a video")
+    declared_rate, declared_count, decoded = _decoding(path)
+    held, stamps, indices = Holding(), [], []
+    for count, (frame, stamp) in enumerate(islice(decoded, selection.stop)):
+        stamps.append(stamp)
+        if selection.takes(count):
+            try:
+                held.add(_shrink(frame, selection.side))
+            except ValueError as error:
+                raise InputError(f"{path}: frame {count} is {error}; convert the clip") from error
+            indices.append(count)
+    if held.size is None:
+        raise InputError(
+            f"{path}: no frame could be decoded in the selection (frames {selection.start} to "
+            f"{selection.stop or 'the end'}; {len(stamps)} were decoded); check the file and "
+            "`start`"
+        )
+    times, notes = _times(path, np.array(stamps), selection.rate)
+    notes += _count_note(declared_count, len(stamps), ended=selection.stop is None)
+    if selection.rate is None:
+        notes += _rate_notes(declared_rate, times)
+    chosen = np.array(indices)
+
+    def again() -> Iterator[np.ndarray]:
+        return _chosen(path, selection, len(chosen))
+
+    frames = Frames(Source(again, len(chosen), held.size, held.all()))
+    return Video(path, sha256(path), frames, times[chosen], chosen, tuple(notes))
+
+
+def _decoding(path: Path) -> tuple[float, int, Iterator[tuple[np.ndarray, float]]]:
+    """See :class:`vidphys.data.formats.ClipFormat`."""
     clip = format_of(path, ClipFormat) or VIDEO
     try:
-        declared_rate, declared_count, decoded = clip.read(path)
+        return clip.read(path)
     except InputError:
         raise
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
-    kept, stamps, indices = Pile(path), [], []
-    count = 0
-    for frame, stamp in decoded:
-        stamps.append(stamp)
-        if count >= selection.start and (count - selection.start) % selection.stride == 0:
-            kept.add(_shrink(frame, selection.side))
-            indices.append(count)
-        count += 1
-        if count == selection.stop:
-            break
-    if not indices:
-        raise InputError(
-            f"{path}: no frame could be decoded in the selection (frames {selection.start} to "
-            f"{selection.stop or 'the end'}; {count} were decoded); check the file and `start`"
-        )
-    times, notes = _times(path, np.array(stamps), selection.rate)
-    notes += _count_note(declared_count, count, ended=selection.stop is None)
-    if selection.rate is None:
-        notes += _rate_notes(declared_rate, times)
-    chosen = np.array(indices)
-    return Video(path, sha256(path), kept.whole(), times[chosen], chosen, tuple(notes))
+
+
+def _chosen(path: Path, selection: ClipSelection, count: int) -> Iterator[np.ndarray]:
+    """So many frames, decoded once more."""
+    *_, decoded = _decoding(path)
+    given = 0
+    for number, (frame, _) in enumerate(decoded):
+        if selection.takes(number):
+            yield _shrink(frame, selection.side)
+            given += 1
+        if given == count:
+            return
+    raise InputError(
+        f"{path}: had {count} frames and now has {given}; it changed while it was read"
+    )
 
 
 def require_frames(video: Video, least: int = FRAMES_FOR_MOMENTUM) -> None:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from vidphys.data.clip_files import ClipFile
 from vidphys.data.dataset import find_dataset
-from vidphys.data.video import ClipSelection, Video, read_video
+from vidphys.data.video import ClipSelection, Video, open_video
 from vidphys.errors import InputError
 from vidphys.probing.catalogue import TARGETS
 from vidphys.probing.examples import labelled_frames
@@ -170,7 +170,7 @@ class Folder:
     def blocks(self) -> Iterator[Block]:
         waiting: list[Video] = []
         for file in self.files:
-            video = read_video(file.path, self.selection)
+            video = open_video(file.path, self.selection)
             if waiting and (
                 len(waiting) == AT_ONCE or video.frames.shape != waiting[0].frames.shape
             ):
@@ -183,7 +183,7 @@ class Folder:
         """See :class:`Shown`; where none is named, all targets of the catalogue."""
         truths, reads = [], []
         for file in self.files:
-            video = read_video(file.path, self.selection)
+            video = open_video(file.path, self.selection)
             table = _table(file)
             assert table is not None
             truths.append(read_truth(table, video.indices, video.times))

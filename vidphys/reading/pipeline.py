@@ -20,6 +20,7 @@ from dynamics import Parameters, PhaseState, build, from_config, to_config
 from encoders.frozen.catalogue import load_encoder
 from readouts.kinds import MapShape, Recipe
 from vidphys.data.charts import chart_from_config
+from vidphys.data.frames import Frames
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed
 from vidphys.reading.forecasts import Forecast, forecast, state_at
@@ -66,7 +67,7 @@ class Pipeline:
 
     def __call__(
         self,
-        frames: np.ndarray,
+        frames: Frames,
         times: np.ndarray,
         law: Parameters | None = None,
         beyond: float = 3.0,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from binders.steadied import camera_path
 from binders.tracks import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
-from encoders.identity import IdentifiedEncoder, LayeredEncoder
+from encoders.identity import IdentifiedEncoder, LayeredEncoder, stream
 from readouts.attention import confidence_at, distance_at
 from readouts.base import Readout
-from vidphys.data.extraction import Axes, mirrored
+from vidphys.data.extraction import Axes, pictures
+from vidphys.data.frames import Frames
 from vidphys.training.readouts import read_all
 
 Layer = int | str | None
@@ -92,19 +94,22 @@ class Reader:
     side: int | None = None
     mirrors: bool = True
 
-    def read(self, frames: np.ndarray, times: np.ndarray) -> Tracks:
+    def read(self, frames: Frames, times: np.ndarray) -> Tracks:
         """Tracks of a clip as it is seen, world units, as :meth:`closely` as the reader reads.
 
         Args:
             frames: RGB bytes ``(t, H, W, 3)``, row 0 on top.
             times: seconds of each.
         """
-        moving, seconds = torch.from_numpy(frames).permute(0, 3, 1, 2)[None], torch.tensor(times)
+        network, seconds = self.encoder.network, torch.tensor(times)
+        size, layer = (frames.shape[1], frames.shape[2]), network.identity.layer
 
         def see(axes: Axes) -> FeatureMap:
+            shown = partial(pictures, frames, axes)
+            (found,) = stream(network, shown, size, seconds, [layer])
             # rounded as in a store, so that a clip is read as it was in training
-            found = self.encoder.network(mirrored(moving, axes), seconds)
-            return FeatureMap(found.values.to(STORED), found.stride, found.times)
+            rounded = ([values.to(STORED) for values in piece] for piece in found.pieces)
+            return replace(found, pieces=rounded).whole()[layer]
 
         return self.closely(see, seconds)
 
@@ -129,7 +134,7 @@ class Reader:
         images = MIRRORS if self.mirrors else MIRRORS[:1]
         return self._averaged([self._look(see(axes), axes) for axes in images], times)
 
-    def camera(self, frames: np.ndarray) -> Tensor:
+    def camera(self, frames: Frames) -> Tensor:
         """Displacement of the background in each frame ``(t, 2)``, world units."""
         if not self.follows_camera:
             return torch.zeros(len(frames), 2)

@@ -21,7 +21,7 @@ from vidphys.data.charts import chart_of
 from vidphys.data.clip_files import Dataset
 from vidphys.data.extraction import Axes, extract
 from vidphys.data.splits import Split
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import Layer, LoadedEncoder, Reader, steady
@@ -152,7 +152,7 @@ def perceive(
 def _closely(
     reader: Reader, clip: SeenClip, store: FeatureStore, selection: ClipSelection
 ) -> Tracks:
-    video, network = read_video(clip.file.path, selection), reader.encoder.network
+    video, network = open_video(clip.file.path, selection), reader.encoder.network
 
     def see(axes: Axes) -> FeatureMap:
         return extract(video, network, store, axes=axes).features

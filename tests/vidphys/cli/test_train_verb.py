@@ -30,7 +30,7 @@ from tests.shared.small_clips import (
 )
 from vidphys.cli import main
 from vidphys.data.rendered import write_video
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading import clip_dynamics
 from vidphys.reading import pipeline as pipeline_module
 from vidphys.reading.pipeline import load_pipeline
@@ -100,7 +100,7 @@ def records(run: Path) -> dict[tuple[str, str], float]:
 
 def missed(reader: Reader, clip: Path) -> float:
     """Root mean squared distance, pixels, in the third clip of a folder."""
-    video = read_video(clip, ClipSelection())
+    video = open_video(clip, ClipSelection())
     seen = reader.read(video.frames, video.times).positions[0, :, 0].numpy()
     truth = (swing(FRAMES, 2)[:, 0] + 0.5 - 16) / 16 * [1, -1]
     return float(np.sqrt(((seen - truth) ** 2).sum(-1).mean())) * 16
@@ -327,7 +327,7 @@ class TestRollout:
         assert train(run.parent / "mine", tmp_path / "again") == 0
         (original,) = kept
         rebuilt = load_pipeline(tmp_path / "again")
-        video = read_video(clip, ClipSelection())
+        video = open_video(clip, ClipSelection())
         for head in ("factored", "unstructured"):
             one, two = (p(video.frames, video.times, head=head) for p in (original, rebuilt))
             assert torch.equal(one.tracks.positions, two.tracks.positions)
@@ -340,7 +340,7 @@ class TestRollout:
         self, folder: Path, tmp_path: Path
     ) -> None:
         """Its readout was attention, without a word of that, and it read no mirrors."""
-        run, clip = tmp_path / "run", read_video(folder / "clip0.avi", ClipSelection())
+        run, clip = tmp_path / "run", open_video(folder / "clip0.avi", ClipSelection())
         assert train(folder, run, *PLAIN, "--widths", "8", "--no-mirrors") == 0
         now = load_pipeline(run).reader.read(clip.frames, clip.times)
         path = run / "checkpoints" / "pipeline.json"

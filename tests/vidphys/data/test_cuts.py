@@ -8,7 +8,7 @@ import pytest
 from scipy import ndimage
 
 from vidphys.data.cuts import liveliest, parts
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 
 REAL = os.environ.get("VIDPHYS_REAL")
 COUNT, SIZE = 24, (72, 96)
@@ -55,6 +55,6 @@ def test_the_part_that_moves_is_taken_rather_than_a_longer_title():
     [("pucks_repelling.ogv", 1), ("puck_constant_force.avi", 1), ("ball_bounce.avi", 0)],
 )
 def test_sheets_of_paper_at_the_begin_of_real_clips_are_cut_off(clip, cuts):
-    frames = read_video(Path(REAL or "") / clip, ClipSelection()).frames
+    frames = open_video(Path(REAL or "") / clip, ClipSelection()).frames
     found = parts(frames)
     assert len(found) == 1 + cuts and found[liveliest(frames, found)][0] == 2 * cuts

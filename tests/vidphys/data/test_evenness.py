@@ -16,7 +16,7 @@ from tests.shared.uneven import write_uneven
 from tests.vidphys.cli.test_train_verb import coarse
 from vidphys.cli import main
 from vidphys.data.evenness import evenly, jitter
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading.clip_dynamics import Followed, sample
 from vidphys.reading.forecasts import naive_forecasts
 
@@ -96,7 +96,7 @@ def test_training_says_so_and_keeps_it(
     places = np.stack([swing(1, 2 * np.pi * at / 1.2)[0] for at in times])
     clip = tmp_path / "clip.mkv"
     write_uneven(clip, pictures(places), times)
-    video = read_video(clip, ClipSelection())
+    video = open_video(clip, ClipSelection())
     np.testing.assert_allclose(np.diff(video.times), np.diff(times), atol=1e-3)
     rows = "\n".join(f"{u},{v}" for u, v in places[:, 0])
     clip.with_suffix(".csv").write_text(f"u1,v1\n{rows}\n")

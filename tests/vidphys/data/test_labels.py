@@ -19,7 +19,7 @@ from tests.vidphys.data.test_formats import project
 from vidphys.data.beside import Beside
 from vidphys.data.dataset import find_dataset
 from vidphys.data.labels import Labels, read_labels
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
 
 FRAMES, SIDE = 12, 32
@@ -100,7 +100,7 @@ def test_every_table_beside_a_clip_is_its_labels(clip: Path, write) -> None:
     write(clip)
     found = find_dataset(clip)
     assert found.labelled
-    got = read_labels(found.files[0].labels, read_video(clip, WHOLE), WHOLE, 1.0)
+    got = read_labels(found.files[0].labels, open_video(clip, WHOLE), WHOLE, 1.0)
     wanted = (PLACES + 0.5 - SIDE / 2) / (SIDE / 2) * [1, -1]
     torch.testing.assert_close(
         got.positions[0].double(), torch.from_numpy(wanted), atol=1e-5, rtol=0
@@ -142,7 +142,7 @@ def test_coco_boxes_are_bodies_by_track_or_category(clip: Path, tracks: bool) ->
     np.testing.assert_allclose(found, np.stack(centres, 1))
     one = labels.read({"body": "1" if tracks else "cart"}).positions[0]
     np.testing.assert_allclose(one[:, 0], centres[1])
-    got = read_labels(labels, read_video(clip, WHOLE), WHOLE, 1.0)
+    got = read_labels(labels, open_video(clip, WHOLE), WHOLE, 1.0)
     assert got.confidence[0, :, 1].tolist() == [1.0] * 4 + [0.0] + [1.0] * 7
     with pytest.raises(InputError, match="columns` body=NAME"):
         labels.read({"body": "dog"})
@@ -178,24 +178,24 @@ def test_frames_that_have_no_row_were_not_seen(clip: Path) -> None:
     text = "\n".join(f"{k},{u},{v}" for k, u, v in rows)
     clip.with_suffix(".csv").write_text(f"frame,u1,v1\n{text}\n")
     labels = Labels.of(clip.with_suffix(".csv"))
-    got = read_labels(labels, read_video(clip, WHOLE), WHOLE, 1.0)
+    got = read_labels(labels, open_video(clip, WHOLE), WHOLE, 1.0)
     assert got.confidence[0, :, 0].nonzero()[:, 0].tolist() == [0, 3, 4, 11]
     some = ClipSelection(start=3, stop=5)
-    got = read_labels(labels, read_video(clip, some), some, 1.0)
+    got = read_labels(labels, open_video(clip, some), some, 1.0)
     assert got.confidence.tolist() == [[[1.0], [1.0]]]
     first = ClipSelection(stop=3)
-    got = read_labels(labels, read_video(clip, first), first, 1.0)
+    got = read_labels(labels, open_video(clip, first), first, 1.0)
     assert got.confidence.tolist() == [[[1.0], [0.0], [0.0]]]
     clip.with_suffix(".csv").write_text(f"frame,u1,v1\n{text}\n12,1,1\n")
     with pytest.raises(InputError, match="is of frames 0 to 12, but clip.avi has frames 0 to 11"):
-        read_labels(labels, read_video(clip, WHOLE), WHOLE, 1.0)
+        read_labels(labels, open_video(clip, WHOLE), WHOLE, 1.0)
 
 
 def test_columns_choose_which_are_taken(clip: Path) -> None:
     held = {"left": PLACES[:, 0, 0], "top": PLACES[:, 0, 1], "x9": PLACES[:, 0, 0]}
     pq.write_table(pa.table(held), clip.with_suffix(".parquet"))
     found = find_dataset(clip, {"u": "left", "v": "top"})
-    video = read_video(clip, WHOLE)
+    video = open_video(clip, WHOLE)
     got = read_labels(found.files[0].labels, video, WHOLE, 1.0, found.columns)
     assert got.positions.shape == (1, FRAMES, 1, 2)
     assert pictures(PLACES).shape[0] == FRAMES

@@ -22,7 +22,7 @@ from vidphys.data.extraction import extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labels import read_labels, write_labels
 from vidphys.data.splits import split_clips, split_frames
-from vidphys.data.video import ClipSelection, Video, read_video
+from vidphys.data.video import ClipSelection, Video, open_video
 from vidphys.errors import InputError
 from vidphys.reading.reader import LoadedEncoder, Reader
 
@@ -151,20 +151,20 @@ def test_feature_frames_and_frames_are_each_others_inverse() -> None:
 
 def test_extraction_is_cached(tmp_path: Path) -> None:
     write_clip(tmp_path / "c.avi", 5)
-    clip, encoder = read_video(tmp_path / "c.avi", WHOLE), Cells(CellsSettings(), "0" * 64)
+    clip, encoder = open_video(tmp_path / "c.avi", WHOLE), Cells(CellsSettings(), "0" * 64)
     store, calls = FeatureStore(tmp_path / "f"), []
     first = extract(clip, encoder, store, "float32", lambda done, total, _: calls.append(done))
     assert calls[-1] == 5 and not first.cached
     again = extract(clip, encoder, store, "float32", lambda *_: pytest.fail("encoded again"))
     assert again.cached and again.key == first.key
-    frames = torch.from_numpy(clip.frames).permute(0, 3, 1, 2)[None]
+    frames = torch.from_numpy(np.asarray(clip.frames)).permute(0, 3, 1, 2)[None]
     expected = encoder(frames, torch.from_numpy(clip.times))
     assert torch.equal(again.features.values, expected.values)
 
 
 def test_layers_that_are_not_in_the_store_come_from_one_pass(tmp_path: Path) -> None:
     write_clip(tmp_path / "c.avi", 5)
-    clip, encoder = read_video(tmp_path / "c.avi", WHOLE), Cells(CellsSettings(), "0" * 64)
+    clip, encoder = open_video(tmp_path / "c.avi", WHOLE), Cells(CellsSettings(), "0" * 64)
     store, before = FeatureStore(tmp_path / "f"), Cells.passes
     extract(clip, encoder.at(8), store, "float32")
     assert Cells.passes == before + 1

@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
+
+from binders.base import Pictures
 
 STANDS = 0.12  # of the steps before and after, that a body may seem to move in a frame shown twice
 ONWARD = 0.5  # least cosine between those steps; it does not turn there
@@ -49,7 +51,7 @@ class Mended:
 def mend(
     positions: Float[np.ndarray, "t n d"],
     times: Float[np.ndarray, " t"],
-    frames: UInt8[np.ndarray, "t h w c"],
+    frames: Pictures,
 ) -> Mended:
     """Leave out frames that were shown again, and make room for those that are missing.
 
@@ -92,7 +94,7 @@ def _length(step: np.ndarray) -> float:
     return float(np.sqrt(np.nansum(step**2)))
 
 
-def _stands(steps: np.ndarray, first: int, noise: float, frames: np.ndarray) -> int:
+def _stands(steps: np.ndarray, first: int, noise: float, frames: Pictures) -> int:
     """The frame after those from ``first`` on that show the one before it again, or ``first``."""
     for stop in range(first + 1, len(steps) + 1):
         part = steps[first - 2 : stop]  # before, those in question, after
@@ -107,7 +109,7 @@ def _stands(steps: np.ndarray, first: int, noise: float, frames: np.ndarray) -> 
     return first
 
 
-def _same(frames: np.ndarray, first: int, stop: int) -> bool:
+def _same(frames: Pictures, first: int, stop: int) -> bool:
     """Whether the pictures ``first`` to ``stop`` change far less than those around."""
     change = [_change(frames[k - 1], frames[k]) for k in range(first - 1, stop + 1)]
     return max(change[1:-1]) < SAME * min(change[0], change[-1])

@@ -11,7 +11,7 @@ import torch
 from binders.base import Binder, MotionTracks
 from binders.motion import MotionBinder
 from vidphys.data.cuts import liveliest, parts
-from vidphys.data.video import ClipSelection, Video, read_video, require_frames
+from vidphys.data.video import ClipSelection, Video, open_video, require_frames
 from vidphys.diagnose.recordings.broken import Mended, mend
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.used import Used, counted
@@ -80,7 +80,7 @@ def clip_of(path: Path, selection: ClipSelection) -> Video:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a table of tracks or a clip")
-    video = read_video(path, selection)
+    video = open_video(path, selection)
     require_frames(video, LEAST_FRAMES)
     return video
 

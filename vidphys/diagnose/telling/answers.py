@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vidphys.data.frames import Frames
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
@@ -66,7 +67,7 @@ class Answered:
         used, *told = self.lines
         return [*[line for line in told if not line.startswith(" ")][:2], used]
 
-    def showcase(self, frames: np.ndarray | None) -> dict[str, np.ndarray] | None:
+    def showcase(self, frames: Frames | np.ndarray | None) -> dict[str, Any] | None:
         """Arrays of the recording; ``None`` where there is no plane to draw, or no forecast."""
         if self.positions.shape[-1] > 2 or "model" not in self.rolled:
             return None
@@ -76,7 +77,7 @@ class Answered:
             frames = np.full((len(self.times), BLANK, BLANK, 3), 255, np.uint8)
         else:
             extent = 1.0  # normalised image units
-        arrays = {
+        arrays: dict[str, Any] = {
             "frames": frames,
             "frame_times": self.times,
             "readout": _plane(self.positions),

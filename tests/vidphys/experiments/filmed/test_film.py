@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vidphys.data.video import ClipSelection, read_video
+from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
 from vidphys.experiments.filmed import encode
 from vidphys.experiments.filmed.camera import along
@@ -161,7 +161,7 @@ def test_the_stamps_come_back_from_the_file(tmp_path):
     stamps = np.cumsum([0.0, 1 / 30, 0.05, 1 / 30, 0.02, 0.1])
     frames = [np.full((48, 64, 3), 40 * k, np.uint8) for k in range(6)]
     write_h264(tmp_path / "a.mp4", frames, stamps, 30.0, 20)
-    video = read_video(tmp_path / "a.mp4", ClipSelection())
+    video = open_video(tmp_path / "a.mp4", ClipSelection())
     assert video.times == pytest.approx(stamps, abs=2e-3)
     assert [int(f.mean()) for f in video.frames] == pytest.approx([40 * k for k in range(6)], abs=4)
 
@@ -203,5 +203,5 @@ def test_a_clip_that_is_there_is_not_filmed_again_and_the_index_lists_all(tmp_pa
     assert '"clips/00001"' in index.read_text()
     monkeypatch.setattr(folder, "clip_of", lambda *_: pytest.fail("filmed again"))
     assert film_clip(tmp_path, 0, 1) == tmp_path / "clips" / "00001"
-    video = read_video(tmp_path / "clips/00001/clip.mp4", ClipSelection())
+    video = open_video(tmp_path / "clips/00001/clip.mp4", ClipSelection())
     assert len(video.frames) == len(Truth.read(tmp_path / "clips/00001/truth.json").times)

@@ -1,0 +1,124 @@
+"""The tensors of one entry of a feature store, written as they are made.
+
+It is what safetensors writes of ``times`` and ``values``, byte for byte, with no value held.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import torch
+from torch import Tensor
+
+NAMES = {
+    torch.float16: "F16",
+    torch.bfloat16: "BF16",
+    torch.float32: "F32",
+    torch.float64: "F64",
+}
+ALIGNED = 8  # bytes, of which the header has a multiple
+
+
+class EntryFile:
+    """A safetensors file of ``times (t,)`` and ``values (t, c, h, w)``, filled piece by piece.
+
+    Args:
+        file: empty.
+        times: of each feature frame.
+        dtype: of the values.
+        source: of which they are, in words.
+    """
+
+    def __init__(self, file: BinaryIO, times: Tensor, dtype: torch.dtype, source: str) -> None:
+        self.times, self.dtype, self.source = times.cpu().contiguous(), dtype, source
+        self.grid: tuple[int, ...] = ()
+        self._file, self._hash, self._frames, self._bytes = file, hashlib.sha256(), 0, 0
+
+    def add(self, piece: Tensor) -> None:
+        """Append ``(f, c, h, w)``.
+
+        Raises:
+            ValueError: values that the dtype cannot hold.
+        """
+        values = piece.to("cpu", self.dtype).contiguous()
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(
+                f"feature store: features of {self.source} are not finite in "
+                f"{str(self.dtype).removeprefix('torch.')}; use float32"
+            )
+        if not self.grid:
+            self.grid = tuple(values.shape[1:])
+            self._put(_header(self.times, self.dtype, self.grid))
+            self._put(_bytes(self.times))
+        self._put(_bytes(values))
+        self._frames += len(values)
+
+    def about(self) -> dict[str, Any]:
+        """What a manifest says of it once all is there.
+
+        Raises:
+            ValueError: fewer or more feature frames than times.
+        """
+        if self._frames != len(self.times):
+            raise ValueError(
+                f"feature store: {self._frames} feature frames of {self.source} came in, and "
+                f"{len(self.times)} times"
+            )
+        return {
+            "shape": [self._frames, *self.grid],
+            "bytes": self._bytes,
+            "sha256": self._hash.hexdigest(),
+        }
+
+    def _put(self, data: bytes) -> None:
+        self._hash.update(data)
+        self._bytes += self._file.write(data)
+
+
+def _header(times: Tensor, dtype: torch.dtype, grid: tuple[int, ...]) -> bytes:
+    begin = times.nbytes
+    end = begin + len(times) * torch.Size(grid).numel() * dtype.itemsize
+    about = {
+        "times": (NAMES[times.dtype], [len(times)], [0, begin]),
+        "values": (NAMES[dtype], [len(times), *grid], [begin, end]),
+    }
+    keys = "dtype", "shape", "data_offsets"
+    plain = {name: dict(zip(keys, said, strict=True)) for name, said in about.items()}
+    text = json.dumps(plain, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % ALIGNED)
+    return len(text).to_bytes(8, "little") + text
+
+
+def _bytes(tensor: Tensor) -> bytes:
+    raw: bytes = tensor.detach().reshape(-1).view(torch.uint8).numpy().tobytes()
+    return raw
+
+
+@contextmanager
+def placed(path: Path) -> Iterator[Path]:
+    """A neighbour of ``path`` to be filled, which is then synced and renamed; gone on an error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        yield partial
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_entry(path: Path, times: Tensor, dtype: torch.dtype, source: str) -> Iterator[EntryFile]:
+    """A file of tensors to be filled, in its place only once it is whole."""
+    with placed(path) as partial:
+        with partial.open("wb") as file:
+            entry = EntryFile(file, times, dtype, source)
+            yield entry
+        entry.about()
