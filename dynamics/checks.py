@@ -43,7 +43,8 @@ def start(start: PhaseState, params: Parameters, dt: float) -> None:
 
     Raises:
         ValueError: ``dt`` or a number of the state or the parameters is not finite (which one is
-            said), or the state is of less than single precision.
+            said), the state is of less than single precision, or the parameters are of other
+            bodies or episodes.
     """
     if not math.isfinite(dt):
         raise ValueError(f"rollout: dt must be a finite number of seconds, got {dt}")
@@ -57,6 +58,7 @@ def start(start: PhaseState, params: Parameters, dt: float) -> None:
     if params.charge is not None:
         named["charge"] = params.charge
     named |= params.scalars
+    _shapes(start.q.shape, params)
     # A sum that is finite has finite terms, and is found with fewer operations.
     if math.isfinite(sum(float(value.sum()) for value in named.values())):
         return
@@ -65,6 +67,54 @@ def start(start: PhaseState, params: Parameters, dt: float) -> None:
             where = tuple(torch.nonzero(~torch.isfinite(value))[0].tolist())
             raise ValueError(
                 f"rollout: {name}{list(where) if where else ''} is not finite; repair or drop it"
+            )
+
+
+def _shapes(state: torch.Size, params: Parameters) -> None:
+    """Refuse parameters of other bodies or episodes than the state's ``(..., n, d)``."""
+    if len(state) < 2:
+        raise ValueError(f"rollout: a state is (..., bodies, space), got {tuple(state)}")
+    batch, bodies = state[:-2], state[-2]
+    own = {"coupling": params.coupling, **params.scalars}
+    for name, wanted, value in (
+        ("mass", (*batch, bodies), params.mass),
+        ("charge", (*batch, bodies), params.charge),
+        *((name, tuple(batch), value) for name, value in own.items()),
+    ):
+        if value is None:
+            continue
+        shape = tuple(value.shape)
+        last = shape[-1:] == (bodies,) or name not in ("mass", "charge")
+        if not (last and _fits(shape, wanted)):
+            raise ValueError(
+                f"rollout: {name} is {shape}, but a state of {bodies} bodies {tuple(state)} needs "
+                f"{wanted}; give one for each {'body' if name in ('mass', 'charge') else 'episode'}"
+            )
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    """Whether an array can be spread over another."""
+    ends = zip(reversed(shape), reversed(wanted), strict=False)
+    return len(shape) <= len(wanted) and all(a in (1, b) for a, b in ends)
+
+
+def same_precision(head: Head, start: PhaseState, params: Parameters) -> None:
+    """Refuse a state or parameters of another precision than the networks of a model.
+
+    Raises:
+        ValueError: they are.
+    """
+    weight = next((m.weight for m in head.modules() if isinstance(m, torch.nn.Linear)), None)
+    if weight is None:
+        return
+    own = str(weight.dtype).removeprefix("torch.")
+    given = {"state": start.q, "coupling": params.coupling, "mass": params.mass}
+    for name, value in given.items():
+        if value.dtype != weight.dtype:
+            other = str(value.dtype).removeprefix("torch.")
+            raise ValueError(
+                f"rollout: the networks of {type(head).__name__} are {own}, the {name} is {other}; "
+                f"map the state and the parameters: start.map(lambda x: x.to(torch.{own}))"
             )
 
 

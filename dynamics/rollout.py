@@ -96,7 +96,8 @@ def rollout(
 
     Raises:
         ValueError: ``steps`` is not a multiple of ``every``, a number is not finite, the state is
-            of less than single precision, or the head refuses the parameters.
+            of less than single precision or of another than the head's networks, the parameters
+            are of other bodies or episodes, or the head refuses them.
 
     Warns:
         DynamicsWarning: one of its kinds for each finding, before the result is returned.
@@ -116,6 +117,7 @@ def rollout(
     if steps % every:
         raise ValueError(f"rollout: steps = {steps} is not a multiple of every = {every}")
     checks.start(start, params, dt)
+    checks.same_precision(head, start, params)
     head.check(params)
     findings = head.concerns(params, start)
     with torch.no_grad(), _noise(seed, start.q.device):

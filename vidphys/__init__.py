@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from vidphys.opened import open_run as open_run
     from vidphys.probing.probe import probe as probe
     from vidphys.queries import query as query
+    from vidphys.reading.encoded import encode_video as encode_video
     from vidphys.scenes import SCENES as SCENES
     from vidphys.scenes import gravity as gravity
     from vidphys.training.loop import FitSettings as FitSettings
@@ -38,6 +39,7 @@ HOMES = {
     "SCENES": "vidphys.scenes",
     "build": "dynamics",
     "diagnose_motion": "vidphys.diagnose.diagnosis",
+    "encode_video": "vidphys.reading.encoded",
     "fit": "vidphys.training.loop",
     "from_trajectory": "vidphys.training.segments",
     "gravity": "vidphys.scenes",

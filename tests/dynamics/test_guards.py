@@ -255,6 +255,22 @@ def test_half_precision_is_refused(dtype: torch.dtype) -> None:
         rollout(gravity(0.1), state.map(lambda x: x.to(dtype)), params, 1, DT)
 
 
+def test_other_bodies_episodes_and_precisions_are_refused_in_our_words() -> None:
+    head = build(HEADS["factored"], bodies=3, dt=DT)
+    state = PhaseState(torch.randn(2, 3, 2), torch.zeros(2, 3, 2))
+    law = Parameters(torch.ones(2), torch.ones(2, 3))
+    assert bool(rollout(head, state, law, 2, DT).finite.all())
+    double, few = state.map(Tensor.double), Parameters(torch.ones(2), torch.ones(2, 2))
+    for start, params, words in (
+        (state, few, r"mass is \(2, 2\), but a state of 3 bodies \(2, 3, 2\) needs \(2, 3\)"),
+        (state, Parameters(torch.ones(3), torch.ones(3, 3)), r"mass is \(3, 3\)"),
+        (double, law, "networks of Hamiltonian are float32, the state is float64"),
+        (state, law.map(Tensor.double), "the coupling is float64"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            rollout(head, start, params, 2, DT)
+
+
 @pytest.mark.parametrize("name", ["coupling", "mass", "friction"])
 def test_parameters_that_are_not_finite_are_named(name: str) -> None:
     state, params = pair(0.0, batch=3)
