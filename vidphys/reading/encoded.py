@@ -78,7 +78,7 @@ def _array(value: Any, name: str) -> Tensor:
             if name == "frames"
             else f"encode_video: `{name}` holds {array.dtype}; give the seconds of each frame"
         )
-    return torch.from_numpy(np.ascontiguousarray(array))
+    return torch.from_numpy(np.array(array, order="C"))
 
 
 def _videos(frames: Tensor, layout: Layout | None, bodies: bool) -> Tensor:
