@@ -49,20 +49,27 @@ class MotionTracks:
     radius: Float[torch.Tensor, "t n"] | None = None
 
 
+@runtime_checkable
 class Binder(Protocol):
     """Follows the bodies of a clip."""
 
-    def __call__(self, frames: Pictures, times: Float[np.ndarray, " t"]) -> Tracks | MotionTracks:
+    def __call__(self, frames: Any, times: Float[np.ndarray, " t"]) -> Tracks | MotionTracks:
         """The tracks of a clip, and the camera's where the binder follows it too.
 
         Args:
-            frames: of the clip.
+            frames: RGB bytes ``(t, h, w, 3)``, row 0 on top, an array; :class:`Pictures` for a
+                binder whose attribute ``streams`` is true.
             times: seconds.
 
         Raises:
             ValueError: frames in which no body can be followed.
         """
         ...
+
+
+def bind(binder: Binder, frames: Pictures, times: Float[np.ndarray, " t"]) -> Tracks | MotionTracks:
+    """What a binder makes of a clip, which one that does not stream gets whole."""
+    return binder(frames if getattr(binder, "streams", False) else np.asarray(frames), times)
 
 
 # of factories, which are called with bodies=NUMBER and by name with what else they are told

@@ -8,6 +8,7 @@ whose motion is the most lawful are the bodies. Nothing is learned.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -69,6 +70,8 @@ class MotionBinder:
         >>> [round(x, 2) for x in found.tracks.positions[0, [0, 11], 0, 0].tolist()]  # half sides
         [-0.75, 0.62]
     """
+
+    streams: ClassVar[bool] = True
 
     bodies: int | None = 1
     shadow: float | None = None

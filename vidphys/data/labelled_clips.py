@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from binders.base import Binder, MotionTracks
+from binders.base import Binder, MotionTracks, bind
 from binders.tracks import Tracks
 from vidphys.data.clip_files import ClipFile, Dataset
 from vidphys.data.labels import read_labels
@@ -75,7 +75,7 @@ def _labelled(
         tracks = read_labels(file.labels, video, selection, *told)
         return LabelledClip(file, video, tracks, still, False)
     try:
-        found = binder(video.frames, video.times)
+        found = bind(binder, video.frames, video.times)
     except ValueError as error:
         raise InputError(f"{video.path}: {error}") from error
     if isinstance(found, MotionTracks):

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from binders import BINDERS, Binder, MotionTracks, Tracks
-from vidphys.data.frames import held
 from vidphys.testing.failed import expect, expect_spoiled, pickled
 
 FRAMES, HEIGHT, WIDTH, RADIUS = 24, 64, 96, 6
@@ -35,8 +34,8 @@ def check_binder(binder: str | Callable[..., Binder], bodies: int = 2) -> None:
     factory = BINDERS[binder] if isinstance(binder, str) else binder
     name = getattr(factory, "__name__", type(factory).__name__)
     made = pickled(factory(bodies=bodies), name)
-    shown, places = moving_disks(bodies)
-    frames, times = held(shown), np.arange(FRAMES) / 25
+    frames, places = moving_disks(bodies)
+    times = np.arange(FRAMES) / 25
     found = _tracks(made(frames, times), name)
     shape, sure = (1, FRAMES, bodies, 2), found.confidence
     expect(tuple(found.positions.shape) == shape, name, shape, tuple(found.positions.shape))
@@ -49,7 +48,7 @@ def check_binder(binder: str | Callable[..., Binder], bodies: int = 2) -> None:
     expect(torch.equal(found.positions, again.positions), name, "the same twice", "another answer")
     off = _least(found.positions[0].double().numpy(), places)
     expect(off < NEAR, name, "each track on one body, in normalised image units", f"{off:.2g} off")
-    still = held(np.repeat(shown[:1], FRAMES, 0))
+    still = np.repeat(frames[:1], FRAMES, 0)
     expect_spoiled(lambda: _unsure(made(still, times), name), f"{name} where nothing moves")
 
 

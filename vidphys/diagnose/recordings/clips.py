@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from binders.base import Binder, MotionTracks
+from binders.base import Binder, MotionTracks, bind
 from binders.motion import MotionBinder
 from vidphys.data.cuts import liveliest, parts
 from vidphys.data.video import ClipSelection, Video, open_video, require_frames
@@ -53,9 +53,8 @@ def follow_clip(path: Path, selection: ClipSelection, binder: Binder) -> Followe
     video = clip_of(path, selection)
     first, stop, cut = whole_part(video, binder)
     try:
-        bound = _told(binder, selection.start + first)(
-            video.frames[first:stop], video.times[first:stop]
-        )
+        told = _told(binder, selection.start + first)
+        bound = bind(told, video.frames[first:stop], video.times[first:stop])
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     if not isinstance(bound, MotionTracks):
