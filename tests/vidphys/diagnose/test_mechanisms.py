@@ -214,6 +214,19 @@ def test_impacts_are_found_between_the_right_frames_and_share_a_wall():
     assert wall.restitution == pytest.approx(0.8, abs=0.05)
 
 
+def test_an_impact_that_a_fast_camera_lost_sight_of_is_found_on_both_sides_of_the_gap():
+    times = np.arange(280) / 240
+    after = times - 0.5
+    height = np.where(after < 0, -4.9 * times**2, 2.9 * after - 4.9 * after**2 - 1.225)
+    places = np.stack([0.3 * times, height], -1)
+    places += 0.004 * np.random.default_rng(0).standard_normal(places.shape)
+    seen = np.abs(times - 0.5) > 0.05
+    (impact,) = find_impacts(times[seen], places[seen])
+    last, first = times[seen][impact.frame : impact.frame + 2]
+    assert last < 0.5 < first
+    assert impact.change[1] == pytest.approx(7.8, abs=0.5)
+
+
 def test_a_smooth_swing_has_no_impacts():
     angles = swing(25.0, 0.1, 1.2, 300)
     for noise in (0.0, 0.002, 0.02):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-SIDES = (3, 4, 6, 9, 14, 20)  # frames on each side of a kink
+SIDES = (3, 4, 6, 9, 14, 20, 30, 45)  # frames on each side of a kink
 CHANCE = 1e-3  # that noise lets two parabolas with a kink leave so much less than one cubic, of all
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a frame interval, at which a kink is tried
 GAP = 3.0  # usual frame intervals, over each of a side's, from which frames are not in a row
