@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-SINGLE = (".safetensors", ".pt")  # endings of weights that are one file
+SINGLE = (".safetensors", ".pt", ".pth")  # endings of weights that are one file
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,12 @@ class WeightsEntry:
         revision: commit of the hub repository; ``None`` is resolved and locked by the first fetch.
         packaged: whether they are our own and lie in the package.
         url: of the file, where it is released elsewhere than on the hub.
+        begins: first digits of the file's hash, which its publisher names it by.
+        door: what opens them, ``timm:NAME``, ``hf`` or ``torchvision:NAME``; none where an encoder
+            has an adapter of its own.
+        config: of a model of transformers, what it is built from without its ``config.json``.
+        look: how a model was shown its images, by :data:`encoders.preprocess.LOOKS`, where its
+            release does not say it.
     """
 
     file: str
@@ -33,6 +40,10 @@ class WeightsEntry:
     revision: str | None = None
     packaged: bool = False
     url: str | None = None
+    begins: str = ""
+    door: str | None = None
+    config: dict[str, Any] = field(default_factory=dict)
+    look: str = "imagenet"
 
     @property
     def is_folder(self) -> bool:

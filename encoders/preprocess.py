@@ -88,6 +88,13 @@ class Look:
 
 
 IMAGENET = Look()
+# by the name that the table of known weights has for them
+LOOKS = {
+    "imagenet": IMAGENET,
+    "half": Look((0.5,) * 3, (0.5,) * 3),
+    "timesformer": Look((0.45,) * 3, (0.225,) * 3),
+    "unit": Look((0.0,) * 3, (1.0,) * 3),
+}
 
 
 def imagenet_clips(

@@ -124,17 +124,17 @@ def _tensors(path: Path) -> dict[str, Tensor]:
     return tensors
 
 
-def read_config(weights: WeightsFile, expected: dict[str, Any]) -> dict[str, Any]:
+def read_config(folder: Path, expected: dict[str, Any]) -> dict[str, Any]:
     """The ``config.json`` of a release folder.
 
     Args:
-        weights: the folder.
+        folder: of the release.
         expected: keys whose values tell that it is the right kind of model.
 
     Raises:
         ValueError: not JSON, or another kind of model.
     """
-    path = weights.path / CONFIG
+    path = folder / CONFIG
     try:
         config = dict(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, TypeError, RecursionError) as error:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from encoders.hub import from_hub, in_cache
 from encoders.known_weights import SINGLE, WeightsEntry, entry
 from encoders.release import (
     CONFIG,
@@ -24,6 +25,7 @@ from encoders.release import (
     TENSORS,
     WeightsFile,
     WeightsMissing,
+    read_config,
     release_sha256,
     shards_of,
 )
@@ -57,7 +59,7 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
     known = entry(name)
     place = weights_path(name, where)
     locked = _locked(place)
-    path = place if place.exists() else _in_hub_cache(known, known.revision or locked["revision"])
+    path = place if place.exists() else _cached(known, known.revision or locked["revision"])
     if path is None or path.is_dir() != known.is_folder:
         raise WeightsMissing(
             f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it by "
@@ -72,6 +74,20 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
             f"fetch it again, or accept it by `vidphys weights check {name}` with `lock`"
         )
     return WeightsFile(path, digest)
+
+
+def config_of(
+    name: str, where: Path | None, expected: dict[str, Any], usual: dict[str, Any]
+) -> dict[str, Any]:
+    """How the network ``name`` is built, whether or not its weights are here.
+
+    Args:
+        name, where: see :func:`find_weights`.
+        expected: see :func:`encoders.release.read_config`.
+        usual: of the release, where its ``config.json`` is not on this machine.
+    """
+    folder = weights_path(name, where)
+    return read_config(folder, expected) if (folder / CONFIG).is_file() else expected | usual
 
 
 def weights_path(name: str, where: Path | None = None) -> Path:
@@ -147,20 +163,20 @@ def _download(known: WeightsEntry, revision: str | None, got: Path) -> str | Non
         return None
     assert known.hub is not None
     if not known.is_folder:
-        source, commit = _from_hub(known.hub, TENSORS, revision)
+        source, commit = from_hub(known.hub, TENSORS, revision)
         shutil.copyfile(source, got)
         return commit
     got.mkdir()
-    source, commit = _from_hub(known.hub, CONFIG, revision)
+    source, commit = from_hub(known.hub, CONFIG, revision)
     shutil.copyfile(source, got / CONFIG)
     names = [TENSORS]
     try:
-        source, _ = _from_hub(known.hub, TENSORS, commit)
+        source, _ = from_hub(known.hub, TENSORS, commit)
     except FileNotFoundError:
-        source, _ = _from_hub(known.hub, INDEX, commit)
+        source, _ = from_hub(known.hub, INDEX, commit)
         names = [INDEX, *shards_of(source)]
     for name in names:
-        source, _ = _from_hub(known.hub, name, commit)
+        source, _ = from_hub(known.hub, name, commit)
         shutil.copyfile(source, got / name)
     return commit
 
@@ -175,33 +191,14 @@ def _move(got: Path, target: Path) -> None:
         file.replace(target / file.name)
 
 
-def _from_hub(repository: str, file: str, revision: str | None) -> tuple[Path, str]:
-    """The file in the hub's own cache, and the commit it is of."""
-    from huggingface_hub import HfApi, hf_hub_download
-    from huggingface_hub.errors import RemoteEntryNotFoundError
-
-    # the client raises errors of several libraries; all mean that the hub gave no file
-    try:
-        commit = revision or HfApi().model_info(repository).sha
-        return Path(hf_hub_download(repository, file, revision=commit)), str(commit)
-    except RemoteEntryNotFoundError as error:
-        raise FileNotFoundError(f"{repository} has no {file}") from error
-    except Exception as error:
-        reason = str(error).strip().split("\n")[0] or type(error).__name__
-        raise ConnectionError(f"{repository}/{file}: {reason}") from error
-
-
-def _in_hub_cache(known: WeightsEntry, revision: str | None) -> Path | None:
-    """The weights in the hub's own cache at a pinned revision; asks nobody."""
-    from huggingface_hub import try_to_load_from_cache
-
+def _cached(known: WeightsEntry, revision: str | None) -> Path | None:
+    """The weights in the hub's own cache at a pinned revision."""
     if known.hub is None or revision is None:
         return None
-    file = CONFIG if known.is_folder else TENSORS
-    found = try_to_load_from_cache(known.hub, file, revision=revision)
-    if not isinstance(found, str):
-        return None
-    return Path(found).parent if known.is_folder else Path(found)
+    if known.is_folder:
+        return in_cache(known.hub, CONFIG, revision=revision)
+    folder = in_cache(known.hub, TENSORS, revision=revision)
+    return None if folder is None else folder / TENSORS
 
 
 def _lock_path(path: Path) -> Path:

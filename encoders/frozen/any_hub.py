@@ -21,18 +21,21 @@ from torch import Tensor, nn
 
 from encoders.frozen.adapter import Adapter
 from encoders.frozen.base import Dtype, FrozenEncoder
-from encoders.frozen.published import fresh, published
+from encoders.frozen.hub_states import PIXELS, inputs_of, states_of
+from encoders.frozen.published import configuration, published
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.token_order import ask_order
 from encoders.frozen.tokens import chosen_layer, numbered, windowing_words
+from encoders.frozen.untrained import fresh
 from encoders.frozen.windows import Windowing
-from encoders.preprocess import Look
+from encoders.known_weights import entry
+from encoders.preprocess import LOOKS, Look
 from encoders.release import CONFIG, WeightsFile, read_config
+from encoders.weights import config_of, find_weights, weights_path
 
 CODE_VERSION = 1
 PREPROCESSOR = ("preprocessor_config.json", "video_preprocessor_config.json")
 FRAMES = ("num_frames", "frames_per_clip")  # what configurations call a window
-PIXELS = ("pixel_values_videos", "pixel_values")  # what models call their input
 RESAMPLE = {2: "bilinear", 3: "bicubic"}  # as the processors number them
 
 
@@ -44,7 +47,7 @@ class AnyHubSettings:
         layer: of the model's hidden states, from 1; the last where not given.
         hop: of a video model: frames from a window's start to the next one's.
         frame_stride: take each so-many-th frame.
-        seed: take fresh weights drawn from it in place of trained ones, as a control.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames, or windows of a video model, per forward pass.
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
@@ -131,22 +134,36 @@ def any_hub(place: str) -> Adapter:
     Args:
         place: a folder with ``config.json``, or ``OWNER/NAME`` in the hub's own cache.
     """
-    return Adapter(AnyHubSettings, partial(_load, place))
+    return Adapter(AnyHubSettings, partial(load_any_hub, place, None))
 
 
-def _load(place: str, settings: AnyHubSettings, where: Path | None, device: str) -> AnyHubEncoder:
-    name, folder = f"hf:{place}", Path(place)
+def load_any_hub(
+    place: str, named: str | None, settings: AnyHubSettings, where: Path | None, device: str
+) -> AnyHubEncoder:
+    """An encoder over a model of transformers (see ``load_encoder``).
+
+    Args:
+        place: see :func:`any_hub`.
+        named: key of the known weights, of an encoder that has a name here.
+        settings, where, device: what is read, where it lies and where it runs.
+    """
+    name, folder = named or f"hf:{place}", Path(place)
     if where is None and (folder / CONFIG).is_file():
         where, name = folder, f"hf:{folder.resolve().name}"
-    if settings.seed is not None and where is not None:
-        weights, released = fresh(settings.seed), WeightsFile(where, "")
+    if settings.seed is None:
+        weights = find_weights(named, where) if named else published(name, place, where)
+        release, config = weights.path, read_config(weights.path, {})
+        model = _model(name, config, release)
     else:
-        weights = released = published(name, place, where)
-    config = read_config(released, {})
-    with torch.random.fork_rng():
-        torch.manual_seed(settings.seed or 0)
-        model = _model(name, config, None if settings.seed is not None else released.path)
-    look, side = shown(released.path, model.config)
+        if named:
+            release = weights_path(named, where)
+            config = config_of(named, where, {}, entry(named).config)
+        else:
+            release = configuration(name, place, where)
+            config = read_config(release, {})
+        model, weights = fresh(partial(_model, name, config, None), settings.seed)
+    usual = LOOKS[entry(named).look] if named else None
+    look, side = shown(release, model.config, usual)
     return AnyHubEncoder(model.to(device), settings, name, weights, look, side)
 
 
@@ -181,38 +198,14 @@ def _model(name: str, config: Mapping[str, Any], filled_from: Path | None) -> nn
     return getattr(made, "vision_model", made)
 
 
-def inputs_of(model: nn.Module) -> list[str]:
-    """Names of what a model is called with."""
-    from inspect import signature
+def shown(folder: Path, config: Any, usual: Look | None = None) -> tuple[Look, int]:
+    """How a model was shown its images, and the side of its square in pixels.
 
-    found = list(signature(model.forward).parameters)
-    if not set(found) & set(PIXELS):
-        raise ValueError(
-            f"hf: a {type(model).__name__} does not see pictures (it takes {', '.join(found[:4])})"
-        )
-    return found
-
-
-def states_of(model: nn.Module, name: str, pixels: Tensor) -> tuple[Tensor, ...]:
-    """All hidden states, that of the embedding first.
-
-    Raises:
-        ValueError: the model gives none.
+    Args:
+        folder: of the release, with or without its processor's configuration.
+        config: of the model.
+        usual: how, where the folder does not say it.
     """
-    more = {"skip_predictor": True} if "skip_predictor" in inputs_of(model) else {}
-    try:
-        found = model(**{name: pixels}, output_hidden_states=True, return_dict=True, **more)
-    except TypeError as error:
-        what, said = type(model).__name__, str(error).partition("forward() ")[2]
-        raise ValueError(f"hf: a {what} sees more than pictures ({said})") from error
-    states = getattr(found, "reshaped_hidden_states", None) or found.hidden_states
-    if not states:
-        raise ValueError(f"hf: a {type(model).__name__} gives no hidden states")
-    return tuple(states)
-
-
-def shown(folder: Path, config: Any) -> tuple[Look, int]:
-    """How a model was shown its images, and the side of its square in pixels."""
     told: dict[str, Any] = {}
     for name in PREPROCESSOR:
         if (folder / name).is_file():
@@ -224,7 +217,7 @@ def shown(folder: Path, config: Any) -> tuple[Look, int]:
     own = getattr(config, "image_size", None) or getattr(config, "crop_size", None)
     side = own or (size if isinstance(size, int) else size.get("height", size.get("shortest_edge")))
     side = side[0] if isinstance(side, (list, tuple)) else side
-    look = Look(
-        tuple(mean), tuple(std or Look.std), RESAMPLE.get(told.get("resample", 2), "bicubic")
-    )
-    return look, int(side or 224)
+    if not told and usual is not None:
+        return usual, int(side or 224)
+    mode = RESAMPLE.get(told.get("resample", 2), "bicubic")
+    return Look(tuple(mean), tuple(std or Look.std), mode), int(side or 224)

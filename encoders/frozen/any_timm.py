@@ -13,17 +13,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import nn
 
 from encoders.frozen.adapter import Adapter
 from encoders.frozen.base import Dtype
-from encoders.frozen.published import fresh, published
+from encoders.frozen.published import published
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer, numbered
+from encoders.frozen.untrained import fresh
 from encoders.preprocess import Look
 from encoders.release import CONFIG, WeightsFile, load_strict, read_config
+from encoders.weights import find_weights
 
 CODE_VERSION = 1
 SHOWN = ("mean", "std", "input_size", "interpolation", "fixed_input_size")  # of a release
@@ -39,7 +40,7 @@ class AnyTimmSettings:
             last where not given.
         resolution: network pixels of the longer image side; the network's own where not given.
         frame_stride: take each so-many-th frame.
-        seed: take fresh weights drawn from it in place of trained ones, as a control.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames per forward pass.
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
@@ -60,7 +61,7 @@ class AnyTimmEncoder(TimmMaps):
     Args:
         network: the timm model.
         settings: see :class:`AnyTimmSettings`.
-        name: of the model in timm.
+        name: that it was asked for by.
         weights: what the network was loaded from.
 
     Raises:
@@ -81,7 +82,7 @@ class AnyTimmEncoder(TimmMaps):
         resolution = settings.resolution or own - own % multiple
         if square and resolution != own:
             raise ValueError(
-                f"timm:{name}: sees images of {own} pixels only, not {resolution}; leave "
+                f"{name}: sees images of {own} pixels only, not {resolution}; leave "
                 "`resolution` out"
             )
         if square:
@@ -98,11 +99,11 @@ class AnyTimmEncoder(TimmMaps):
             look=look,
             square=square,
             layers=layers,
-            name=f"timm:{name}",
+            name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
             preprocessing=f"each {settings.frame_stride}. frame, rgb, {shape}, {look}",
-            layer=chosen_layer(f"timm:{name}", settings.layer, layers),
+            layer=chosen_layer(name, settings.layer, layers),
             resolution=resolution,
         )
 
@@ -113,22 +114,32 @@ def any_timm(name: str) -> Adapter:
     Raises:
         ValueError: timm has no such network; the nearest spelling is given.
     """
-    return Adapter(AnyTimmSettings, partial(_load, name))
+    return Adapter(AnyTimmSettings, partial(load_any_timm, name, None))
 
 
-def _load(name: str, settings: AnyTimmSettings, where: Path | None, device: str) -> AnyTimmEncoder:
+def load_any_timm(
+    name: str, named: str | None, settings: AnyTimmSettings, where: Path | None, device: str
+) -> AnyTimmEncoder:
+    """An encoder over a network of timm (see ``load_encoder``).
+
+    Args:
+        name: of the network in timm.
+        named: key of the known weights, of an encoder that has a name here.
+        settings, where, device: what is read, where it lies and where it runs.
+    """
+    called = named or f"timm:{name}"
     if settings.seed is not None:
-        weights = fresh(settings.seed)
-        with torch.random.fork_rng():
-            torch.manual_seed(settings.seed)
-            network = _built(name, {})
+        network, weights = fresh(partial(_built, name, {}), settings.seed)
     else:
-        weights = published(f"timm:{name}", _repository(name), where)
+        if named is None:
+            weights = published(called, _repository(name), where)
+        else:
+            weights = find_weights(named, where)
         network = _built(name, _told(name, weights))
         head = network.default_cfg.get("classifier") or "head"
         heads = (head,) if isinstance(head, str) else tuple(head)
         load_strict(network, weights.path, unused=tuple(f"{part}." for part in heads))
-    return AnyTimmEncoder(network.to(device), settings, name, weights)
+    return AnyTimmEncoder(network.to(device), settings, called, weights)
 
 
 def _built(name: str, arguments: dict[str, Any]) -> Any:
@@ -172,7 +183,7 @@ def _told(name: str, weights: WeightsFile) -> dict[str, Any]:
     """What the release's configuration says of how the network is made."""
     if not (weights.path / CONFIG).is_file():
         return {}
-    config = read_config(weights, {"architecture": name.partition(".")[0]})
+    config = read_config(weights.path, {"architecture": name.partition(".")[0]})
     shown = {key: x for key, x in config.get("pretrained_cfg", {}).items() if key in SHOWN}
     return {**config.get("model_args", {}), "pretrained_cfg_overlay": shown}
 

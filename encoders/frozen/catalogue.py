@@ -9,8 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from encoders.frozen.adapter import WHERE, Adapter
-from encoders.frozen.any_hub import any_hub
-from encoders.frozen.any_timm import any_timm
+from encoders.frozen.any_hub import AnyHubSettings, any_hub, load_any_hub
+from encoders.frozen.any_timm import AnyTimmSettings, any_timm, load_any_timm
+from encoders.frozen.any_torchvision import (
+    TorchvisionSettings,
+    any_torchvision,
+    load_any_torchvision,
+)
+from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.dinov2 import ARCHITECTURES, DINOTinySettings, DINOv2Settings, load_dinov2
 from encoders.frozen.foreign import as_ours
 from encoders.frozen.hiera import HieraSettings, load_hiera
@@ -19,11 +25,16 @@ from encoders.frozen.videomae import VideoMAESettings, load_videomae
 from encoders.frozen.vjepa2 import VJEPA2Settings, VJEPA2TinySettings, load_vjepa2
 from encoders.frozen.vjepa2_ac import VJEPA2ACSettings, load_vjepa2_ac
 from encoders.identity import LayeredEncoder
+from encoders.known_weights import KNOWN
 from registry import Registry
 
 # A factory takes its encoder's options by name, and ``weights`` (a path) and ``device`` if it has a
 # use for them; it returns a FrozenEncoder, or anything that is called like an Encoder.
-DOORS: dict[str, Callable[[str], Callable[..., Any]]] = {"timm": any_timm, "hf": any_hub}
+DOORS: dict[str, Callable[[str], Callable[..., Any]]] = {
+    "timm": any_timm,
+    "hf": any_hub,
+    "torchvision": any_torchvision,
+}
 ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders", DOORS)
 
 for _name, _factory in {
@@ -41,6 +52,18 @@ for _name, _factory in {
     "vjepa2-ac": Adapter(VJEPA2ACSettings, load_vjepa2_ac),
 }.items():
     ENCODERS.register(_name, _factory)
+
+# names of ours for what is behind a door; what is special about each stands in the table of weights
+OPENED: dict[str, tuple[type[Any], Callable[..., FrozenEncoder]]] = {
+    "timm": (AnyTimmSettings, load_any_timm),
+    "hf": (AnyHubSettings, load_any_hub),
+    "torchvision": (TorchvisionSettings, load_any_torchvision),
+}
+for _name, _known in KNOWN.items():
+    if _known.door is not None:
+        _door, _, _inner = _known.door.partition(":")
+        _settings, _load = OPENED[_door]
+        ENCODERS.register(_name, Adapter(_settings, partial(_load, _inner or _known.hub, _name)))
 
 
 def options_of(name: str) -> tuple[str, ...]:

@@ -18,8 +18,9 @@ from encoders.frozen.base import Dtype
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer, numbered
+from encoders.frozen.untrained import fresh
 from encoders.release import WeightsFile, load_strict, read_config
-from encoders.weights import find_weights
+from encoders.weights import config_of, find_weights
 
 CODE_VERSION = 1
 ARCHITECTURES = {
@@ -36,6 +37,7 @@ class DINOv2Settings:
             blocks are not computed.
         resolution: network pixels of the longer image side, a multiple of the patch.
         frame_stride: take each so-many-th frame.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames per forward pass.
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
@@ -44,6 +46,7 @@ class DINOv2Settings:
     layer: int | str | None = None
     resolution: int = 224
     frame_stride: int = 1
+    seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 8
     runtime: Runtime = "torch"
@@ -98,9 +101,17 @@ def load_dinov2(
     """The frozen encoder from its release folder, strictly (see ``load_encoder``)."""
     import timm
 
-    weights = find_weights(name, where)
-    config = read_config(weights, {"architecture": ARCHITECTURES[name]})
-    arguments = {**config.get("model_args", {}), "num_classes": 0, "dynamic_img_size": True}
-    network = timm.create_model(ARCHITECTURES[name], pretrained=False, **arguments)
-    load_strict(network, weights.path)
+    def build() -> nn.Module:
+        arguments = {**config.get("model_args", {}), "num_classes": 0, "dynamic_img_size": True}
+        return timm.create_model(ARCHITECTURES[name], pretrained=False, **arguments)
+
+    told = {"architecture": ARCHITECTURES[name]}
+    if settings.seed is not None:
+        config = config_of(name, where, told, {})
+        network, weights = fresh(build, settings.seed)
+    else:
+        weights = find_weights(name, where)
+        config = read_config(weights.path, told)
+        network = build()
+        load_strict(network, weights.path)
     return DINOv2Encoder(network.to(device), settings, name, weights)

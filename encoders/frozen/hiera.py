@@ -15,6 +15,7 @@ from encoders.frozen.base import Dtype
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer
+from encoders.frozen.untrained import fresh
 from encoders.release import WeightsFile, load_strict
 from encoders.weights import find_weights
 
@@ -34,6 +35,7 @@ class HieraSettings:
         layer: the stage, named by its stride in network pixels: 4, 8, 16 or 32 (96, 192, 384,
             768 channels). Later stages are not computed. Stride 8 localises best for its price.
         resolution: network pixels of the longer image side, a multiple of 32.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames per forward pass. The last pass is filled up, so that a frame has the same
             features whatever it is encoded together with.
@@ -42,6 +44,7 @@ class HieraSettings:
 
     layer: int | str = 8
     resolution: int = 128
+    seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 8
     runtime: Runtime = "torch"
@@ -84,7 +87,9 @@ def load_hiera(
     settings: HieraSettings, where: Path | None = None, device: str = "cpu"
 ) -> HieraEncoder:
     """The frozen encoder from its weights on disk, strictly (see ``load_encoder``)."""
-    weights = find_weights(NAME, where)
-    trunk = build_trunk()
-    load_strict(trunk, weights.path, unused=("head.",))
+    if settings.seed is not None:
+        trunk, weights = fresh(build_trunk, settings.seed)
+    else:
+        trunk, weights = build_trunk(), find_weights(NAME, where)
+        load_strict(trunk, weights.path, unused=("head.",))
     return HieraEncoder(trunk.to(device), settings, weights)

@@ -26,6 +26,7 @@ from torch.nn import functional
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
 from encoders.frozen.i3d_network import STAGES, I3DNetwork, field_centre, field_stride
 from encoders.frozen.tokens import chosen_layer, windowing_words
+from encoders.frozen.untrained import fresh
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import network_size, resize, to_rgb
 from encoders.release import WeightsFile, load_strict
@@ -68,6 +69,7 @@ class I3DSettings:
         shown: times that the network is shown each frame, one after the other; divides the stage's
             stride in time. A feature frame stands for as many frames fewer, and saw less of those
             before and after: 2 gives ``Mixed_3c`` and earlier stages one for each frame.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: windows per forward pass.
     """
@@ -78,6 +80,7 @@ class I3DSettings:
     hop: int | None = None
     frame_stride: int = 1
     shown: int = 1
+    seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 1
 
@@ -161,7 +164,9 @@ def _windowing(settings: I3DSettings, stage: str) -> Windowing:
 
 def load_i3d(settings: I3DSettings, where: Path | None = None, device: str = "cpu") -> I3DEncoder:
     """The frozen encoder from its weights on disk, strictly (see ``load_encoder``)."""
-    weights = find_weights(NAME, where)
-    network = I3DNetwork()
-    load_strict(network, weights.path, unused=("logits.",))
+    if settings.seed is not None:
+        network, weights = fresh(I3DNetwork, settings.seed)
+    else:
+        network, weights = I3DNetwork(), find_weights(NAME, where)
+        load_strict(network, weights.path, unused=("logits.",))
     return I3DEncoder(network.to(device), settings, weights)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from encoders.hub import in_cache
 from encoders.release import CONFIG, INDEX, TENSORS, WeightsFile, WeightsMissing, release_sha256
-
-FRESH = "fresh weights"
 
 
 def published(what: str, repository: str, where: Path | None) -> WeightsFile:
@@ -20,9 +19,7 @@ def published(what: str, repository: str, where: Path | None) -> WeightsFile:
     Raises:
         WeightsMissing: they are not on this machine, or not whole.
     """
-    path = where
-    if path is None:
-        path = in_cache(repository)
+    path = in_cache(repository, TENSORS, INDEX) if where is None else where
     if path is None or not path.exists():
         place = "such a folder or in the hub's cache" if where is None else str(where)
         raise WeightsMissing(
@@ -32,21 +29,20 @@ def published(what: str, repository: str, where: Path | None) -> WeightsFile:
     return WeightsFile(path, release_sha256(path))
 
 
-def fresh(seed: int) -> WeightsFile:
-    """In place of trained weights, those of a seed: the control that shows what training adds."""
-    return WeightsFile(Path(FRESH), f"{FRESH} {seed}")
+def configuration(what: str, repository: str, where: Path | None) -> Path:
+    """The folder with the ``config.json`` of a repository, its weights there or not.
 
+    Args:
+        what, repository, where: see :func:`published`.
 
-def in_cache(repository: str) -> Path | None:
-    """The newest snapshot of a repository in the hub's own cache; asks nobody."""
-    from huggingface_hub import try_to_load_from_cache
-    from huggingface_hub.errors import HFValidationError
-
-    for file in (TENSORS, INDEX):
-        try:
-            found = try_to_load_from_cache(repository, file)
-        except HFValidationError:  # no name of a repository: a folder that is not there
-            return None
-        if isinstance(found, str):
-            return Path(found).parent
-    return None
+    Raises:
+        WeightsMissing: it is not on this machine.
+    """
+    folder = in_cache(repository, CONFIG) if where is None else where
+    if folder is None or not (folder / CONFIG).is_file():
+        raise WeightsMissing(
+            f"{what}: weights of a seed need no file but {CONFIG}, which is not here; get it where "
+            f"there is a network by `hf download {repository} {CONFIG}`, or give its folder as "
+            "`weights`"
+        )
+    return folder

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import torch
@@ -10,7 +13,9 @@ from torch import nn
 
 from encoders.frozen.base import FrozenEncoder
 from encoders.identity import IdentifiedEncoder
+from encoders.release import WeightsFile
 
+SCALE = re.compile(r"norm|scale|gamma|lambda")  # vectors that multiply, which begin at one
 Network = TypeVar("Network", bound=nn.Module)
 SPREAD = (
     0.02  # of weights that belong to no layer which could draw them (the usual of transformers)
@@ -21,7 +26,7 @@ def untrained(encoder: IdentifiedEncoder, seed: int) -> FrozenEncoder:
     """The encoder, its weights drawn anew in place.
 
     Layers draw theirs as torch does for a new one; weights outside of such layers (embeddings of
-    positions, tokens) are normally distributed.
+    positions, tokens) are normally distributed, and vectors that only scale are one.
 
     Args:
         encoder: one of ours.
@@ -36,8 +41,7 @@ def untrained(encoder: IdentifiedEncoder, seed: int) -> FrozenEncoder:
             f"{type(encoder).__name__}"
         )
     drawn_anew(encoder.network, seed)
-    weights = f"drawn anew by seed {seed}"
-    encoder.identity = replace(encoder.identity, weights_sha256=weights)
+    encoder.identity = replace(encoder.identity, weights_sha256=_word(seed))
     return encoder
 
 
@@ -50,10 +54,29 @@ def drawn_anew(network: Network, seed: int) -> Network:
     return network
 
 
+def fresh(build: Callable[[], Network], seed: int) -> tuple[Network, WeightsFile]:
+    """A new network with weights of a seed, and what stands for the file of them.
+
+    Args:
+        build: makes the network.
+        seed: of the weights; see :func:`untrained`.
+    """
+    with torch.random.fork_rng([]):
+        network = drawn_anew(build(), seed)
+    return network, WeightsFile(Path("no file"), _word(seed))
+
+
+def _word(seed: int) -> str:
+    return f"drawn anew by seed {seed}"
+
+
 def _draw(module: nn.Module) -> None:
     reset = getattr(module, "reset_parameters", None)
     if callable(reset):
         reset()
         return
-    for weight in module.parameters(recurse=False):
-        weight.normal_(std=SPREAD)
+    for name, weight in module.named_parameters(recurse=False):
+        if weight.dim() > 1 or not SCALE.search(f"{type(module).__name__}.{name}".lower()):
+            weight.normal_(std=SPREAD)
+        else:
+            weight.fill_(0.0 if name == "bias" else 1.0)

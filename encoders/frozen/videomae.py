@@ -25,14 +25,16 @@ from torch import Tensor, nn
 from encoders.frozen.base import Dtype, FrozenEncoder
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.tokens import chosen_layer, numbered, token_maps, windowing_words
+from encoders.frozen.untrained import fresh
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import imagenet_clips
 from encoders.release import WeightsFile, load_strict, read_config
-from encoders.weights import find_weights
+from encoders.weights import config_of, find_weights
 
 CODE_VERSION = 1
 NAMES = ("videomae-tiny", "videomae-small", "videomae-base")
 PREPROCESSING = "rgb, the image to the square, bilinear, imagenet"
+SMALL = {"hidden_size": 384, "num_attention_heads": 6, "intermediate_size": 1536}
 UNUSED = (
     "decoder.",
     "encoder_to_decoder.",
@@ -52,6 +54,7 @@ class VideoMAESettings:
             the release has one. Later blocks are not computed.
         hop: frames from a window's start to the next one's; the window's own where not given.
         frame_stride: take each so-many-th frame, before windows are made.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: windows per forward pass.
         runtime: what computes the network; see :mod:`encoders.frozen.runtimes`.
@@ -60,6 +63,7 @@ class VideoMAESettings:
     layer: int | str | None = None
     hop: int | None = None
     frame_stride: int = 1
+    seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 1
     runtime: Runtime = "torch"
@@ -129,10 +133,18 @@ def load_videomae(
     """The frozen encoder from its release folder, strictly (see ``load_encoder``)."""
     from transformers import VideoMAEConfig, VideoMAEModel
 
-    weights = find_weights(name, where)
-    config = VideoMAEConfig.from_dict(read_config(weights, {"model_type": "videomae"}))
-    network: nn.Module = VideoMAEModel(config)
-    load_strict(network, weights.path, UNUSED, _renamed)
+    def build() -> nn.Module:
+        return VideoMAEModel(VideoMAEConfig.from_dict(config))
+
+    told = {"model_type": "videomae"}
+    if settings.seed is not None:
+        config = config_of(name, where, told, SMALL if name == "videomae-small" else {})
+        network, weights = fresh(build, settings.seed)
+    else:
+        weights = find_weights(name, where)
+        config = read_config(weights.path, told)
+        network = build()
+        load_strict(network, weights.path, UNUSED, _renamed)
     return VideoMAEEncoder(network.to(device), settings, name, weights)
 
 

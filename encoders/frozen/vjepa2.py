@@ -25,12 +25,22 @@ from torch import Tensor, nn
 
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
 from encoders.frozen.tokens import chosen_layer, numbered, token_maps, windowing_words
+from encoders.frozen.untrained import fresh
 from encoders.frozen.windows import Windowing
 from encoders.preprocess import imagenet_clips, network_size
 from encoders.release import WeightsFile, load_strict, read_config
-from encoders.weights import find_weights
+from encoders.weights import config_of, find_weights
 
 CODE_VERSION = 1
+LARGER: dict[str, dict[str, Any]] = {
+    "vjepa2-h": {"hidden_size": 1280, "num_hidden_layers": 32},
+    "vjepa2-g": {
+        "hidden_size": 1408,
+        "num_hidden_layers": 40,
+        "num_attention_heads": 22,
+        "mlp_ratio": 48 / 11,
+    },
+}  # than the library's own configuration, which is that of L
 PREDICTOR = "predictor"  # a layer beyond the encoder's last
 NAMES = ("vjepa2-tiny", "vjepa2-l", "vjepa2-h", "vjepa2-g")
 PREPROCESSING = "rgb, longer side to resolution, sides to whole patches, bilinear, imagenet"
@@ -48,6 +58,7 @@ class VJEPA2Settings:
         hop: frames from a window's start to the next one's; ``frames`` where not given.
         frame_stride: take each so-many-th frame, before windows are made.
         predictor: read the predictor's output in place of the encoder's.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: windows per forward pass.
     """
@@ -58,6 +69,7 @@ class VJEPA2Settings:
     hop: int | None = None
     frame_stride: int = 1
     predictor: bool = False
+    seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 1
 
@@ -182,14 +194,20 @@ def load_vjepa2(
     """The frozen encoder from its release folder, strictly (see ``load_encoder``)."""
     from transformers import VJEPA2Config, VJEPA2Model
 
-    weights = find_weights(name, where)
-    written = read_config(weights, {"model_type": "vjepa2"})
-    config = VJEPA2Config.from_dict({**written, "crop_size": settings.resolution})
-    # without memory until it is loaded: filling a thousand million weights at random is slow
-    with torch.device("meta"):
-        model = VJEPA2Model(config)
-    model.to_empty(device="cpu")
-    load_strict(model, weights.path)
+    told = {"model_type": "vjepa2"}
+    if settings.seed is not None:
+        written = config_of(name, where, told, LARGER.get(name, {}))
+        config = VJEPA2Config.from_dict({**written, "crop_size": settings.resolution})
+        model, weights = fresh(lambda: VJEPA2Model(config), settings.seed)
+    else:
+        weights = find_weights(name, where)
+        written = read_config(weights.path, told)
+        config = VJEPA2Config.from_dict({**written, "crop_size": settings.resolution})
+        # without memory until it is loaded: filling a thousand million weights at random is slow
+        with torch.device("meta"):
+            model = VJEPA2Model(config)
+        model.to_empty(device="cpu")
+        load_strict(model, weights.path)
     parts = ("encoder", "predictor") if settings.predictor else ("encoder",)
     network = nn.ModuleDict({part: getattr(model, part) for part in parts})
     return VJEPA2Encoder(network.to(device), config, settings, name, weights)

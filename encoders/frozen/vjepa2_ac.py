@@ -29,6 +29,7 @@ from torch.nn import functional
 
 from encoders.frozen.base import DTYPES, Dtype, FrozenEncoder
 from encoders.frozen.tokens import token_maps, windowing_words
+from encoders.frozen.untrained import fresh
 from encoders.frozen.vjepa2 import encoder_tokens
 from encoders.frozen.vjepa2_ac_network import HEAD, Predictor
 from encoders.frozen.windows import Windowing
@@ -38,6 +39,9 @@ from encoders.weights import find_weights
 
 NAME = "vjepa2-ac"
 CODE_VERSION = 1
+# of the release: the encoder, and the predictor's channels, width, hidden width and depth
+RELEASED = {"hidden_size": 1408, "num_hidden_layers": 40, "mlp_ratio": 48 / 11}
+FORESEES = (1408, 1024, 4096, 24)
 OWN = "encoder"  # the layer of a frame's own tokens; the predictor's is the other
 PREPROCESSING = "rgb, the image to the square, bilinear, imagenet, each frame doubled"
 # the arm's place (metres), angles (radians) and gripper
@@ -55,6 +59,7 @@ class VJEPA2ACSettings:
         frames: in a window.
         hop: frames from a window's start to the next one's; ``frames`` where not given.
         frame_stride: take each so-many-th frame, before windows are made.
+        seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: windows per forward pass.
     """
@@ -65,6 +70,7 @@ class VJEPA2ACSettings:
     frames: int = 16
     hop: int | None = None
     frame_stride: int = 1
+    seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 1
 
@@ -141,6 +147,15 @@ def load_vjepa2_ac(
     """The frozen encoder and predictor from the official file, strictly."""
     from transformers.models.vjepa2.modeling_vjepa2 import VJEPA2Encoder
 
+    if settings.seed is not None:
+        config = _config(RELEASED, settings.resolution)
+
+        def build() -> nn.ModuleDict:
+            parts = {"encoder": VJEPA2Encoder(config), "predictor": Predictor(*FORESEES)}
+            return nn.ModuleDict(parts)
+
+        drawn, none = fresh(build, settings.seed)
+        return VJEPA2ACEncoder(drawn.to(device), config, settings, none)
     weights = find_weights(NAME, where)
     parts = read_release(weights.path)
     config = encoder_config(parts["encoder"], settings.resolution)
@@ -179,19 +194,23 @@ def read_release(path: Path) -> dict[str, dict[str, Tensor]]:
 
 def encoder_config(tensors: dict[str, Tensor], resolution: int) -> Any:
     """The library's configuration of an encoder with these tensors."""
+    width, _, tubelet, patch, _ = tensors["patch_embed.proj.weight"].shape
+    sizes = {
+        "patch_size": patch,
+        "tubelet_size": tubelet,
+        "hidden_size": width,
+        "num_hidden_layers": _depth(tensors, "blocks"),
+        # the library rounds the product down
+        "mlp_ratio": (tensors["blocks.0.mlp.fc1.weight"].shape[0] + 0.5) / width,
+    }
+    return _config(sizes, resolution)
+
+
+def _config(sizes: dict[str, Any], resolution: int) -> Any:
     from transformers import VJEPA2Config
 
-    width, _, tubelet, patch, _ = tensors["patch_embed.proj.weight"].shape
-    config: Any = VJEPA2Config(
-        patch_size=patch,
-        crop_size=resolution,
-        tubelet_size=tubelet,
-        hidden_size=width,
-        num_attention_heads=width // HEAD,
-        num_hidden_layers=_depth(tensors, "blocks"),
-        # the library rounds the product down
-        mlp_ratio=(tensors["blocks.0.mlp.fc1.weight"].shape[0] + 0.5) / width,
-    )
+    heads = sizes["hidden_size"] // HEAD
+    config: Any = VJEPA2Config(crop_size=resolution, num_attention_heads=heads, **sizes)
     config._attn_implementation = "sdpa"  # as the library sets it for a whole model
     return config
 

@@ -119,7 +119,6 @@ NETWORKS = ("test_vit", "test_convnext", "test_resnet", "test_efficientnet", "re
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_every_layer_of_a_network_of_timm_is_its_librarys(name):
-    torch.manual_seed(3)
     extra = {"dynamic_img_size": True} if "vit" in name else {}
     network = timm.create_model(name, pretrained=False, num_classes=0, **extra).eval()
     data = timm.data.resolve_model_data_config(network)
@@ -127,6 +126,7 @@ def test_every_layer_of_a_network_of_timm_is_its_librarys(name):
     for layer in range(1, len(network.feature_info) + 1):
         encoder = load_encoder(f"timm:{name}", {"layer": layer, "resolution": 64, "seed": 3})
         frames, times = frames_for(encoder, 2)
+        network.load_state_dict(encoder.network.state_dict())
         found = encoder(frames, times).values
         last = layer == len(network.feature_info)
         with torch.no_grad():

@@ -255,7 +255,7 @@ def test_fetch_pins_what_it_got(
         asked.append((repository, file, revision))
         return folder / FILE, revision or "c0ffee"
 
-    monkeypatch.setattr(weights_module, "_from_hub", from_hub)
+    monkeypatch.setattr(weights_module, "from_hub", from_hub)
     known = replace(KNOWN["hiera"], sha256=())
     monkeypatch.setitem(KNOWN, "hiera", known)
     target = tmp_path / "new"

@@ -577,7 +577,7 @@ def test_fetch_copies_a_release_and_pins_it(
             raise FileNotFoundError(f"{repository} has no {file}")
         return folder / name / file, revision or "c0ffee"
 
-    monkeypatch.setattr(weights_module, "_from_hub", from_hub)
+    monkeypatch.setattr(weights_module, "from_hub", from_hub)
     found = fetch(name, tmp_path)
     assert found.sha256 == release_sha256(folder / name)
     assert asked[0] == (KNOWN[name].hub, "config.json", None)
@@ -588,7 +588,7 @@ def test_fetch_copies_a_release_and_pins_it(
     fetch(name, tmp_path)  # the second time at the commit of the first
     assert asked[0][2] == "c0ffee"
     monkeypatch.setattr(
-        weights_module, "_from_hub", lambda *_: (_ for _ in ()).throw(FileNotFoundError("no x"))
+        weights_module, "from_hub", lambda *_: (_ for _ in ()).throw(FileNotFoundError("no x"))
     )
     with pytest.raises(InputError, match=f"no x.*check {name} --lock"):
         weights(WeightsConfig("fetch", (name,), weights=tmp_path))

@@ -19,7 +19,6 @@ import torch
 from binders import Tracks
 from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
-from encoders.frozen.untrained import untrained
 from encoders.identity import IdentifiedEncoder
 from encoders.store import DTYPES, FeatureRequest, FeatureStore
 from readouts.base import FrameReadout
@@ -151,12 +150,11 @@ def fit_frozen(
         random: the same network with weights that were never trained, as a control.
 
     Raises:
-        WeightsMissing: the encoder's weights are not on this machine.
+        WeightsMissing: the encoder's weights are not on this machine, and are not random.
         InputError: see :func:`fit_readout`.
     """
-    network = load_encoder(encoder_name, options)
-    if random:
-        network = untrained(network, derive(task.seed, "weights", encoder_name))
+    seed = {"seed": derive(task.seed, "weights", encoder_name)} if random else {}
+    network = load_encoder(encoder_name, options | seed)
     encoder = LoadedEncoder(encoder_name, options, network)
     return fit_readout(encoder, task, pooled, together, anchored, how)
 
