@@ -59,6 +59,7 @@ def write_report(run: Path) -> Path:
         "title": "The grounding ladder" if experiment == "ladder" else experiment,
         "sentences": _sentences(records, about) if ladder else [],
         "headline": headline(records, references) if ladder else None,
+        "play": read_play(run) if ladder else None,
         "moving": moving_pair(run, records) if ladder else None,
         "first": _first(run, about, records, references, raw) if ladder else [],
         "error": f"error at {law(records.coupling)}",
@@ -97,6 +98,14 @@ def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
     except (OSError, ValueError) as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
     return about, records, Records(chosen) if chosen else None
+
+
+def read_play(run: Path) -> dict[str, Any] | None:
+    """The law that the page rolls, if the run has one in ``play.json``."""
+    try:
+        return json.loads((run / "play.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
 
 
 def _sentences(records: Records, about: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -176,10 +176,9 @@ class PlaneSpline(PairSpline):
     def __init__(self, network: DisplacementPotential, cells: int, reach: float) -> None:
         super().__init__(network, reach)
         self.resolution = cells
-        coefficients = _interpolated(copy.deepcopy(network).double(), cells)
+        coefficients = plane_coefficients(network, cells)
         size, half = DEGREE + 1, cells // 2
-        near = slice(PADDING - 2, PADDING - 2 + cells + DEGREE)
-        blocks = coefficients[near, near].unfold(0, size, 1).unfold(1, size, 1)
+        blocks = coefficients.unfold(0, size, 1).unfold(1, size, 1)
         basis = segment_basis(DEGREE)
         polynomials = basis @ blocks[:, half:] @ basis.T
         # Coefficient of s^i t^j of cell (x, y), the powers of t side by side.
@@ -205,6 +204,15 @@ class PlaneSpline(PairSpline):
         s, t = (at - corner).unbind(-1)
         table = self.table[(x + half) * half + y].unflatten(-1, (DEGREE + 1, DEGREE + 1))
         return *horner(table, t.unsqueeze(-1)), s, sign
+
+
+def plane_coefficients(network: DisplacementPotential, cells: int) -> Tensor:
+    """Of the B-splines that reach into the square, ``(cells + 5, cells + 5)``, in float64.
+
+    Cell (x, y), counted from the corner (-1, -1), is made by those from (x, y) to (x + 5, y + 5).
+    """
+    near = slice(PADDING - 2, PADDING - 2 + cells + DEGREE)
+    return _interpolated(copy.deepcopy(network).double(), cells)[near, near]
 
 
 def _interpolated(network: DisplacementPotential, cells: int) -> Tensor:

@@ -79,6 +79,7 @@ def ladder(config: LadderConfig) -> int:
 
 def publish(run: RunFolder, console: Console) -> Path:
     """Draw the recordings and write the report from what lies in the run folder."""
+    from vidphys.cli.playing import write_play
     from viz.recording import write_recording
     from viz.report import write_report
     from viz.showcase import read_showcase
@@ -87,4 +88,6 @@ def publish(run: RunFolder, console: Console) -> Path:
         with console.drawing(f"the recording of {file.stem}"):
             arrays, meta = read_showcase(file)
             write_recording(arrays, meta, run.path / "recordings" / f"{file.stem}.rrd")
+    with console.drawing("the law to play with"):
+        write_play(run.path)
     return write_report(run.path)
