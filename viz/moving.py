@@ -30,8 +30,8 @@ def moving_pair(run: Path, records: Records) -> dict[str, Any] | None:
         ]
         if all(file.is_file() for file in files):
             head, twin = (read_showcase(file)[0] for file in files)
-            truths = [arrays["counterfactual_truth"] for arrays in (head, twin)]
-            if not np.array_equal(*truths, equal_nan=True):
+            mine, its = (arrays["counterfactual_truth"] for arrays in (head, twin))
+            if not np.array_equal(mine, its, equal_nan=True):
                 continue
             return _told(line.grounding, head, twin, law(records.coupling))
     return None

@@ -19,7 +19,7 @@
   };
   // The twin is a large network: it was rolled beforehand, at these couplings from this start.
   const twinAt = (asked) => {
-    if (!law.twin || moved || asked.friction > 0 || start.mass[0] !== law.mass[0]) return null;
+    if (!law.twin || moved || asked.friction > 0 || Math.abs(start.mass[0] - law.mass[0]) > 1e-3) return null;
     const gaps = law.twin.couplings.map((g) => Math.abs(g - asked.coupling));
     const near = gaps.indexOf(Math.min(...gaps));
     return gaps[near] < 0.051 ? law.twin.paths[near] : null;
