@@ -95,7 +95,7 @@ def assign(
     cost = torch.where(~seen.unsqueeze(-1) & found.unsqueeze(-2), dear, cost)
     n = guess.shape[-2]
     if n > ENUMERATED:
-        best = [torch.as_tensor(linear_sum_assignment(c)[1]) for c in cost.cpu().numpy()]
+        best = [torch.from_numpy(linear_sum_assignment(c)[1]) for c in cost.cpu().numpy()]
         return torch.cat([torch.empty(0, dtype=torch.long), *best]).reshape(-1, n).to(guess.device)
     options = torch.tensor([*permutations(range(n))], device=guess.device, dtype=torch.long)
     total = cost[:, torch.arange(n, device=guess.device), options].sum(-1)

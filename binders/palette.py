@@ -211,7 +211,8 @@ def local_paths(
         weight: in [0, 1].
         times: seconds.
     """
-    half, orders = settings.frames // 2, torch.arange(settings.degree + 1)
+    half, times = settings.frames // 2, times.to(positions.device)
+    orders = torch.arange(settings.degree + 1, device=positions.device)
     paths = []
     for frame in range(len(times)):
         window = slice(max(0, frame - half), frame + half + 1)
@@ -223,7 +224,7 @@ def local_paths(
 
 def _path(powers: Tensor, q: Tensor, weight: Tensor, how: PaletteSettings) -> Tensor:
     """The constant term of the robust polynomial through ``(b, w, n, 2)``, ``(b, n, 2)``."""
-    ridge = 1e-6 * torch.eye(how.degree + 1, dtype=q.dtype)
+    ridge = 1e-6 * torch.eye(how.degree + 1, dtype=q.dtype, device=q.device)
     trust = weight
     for _ in range(how.passes):
         weighted = trust.movedim(1, -1).unsqueeze(-1) * powers  # (b, n, w, degree + 1)

@@ -115,7 +115,7 @@ class SlotAttention(nn.Module):
             clips, bodies: how many.
             turn: of the ring, radians.
         """
-        angle = turn + 2 * math.pi / max(1, bodies) * torch.arange(bodies)
+        angle = turn + 2 * math.pi / max(1, bodies) * torch.arange(bodies, device=self.ring.device)
         ring = self.ring * torch.stack([angle.cos(), angle.sin()], -1).to(self.ring)
         state = self.first.expand(clips, bodies, -1)
         return Slots(state, ring.expand(clips, -1, -1))

@@ -299,7 +299,7 @@ def _assignments(score: Float[Tensor, "b k n n"]) -> Int[Tensor, "b k m n"]:
         every = torch.tensor([*permutations(range(n))], dtype=torch.long, device=score.device)
         return every.expand(b, k, -1, -1)
     flat = score.flatten(0, 1).double().cpu().numpy()
-    best = [torch.as_tensor(linear_sum_assignment(s, maximize=True)[1]) for s in flat]
+    best = [torch.from_numpy(linear_sum_assignment(s, maximize=True)[1]) for s in flat]
     return torch.cat([torch.empty(0, dtype=torch.long), *best]).reshape(b, k, 1, n).to(score.device)
 
 

@@ -15,7 +15,7 @@ from dynamics.state import Parameters
 def frequencies(joints: int) -> Int[Tensor, "h n"]:
     """Integer vectors k in {-1, 0, 1}^n, one of each pair k and -k, without 0: ``(h, n)``."""
     vectors = [k for k in product((0, 1, -1), repeat=joints) if any(k)]
-    return torch.tensor([k for k in vectors if next(x for x in k if x) > 0])
+    return torch.tensor([k for k in vectors if next(x for x in k if x) > 0], device="cpu")
 
 
 class Harmonics(nn.Module):

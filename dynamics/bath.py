@@ -294,7 +294,8 @@ def relaxation_time(params: Parameters) -> Float[Tensor, "*b"]:
     A temperature that is measured over less than about twenty of them says little; infinite where
     there is no steady state.
     """
-    net = params.scalar("friction") - params.scalars.get("drive", torch.zeros(()))
+    friction = params.scalar("friction")
+    net = friction - params.scalars.get("drive", torch.zeros_like(friction))
     return torch.where(net > 0, 1 / net, torch.inf)
 
 

@@ -311,7 +311,8 @@ def failure(
     one = first(episodes)
     index = int(first_bad[one])
     last, law = states[one][index - 1], flat_parameters(params, first_bad.shape)
-    law = law[int(torch.arange(first_bad.numel()).reshape(first_bad.shape)[one])]
+    numbers = torch.arange(first_bad.numel(), device=first_bad.device)
+    law = law[int(numbers.reshape(first_bad.shape)[one])]
     step, bad, memory = (index - 1) * every, last, None
     with torch.no_grad(), torch.random.fork_rng([]):
         for _ in range(every):

@@ -86,7 +86,8 @@ class Friction(Port):
     def set(self, gamma: float) -> None:
         """Let a learned coefficient, or multiple of the one told, be this."""
         with torch.no_grad():
-            self.raw.copy_(torch.tensor(gamma) if self.strength == "free" else unbent(gamma))
+            start = torch.tensor(gamma, device=self.raw.device)
+            self.raw.copy_(start if self.strength == "free" else unbent(gamma))
 
     def coefficient(self, params: Parameters) -> Tensor:
         """The coefficient gamma of each episode, ``(...)``, or ``()`` where all have the same."""

@@ -144,5 +144,5 @@ class Head(nn.Module, ABC):
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
         # Weights of before domains were kept: nothing is known of their training.
-        state_dict.setdefault(f"{prefix}domain", torch.full((len(EXTENTS),), UNKNOWN))
+        state_dict.setdefault(f"{prefix}domain", torch.full((len(EXTENTS),), UNKNOWN, device="cpu"))
         super()._load_from_state_dict(state_dict, prefix, *rest)

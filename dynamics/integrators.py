@@ -300,7 +300,7 @@ def tao_gate(dt: float) -> float:
     def energy(s: PhaseState) -> Tensor:
         return (s.q.square() + 1) * (s.p.square() + 1) / 2
 
-    start = torch.tensor([[0.5]], dtype=torch.float64)
+    start = torch.tensor([[0.5]], dtype=torch.float64, device="cpu")
     state, shadow = PhaseState(start, torch.zeros_like(start)), None
     energies = [energy(state)]
     for _ in range(TAO_GATE_STEPS):

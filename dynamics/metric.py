@@ -20,9 +20,9 @@ SMALLEST = 0.1
 
 def _placing(joints: int) -> tuple[Tensor, Tensor]:
     """Where the network's outputs go in L: ``(entries, n * n)``, and which lie on the diagonal."""
-    rows, columns = torch.tril_indices(joints, joints)
-    place = torch.zeros(len(rows), joints * joints)
-    place[torch.arange(len(rows)), rows * joints + columns] = 1.0
+    rows, columns = torch.tril_indices(joints, joints, device="cpu")
+    place = torch.zeros(len(rows), joints * joints, device="cpu")
+    place[torch.arange(len(rows), device="cpu"), rows * joints + columns] = 1.0
     return place, (rows == columns).to(place)
 
 

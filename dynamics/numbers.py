@@ -25,5 +25,5 @@ def number(module: nn.Module, name: str, value: float | Sequence[float], learned
 
 def unbent(value: float) -> Tensor:
     """Inverse of softplus, where exp overflows too; minus infinity for none."""
-    there = torch.tensor(value)
+    there = torch.tensor(value, device="cpu")
     return there + torch.log(-torch.expm1(-there))

@@ -65,8 +65,8 @@ class Rollout:
 
     @property
     def times(self) -> Float[Tensor, " t"]:
-        """Seconds since the start of each stored state, ``(t,)``."""
-        return torch.arange(self.states.q.shape[-3], dtype=torch.float64) * self.dt
+        """Seconds since the start of each stored state, ``(t,)``, on the CPU."""
+        return torch.arange(self.states.q.shape[-3], dtype=torch.float64, device="cpu") * self.dt
 
     def at(self, index: int) -> PhaseState:
         """The stored state at a time index."""

@@ -211,7 +211,7 @@ class _Problem:
         pull = trust / self.error[rows, ..., None]
         weight = (pull / self.error[rows, ..., None]).expand_as(missed.residual).flatten(2)
         nothing = torch.zeros_like(weight)
-        matrix, frame = slope.new_zeros(m, t, t, k, k), torch.arange(t)
+        matrix, frame = slope.new_zeros(m, t, t, k, k), torch.arange(t, device=slope.device)
         before, after = frame[:-1], frame[1:]
         matrix[:, frame, frame] += torch.diag_embed(torch.cat([weight, nothing], -1))
         matrix[:, before, before] += slope.mT @ slope

@@ -55,14 +55,14 @@ class Camera:
         return 2 * self.half_extent / max(self.height, self.width)
 
     def xs(
-        self, dtype: torch.dtype = torch.float32, device: torch.device | None = None
+        self, dtype: torch.dtype = torch.float32, device: torch.device | str | None = None
     ) -> Float[Tensor, " W"]:
         """World x of each column's centre, rising."""
         column = torch.arange(self.width, dtype=dtype, device=device)
         return (column - (self.width - 1) / 2) * self.units_per_pixel
 
     def ys(
-        self, dtype: torch.dtype = torch.float32, device: torch.device | None = None
+        self, dtype: torch.dtype = torch.float32, device: torch.device | str | None = None
     ) -> Float[Tensor, " H"]:
         """World y of each row's centre, falling: row 0 is the top."""
         row = torch.arange(self.height, dtype=dtype, device=device)

@@ -89,7 +89,7 @@ class _OpenVINO:
         shape = tuple(pixels.shape)
         if shape not in self.compiled:
             self.compiled[shape] = self._compile(pixels)
-        results = self.compiled[shape](pixels.numpy(), share_inputs=True).values()
+        results = self.compiled[shape](pixels.cpu().numpy(), share_inputs=True).values()
         return [torch.from_numpy(result.copy()) for result in results]
 
     def _compile(self, pixels: Tensor) -> Any:

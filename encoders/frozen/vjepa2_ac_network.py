@@ -122,14 +122,14 @@ def rotate(x: Float[Tensor, "*n m e"], place: Float[Tensor, " m"]) -> Float[Tens
 
 def _places(frames: int, grid: tuple[int, int]) -> Float[Tensor, "m 3"]:
     """(time, row, column) of each token; row and column 0 of those beside the patches."""
-    row, column = torch.meshgrid(*(torch.arange(n) for n in grid), indexing="ij")
+    row, column = torch.meshgrid(*(torch.arange(n, device="cpu") for n in grid), indexing="ij")
     patches = torch.stack([row, column], -1).flatten(0, 1)
-    frame = torch.cat([torch.zeros(EXTRA, 2, dtype=patches.dtype), patches])
-    time = torch.arange(frames).repeat_interleave(len(frame))
+    frame = torch.cat([patches.new_zeros(EXTRA, 2), patches])
+    time = torch.arange(frames, device="cpu").repeat_interleave(len(frame))
     return torch.cat([time[:, None], frame.repeat(frames, 1)], -1).float()
 
 
 def _up_to_now(frames: int, tokens: int) -> Bool[Tensor, "m m"]:
     """Which tokens a token sees: all of its own frame and of those before."""
-    time = torch.arange(frames).repeat_interleave(tokens)
+    time = torch.arange(frames, device="cpu").repeat_interleave(tokens)
     return time[:, None] >= time

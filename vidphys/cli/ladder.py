@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.study import StudyOptions, measured, option, run_units
-from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from vidphys.runs.folder import RunFolder
@@ -45,8 +44,8 @@ def ladder(config: LadderConfig) -> int:
         0, or 1 if a unit of work failed; what others found is kept.
 
     Raises:
-        InputError: no worker or seed, a device that the ladder has no path for, an unknown rung or
-            head, or another run in the folder.
+        InputError: no worker or seed, a device that is not there, an unknown rung or head, or
+            another run in the folder.
     """
     config = with_profile(config, "ladder")
     from dynamics import HEADS
@@ -56,8 +55,6 @@ def ladder(config: LadderConfig) -> int:
     from vidphys.seeding import told
 
     sizes, seeds = config.sizes()
-    if config.device == "cuda":
-        raise InputError("--device cuda: the ladder computes on the CPU; use --device cpu")
     for head in config.heads:
         with option(f"--heads {head}"):
             HEADS[head]

@@ -53,8 +53,6 @@ def reproduce(config: ReproduceConfig) -> int:
     sizes, seeds = config.sizes()
     with option("reproduce"):
         tables = choose(config.tables)
-    if config.device == "cuda" and any(table.pixels for table in tables):
-        raise InputError("--device cuda: tables with pixels compute on the CPU; use --device cpu")
     with option("--cells"):
         units = units_of(tables, seeds, config.cells)
     settings = settings_of("reproduce", config.preset, sizes, units, TABLES.values())

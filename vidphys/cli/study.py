@@ -30,7 +30,7 @@ class StudyOptions:
         seeds: how many from there on, instead of the preset's number.
         workers: processes.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
-        device: where to train.
+        device: where models are trained and rolled; references and scores are on the CPU.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """

@@ -13,7 +13,7 @@ from vidphys.cli.options import MOTION, given_columns, make_binder, option, refu
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
 from vidphys.cli.who import WhoOptions
-from vidphys.devices import check_cuda
+from vidphys.devices import check_cuda, device_name
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -242,7 +242,9 @@ def _settings(config: TrainConfig) -> TrainSettings:
     tried = {size: values for size, values in sizes.items() if values}
     grid = Grid(config.readout, tried, config.learning_rates, seeds)
     how = config.mirrors, config.selection, config.train_share, config.head_steps
-    return TrainSettings(readout, grid, *how, config.heads, config.seed, config.on_nan)
+    return TrainSettings(
+        readout, grid, *how, config.heads, config.seed, config.on_nan, config.device
+    )
 
 
 def _train(
@@ -316,7 +318,7 @@ def _recorder(config: TrainConfig, dataset: Dataset) -> Recorder:
             readout=config.readout,
             head="none",
             seed=config.seed,
-            device=config.device,
+            device=device_name(config.device),
             dtype=config.dtype or "float32",
         )
     )

@@ -10,6 +10,7 @@ from torch import Generator, Tensor
 from dynamics import Parameters, PhaseState, Rollout
 from renderers import World
 from vidphys.errors import InputError
+from vidphys.placement import CPU
 from vidphys.scenes import Scene, certify
 from vidphys.seeding import derive
 
@@ -45,9 +46,11 @@ class Clips:
         """Seconds of each frame since the first, ``(t,)``, float64."""
         return torch.arange(self.frames.shape[1], dtype=torch.float64) * self.interval
 
-    def images(self, index: Tensor | slice = slice(None)) -> Tensor:
-        """Frames of some clips as float32 in [0, 1], ``(b, t, c, H, W)``."""
-        return self.frames[index].float() / 255
+    def images(
+        self, index: Tensor | slice = slice(None), device: torch.device | str = CPU
+    ) -> Tensor:
+        """Frames of some clips as float32 in [0, 1], ``(b, t, c, H, W)``, on a device."""
+        return self.frames[index].to(device).float() / 255
 
     def first(self, count: int) -> Clips:
         """The first ``count`` clips, or all of them."""

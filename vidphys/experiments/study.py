@@ -132,7 +132,7 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
         path: the run folder.
         unit: cells and seeds of a table.
         preset: sizes.
-        device: where to train.
+        device: where to train and roll.
         report: called as ``(stage, step, steps)``.
     """
     run, table, kept = RunFolder(path), TABLES[unit.table], Kept()

@@ -39,6 +39,7 @@ from vidphys.perception.detections import (
 )
 from vidphys.perception.discovered import new_head
 from vidphys.perception.windows import steps_per_frame
+from vidphys.placement import CPU, device_of, moved
 from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
 from vidphys.shooting.aim import PRECISE, motion_under, surprise
@@ -117,26 +118,28 @@ class LearnedBinding:
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame, numbered as found in the first."""
-        found = self.detect(clips)
+        found, law = moved((self.detect(clips), clips.params), device_of(self.tracker))
         plain, score = follow(self.tracker, found, hypotheses=self.hypotheses)
         if self.head is None:
-            return plain
-        law = clips.params.map(lambda x: x.float())
+            return moved(plain, CPU)
+        law = law.map(lambda x: x.float())
         motion = motion_under(self.head, law, steps_per_frame(clips))
         foreseen, better = follow(self.tracker, found, motion, self.hypotheses)
         chosen = (better > score)[:, None, None]
-        return Tracks(
+        tracks = Tracks(
             torch.where(chosen.unsqueeze(-1), foreseen.positions, plain.positions),
             torch.where(chosen, foreseen.confidence, plain.confidence),
             plain.times,
         )
+        return moved(tracks, CPU)
 
 
 def fit_hand(
     task: FitTask, settings: DetectorSettings = AnonymousSettings.detector, blobs: bool = False
 ) -> Perception:
     """Nothing to fit, but what blobs look like where no more is known of bodies."""
-    return HandBinding(Remembering(FixedDetector(settings, known_world(task.clips, blobs))))
+    world = known_world(task.clips, blobs)
+    return HandBinding(Remembering(FixedDetector(settings, world, task.device)))
 
 
 DECIDING = AnonymousSettings(tracking=TrackingSettings(hypotheses=1))  # each frame at once
@@ -150,7 +153,7 @@ def fit_twostage(
     The untrained tracker follows many histories of each clip to its end, and the smoothest is
     the teacher. No label and no head is involved.
     """
-    fixed = FixedDetector(settings.detector, known_world(task.clips, blobs))
+    fixed = FixedDetector(settings.detector, known_world(task.clips, blobs), task.device)
     detect, tracking = Remembering(fixed), settings.tracking
     found = detections_of(task.clips, task.folder, detect)
     tracker = learn_hindsight(task, "anonymous-tracker-twostage", found, tracking)
@@ -168,7 +171,8 @@ def learn_hindsight(
         found: detections in the task's clips.
     """
     tracker = _new_tracker(task, name, settings)
-    smooth, _ = follow(tracker, found, hypotheses=settings.teacher)
+    given = moved(found, device_of(tracker))
+    smooth, _ = moved(follow(tracker, given, hypotheses=settings.teacher), CPU)
     teacher = Detections(smooth.positions, smooth.confidence, smooth.times)
     data = windows_of(teacher, task.clips.params, settings.window)
 
@@ -195,7 +199,8 @@ def fit_end_to_end(
         tracks = follow_softly(tracker, batch.detections)
         return prediction_loss(head, tracks, batch.params, every, tracking)
 
-    detect = Remembering(FixedDetector(settings.detector, known_world(task.clips, blobs)))
+    world = known_world(task.clips, blobs)
+    detect = Remembering(FixedDetector(settings.detector, world, task.device))
     found = detections_of(task.clips, task.folder, detect)
     data = windows_of(found, task.clips.params, tracking.window)
     train(task, name, nn.ModuleList([tracker, head]), loss, data, tracking.fit(task.sizes))
@@ -242,7 +247,7 @@ def prediction_loss(
 
 def _new_tracker(task: FitTask, name: str, settings: TrackingSettings) -> Tracker:
     torch.manual_seed(derive(task.seed, "init", name))
-    return Tracker(settings.network)
+    return Tracker(settings.network).to(task.device)
 
 
 ANONYMOUS_GROUNDINGS = [

@@ -62,6 +62,7 @@ class FitTask:
         head: name of the dynamics head, for perceptions that are trained through one.
         folder: for checkpoints, or ``None``.
         progress: called as ``(step, steps, loss)``.
+        device: where to train and to look.
     """
 
     clips: Clips
@@ -70,6 +71,7 @@ class FitTask:
     head: str
     folder: Path | None = None
     progress: Progress | None = None
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.windows import FrameBatches
+from vidphys.placement import CPU, device_of, moved
 from vidphys.seeding import derive
 from vidphys.training.loop import Batches, FitSettings, fit
 
@@ -83,10 +84,10 @@ class CnnPerception(nn.Module):
                 f"cnn: fitted to frames of {self.camera}, got {clips.world.camera}; "
                 "render the clips with the same camera, or fit again"
             )
-        times = clips.times
+        times, device = clips.times, device_of(self)
         with torch.inference_mode():
             parts = [
-                self(clips.images(slice(start, start + CHUNK)), times)
+                moved(self(clips.images(slice(start, start + CHUNK), device), times), CPU)
                 for start in range(0, len(clips), CHUNK)
             ]
             positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
@@ -127,7 +128,7 @@ def new_perception(task: FitTask, name: str, kind: type[P], features: int) -> P:
     """An untrained perception of the task's frames; ``name`` separates the random streams."""
     torch.manual_seed(derive(task.seed, "init", name))
     channels, bodies = task.clips.frames.shape[2], task.clips.params.mass.shape[-1]
-    return kind(channels, bodies, task.clips.world.camera, features)
+    return kind(channels, bodies, task.clips.world.camera, features).to(task.device)
 
 
 def train(

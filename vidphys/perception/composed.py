@@ -150,13 +150,17 @@ def fit_composed(
     """
     world, bodies = known_world(task.clips, blobs), task.clips.params.mass.shape[-1]
     detection, tracking = settings.detection, settings.tracking
-    name, teacher = f"composed-{encoder_name}", Reconstruction.through(world, detection.teacher)
-    encoder = load_encoder(encoder_name, options)
+    name, teacher = (
+        f"composed-{encoder_name}",
+        Reconstruction.through(world, detection.teacher, task.device),
+    )
+    encoder = load_encoder(encoder_name, options, device=task.device)
     features = encode_clips(encoder, task.clips, task.folder)
     torch.manual_seed(derive(task.seed, "init", name))
     tokens = FrozenTokens(features.values, features.stride, detection.attention.channels)
-    detector = SlotDetector(tokens, bodies, world.camera.half_extent, teacher.fine, detection)
-    fixed = FixedDetector(settings.detector, world)
+    size = world.camera.half_extent, teacher.fine
+    detector = SlotDetector(tokens, bodies, *size, detection).to(task.device)
+    fixed = FixedDetector(settings.detector, world, task.device)
     taught = detections_of(task.clips, task.folder, fixed).positions
     views = Views(WindowBatches(task.clips, detection.length, taught), features.values)
 

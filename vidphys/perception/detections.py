@@ -85,10 +85,12 @@ class FixedDetector:
     Args:
         settings: of the search.
         world: that it takes frames to be of; their own where not given.
+        device: where it looks.
     """
 
     settings: DetectorSettings = DetectorSettings()
     world: DrawnWorld | None = None
+    device: str = "cpu"
 
     def __call__(self, clips: Clips) -> Detections:
         """What is found in clips.
@@ -100,18 +102,18 @@ class FixedDetector:
         bodies, camera = clips.states.q.shape[2], world.camera
         parts = [
             detect(
-                clips.images(slice(at, at + CHUNK)),
+                clips.images(slice(at, at + CHUNK), self.device),
                 clips.times.float(),
                 bodies,
                 world.coverage,
-                camera.xs(),
-                camera.ys(),
+                camera.xs(device=self.device),
+                camera.ys(device=self.device),
                 self.settings,
             )
             for at in range(0, len(clips), CHUNK)
         ]
-        positions = torch.cat([part.positions for part in parts])
-        confidence = torch.cat([part.confidence for part in parts])
+        positions = torch.cat([part.positions.cpu() for part in parts])
+        confidence = torch.cat([part.confidence.cpu() for part in parts])
         return Detections(positions, confidence, clips.times.float())
 
 

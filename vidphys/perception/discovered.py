@@ -148,7 +148,7 @@ def discover(task: FitTask, name: str, make: Callable[..., D], settings: Discove
     perception = new_perception(task, name, CnnPerception, joint.features)
     head = new_head(task, name)
     every, steps = steps_per_frame(task.clips), task.sizes.perception_steps
-    discovery = make(perception, head, world, every, steps, settings=settings)
+    discovery = make(perception, head, world, every, steps, settings=settings).to(task.device)
     data = WindowBatches(task.clips, SEEN + joint.future)
     train(task, name, discovery, discovery.loss, data, joint.fit(task.sizes))
     return discovery
@@ -159,7 +159,7 @@ def new_head(task: FitTask, name: str) -> Head:
     torch.manual_seed(derive(task.seed, "init", name, "head"))
     head = build(HEADS[task.head], task.clips.params.mass.shape[-1], HEAD_DT)
     head.set_scale(TYPICAL * HEAD_DT, TYPICAL * HEAD_DT)
-    return head
+    return head.to(task.device)
 
 
 def start_state(perception: CnnPerception, window: Window, every: int) -> PhaseState:

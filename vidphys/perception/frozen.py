@@ -121,7 +121,7 @@ def encode_clips(encoder: IdentifiedEncoder, clips: Clips, folder: Path | None) 
         values = []
         for frames in clips.frames.split(SETTINGS.at_once):
             found = encoder(frames, clips.times)
-            values.append(found.values.flatten(0, 1).to(DTYPES[request.dtype]))
+            values.append(found.values.flatten(0, 1).to(DTYPES[request.dtype]).cpu())
         return FeatureMap(torch.cat(values)[None], found.stride, found.times.repeat(b))
 
     with TemporaryDirectory() as scratch:
@@ -154,7 +154,7 @@ def fit_frozen(
         InputError: see :func:`fit_readout`.
     """
     seed = {"seed": derive(task.seed, "weights", encoder_name)} if random else {}
-    network = load_encoder(encoder_name, options | seed)
+    network = load_encoder(encoder_name, options | seed, device=task.device)
     encoder = LoadedEncoder(encoder_name, options, network)
     return fit_readout(encoder, task, pooled, together, anchored, how)
 
@@ -196,7 +196,7 @@ def fit_readout(
             f"{encoder.name}: {frames} frames a clip give {seen} feature frames, which do not "
             "divide them; use another number of frames"
         )
-    tracks = PaletteTracking().tracks(clips) if anchored else None
+    tracks = PaletteTracking(device=task.device).tracks(clips) if anchored else None
     every, last = labelled(clips, features, tracks), (count - held_out) * seen
     train, kept = every[:last], every[last:]
     few = clips.first(0 if anchored else count - held_out)
@@ -256,13 +256,13 @@ def _train(
     torch.manual_seed(derive(task.seed, "init", encoder_name))
     refined = RefinedReadout(
         shape.channels, shape.positions, shape.grid, shape.frames, task.sizes.readers
-    )
+    ).to(task.device)
     steps, batch = how.steps * task.sizes.perception_steps, task.sizes.perception_batch
     settings = ReadoutSettings(FitSettings(steps, batch, how.learning_rate, how.clip))
     data = examples.train, examples.held_out
     order = derive(task.seed, "order", encoder_name)
     if pooled:
-        control = pooled_twin(refined, shape.channels, shape.positions)
+        control = pooled_twin(refined, shape.channels, shape.positions).to(task.device)
         train_readout(control, *data, settings, order, progress=task.progress)
         return control
     looking = replace(settings, stop=StopSettings(how.looks))

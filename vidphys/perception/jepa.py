@@ -134,7 +134,7 @@ def _fit(
     perception = new_perception(task, name, JepaPerception, joint.features)
     head = new_head(task, name)
     every, steps = steps_per_frame(task.clips), task.sizes.perception_steps
-    jepa = Jepa(perception, head, every, steps, settings)
+    jepa = Jepa(perception, head, every, steps, settings).to(task.device)
     data = WindowBatches(task.clips, SEEN + joint.future + 1, targets)
     train(task, name, jepa, jepa.loss, data, joint.fit(task.sizes))
     perception.head = head

@@ -14,6 +14,7 @@ from encoders.identity import EncoderIdentity
 from vidphys.perception.base import FitTask, Perception
 from vidphys.perception.cnn import CHUNK, CnnPerception, fit_supervised
 from vidphys.perception.frozen import fit_readout
+from vidphys.placement import device_of
 from vidphys.reading.reader import LoadedEncoder
 
 NAME = "cnn-frozen"
@@ -46,7 +47,8 @@ class OwnCnn:
         self, frames: Tensor, times: Tensor, progress: Callable[[int, int], None] | None = None
     ) -> FeatureMap:
         """Encode clips of bytes, each frame by itself."""
-        parts = [self.network(some.float() / 255, times) for some in frames.split(CHUNK)]
+        device = device_of(self.network)
+        parts = [self.network(some.to(device).float() / 255, times) for some in frames.split(CHUNK)]
         return FeatureMap(torch.cat([p.values for p in parts]), parts[0].stride, times)
 
 
@@ -66,5 +68,5 @@ def fit_own_cnn(task: FitTask, pooled: bool = False) -> Perception:
 def _digest(network: ConvEncoder) -> str:
     digest = hashlib.sha256()
     for name, value in sorted(network.state_dict().items()):
-        digest.update(name.encode() + value.contiguous().numpy().tobytes())
+        digest.update(name.encode() + value.cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()

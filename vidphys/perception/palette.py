@@ -27,10 +27,12 @@ class PaletteTracking:
     Args:
         settings: of the tracker.
         seen: colours and looks that were measured; those of the clips' world where not given.
+        device: where it looks.
     """
 
     settings: PaletteSettings = PaletteSettings()
     seen: Colours | None = None
+    device: str = "cpu"
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame.
@@ -50,18 +52,18 @@ class PaletteTracking:
             coverage, palette = self.seen.coverage, self.seen.palette
         parts = [
             track_by_palette(
-                clips.images(slice(at, at + CHUNK)),
+                clips.images(slice(at, at + CHUNK), self.device),
                 clips.times.float(),
                 palette,
                 coverage,
-                camera.xs(),
-                camera.ys(),
+                camera.xs(device=self.device),
+                camera.ys(device=self.device),
                 self.settings,
             )
             for at in range(0, len(clips), CHUNK)
         ]
-        positions = torch.cat([part.positions for part in parts])
-        confidence = torch.cat([part.confidence for part in parts])
+        positions = torch.cat([part.positions.cpu() for part in parts])
+        confidence = torch.cat([part.confidence.cpu() for part in parts])
         return Tracks(positions, confidence, clips.times.float())
 
 
@@ -75,8 +77,9 @@ def fit_palette(
     """
     _rgb_world(task.clips)
     if not blobs:
-        return PaletteTracking(settings)
-    return PaletteTracking(replace(settings, in_order=False), measured_colours(task.clips))
+        return PaletteTracking(settings, device=task.device)
+    seen = measured_colours(task.clips)
+    return PaletteTracking(replace(settings, in_order=False), seen, task.device)
 
 
 def _rgb_world(clips: Clips) -> RgbWorld:

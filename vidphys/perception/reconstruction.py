@@ -18,6 +18,7 @@ from binders.fit import Light, LightSettings, fit
 from vidphys.perception.blobs import DrawnWorld
 from vidphys.perception.discovered import blur_matrices, blurred
 from vidphys.perception.relabel import relabel
+from vidphys.placement import CPU
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,10 @@ def told(positions: Tensor, found: Tensor) -> Explained:
         positions, found: world units, ``(m, t, n, 2)``.
     """
     m, t, n, _ = positions.shape
-    known = Tracks(positions, torch.ones(m, t, n), torch.arange(float(t)))
-    return Explained(relabel(known, found).positions, torch.ones(m, t, dtype=torch.bool))
+    where = positions.device
+    known = Tracks(positions, torch.ones(m, t, n, device=where), torch.arange(float(t)))
+    believed = torch.ones(m, t, dtype=torch.bool, device=where)
+    return Explained(relabel(known, found).positions, believed)
 
 
 @dataclass(frozen=True)
@@ -85,10 +88,13 @@ class Reconstruction:
 
     @classmethod
     def through(
-        cls, world: DrawnWorld, settings: TeacherSettings = TeacherSettings()
+        cls,
+        world: DrawnWorld,
+        settings: TeacherSettings = TeacherSettings(),
+        device: torch.device | str = CPU,
     ) -> Reconstruction:
-        """Of a world's own frames."""
-        xs, ys = world.camera.xs(), world.camera.ys()
+        """Of a world's own frames, on a device."""
+        xs, ys = world.camera.xs(device=device), world.camera.ys(device=device)
         return cls(world, Light.on_grid(world.coverage, xs, ys, settings.light), settings)
 
     @property

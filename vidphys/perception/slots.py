@@ -29,6 +29,7 @@ from vidphys.perception.detections import Remembering, anonymous_world, known_wo
 from vidphys.perception.dreams import Dream, Dreams, light_spread
 from vidphys.perception.reconstruction import Reconstruction, TeacherSettings, told
 from vidphys.perception.windows import Window, WindowBatches
+from vidphys.placement import CPU, device_of, moved
 from vidphys.presets import PixelSizes
 from vidphys.seeding import derive
 from vidphys.training.loop import FitSettings
@@ -172,7 +173,8 @@ class SlotDetector(nn.Module):
             here = slice(at, at + 1)
             rounds = one.rounds.unsqueeze(2) * self.half_extent
             error, apart = teacher.error(rounds, truth[:, here], frames[:, here])
-            weight = how.earlier ** torch.arange(error.shape[1] - 1, -1, -1.0)
+            back = torch.arange(error.shape[1] - 1, -1, -1.0, device=error.device)
+            weight = how.earlier**back
             doubt = (one.doubt - apart[:, -1, 0]).square().mean()
             total = total + (weight * error.mean((0, 2, 3))).sum() + how.doubt * doubt
         return total / len(found)
@@ -251,14 +253,16 @@ class SlotSight:
         anonymous_world(clips)
         world, decides = self.teacher.world, self.detector.settings.decided
         shown = None if self.show is None else self.show(clips)
-        parts = []
+        parts, device = [], device_of(self.detector)
         with torch.no_grad():
             for at in range(0, len(clips), CHUNK):
                 few = slice(at, at + CHUNK)
-                frames = clips.images(few)
-                seen = frames if shown is None else shown[few]
+                frames = clips.images(few, device)
+                seen = frames if shown is None else shown[few].to(device)
                 found = self.detector.detect(seen, frames, world)
-                parts.append(decided(self.teacher, frames, *found) if decides else found)
+                if decides:
+                    found = decided(self.teacher, frames, *found)
+                parts.append(moved(found, CPU))
         positions, confidence = (torch.cat(x) for x in zip(*parts, strict=True))
         return Detections(positions, confidence, clips.times.float())
 
@@ -283,10 +287,11 @@ def fit_slots(
     """
     world, bodies = known_world(task.clips, blobs), task.clips.params.mass.shape[-1]
     detection, length = settings.detection, settings.detection.length
-    teacher = Reconstruction.through(world, detection.teacher)
+    teacher = Reconstruction.through(world, detection.teacher, task.device)
     torch.manual_seed(derive(task.seed, "init", NAME))
     tokens = FrameTokens(detection.attention.channels, settings.pixels)
-    detector = SlotDetector(tokens, bodies, world.camera.half_extent, teacher.fine, detection)
+    size = world.camera.half_extent, teacher.fine
+    detector = SlotDetector(tokens, bodies, *size, detection).to(task.device)
 
     def asleep(dream: Dream) -> Tensor:
         return detector.loss(dream.frames, dream.frames, teacher, dream.positions)

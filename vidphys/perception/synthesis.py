@@ -17,6 +17,7 @@ from renderers import ChannelWorld, centroids
 from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.base import FitTask, Perception
+from vidphys.placement import CPU, moved
 
 CHUNK = 16  # clips at once
 NARROW = 1e-12
@@ -42,6 +43,7 @@ class Synthesis:
     """Fits each frame's positions through the fixed differentiable renderer."""
 
     settings: SynthesisSettings = SynthesisSettings()
+    device: str = "cpu"
 
     def tracks(self, clips: Clips) -> Tracks:
         """Positions of every body in every frame; confidence is the share of light explained.
@@ -57,15 +59,15 @@ class Synthesis:
             )
         parts = []
         for start in range(0, len(clips), CHUNK):
-            frames = clips.images(slice(start, start + CHUNK))
-            parts.append(fit_positions(world, frames, self.settings))
+            frames = clips.images(slice(start, start + CHUNK), self.device)
+            parts.append(moved(fit_positions(world, frames, self.settings), CPU))
         positions, confidence = (torch.cat(x).double() for x in zip(*parts, strict=True))
         return Tracks(positions, confidence, clips.times)
 
 
 def fit_synthesis(task: FitTask, settings: SynthesisSettings = SynthesisSettings()) -> Perception:
     """There is nothing to fit: the renderer is given."""
-    return Synthesis(settings)
+    return Synthesis(settings, task.device)
 
 
 def fit_positions(

@@ -160,6 +160,7 @@ def fit_head(
     save_to: Path | None = None,
     progress: Progress | None = None,
     on_nan: OnNan = "stop",
+    device: str = "cpu",
 ) -> Head:
     """Train a model of this term on the samples.
 
@@ -171,11 +172,12 @@ def fit_head(
         save_to: folder of checkpoints.
         progress: called as ``(step, steps, loss)``.
         on_nan: see :class:`vidphys.training.learner.FitSettings`.
+        device: where it is trained; it comes back from there.
     """
     _, length, bodies, space = samples.tracks.positions.shape
     dt, _ = model_step(samples.interval)
     torch.manual_seed(seed)
-    head = build(term, bodies, dt, space)
+    head = build(term, bodies, dt, space).to(device)
     task = TrackTask(
         samples.tracks,
         samples.law,
@@ -190,7 +192,7 @@ def fit_head(
     )
     tell_scale(head, task)
     train_by_shooting(head, task)
-    return head.eval()
+    return head.cpu().eval()
 
 
 def friction_of(head: Head) -> float | None:

@@ -51,6 +51,7 @@ class TrainSettings:
         heads: of :data:`dynamics.HEADS`, trained beside the two that the scene asks for.
         seed: of batch orders and heads.
         on_nan: of the heads; see :class:`vidphys.training.learner.FitSettings`.
+        device: where readouts and heads are trained; they come back from there.
     """
 
     readout: ReadoutSettings
@@ -62,6 +63,7 @@ class TrainSettings:
     heads: tuple[str, ...] = ()
     seed: int = 0
     on_nan: OnNan = "stop"
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ def perceive(
         shape = MapShape(examples.train.values.shape[1], examples.train.grid, bodies, each)
         name = "readouts" if layer is None else f"readouts, layer {layer}"
         how = settings.readout, settings.seed, folder, stage(name)
-        readouts += train_grid(settings.grid, layer, shape, examples, *how)
+        readouts += train_grid(settings.grid, layer, shape, examples, *how, settings.device)
     chosen = best_of(settings.grid.kind, readouts)
     layer = chosen.candidate.layer
     reader = Reader(
@@ -190,6 +192,7 @@ def understand(
     for name, each in terms.items():
         save_to = None if folder is None else folder / name
         how = settings.head_steps, settings.seed, save_to, stage(f"{name} head"), settings.on_nan
+        how = *how, settings.device
         heads[name] = fit_head(each, samples, chart, *how)
     dynamics = Dynamics(chart, samples.interval, terms, heads)
     return Pipeline(perceived.reader, perceived.chosen.candidate.recipe, dynamics)

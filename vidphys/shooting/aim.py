@@ -8,6 +8,7 @@ from torch import Tensor
 
 from binders.tracker import Motion, extrapolate
 from dynamics import Head, Parameters, PhaseState
+from vidphys.placement import device_of, moved
 from vidphys.shooting.step import HEAD_DT, roll
 
 ROUNDS = 3
@@ -95,12 +96,13 @@ def motion_under(head: Head, params: Parameters, every: int) -> Motion:
         params: of each clip, ``(b,)`` and ``(b, n)``.
         every: model steps between frames.
     """
+    law_of_clips = moved(params, device_of(head))
 
     def motion(past: Tensor) -> Tensor:
         plain = extrapolate(past)
         if past.shape[-3] < 2:
             return plain
-        law = params.map(lambda x: x.unsqueeze(1).expand(-1, past.shape[1], *x.shape[1:]))
+        law = law_of_clips.map(lambda x: x.unsqueeze(1).expand(-1, past.shape[1], *x.shape[1:]))
         here, there = past[..., -2, :, :], past[..., -1, :, :]
         start = aim(head, here, there, law, HEAD_DT, every)
         with torch.no_grad():

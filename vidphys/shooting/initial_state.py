@@ -12,6 +12,7 @@ from binders import Tracks
 from dynamics import Head, Parameters, PhaseState
 from readouts.differencing import backward_difference, central_difference
 from readouts.smoothing import Smoothed, SmoothingSettings, Step, smooth
+from vidphys.placement import CPU, moved, suited
 from vidphys.shooting.aim import PRECISE
 from vidphys.shooting.step import model_step, roll
 
@@ -85,7 +86,8 @@ def choose_slack(
         if not bool(strange <= plain.p.norm(dim=-1).median()):
             return torch.inf
         with torch.no_grad():
-            rolled = roll(head, start.map(torch.Tensor.float), law, ahead, dt, every).q
+            given = suited((start, law), head)
+            rolled = roll(head, *given, ahead, dt, every).q.to(positions)
         error = (rolled - positions[:, -ahead:]).square().sum(-1) / settings.precise**2
         return float((confidence[:, -ahead:] * error.nan_to_num(nan=torch.inf).log1p()).mean())
 
@@ -173,12 +175,13 @@ def _smooth(
     size = float(momenta.square().mean().sqrt()) or 1.0
     confidence = tracks.confidence.double().clamp(1e-3, 1)
     error = settings.coarse * (1 / confidence - 1 + settings.sure).sqrt()
-    precision = next((p.dtype for p in head.parameters()), torch.float64)
-    guess = PhaseState(positions, momenta).map(lambda x: x.to(precision))
-    step = frame_step(head, law.map(lambda x: x.to(precision)), interval)
+    guess, law = suited((PhaseState(positions, momenta), law), head)
+    step = frame_step(head, law, interval)
+    positions, error = moved((positions, error), guess.q.device)
     with torch.no_grad():
         scaled = [size * s for s in slacks]
-        yield from smooth(step, positions, error, guess, interval, scaled, settings.smoothing)
+        for each in smooth(step, positions, error, guess, interval, scaled, settings.smoothing):
+            yield moved(each, CPU)
 
 
 def frame_step(head: Head, params: Parameters, interval: float) -> Step:

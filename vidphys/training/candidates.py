@@ -124,6 +124,7 @@ def train_grid(
     seed: int,
     folder: Path | None = None,
     progress: Progress | None = None,
+    device: str = "cpu",
 ) -> list[TrainedReadout]:
     """Train all readouts of a grid over one layer.
 
@@ -136,6 +137,7 @@ def train_grid(
         seed: of the batch order.
         folder: for checkpoints.
         progress: called as ``(step, steps, loss)``.
+        device: where they are trained; they come back from there.
 
     Raises:
         FloatingPointError: every training was lost.
@@ -146,13 +148,13 @@ def train_grid(
     trained = []
     for kind in dict.fromkeys(each.kind for each in every):
         members = {each.name: each for each in every if each.kind == kind}
-        modules = {name: each.build() for name, each in members.items()}
+        modules = {name: each.build().to(device) for name, each in members.items()}
         rates = {name: each.learning_rate for name, each in members.items()}
         part = f"{kind}-{layer}" if layer is not None else kind
         how = still if kind == POOLED else settings
         save_to = None if folder is None else folder / part
         fits = _train(modules, rates, examples, how, seed, save_to, progress)
-        trained += [TrainedReadout(members[n], modules[n].eval(), fits[n]) for n in members]
+        trained += [TrainedReadout(members[n], modules[n].cpu().eval(), fits[n]) for n in members]
     return trained
 
 

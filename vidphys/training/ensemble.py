@@ -17,6 +17,7 @@ from torch.func import functional_call, stack_module_state, vmap
 from torch.utils import _pytree as pytree
 
 from dynamics import Parameters, PhaseState
+from vidphys.placement import device_of
 from vidphys.training.segments import Segments
 
 Member = TypeVar("Member", bound=nn.Module)
@@ -89,12 +90,12 @@ class Ensemble(nn.Module, Generic[Member]):
         return pytree.tree_unflatten(results, form[-1])
 
     def members(self) -> list[Member]:
-        """The single models, with the weights that they have now."""
+        """The single models, where the ensemble is, with the weights that they have now."""
         singles = []
         for index in range(len(self)):
             single = copy.deepcopy(self._template[0])
             single.load_state_dict({k: v[index].detach() for k, v in self._state().items()})
-            singles.append(single)
+            singles.append(single.to(device_of(self)))
         return singles
 
     def loss(self, function: Callable[[Member, Any], Tensor]) -> Callable[[Any], Tensor]:

@@ -173,7 +173,7 @@ def _lasting(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def _laid_out(value: Tensor, parameter: Tensor) -> Tensor:
     """In memory as its parameter is: fused Adam takes the two for granted to be alike."""
-    return torch.empty_like(parameter).copy_(value) if value.dim() else value
+    return torch.empty_like(parameter).copy_(value) if value.dim() else value.to(parameter.device)
 
 
 def one_cycle(progress: float) -> float:

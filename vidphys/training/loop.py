@@ -17,6 +17,7 @@ import torch
 from torch import Generator, Tensor, nn
 
 from vidphys.errors import InputError
+from vidphys.placement import device_of, moved
 from vidphys.progress import Progress
 from vidphys.runs import checkpoint
 from vidphys.training.learner import FitSettings, Learner, Loss, one_cycle
@@ -120,7 +121,7 @@ def fit_together(
     is lost (its loss or gradient is not finite) or has stopped early takes no further step.
 
     Args:
-        learners: of the same steps, batch and checkpoints.
+        learners: of the same steps, batch and checkpoints, on one device, where batches go.
         data, seed, save_to, progress: see :func:`fit`; the loss told is the learners' mean.
 
     Raises:
@@ -130,14 +131,14 @@ def fit_together(
     if len(plan) != 1:
         raise ValueError(f"fit_together: needs one (steps, batch, save_every), got {sorted(plan)}")
     ((steps, size, save_every),) = plan
-    rng = Generator().manual_seed(seed)
+    device, rng = device_of(learners[0].modules), Generator().manual_seed(seed)
     rngs = {"rng": rng} | ({"data_rng": data.rng} if isinstance(data, Drawing) else {})
     if save_to is not None and save_to.exists():
         _load(save_to, learners, rngs)
     with _finish_step_on_signal() as interrupted:
         while live := [each for each in learners if not each.done]:
             index = torch.randint(len(data), (size,), generator=rng)
-            batch = data[index]
+            batch = moved(data[index], device)
             for learner in live:
                 learner.update(batch)
                 if learner.why and not learner.lost:
@@ -249,7 +250,7 @@ def choose_learning_rate(
     """
     if len(grid) == 1:
         return LearningRateChoice({}, grid[0])
-    errors = {}
+    errors, held_out = {}, moved(held_out, device_of(module))
     for rate in grid:
         candidate = copy.deepcopy(module)
         batch_loss = loss(candidate)

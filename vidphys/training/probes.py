@@ -13,6 +13,7 @@ from torch import Generator, Tensor
 from dynamics import PhaseState
 from readouts.probes import StateProbe
 from vidphys.data.labelled import LabelledFrames, Shifted
+from vidphys.placement import CPU, device_of, moved, suited
 from vidphys.progress import Progress
 from vidphys.seeding import derive
 from vidphys.training.early_stopping import BestWeights, StopSettings
@@ -69,7 +70,8 @@ class Units:
     def read(self, probe: StateProbe, values: Tensor, centres: Tensor) -> PhaseState:
         """What a probe says of feature frames, world units, ``(f, n, 2)``."""
         with torch.no_grad():
-            parts = [probe.read_state(v, centres) for v in values.split(SCORED_AT_ONCE)]
+            some = [suited((v, centres), probe) for v in values.split(SCORED_AT_ONCE)]
+            parts = [moved(probe.read_state(*each), CPU) for each in some]
         q, p = (torch.cat(x).double() for x in zip(*parts, strict=True))
         return PhaseState(self.length * q, self.momentum * p)
 
@@ -134,11 +136,12 @@ def _dropout(batch: StateFrames, width: int) -> Tensor:
     drawn_by = int(batch.targets.double().square().sum() * 1e9) % 2**62
     rng = Generator().manual_seed(drawn_by)
     kept = torch.rand(*batch.targets.shape[:2], width, generator=rng) >= DROPPED
-    return kept / (1 - DROPPED)
+    return (kept / (1 - DROPPED)).to(batch.targets.device)
 
 
 def _mean_error(probe: StateProbe, frames: StateFrames, spread: float) -> float:
     numbers = torch.arange(len(frames)).split(SCORED_AT_ONCE)
     with torch.no_grad():
-        errors = [float(_error(probe, spread, frames[i])) * len(i) for i in numbers]
+        some = [moved(frames[i], device_of(probe)) for i in numbers]
+        errors = [float(_error(probe, spread, each)) * len(each) for each in some]
     return sum(errors) / len(frames)

@@ -8,11 +8,12 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from readouts.attention import distance_at
 from readouts.base import FrameReadout, Readout
 from vidphys.data.labelled import LabelledFrames, Shifted
+from vidphys.placement import CPU, device_of, moved
 from vidphys.progress import Progress
 from vidphys.training.early_stopping import BestWeights, StopSettings
 from vidphys.training.learner import FitSettings, Learner
@@ -132,8 +133,14 @@ def mean_distance(readout: Readout, data: LabelledFrames) -> float:
 def read_all(readout: Readout, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
     """Positions ``(f, n, 2)`` and confidence ``(f, n)`` of many frames, a few at a time."""
     with torch.no_grad():
-        parts = [readout.read(v, centres) for v in values.split(SCORED_AT_ONCE)]
+        parts = [_read(readout, v, centres) for v in values.split(SCORED_AT_ONCE)]
     return torch.cat([p for p, _ in parts]), torch.cat([c for _, c in parts])
+
+
+def _read(readout: Readout, values: Tensor, centres: Tensor) -> tuple[Tensor, Tensor]:
+    """Some frames, taken to where the readout is; the answer is on the CPU."""
+    device = device_of(readout) if isinstance(readout, nn.Module) else CPU
+    return moved(readout.read(*moved((values, centres), device)), CPU)
 
 
 def position_rmse(positions: Tensor, targets: Tensor, weight: Tensor) -> float:

@@ -11,6 +11,7 @@ from torch import Generator, Tensor
 
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
 from vidphys.data.labelled import LabelledFrames
+from vidphys.placement import CPU, device_of, moved
 from vidphys.progress import Progress
 from vidphys.training.early_stopping import BestWeights
 from vidphys.training.learner import FitSettings, Learner
@@ -160,7 +161,8 @@ def _fit_doubt(
     readout: RefinedReadout, frames: LabelledFrames, seed: int, save_to: Path | None
 ) -> None:
     with torch.no_grad():
-        looks = [readout.look(v, frames.centres) for v in frames.values.split(SCORED_AT_ONCE)]
+        given = [(v, frames.centres) for v in frames.values.split(SCORED_AT_ONCE)]
+        looks = [moved(readout.look(*moved(x, device_of(readout))), CPU) for x in given]
     positions, evidence = (torch.cat(each) for each in zip(*looks, strict=True))
     distance = (positions - frames.targets).norm(dim=-1)
     judged = Judged(evidence.flatten(0, 1), distance.flatten(), frames.weight.flatten())

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout
+from vidphys.placement import moved
 from vidphys.shooting.step import roll
 
 
@@ -42,7 +43,7 @@ class Segments:
     def __getitem__(self, index: Tensor | slice) -> Segments:
         def cut(x: Tensor) -> Tensor:
             # Not x[index]: torch gathers even a few numbers by all its threads, which then spin.
-            return x[index] if isinstance(index, slice) else x.index_select(0, index)
+            return x[index] if isinstance(index, slice) else x.index_select(0, index.to(x.device))
 
         p = None if self.p is None else cut(self.p)
         start, params = self.start.map(cut), self.params.map(cut)
@@ -50,13 +51,7 @@ class Segments:
 
     def to(self, device: str) -> Segments:
         """The same examples on another device."""
-
-        def move(x: Tensor) -> Tensor:
-            return x.to(device)
-
-        p = None if self.p is None else move(self.p)
-        start, params = self.start.map(move), self.params.map(move)
-        return Segments(start, params, move(self.q), p, self.dt, self.every)
+        return moved(self, device)
 
     def split(self, held_out: int) -> tuple[Segments, Segments]:
         """All but the last ``held_out`` examples, and those."""

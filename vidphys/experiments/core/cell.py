@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
+from vidphys.devices import device_name
 from vidphys.experiments.core.figures import Panel, Sweep
 from vidphys.perception.base import Grounding
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes
@@ -99,7 +100,7 @@ class CellTask:
             readout="none",
             head=head,
             seed=seed,
-            device=self.device,
+            device=device_name(self.device),
             dtype=dtype,
             **seen,
         )

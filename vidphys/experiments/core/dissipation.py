@@ -16,6 +16,7 @@ from dynamics.integrators import Memory
 from vidphys import metrics
 from vidphys.experiments.core.scoring import Question
 from vidphys.metrics import FAILED, OK, Summary
+from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 
 RETRACE_BELOW = 0.1  # return error that counts as a match; the study names no threshold
@@ -167,9 +168,7 @@ def score_retrace(recorder: Recorder, head: Head, question: Question) -> None:
 
 def _there_and_back(head: Head, question: Question) -> PhaseState:
     """The model's own way; what its integrator carries along is turned round too."""
-    dtype = next((p.dtype for p in head.parameters()), torch.float64)
-    state = question.start.map(lambda x: x.to(dtype))
-    params = question.params.map(lambda x: x.to(dtype))
+    state, params = suited((question.start, question.params), head)
     dt = question.scene.dt if head.dt is None else head.dt
     steps = round(question.steps * question.scene.dt / dt)
     memory: Memory = None
@@ -180,7 +179,7 @@ def _there_and_back(head: Head, question: Question) -> PhaseState:
                 # The shadow copy of Tao's scheme; a stored force is computed afresh.
                 memory = memory.reversed if isinstance(memory, PhaseState) else None
             state, memory = head.advance(state, params, dt, memory)
-    return state.reversed
+    return moved(state.reversed, CPU)
 
 
 def _return_error(back: PhaseState, start: PhaseState) -> Summary:

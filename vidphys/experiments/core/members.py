@@ -68,7 +68,7 @@ def train_members(
         recorders: by seed; get ``learning_rate`` and the trials' errors, summed over seeds,
             ``held_out_one_step_error`` and ``training_failed``.
         loss: of one member, one batch and the sizes of the increments.
-        device: where to compute.
+        device: where to compute; the heads stay there.
         save_to: JSON path of the checkpoint; ``None`` keeps none.
         progress: called as ``(step, steps, loss)``.
     """
@@ -95,7 +95,7 @@ def train_members(
     with torch.no_grad():
         errors = ensemble.map(member_loss, held_out).tolist()
     trained = {}
-    for seed, head, error in zip(seeds, ensemble.to("cpu").members(), errors, strict=True):
+    for seed, head, error in zip(seeds, ensemble.members(), errors, strict=True):
         lost = not is_finite(head)
         recorders[seed].add_value("learning_rate", choice.chosen)
         for rate, tried in choice.errors.items():

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout, rollout
 from vidphys import metrics
+from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene, lyapunov_time
 
@@ -68,14 +69,12 @@ class Question:
     def ask(
         self, head: Head, steps: int, params: Parameters | None = None, substeps: bool = True
     ) -> Rollout:
-        """The head's rollout over ``steps`` reference steps, in its own dtype and step."""
-        dtype = next((p.dtype for p in head.parameters()), torch.float64)
-        law = (self.params if params is None else params).map(_to(dtype))
+        """The head's rollout over ``steps`` reference steps, in its own step and precision."""
+        start, law = suited((self.start, self.params if params is None else params), head)
         dt = self.step_of(head)
         every = round(self.every * self.scene.dt / dt)
         count = steps // self.every * every
-        start = self.start.map(_to(dtype))
-        return rollout(head, start, law, count, dt, every, substeps=substeps)
+        return moved(rollout(head, start, law, count, dt, every, substeps=substeps), CPU)
 
     def reference(self, params: Parameters, steps: int | None = None) -> Rollout:
         """The truth under a law, from the true start; rolled once for each law and length."""
@@ -210,9 +209,8 @@ def score_fixed_step(recorder: Recorder, head: Head, question: Question, rolled:
 
 def _force_cosine(head: Head, question: Question, params: Parameters) -> metrics.Summary:
     """Model force against true force at the true states."""
-    dtype = next((p.dtype for p in head.parameters()), torch.float64)
     with torch.no_grad():
-        model = head.force(question.truth.map(_to(dtype)), params.map(_to(dtype)))
+        model = head.force(*suited((question.truth, params), head)).to(CPU)
     true = question.scene.law.force(question.truth.map(_to(torch.float64)), params)
     return metrics.cosine(model, true)
 

@@ -12,6 +12,7 @@ from vidphys.experiments.core.scoring import Question, score_changed_law
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.experiments.gravity.impulse import KICKED, Plan, kicked, plan_impulse
+from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
 from vidphys.seeding import derive
@@ -42,11 +43,10 @@ def model_cell(name: str) -> Cell:
 
 def final_position(head: Head, params: Parameters, dt: float, start: PhaseState) -> Tensor:
     """Where the kicked body is after the task's time, in float64; parameters repeat as needed."""
-    dtype = next((p.dtype for p in head.parameters()), torch.float64)
     times = len(start.q) // len(params.coupling)
-    law = params.map(lambda x: x.to(dtype).repeat(times, *[1] * (x.dim() - 1)))
-    states = rollout(head, start.map(lambda x: x.to(dtype)), law, STEPS, dt, STEPS).states
-    return states.q[:, -1, KICKED].double()
+    law = params.map(lambda x: x.repeat(times, *[1] * (x.dim() - 1)))
+    states = rollout(head, *suited((start, law), head), STEPS, dt, STEPS).states
+    return moved(states.q[:, -1, KICKED], CPU, torch.float64)
 
 
 def score_plans(recorder: Recorder, head: Head, question: Question, seed: int) -> None:

@@ -14,6 +14,7 @@ from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.core.scoring import Question, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, smaller_batch, train_cell
 from vidphys.experiments.core.truth import score_truth
+from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes.crowd import FEW, crowd
 
@@ -66,9 +67,7 @@ def score_force(recorder: Recorder, head: Head, question: Question) -> None:
     """Force against the truth's at the starts: relative error, and direction."""
     params = question.params
     with torch.no_grad():
-        model = head.force(
-            question.truth.map(torch.Tensor.float), params.map(torch.Tensor.float)
-        ).double()
+        model = moved(head.force(*suited((question.truth, params), head)), CPU, torch.float64)
     true = question.scene.law.force(question.truth, params)
     error = (model - true).flatten(1).norm(dim=-1) / true.flatten(1).norm(dim=-1)
     recorder.add("force_error_median", metrics.median(error))

@@ -17,6 +17,7 @@ from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.members import Examples
 from vidphys.experiments.core.trained import Training, train_cell
+from vidphys.placement import device_of, moved
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.langevin import BathScene
@@ -81,7 +82,8 @@ def refine(head: Head, trajectory: Rollout) -> None:
     assert isinstance(head, Hamiltonian)
     with torch.no_grad():
         before, across, after = _squares(head, trajectory)
-    count, params = 2 * (trajectory.states.q.shape[1] - 1), trajectory.params.map(Tensor.double)
+    count, device = 2 * (trajectory.states.q.shape[1] - 1), device_of(head)
+    params = moved(trajectory.params, device, torch.float64)
     bath.double()
     optimiser = torch.optim.LBFGS(bath.parameters(), max_iter=100, line_search_fn="strong_wolfe")
 
@@ -101,10 +103,11 @@ def _squares(head: Hamiltonian, trajectory: Rollout) -> list[Tensor]:
     """Sums over an episode's half steps of before^2, before * after, after^2, ``(b, n, d)``."""
     parts = []
     for episodes in torch.arange(len(trajectory.states.q)).split(256):
-        states = trajectory.states[episodes]
+        states = moved(trajectory.states[episodes], device_of(head))
         start = states[:, :-1].map(Tensor.float)
         step = PhaseState(states.q.diff(dim=1).float(), states.p.diff(dim=1).float())
-        params = trajectory.params[episodes].map(lambda x: x.float().unsqueeze(1))
+        law = moved(trajectory.params[episodes], device_of(head), torch.float32)
+        params = law.map(lambda x: x.unsqueeze(1))
         force = head.force(states.map(Tensor.float), params)
         ends = force[:, :-1], force[:, 1:]
         halves = half_steps(head, start, step, params, trajectory.dt, ends)

@@ -14,6 +14,7 @@ from dynamics import Head, NoSteadyState, Parameters, PhaseState, Rollout, rollo
 from vidphys.experiments.core.scoring import Question, score_changed_law
 from vidphys.experiments.heat.thermal import Measured, kinetic_temperature, measure_temperature
 from vidphys.metrics import FAILED, OK, Summary
+from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes.langevin import BathScene
 from vidphys.seeding import derive
@@ -58,14 +59,14 @@ def walkers(scene: BathScene, settings: Sequence[Setting], each: int, seed: int)
 
 
 def follow(head: Head, scene: BathScene, crowd: Walkers, seconds: float, seed: int) -> Rollout:
-    """Roll all walkers in the head's own dtype, storing each ``EVERY``-th step."""
-    dtype = next((p.dtype for p in head.parameters()), torch.float64)
-    start, params = crowd.start.map(lambda x: x.to(dtype)), crowd.params.map(lambda x: x.to(dtype))
+    """Roll all walkers as the head computes, storing each ``EVERY``-th step."""
+    start, params = suited((crowd.start, crowd.params), head)
     steps = EVERY * round(seconds / scene.dt / EVERY)
     with warnings.catch_warnings():
         # Whoever follows walkers asks `flags` too, and records the answer.
         warnings.simplefilter("ignore", NoSteadyState)
-        return rollout(head, start, params, steps, scene.dt, EVERY, derive(seed, "follow"))
+        rolled = rollout(head, start, params, steps, scene.dt, EVERY, derive(seed, "follow"))
+    return moved(rolled, CPU)
 
 
 def flags(head: Head, params: Parameters) -> bool:

@@ -24,6 +24,7 @@ from vidphys.experiments.linear.candidates import (
     response,
 )
 from vidphys.experiments.linear.factorial import CURL, FLIPPED
+from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene
 from vidphys.scenes.oscillators import CONFINEMENT, GROUNDED, curl_matrix, oscillators
@@ -73,7 +74,7 @@ def fit_networks(
     save_to, progress = task.checkpoint("fit"), task.progress
     choice = fit_ensemble(ensemble, loss, train, held_out, task.sizes, order, save_to, progress)
     fitted: dict[int, Head] = {}
-    for seed, head in zip(task.seeds, ensemble.to("cpu").members(), strict=True):
+    for seed, head in zip(task.seeds, ensemble.members(), strict=True):
         recorders[seed].add_value("learning_rate", choice.chosen)
         recorders[seed].add_value("training_failed", float(not is_finite(head)))
         if is_finite(head):
@@ -131,10 +132,9 @@ def _score(recorder: Recorder, head: Head, question: Question, kind: str, seed: 
 
 def _respond(head: Head, labels: ForceLabels) -> Tensor:
     """The response in float64, asked of the head in its own precision."""
-    dtype = next((p.dtype for p in head.parameters()), torch.float64)
     with torch.no_grad():
-        answer = response(head, labels.q.to(dtype), labels.params.map(lambda x: x.to(dtype)))
-    return answer.double()
+        answer = response(head, *suited((labels.q, labels.params), head))
+    return moved(answer, CPU, torch.float64)
 
 
 def _still(q: Tensor) -> PhaseState:

@@ -19,6 +19,7 @@ from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.cnn import CHUNK
 from vidphys.perception.discovered import SEEN
 from vidphys.perception.free_momentum import FreeMomentum, fit_free_momentum
+from vidphys.placement import CPU, device_of, moved
 from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
 from vidphys.symplecticity import symplecticity
@@ -39,7 +40,8 @@ def latent_cell(weight: float, heads: Sequence[str]) -> Cell:
                 recorder = task.recorder(seed, scene, head, head, "free-momentum", "cnn")
                 fit_seed = derive(seed, "perception", "free-momentum")
                 folder = None if task.folder is None else task.folder / f"s{seed}-{head}"
-                fit = FitTask(seen.train, task.pixel, fit_seed, head, folder, task.progress)
+                how = folder, task.progress, task.device
+                fit = FitTask(seen.train, task.pixel, fit_seed, head, *how)
                 try:
                     trained = fit_free_momentum(fit, weight)
                 except FloatingPointError:
@@ -82,8 +84,8 @@ def latent_states(trained: FreeMomentum, clips: Clips) -> PhaseState:
     found: list[tuple[Tensor, Tensor]] = []
     with torch.no_grad():
         for some in torch.arange(len(clips)).split(CHUNK):
-            positions = trained.perception.locate(clips.images(some)[:, -SEEN:])
-            state = trained.states(positions)
+            frames = clips.images(some, device_of(trained))[:, -SEEN:]
+            state = moved(trained.states(trained.perception.locate(frames)), CPU)
             found.append((state.q, state.p))
     q, p = (torch.cat(x) for x in zip(*found, strict=True))
     return PhaseState(q, p)

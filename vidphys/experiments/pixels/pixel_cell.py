@@ -122,7 +122,8 @@ class PixelCell:
     def _perceive(self, task: CellTask, seen: Seen, seed: int, head: str) -> Perceived:
         folder = self.fit_folder(task, seed, head)
         progress = task.stage("seeing")
-        fitted = fit_perception(self.grounding, seen, task.pixel, seed, head, folder, progress)
+        how = folder, progress, task.device
+        fitted = fit_perception(self.grounding, seen, task.pixel, seed, head, *how)
         return perceive(fitted, seen, self.grounding.identified)
 
     def _recorder(
@@ -174,7 +175,7 @@ class PixelCell:
         try:
             torch.manual_seed(derive(seed, "init", head))
             sizes = scene.bodies, HEAD_DT, scene.space, scene.conditions
-            model = build(HEADS[head], *sizes)
+            model = build(HEADS[head], *sizes).to(task.device)
             question, rolled = train_and_score(model, readout, track_task, perceived, reading)
         except FloatingPointError:
             score_lost(reading, task.pixel.held_out)

@@ -115,11 +115,12 @@ def fit_perception(
     head: str,
     folder: Path | None,
     progress: Progress | None,
+    device: str = "cpu",
 ) -> Perception:
     """Fit a rung's perception; a joint one through a head of the given name."""
     task_seed = derive(seed, "perception", grounding.of or grounding.name)
     torch.manual_seed(task_seed)
-    return grounding.fit(FitTask(seen.train, sizes, task_seed, head, folder, progress))
+    return grounding.fit(FitTask(seen.train, sizes, task_seed, head, folder, progress, device))
 
 
 def score_state(recorder: Recorder, question: Question) -> None:

@@ -1,0 +1,224 @@
+"""A card that is none: tensors that say ``cuda`` and refuse what a card refuses, on any machine.
+
+What is computed is right, because each tensor on the card stands for one on the CPU, where its
+operations are run. What a card would break by surprise breaks here too: an operation over tensors
+of two devices (but for numbers without axes, and indices), ``.numpy()`` of a tensor that is not on
+the CPU, a generator of the other device, numbers that compiled loops of the CPU read by address.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+from unittest import mock
+
+import torch
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
+from torch.utils import _pytree as pytree
+from torch.utils._python_dispatch import TorchDispatchMode
+
+CARD = torch.device("cuda", 0)
+CPU = torch.device("cpu")
+aten = torch.ops.aten
+INDEXED = (aten.index.Tensor, aten.index_put.default, aten.index_put_.default)  # indices: any
+INDEXED += (aten._unsafe_index.Tensor, aten._index_put_impl_.default)
+ACROSS = (aten._to_copy.default, aten.copy_.default)
+GET_DEVICE = Tensor.device.__get__
+
+
+class OnCard(Tensor):
+    """A tensor on the card; ``held`` is what it stands for."""
+
+    held: Tensor
+
+    @staticmethod
+    def __new__(cls, held: Tensor) -> OnCard:
+        # Its own device is meta, as that of torch's fake tensors: the system has no other for it.
+        return Tensor._make_wrapper_subclass(
+            cls, held.size(), strides=held.stride(), storage_offset=held.storage_offset(),
+            dtype=held.dtype, device="meta",
+        )  # fmt: skip
+
+    def __init__(self, held: Tensor) -> None:
+        self.held = held
+
+    def __repr__(self) -> str:
+        return f"OnCard({self.held!r})"
+
+    @property
+    def device(self) -> torch.device:
+        return CARD
+
+    @property
+    def is_cuda(self) -> bool:
+        return True
+
+    @property
+    def is_cpu(self) -> bool:
+        return False
+
+    def numpy(self, *, force: bool = False) -> Any:
+        raise TypeError("can't convert cuda:0 device type tensor to numpy; use .cpu() first")
+
+    def __array__(self, *_: Any) -> Any:
+        return self.numpy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Tensor:
+        copy = self.detach().clone().requires_grad_(self.requires_grad)
+        if isinstance(self, torch.nn.Parameter):
+            copy = torch.nn.Parameter(copy, self.requires_grad)
+        memo[id(self)] = copy
+        return copy
+
+    def tolist(self) -> Any:
+        return self.detach().held.tolist()
+
+    def pin_memory(self, *_: Any) -> Tensor:
+        raise RuntimeError("cannot pin 'torch.cuda.FloatTensor': only dense CPU tensors can be")
+
+    @classmethod
+    def __torch_dispatch__(
+        cls, function: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        return run(function, args, kwargs or {})
+
+
+def run(function: Any, args: Any, kwargs: Any) -> Any:
+    """An operation where its tensors are."""
+    if function not in ACROSS and str(function).startswith("aten.to."):  # as under inference
+        return _sent(*args, **kwargs)
+    flat = [x for x in pytree.tree_leaves((args, kwargs)) if isinstance(x, Tensor)]
+    on_card = [x for x in flat if isinstance(x, OnCard)]
+    asked = kwargs.get("device")
+    if function in ACROSS or (function is aten.copy_.default):
+        pass
+    elif on_card:
+        loose = args[1:2] if function in INDEXED else ()
+        free = {id(x) for x in pytree.tree_leaves(loose)}
+        for x in flat:
+            if not isinstance(x, OnCard) and x.dim() and id(x) not in free:
+                raise RuntimeError(
+                    f"{function}: expected all tensors to be on the same device, but found at "
+                    f"least two devices, cuda:0 and cpu (of shape {tuple(x.shape)})"
+                )
+        for x in flat:
+            if isinstance(x, OnCard) and id(x) in free and not isinstance(args[0], OnCard):
+                raise RuntimeError(f"{function}: indices should be on the CPU or the tensor's own")
+    result_on_card = bool(on_card)
+    if asked is not None:
+        asked = torch.device(asked)
+        result_on_card = asked.type != "cpu"
+        kwargs = {**kwargs, "device": CPU}
+    elif function is aten.copy_.default:
+        result_on_card = isinstance(args[0], OnCard)
+    generator = kwargs.get("generator")
+    if generator is not None and result_on_card != isinstance(generator, CardGenerator):
+        raise RuntimeError(
+            f"{function}: expected a '{'cuda' if result_on_card else 'cpu'}' device type for "
+            "generator but found the other"
+        )
+    if function in (aten._local_scalar_dense.default, aten.equal.default):
+        result_on_card = False
+    if function is aten._efficientzerotensor.default:  # of no memory, which nothing can stand for
+        function = aten.zeros.default
+    held = pytree.tree_map_only(OnCard, lambda x: x.held, (args, kwargs))
+    found = function(*held[0], **held[1])
+    known = {id(x.held): x for x in on_card}
+
+    def wrapped(x: Tensor) -> Tensor:
+        if not result_on_card:
+            return x.clone() if function is aten._to_copy.default else x
+        return known.get(id(x)) if id(x) in known else OnCard(x)
+
+    return pytree.tree_map_only(Tensor, wrapped, found)
+
+
+def _sent(x: Tensor, *where: Any, **more: Any) -> Tensor:
+    """``Tensor.to``, which inference mode does not take apart."""
+    held, on_card = (x.held, True) if isinstance(x, OnCard) else (x, False)
+    there, dtype = on_card, held.dtype
+    for told in (*where, *more.values()):
+        if isinstance(told, Tensor):
+            there, dtype = isinstance(told, OnCard), told.dtype
+        elif isinstance(told, torch.device):
+            there = told.type != "cpu"
+        elif isinstance(told, torch.dtype):
+            dtype = told
+    if (there, dtype) == (on_card, held.dtype):
+        return x
+    changed = held.to(dtype, copy=True)
+    return OnCard(changed) if there else changed
+
+
+class CardGenerator(torch.Generator):
+    """A generator of the card."""
+
+
+class _Dispatch(TorchDispatchMode):
+    """Operations that are given no tensor of the card, and may make one."""
+
+    def __torch_dispatch__(
+        self, function: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        return run(function, args, kwargs or {})
+
+
+class _Names(TorchFunctionMode):
+    """What is asked of ``cuda`` is asked of ``meta``, the device that tensors on the card have."""
+
+    def __torch_function__(
+        self, function: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        kwargs = kwargs or {}
+        if function is GET_DEVICE:
+            found = function(*args, **kwargs)
+            return CARD if found.type == "meta" else found
+
+        def renamed(x: Any) -> Any:
+            if isinstance(x, torch.device) and x.type == "cuda":
+                return torch.device("meta")
+            return x
+
+        name = getattr(function, "__name__", "")
+        if name == "cuda":
+            return args[0].to(torch.device("meta"))
+        if name == "cpu" and args:
+            return args[0].to(CPU)
+        if kwargs.get("device") is not None:
+            kwargs = {**kwargs, "device": renamed(torch.device(kwargs["device"]))}
+        if name in ("tensor", "as_tensor") and kwargs.get("device", CPU).type == "meta":
+            return function(*args, **{**kwargs, "device": CPU}).to(torch.device("meta"))
+        if name == "new_tensor" and isinstance(args[0], Tensor) and args[0].device == CARD:
+            kwargs = {"dtype": args[0].dtype, **kwargs, "device": CPU}
+            return torch.tensor(*args[1:], **kwargs).to(torch.device("meta"))
+        if name == "to" and len(args) > 1 and isinstance(args[1], str):
+            args = (args[0], torch.device(args[1]), *args[2:])
+        args = tuple(renamed(x) for x in args)
+        return function(*args, **kwargs)
+
+
+def _nothing(*_: Any) -> None:
+    """In place of what asks a real card whether it is recording a graph."""
+
+
+@contextlib.contextmanager
+def a_card() -> Iterator[None]:
+    """Inside, this machine has one card.
+
+    Example:
+        >>> with a_card():
+        ...     x = torch.ones(2, device="cuda")
+        ...     (x + 1).cpu().tolist(), x.device.type
+        ([2.0, 2.0], 'cuda')
+    """
+    with (
+        mock.patch("torch.cuda.is_available", lambda: True),
+        mock.patch("torch.cuda.get_device_name", lambda *_: "a card that is none"),
+        mock.patch("torch.cuda.synchronize", lambda *_: None),
+        mock.patch("torch.optim.Optimizer._accelerator_graph_capture_health_check", _nothing),
+        _Names(),
+        _Dispatch(),
+    ):
+        yield
