@@ -19,6 +19,9 @@ from torch.overrides import TorchFunctionMode
 from torch.utils import _pytree as pytree
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from dynamics.pairs import pair_indices
+from dynamics.triples import triple_indices
+
 CARD = torch.device("cuda", 0)
 CPU = torch.device("cpu")
 aten = torch.ops.aten
@@ -59,6 +62,10 @@ class OnCard(Tensor):
     def is_cpu(self) -> bool:
         return False
 
+    @property
+    def is_meta(self) -> bool:
+        return False
+
     def numpy(self, *, force: bool = False) -> Any:
         raise TypeError("can't convert cuda:0 device type tensor to numpy; use .cpu() first")
 
@@ -87,8 +94,6 @@ class OnCard(Tensor):
 
 def run(function: Any, args: Any, kwargs: Any) -> Any:
     """An operation where its tensors are."""
-    if function not in ACROSS and str(function).startswith("aten.to."):  # as under inference
-        return _sent(*args, **kwargs)
     flat = [x for x in pytree.tree_leaves((args, kwargs)) if isinstance(x, Tensor)]
     on_card = [x for x in flat if isinstance(x, OnCard)]
     asked = kwargs.get("device")
@@ -133,23 +138,6 @@ def run(function: Any, args: Any, kwargs: Any) -> Any:
         return known.get(id(x)) if id(x) in known else OnCard(x)
 
     return pytree.tree_map_only(Tensor, wrapped, found)
-
-
-def _sent(x: Tensor, *where: Any, **more: Any) -> Tensor:
-    """``Tensor.to``, which inference mode does not take apart."""
-    held, on_card = (x.held, True) if isinstance(x, OnCard) else (x, False)
-    there, dtype = on_card, held.dtype
-    for told in (*where, *more.values()):
-        if isinstance(told, Tensor):
-            there, dtype = isinstance(told, OnCard), told.dtype
-        elif isinstance(told, torch.device):
-            there = told.type != "cpu"
-        elif isinstance(told, torch.dtype):
-            dtype = told
-    if (there, dtype) == (on_card, held.dtype):
-        return x
-    changed = held.to(dtype, copy=True)
-    return OnCard(changed) if there else changed
 
 
 class CardGenerator(torch.Generator):
@@ -203,6 +191,10 @@ def _nothing(*_: Any) -> None:
     """In place of what asks a real card whether it is recording a graph."""
 
 
+def _inference(mode: bool = True) -> contextlib.AbstractContextManager[Any]:
+    return torch.no_grad() if mode else contextlib.nullcontext()
+
+
 @contextlib.contextmanager
 def a_card() -> Iterator[None]:
     """Inside, this machine has one card.
@@ -218,7 +210,13 @@ def a_card() -> Iterator[None]:
         mock.patch("torch.cuda.get_device_name", lambda *_: "a card that is none"),
         mock.patch("torch.cuda.synchronize", lambda *_: None),
         mock.patch("torch.optim.Optimizer._accelerator_graph_capture_health_check", _nothing),
+        # Tensors of inference mode cannot stand for others; what it allows, no_grad allows.
+        mock.patch("torch.inference_mode", _inference),
         _Names(),
         _Dispatch(),
     ):
-        yield
+        try:
+            yield
+        finally:
+            for kept in (pair_indices, triple_indices):  # under the card's name
+                kept.cache_clear()

@@ -38,10 +38,10 @@ def serve(pipe: Connection) -> None:
     _end_with_parent()
     threading.Thread(target=_watch, args=(said,), daemon=True).start()
     try:
-        _quietly_with_one_thread()
+        quietly_with_one_thread()
         work: Work = pipe.recv()
         while (task := pipe.recv()) is not None:
-            said(_outcome(work, task, said))
+            said(outcome(work, task, said.report))
     except (EOFError, OSError, KeyboardInterrupt):
         os._exit(INTERRUPTED)
 
@@ -61,9 +61,12 @@ class _Said:
             self(("at", stage, step, steps))
 
 
-def _outcome(work: Work, task: tuple[Any, ...], said: _Said) -> tuple[Any, ...]:
+def outcome(
+    work: Work, task: tuple[Any, ...], report: Callable[[str, int, int], None]
+) -> tuple[Any, ...]:
+    """Do a task: ``("done",)``, or ``("failed", exception)``."""
     try:
-        work(*task, said.report)
+        work(*task, report)
     except Exception as error:
         return "failed", _sendable(error)
     return ("done",)
@@ -78,7 +81,8 @@ def _sendable(error: Exception) -> Exception:
     return error
 
 
-def _quietly_with_one_thread() -> None:
+def quietly_with_one_thread() -> None:
+    """What a process is told before its first task: others compute beside it."""
     import warnings
 
     import torch

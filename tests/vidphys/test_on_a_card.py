@@ -1,0 +1,155 @@
+"""What learns gives the same numbers on a card, and no tensor is at the wrong place: on no card."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from binders import Tracks
+from dynamics import HEADS
+from readouts.differencing import central_difference
+from tests.shared.card import a_card
+from tests.shared.small_studies import TINY
+from vidphys.experiments.core.cell import CellTask
+from vidphys.experiments.core.dissipation import score_retrace
+from vidphys.experiments.core.oracle import held_out_question, true_segments
+from vidphys.experiments.core.scoring import score_changed_law
+from vidphys.experiments.core.trained import Training, train_cell
+from vidphys.experiments.pixels.seen import draw, fit_perception, perceive, pixel_scene
+from vidphys.perception.catalogue import RUNGS
+from vidphys.placement import device_of
+from vidphys.presets import OracleSizes
+from vidphys.scenes import gravity
+from vidphys.shooting.initial_state import ShootingSettings, by_shooting, choose_slack
+from vidphys.training.learner import FitSettings
+from vidphys.training.loop import fit
+
+SIZES = OracleSizes(2, 2, 8, (5e-3,), 2)
+PIXEL = replace(TINY.pixel, clips=4, frames=8, image=24, perception_steps=2, held_out=2)
+
+
+def both(numbers):
+    """What is computed on the CPU, and on a card that is none."""
+    here = numbers("cpu")
+    with a_card():
+        there = numbers("cuda")
+    assert here.keys() == there.keys() and here
+    for name, value in here.items():
+        assert there[name] == pytest.approx(value, rel=1e-3, abs=1e-5), name
+
+
+def examples(scene, _trajectories, seed):
+    return true_segments(scene, 2, seed, oldest=0)
+
+
+@pytest.mark.parametrize("name", HEADS.ours())
+def test_every_head_is_trained_and_rolled_there(name):
+    scene = gravity("gaussian")
+
+    def numbers(device):
+        task = CellTask("mine", name, (0, 1), SIZES, device=device)
+        how = Training(examples=examples)
+        for seed, head, recorder in train_cell(task, name, HEADS[name], scene, how):
+            assert device_of(head).type == device and recorder.origin.device.startswith(device)
+            question = replace(held_out_question(scene, 2, seed), steps=10)
+            law = question.params.with_coupling(-1.0)
+            score_changed_law(recorder, head, question, law, question.params, -1.0)
+            score_retrace(recorder, head, replace(question, steps=2))
+        rows = [row for each in task.recorders for row in each.tables()[0].to_pylist()]
+        return {(r["seed"], r["metric"]): r["value"] for r in rows if r["value"] is not None}
+
+    both(numbers)
+
+
+@pytest.mark.parametrize(
+    "rung",
+    [
+        "renderer",
+        "cnn-supervised",
+        "cnn-discovered",
+        "jepa-centroid",
+        "cnn-frozen",
+        "rgb-tracked",
+        "anonymous-hand",
+        "anonymous-tracker",
+        "anonymous-slots",
+        "composed",
+        "dino-tiny",
+        "dino-tiny-anchored",
+        "dino-tiny-random",
+    ],
+)
+def test_every_kind_of_rung_learns_and_sees_there(rung):
+    grounding = RUNGS[rung]
+    seen = draw(pixel_scene(), replace(grounding, share=1), PIXEL, 0)
+
+    def numbers(device):
+        fitted = fit_perception(grounding, seen, PIXEL, 0, "factored", None, None, device)
+        found = perceive(fitted, seen, grounding.identified)
+        assert found.test.positions.device.type == "cpu"
+        return {"q": found.test.positions.flatten().tolist()}
+
+    both(numbers)
+
+
+def test_a_start_is_found_there():
+    scene = gravity("gaussian", mass=(1.0, 1.0))
+    start, law = scene.sample(2, torch.Generator().manual_seed(0))
+    path = scene.simulate(start, law, 240, 40)
+    tracks = Tracks(path.states.q, torch.ones(path.states.q.shape[:-1]), path.times)
+    settings = ShootingSettings(windows=(4, 3), slacks=(1.0, 0.1))
+    torch.manual_seed(0)
+    head = scene.build(HEADS["factored-radial"])
+
+    def numbers(device):
+        model = head.to(device)
+        slack = choose_slack(model, tracks, law, 0.04, replace(settings, worse=1))
+        found = by_shooting(model, tracks, law, 0.04, 0.1, settings)
+        assert found.p.device.type == "cpu"
+        return {"slack": slack, "p": found.p.flatten().tolist()}
+
+    both(numbers)
+
+
+def test_a_training_goes_on_there_from_its_checkpoint(tmp_path):
+    """As one that was not interrupted; the optimiser's own numbers lie on the card again too."""
+    x = torch.linspace(-1, 1, 16)[:, None]
+
+    def train(line, name, steps):
+        settings = FitSettings(4, 4, 0.1, save_every=2)
+        count = 0
+
+        def progress(*_):
+            nonlocal count
+            count += 1
+            if count == steps:
+                raise KeyboardInterrupt
+
+        def loss(batch):
+            return (line(batch) - batch).square().mean()
+
+        return fit(line, loss, x, settings, 0, tmp_path / name, progress)
+
+    with a_card():
+        lines = []
+        for _ in range(3):
+            torch.manual_seed(0)
+            lines.append(torch.nn.Linear(1, 1).to("cuda"))
+        train(lines[0], "whole.json", 9)
+        with pytest.raises(KeyboardInterrupt):
+            train(lines[1], "part.json", 3)
+        train(lines[2], "part.json", 9)
+        assert lines[2].weight.cpu().tolist() == lines[0].weight.cpu().tolist()
+
+
+def test_what_a_card_refuses_is_refused():
+    with a_card():
+        x = torch.ones(2, device="cuda")
+        with pytest.raises(RuntimeError, match="same device"):
+            x + torch.ones(2)
+        with pytest.raises(TypeError, match="numpy"):
+            x.numpy()
+        with pytest.raises(RuntimeError, match="generator"):
+            torch.rand(2, generator=torch.Generator(), device="cuda")
+        with pytest.raises(RuntimeError, match="same device"):
+            central_difference(torch.ones(1, 4, 1, 2, device="cuda"), torch.ones(1, 1), 0.1)

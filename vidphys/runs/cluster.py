@@ -1,0 +1,145 @@
+"""Units of work on a Ray cluster: retried where a process or a node is lost, and told of here.
+
+Ray is asked for processes and nothing else. What a unit finds it writes into the run folder, which
+all nodes see, so that a driver that died loses nothing that was finished.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from vidphys.errors import InputError
+from vidphys.runs.engine import Message, Needs
+from vidphys.runs.pool import TRIES, WorkerLost, WorkerWarning
+from vidphys.runs.worker import outcome, quietly_with_one_thread
+
+POLL_SECONDS = 0.5
+STORE_BYTES = 2**27  # of objects, which pass through it by name only
+MISSING = "the engine ray needs Ray, which is not installed: pip install 'vidphys[ray]'"
+
+
+class Cluster:
+    """See :class:`vidphys.runs.engine.Engine`.
+
+    Args:
+        workers: cores of a cluster that is started here.
+        address: of one that runs already, such as ``auto`` or ``10.0.0.1:6379``; ``None`` starts
+            one on this machine, which ends with this process.
+        needs: of each task.
+
+    Raises:
+        InputError: Ray is not installed.
+    """
+
+    def __init__(self, workers: int, address: str | None, needs: Needs) -> None:
+        try:
+            import ray
+        except ImportError as error:
+            raise InputError(MISSING) from error
+        self.ray: Any = ray
+        self.workers, self.address, self.needs = workers, address, needs
+
+    def __call__(
+        self,
+        work: Callable[..., None],
+        tasks: Sequence[tuple[Any, ...]],
+        show: Callable[[Message], None],
+        finished: Callable[[int], None],
+    ) -> list[tuple[int, Exception]]:
+        """Run the tasks on the cluster, which is left again however that ends."""
+        self._join()
+        try:
+            return self._run(work, tasks, show, finished)
+        finally:
+            self.ray.shutdown()  # its tasks end with their driver
+
+    def _join(self) -> None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        # A task without a share of a card sees none; Ray says of itself that this will be so.
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        own: dict[str, Any] = {"num_cpus": self.workers, "object_store_memory": STORE_BYTES}
+        where = {"address": self.address} if self.address is not None else own
+        try:
+            self.ray.init(**where, include_dashboard=False, log_to_driver=False)
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise InputError(f"`address` {self.address}: no Ray cluster there ({error})") from error
+
+    def _run(
+        self,
+        work: Callable[..., None],
+        tasks: Sequence[tuple[Any, ...]],
+        show: Callable[[Message], None],
+        finished: Callable[[int], None],
+    ) -> list[tuple[int, Exception]]:
+        ray, waiting = self.ray, deque(range(len(tasks)))
+        board = ray.remote(num_cpus=0, max_restarts=-1)(_Board).remote()
+        needs: dict[str, Any] = {"num_cpus": self.needs.cores, "num_gpus": self.needs.gpu}
+        needs |= {"memory": self.needs.memory} if self.needs.memory else {}
+        call = ray.remote(**needs, max_retries=0)(_call)
+        running: dict[Any, int] = {}
+        lost, failures = Counter[int](), list[tuple[int, Exception]]()
+        while waiting or running:
+            while waiting:
+                number = waiting.popleft()
+                running[call.remote(board, number, work, tasks[number])] = number
+            ready, _ = ray.wait(list(running), timeout=POLL_SECONDS)
+            for message in self._news(board):
+                show(message)
+            for reference in ready:
+                number = running.pop(reference)
+                try:
+                    found = ray.get(reference)
+                except ray.exceptions.RayError as error:
+                    lost[number] += 1
+                    how = f"the process of task {number + 1} was lost ({type(error).__name__})"
+                    if lost[number] == TRIES:
+                        said = f"{how}, as {TRIES - 1} were before it"
+                        failures.append((number, WorkerLost(said)))
+                    else:
+                        said = f"{how}; its work is tried again"
+                        warnings.warn(said, WorkerWarning, stacklevel=3)
+                        waiting.append(number)
+                else:
+                    if found[0] == "done":
+                        finished(number)
+                    else:
+                        failures.append((number, found[1]))
+        return failures
+
+    def _news(self, board: Any) -> list[Message]:
+        """What tasks said; nothing while the board itself is being made anew."""
+        try:
+            return self.ray.get(board.take.remote(), timeout=10 * POLL_SECONDS)
+        except (self.ray.exceptions.RayError, TimeoutError):
+            return []
+
+
+class _Board:
+    """The last that each task said, until the driver takes it."""
+
+    def __init__(self) -> None:
+        self.said: dict[int, Message] = {}
+
+    def say(self, number: int, message: Message) -> None:
+        self.said[number] = message
+
+    def take(self) -> list[Message]:
+        told, self.said = list(self.said.values()), {}
+        return told
+
+
+def _call(
+    board: Any, number: int, work: Callable[..., None], task: tuple[Any, ...]
+) -> tuple[Any, ...]:
+    """In a process of the cluster: one task, as a worker of this machine does it."""
+    quietly_with_one_thread()
+
+    def report(stage: str, step: int, steps: int) -> None:
+        if step == steps or step % 20 == 0:
+            board.say.remote(number, (stage, step, steps))
+
+    return outcome(work, task, report)
