@@ -19,6 +19,7 @@ MAKERS = {
 ON_THE_CPU = {
     "dynamics/compiled",
     "renderers/compiled.py",
+    "encoders/entry.py",
     "encoders/store.py",
     "encoders/tensors.py",
 }

@@ -25,7 +25,7 @@ from vidphys.training.learner import FitSettings
 from vidphys.training.loop import fit
 
 SIZES = OracleSizes(2, 2, 8, (5e-3,), 2)
-PIXEL = replace(TINY.pixel, clips=4, frames=8, image=24, perception_steps=2, held_out=2)
+PIXEL = replace(TINY.pixel, clips=4, frames=8, image=32, perception_steps=2, held_out=2)
 
 
 def both(numbers):

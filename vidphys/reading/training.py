@@ -192,7 +192,6 @@ def understand(
     for name, each in terms.items():
         save_to = None if folder is None else folder / name
         how = settings.head_steps, settings.seed, save_to, stage(f"{name} head"), settings.on_nan
-        how = *how, settings.device
-        heads[name] = fit_head(each, samples, chart, *how)
+        heads[name] = fit_head(each, samples, chart, *how, settings.device)
     dynamics = Dynamics(chart, samples.interval, terms, heads)
     return Pipeline(perceived.reader, perceived.chosen.candidate.recipe, dynamics)
