@@ -11,9 +11,7 @@ from encoders.release import WeightsMissing
 from readouts.local import RefinedReadout
 from readouts.pooled import PooledReadout
 from renderers import Camera, ChannelWorld, RgbWorld
-from vidphys.cli import reproduce as verb
 from vidphys.data.clips import render_clips
-from vidphys.errors import InputError
 from vidphys.experiments import study
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core import scoring
@@ -134,13 +132,6 @@ def test_errors_of_the_start_are_in_world_units():
 def test_pixel_tables_are_asked_for_by_one_word():
     names = {table.name for table in study.choose(["pixels"])}
     assert {"probes", "pixel-heads", "perception-speed"} <= names
-
-
-def test_pixel_tables_say_that_they_compute_on_the_cpu(monkeypatch, tmp_path):
-    monkeypatch.setattr("vidphys.cli.study.check_cuda", lambda device: None)
-    asked = verb.ReproduceConfig(("stability", "probes"), tmp_path / "run", device="cuda")
-    with pytest.raises(InputError, match="tables with pixels compute on the CPU"):
-        verb.reproduce(asked)
 
 
 def test_the_pooled_control_differs_in_nothing_but_the_readout():
