@@ -33,7 +33,7 @@ ROWS = {
             "gaussians-bandwidth",
         ),
         "guards": ("guards-exact-1", "guards-exact-64", "guards-factored-1", "guards-factored-64"),
-        "encoders": ("dinov2", "dinov2-cached", "videomae", "videomae-cached"),
+        "encoders": ("dinov2", "dinov2-cached", "videomae", "videomae-cached", "all-layers"),
     }.items()
     for name in names
 }

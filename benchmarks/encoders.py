@@ -25,6 +25,7 @@ from encoders.store import FeatureRequest, FeatureStore
 
 IMAGE, FRAMES = 224, {"dinov2-small": 4, "videomae-base": 16}
 FASTER, CACHED, WORST = 2.5, 100.0, 1e-2  # bars: ratios of speed, and a feature error
+LAYERS = 6.0  # the same of all twelve layers by one pass
 FRESH = WeightsFile(Path("fresh weights"), "0" * 64)
 
 
@@ -111,6 +112,27 @@ def _videomae(dtype: Any, runtime: Runtime) -> tuple[Any, Callable[[Tensor], Ten
     settings = VideoMAESettings(dtype=dtype, runtime=runtime)
     encoder = VideoMAEEncoder(network, settings, "videomae-base", FRESH)
     return encoder, lambda pixels: network(pixels).last_hidden_state
+
+
+def all_layers() -> Match:
+    """Twelve layers by one pass, beside a pass a layer that stops where the layer is read."""
+    encoder, _ = _dinov2("float32", "torch")
+    frames, times = _clip("dinov2-small")
+
+    def each() -> list[Tensor]:
+        return [encoder.at(layer)(frames, times).values for layer in encoder.layers]
+
+    def together() -> list[Tensor]:
+        found = encoder.encode_layers(frames, times, encoder.layers)
+        return [features.values for features in found.values()]
+
+    away = max(float((a - b).abs().max()) for a, b in zip(each(), together(), strict=True))
+    what, per_call = f"features of {len(encoder.layers)} layers in float32", FRAMES["dinov2-small"]
+    ours = Contender(together, per_call, "torch, one pass", what, "loading")
+    peer = Contender(each, per_call, "torch, a pass a layer", what, "loading")
+    return Match(
+        "all layers", "frames", ours, {"a pass a layer": (peer, LAYERS)}, {"difference": away}
+    )
 
 
 dinov2 = partial(_computed, "dinov2-small", _dinov2)

@@ -57,6 +57,17 @@ class WeightsEntry:
         released = self.hub or self.url
         return f"`vidphys weights fetch {name}`" if released else "another way: no hub has them"
 
+    def what_to_copy(self) -> str:
+        """Which files to get on another machine, and from where."""
+        if self.url is not None:
+            return self.url
+        if not self.is_folder:
+            return f"model.safetensors of https://huggingface.co/{self.hub}"
+        return (
+            f"config.json and model.safetensors (or its index and shards) of "
+            f"https://huggingface.co/{self.hub}"
+        )
+
 
 def _read() -> dict[str, WeightsEntry]:
     table = tomllib.loads(Path(__file__).with_name("weights.toml").read_text(encoding="utf-8"))

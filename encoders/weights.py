@@ -12,11 +12,12 @@ import json
 import os
 import shutil
 import tempfile
-import urllib.request
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from encoders.download import Show, download
 from encoders.hub import from_hub, in_cache
 from encoders.known_weights import SINGLE, WeightsEntry, entry
 from encoders.release import (
@@ -109,10 +110,16 @@ def lock(path: Path, revision: str | None) -> str:
     return digest
 
 
-def fetch(name: str, folder: Path | None = None) -> WeightsFile:
+def fetch(name: str, folder: Path | None = None, show: Show | None = None) -> WeightsFile:
     """Download the weights ``name``, from the hub at the pinned (or then locked) revision.
 
-    Those of the package need no download.
+    What broke off is gone on with; what is here already, or comes with the package, is not fetched.
+
+    Args:
+        name: a key of ``KNOWN``.
+        folder: see :func:`weights_folder`.
+        show: of a file that no hub has, called as ``(bytes there, bytes in all)``; the hub's own
+            client shows its progress itself.
 
     Raises:
         ValueError: unknown name, weights that no hub has, or others than those that are pinned, of
@@ -128,8 +135,20 @@ def fetch(name: str, folder: Path | None = None) -> WeightsFile:
             f"weights of {name!r}: no hub has them; get {known.file} elsewhere and put it at "
             f"{target}"
         )
+    with suppress(ValueError):  # not here, or not whole
+        return find_weights(name, folder)
     locked = _locked(target)
     target.parent.mkdir(parents=True, exist_ok=True)
+    if known.url is not None:
+        got = download(known.url, target.with_name(f".{target.name}.new"), show)
+        try:
+            digest = release_sha256(got)
+            _require_accepted(name, digest, known.sha256 or (locked["sha256"],), known.begins)
+            _move(got, target)
+        finally:
+            got.unlink(missing_ok=True)
+        lock(target, None)
+        return find_weights(name, folder)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         got = Path(scratch) / known.file
         try:
@@ -142,25 +161,21 @@ def fetch(name: str, folder: Path | None = None) -> WeightsFile:
     return find_weights(name, folder)
 
 
-def _require_accepted(name: str, digest: str, known: Sequence[str | None]) -> None:
+def _require_accepted(
+    name: str, digest: str, known: Sequence[str | None], begins: str = ""
+) -> None:
     """Refuse what came where another file is known; nothing of it is kept."""
     accepted = [sha256 for sha256 in known if sha256]
-    if accepted and digest not in accepted:
+    if (accepted and digest not in accepted) or not digest.startswith(begins):
+        expected = " or ".join(accepted) or f"one that begins with {begins}"
         raise ValueError(
-            f"weights of {name!r}: what came has sha256 {digest}, expected "
-            f"{' or '.join(accepted)}; nothing was kept: it is another release, or was changed on "
-            "its way"
+            f"weights of {name!r}: what came has sha256 {digest}, expected {expected}; nothing was "
+            "kept: it is another release, or was changed on its way"
         )
 
 
 def _download(known: WeightsEntry, revision: str | None, got: Path) -> str | None:
-    """Put a release there; returns the commit that it is of."""
-    if known.url is not None:
-        try:
-            urllib.request.urlretrieve(known.url, got)
-        except OSError as error:
-            raise ConnectionError(f"{known.url}: {error}") from error
-        return None
+    """Put a release of the hub there; returns the commit that it is of."""
     assert known.hub is not None
     if not known.is_folder:
         source, commit = from_hub(known.hub, TENSORS, revision)

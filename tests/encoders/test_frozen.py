@@ -260,7 +260,9 @@ def test_fetch_pins_what_it_got(
     monkeypatch.setitem(KNOWN, "hiera", known)
     target = tmp_path / "new"
     assert fetch("hiera", target).path == target / FILE
+    (target / FILE).unlink()
     fetch("hiera", target)  # the second time at the commit of the first
+    fetch("hiera", target)  # and not again
     hub = ("timm/sam2_hiera_tiny.fb_r896", "model.safetensors")
     assert asked == [(*hub, None), (*hub, "c0ffee")]
     assert find_weights("hiera", target).sha256 == file_sha256(folder / FILE)

@@ -585,11 +585,15 @@ def test_fetch_copies_a_release_and_pins_it(
     assert load_encoder(name, QUICK[name], tmp_path).identity.weights_sha256 == found.sha256
     assert json.loads((tmp_path / f"{name}.lock.json").read_text())["revision"] == "c0ffee"
     asked.clear()
+    fetch(name, tmp_path)
+    assert not asked  # it is here
+    (tmp_path / name / "config.json").unlink()
     fetch(name, tmp_path)  # the second time at the commit of the first
     assert asked[0][2] == "c0ffee"
     monkeypatch.setattr(
         weights_module, "from_hub", lambda *_: (_ for _ in ()).throw(FileNotFoundError("no x"))
     )
+    (tmp_path / name / "config.json").unlink()
     with pytest.raises(InputError, match=f"no x.*check {name} --lock"):
         weights(WeightsConfig("fetch", (name,), weights=tmp_path))
 

@@ -198,18 +198,19 @@ def test_it_is_fetched_by_name_and_locked(
         load_encoder("vjepa2-ac", QUICK, tmp_path)
     asked = []
 
-    def copy(url: str, target: Path) -> None:
+    def copy(url: str, target: Path, show: object) -> Path:
         asked.append(url)
         target.write_bytes((folder / FILE).read_bytes())
+        return target
 
-    monkeypatch.setattr(weights_module.urllib.request, "urlretrieve", copy)
+    monkeypatch.setattr(weights_module, "download", copy)
     found = fetch("vjepa2-ac", tmp_path)
     assert asked == [KNOWN["vjepa2-ac"].url] and found.path == tmp_path / FILE
     load_encoder("vjepa2-ac", QUICK, tmp_path)
 
-    def broken(url: str, target: Path) -> None:
-        raise OSError("no route")
+    def broken(url: str, target: Path, show: object) -> Path:
+        raise ConnectionError("no route")
 
-    monkeypatch.setattr(weights_module.urllib.request, "urlretrieve", broken)
+    monkeypatch.setattr(weights_module, "download", broken)
     with pytest.raises(ConnectionError, match="no route"):
         fetch("vjepa2-ac", tmp_path / "other")

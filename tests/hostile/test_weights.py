@@ -111,7 +111,7 @@ def hub(tmp_path, monkeypatch) -> dict[str, Path]:
             raise FileNotFoundError(file)
         return given[file], revision or "c0ffee"
 
-    monkeypatch.setattr(weights, "_from_hub", from_hub)
+    monkeypatch.setattr(weights, "from_hub", from_hub)
     save_file({"w": torch.ones(3)}, tmp_path / "other.safetensors")
     given["model.safetensors"] = tmp_path / "other.safetensors"
     return given
@@ -134,8 +134,12 @@ def test_z07_what_was_locked_is_not_replaced_by_another(tmp_path, hub, monkeypat
     assert held.sha256 == file_sha256(hub["model.safetensors"])
     save_file({"w": torch.zeros(3)}, tmp_path / "third.safetensors")
     hub["model.safetensors"] = tmp_path / "third.safetensors"
+    assert fetch("hiera", folder) == held  # which is here
+    whole = held.path.read_bytes()
+    held.path.write_bytes(b"damaged")
     with pytest.raises(ValueError, match="nothing was kept"):
         fetch("hiera", folder)
+    held.path.write_bytes(whole)
     assert find_weights("hiera", folder).sha256 == held.sha256
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -61,15 +63,21 @@ def _list(name: str, config: WeightsConfig) -> str:
 
 
 def _fetch(name: str, config: WeightsConfig) -> str:
+    known, shown = entry(name), sys.stderr.isatty()
     try:
-        found = fetch(name, config.weights)
+        found = fetch(name, config.weights, partial(_show, name) if shown else None)
     except ConnectionError as error:
         raise InputError(
-            f"weights fetch {name}: the hub did not give it ({error}); get it elsewhere, put it "
-            f"here as {weights_path(name, config.weights)} and run "
+            f"weights fetch {name}: the hub did not give it ({error}); get it elsewhere: copy "
+            f"{known.what_to_copy()} to {weights_path(name, config.weights)} and run "
             f"`vidphys weights check {name} --lock`"
         ) from error
-    return f"{name}: {found.path}, sha256 {found.sha256}"
+    return f"{name}: {found.path}, sha256 {found.sha256}; licence: {known.licence}"
+
+
+def _show(name: str, done: int, whole: int) -> None:
+    end = "\n" if done == whole else ""
+    print(f"\r{name}: {done / 2**20:.0f} of {whole / 2**20:.0f} MiB", end=end, file=sys.stderr)
 
 
 def _check(name: str, config: WeightsConfig) -> str:
