@@ -160,12 +160,15 @@ def _left(
     if path is None:
         return
     first = int(np.searchsorted(times, path[0][0] - 1e-9))
-    left = positions[first : first + len(path[0])] - path[1]
+    both = min(len(path[0]), len(times) - first)  # it may go on where nothing was recorded
+    when, left = path[0][:both], positions[first : first + both] - path[1][:both]
+    if not both:
+        return
     bodies, space = left.shape[1:]
     for n in range(bodies):
         for k in range(space):
             name = "xyz"[k] + (str(n + 1) if bodies > 1 else "")
-            axes.plot(path[0], left[:, n, k], MARKERS[k], ms=3, color=_hue(n), label=name)
+            axes.plot(when, left[:, n, k], MARKERS[k], ms=3, color=_hue(n), label=name)
     most = float(np.nanpercentile(np.abs(left), INSIDE))
     if most > 0:
         axes.set_ylim(-1.4 * most, 1.4 * most)

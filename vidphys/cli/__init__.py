@@ -23,6 +23,7 @@ VERBS = {
     "reproduce": ("ReproduceConfig", "regenerate the study's tables, with their verdicts"),
     "diagnose": ("DiagnoseConfig", "find which terms a scene requires, from tracks or a clip"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
+    "report": ("ReportConfig", "make a run's report anew, or compare several runs"),
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "film": ("FilmConfig", "film scenes as a phone sees them, with the truth beside each clip"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),

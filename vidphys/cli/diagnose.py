@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 WRITTEN = (
     "summary.txt",
+    "report.html",
     "diagnosis.json",
     "specification.json",
     "tracks.csv",
@@ -40,8 +41,8 @@ class DiagnoseConfig(WhoOptions):
 
     Example: vidphys diagnose tracks.csv --out runs/diagnosis
 
-    Writes a summary, diagnosis.json, specification.json (from which `vidphys fit` trains exactly
-    that model), the tracks of a clip, a figure and a recording for `vidphys view`.
+    Writes a report, a summary, diagnosis.json, specification.json (from which `vidphys fit` trains
+    exactly that model), the tracks of a clip, a figure and a recording for `vidphys view`.
 
     Args:
         input: a table of times and positions (numbers between commas, semicolons, tabs or blanks;
@@ -119,6 +120,7 @@ def diagnose(config: DiagnoseConfig) -> None:
         return
     from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
+    from viz.told import write_told
 
     points = [] if config.trade is None else _measured(config.trade)
     loaded, frames = _load(config, given)
@@ -146,6 +148,8 @@ def diagnose(config: DiagnoseConfig) -> None:
         _keep(run, config, loaded, found)
         with console.drawing("the diagnosis"):
             _draw(run, config, found, frames)
+        with console.drawing("the report"):
+            write_told(run.path)
         console.done(1)
         for line in (*loaded.notes, *found.lines):
             console.result(line)

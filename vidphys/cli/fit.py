@@ -87,6 +87,7 @@ def fit(config: FitConfig) -> int:
     from vidphys.reading.specified import train_specified
     from vidphys.runs.atomic import sha256, write_with
     from vidphys.runs.folder import RunFolder
+    from viz.told import write_told
 
     term, held = read_specification(config.specification)
     motion = read_tracks(config.tracks, given, float(held["interval_seconds"])).motion
@@ -131,6 +132,8 @@ def fit(config: FitConfig) -> int:
         run.join()
         with console.drawing("the recording"):
             _draw(run, motion, found, config.tracks.name)
+        with console.drawing("the report"):
+            write_told(run.path)
         console.done(0)
         for row in recorder.rows:
             console.result(f"{row['head']:<18}{row['metric']:<34}{row['value']:.4g}")

@@ -48,6 +48,7 @@ def roll_fitted(config: RolloutConfig) -> None:
     from vidphys.reading.fitted import load_fitted
     from vidphys.reading.laws import factors_of
     from vidphys.runs.folder import RunFolder
+    from viz.told import write_told
 
     refuse(config, OF_CLIPS, "the model of a fit needs no encoder")
     factors = factors_of(config.law)
@@ -79,6 +80,8 @@ def roll_fitted(config: RolloutConfig) -> None:
         _write(run.path / "rollout.npz", motion, held, changed)
         with console.drawing("the recording"):
             _draw(config, run.path, recorded, held, changed)
+        with console.drawing("the report"):
+            write_told(run.path)
         console.done(0)
         for note in recorded.notes:
             console.result(note)

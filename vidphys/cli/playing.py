@@ -90,7 +90,7 @@ def law_to_play(head: Head) -> dict[str, Any] | None:
         "dt": scene.dt,
         "steps": STEPS,
         "every": EVERY,
-        "extent": round(2.0 * float(start.q.abs().max()), 2),
+        "extent": round(2.6 * float(start.q.abs().max()), 2),
         "q": start.q[0].flatten().tolist(),
         "p": start.p[0].flatten().tolist(),
         "mass": law.mass[0].tolist(),

@@ -101,6 +101,7 @@ def _roll_trained(config: RolloutConfig) -> None:
     from vidphys.reading.laws import factors_of
     from vidphys.reading.pipeline import load_pipeline
     from vidphys.runs.folder import RunFolder
+    from viz.told import write_told
 
     check_cuda(config.device)
     refuse(config, ("columns",), "a training rolls clips, not tables")
@@ -135,6 +136,8 @@ def _roll_trained(config: RolloutConfig) -> None:
         with console.drawing("the recording"):
             words = told_law(config.coupling, config.law)
             record_rollout(run.path, video, reading, changed, extent, config.video, words)
+        with console.drawing("the report"):
+            write_told(run.path)
         console.done(0)
         _show(run, reading, changed, console)
 

@@ -325,7 +325,12 @@ def _recorder(config: TrainConfig, dataset: Dataset) -> Recorder:
 
 
 def _show(run: RunFolder, console: Console) -> None:
-    for row in run.join().to_pylist():
+    from viz.told import write_told
+
+    rows = run.join().to_pylist()
+    with console.drawing("the report"):
+        write_told(run.path)
+    for row in rows:
         value = "failed" if row["value"] is None else f"{row['value']:.4g}"
         console.result(f"{row['cell']:<50}{row['metric']:<28}{value}")
     recording = run.path / "recordings" / "clip.rrd"

@@ -41,6 +41,8 @@ FILES = (
     "records.parquet",
     "episodes.parquet",
     "report.html",
+    "comparison.html",
+    "play.json",
     "dataset.json",
     "index.json",
     "rollout.npz",

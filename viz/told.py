@@ -1,0 +1,188 @@
+"""The report of one recording's run: a diagnosis, a fit, a training or a rollout."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from viz.cells import Cell, number
+from viz.figures import save_svg
+from viz.page import Drawn, inline_svg, write_page
+from viz.paths import typed
+
+TITLES = {
+    "diagnose": "What law moves this",
+    "fit": "A model of exactly these terms",
+    "train": "Readouts and dynamics, trained on clips",
+    "rollout": "Rolled on",
+}
+NORMAL_95 = 1.959964
+OPEN = ("Not certain", "No term", "Not explained", "No answer", "What is left", "The model follows")
+STATIC = ("run.json", "records.parquet", "report.html", ".lock")
+
+
+def write_told(run: Path) -> Path:
+    """Write ``report.html`` of the run folder of one recording, from what lies in it.
+
+    Raises:
+        ValueError: ``run.json`` is missing or cannot be read, or is of another kind of run.
+    """
+    try:
+        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
+        settings = about["settings"]
+    except (OSError, ValueError, KeyError) as error:
+        raise ValueError(f"report: {run} cannot be read: {error}") from error
+    kind = settings.get("experiment")
+    if kind not in TITLES:
+        raise ValueError(f"report: {run} is a run of '{kind}', which has no report of this kind")
+    said = _summary(run)
+    told = {
+        "title": TITLES[kind],
+        "sentences": _of_diagnosis(settings, said) if said else _of_run(kind, settings),
+        "figure": _figure(run, kind),
+        "law": _law(run),
+        "rows": _records(run),
+        "commands": _commands(run, kind),
+        "said": said,
+        "files": sorted(
+            str(file.relative_to(run))
+            for file in run.rglob("*")
+            if file.is_file()
+            and not {"parts", "checkpoints"} & set(file.relative_to(run).parts)
+            and file.name not in STATIC
+        ),
+        "settings": settings,
+    }
+    return write_page(run, "told.html", told)
+
+
+def _summary(run: Path) -> list[str]:
+    file = run / "summary.txt"
+    return file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+
+
+def _of_diagnosis(settings: Mapping[str, Any], said: Sequence[str]) -> list[tuple[str, str]]:
+    """What was asked, what holds and what is open, of the summary's lines."""
+    first = next((k for k, line in enumerate(said) if line.startswith("Frames ")), 0)
+    told = [line for line in said[first + 1 :] if not line.startswith(" ")]
+    left = [line for line in said[first + 1 :] if line.startswith(OPEN)]
+    held = [line for line in told[:2] if line not in left]
+    return [
+        (
+            "Asked:",
+            f"which law moves the bodies of {settings.get('input', 'a recording')}. {said[first]}",
+        ),
+        ("Holds:", " ".join(held) or "nothing that can be told."),
+        ("Open:", " ".join(left) or "nothing that the recording could tell."),
+    ]
+
+
+def _of_run(kind: str, settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was asked of a model; what holds stands in the numbers."""
+    if kind == "rollout":
+        changes = [f"G = {settings['coupling']:g}"] if settings.get("coupling") is not None else []
+        changes += [" times ".join(x.split("=", 1)) for x in settings.get("law") or ()]
+        other = f", and under another law: {', '.join(changes)}" if changes else ""
+        return [("Asked:", f"how it goes on for {settings.get('beyond')} s{other}.")]
+    if kind == "fit":
+        return [("Asked:", "the numbers of a law whose terms a diagnosis gave.")]
+    seen = settings.get("encoder")
+    return [("Asked:", f"what can be read and foretold of clips{f' over {seen}' if seen else ''}.")]
+
+
+def _law(run: Path) -> list[dict[str, Any]]:
+    """The numbers of a diagnosed law, with 95 % intervals, a body or a group of them at a time."""
+    try:
+        data = json.loads((run / "diagnosis.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    parts = [
+        (f"bodies {', '.join(str(n + 1) for n in part['bodies'])}", part["quantities"])
+        for part in data.get("mechanism") or ()
+    ]
+    parts += [("terms", part["numbers"]) for part in data.get("parts") or () if not parts]
+    return [
+        {"of": of, "name": name, "value": _value(found), "unit": found.get("unit") or ""}
+        for of, numbers in parts
+        for name, found in numbers.items()
+    ]
+
+
+def _value(found: Mapping[str, Any]) -> Cell:
+    value, error = found.get("value"), found.get("standard_error")
+    if value is None:
+        return Cell("not known")
+    sure = "" if error is None or not np.isfinite(error) else f" ± {number(NORMAL_95 * error)}"
+    return Cell(number(value) + sure, value)
+
+
+def _records(run: Path) -> list[dict[str, Any]]:
+    """Every number of the records."""
+    import pyarrow.parquet as pq
+
+    file = run / "records.parquet"
+    if not file.is_file():
+        return []
+    return [
+        {
+            "cell": row["cell"],
+            "metric": row["metric"].replace("_", " "),
+            "value": Cell("", None, (), ((row["status"], "bad"),))
+            if row["value"] is None
+            else Cell(number(row["value"]), row["value"]),
+        }
+        for row in pq.read_table(file).to_pylist()
+    ]
+
+
+def _figure(run: Path, kind: str) -> Drawn | None:
+    """The figure of a diagnosis as it lies there, or one drawn of a rollout's arrays."""
+    path = run / "figures" / "diagnosis.svg"
+    if kind == "rollout":
+        path = run / "figures" / "rollout.svg"
+        if not _draw_rollout(run, path):
+            return None
+    if not path.is_file():
+        return None
+    caption = "Dots: recorded. Lines: the model; dashed: other laws. A hue is a body."
+    return inline_svg(
+        path.read_text(encoding="utf-8"), "Tracks and the model along each axis", caption
+    )
+
+
+def _draw_rollout(run: Path, path: Path) -> bool:
+    """Tracks, how they go on, and how they would under the other law."""
+    from viz.diagnosis import diagnosis_figure
+
+    try:
+        with np.load(run / "rollout.npz", allow_pickle=False) as file:
+            arrays = dict(file)
+    except (OSError, ValueError):
+        return False
+    when = arrays["rollout_times"]
+    rolled = {"model": (when, arrays["rollout"])}
+    if "changed" in arrays:
+        rolled["another law"] = (when, arrays["changed"])
+    save_svg(diagnosis_figure(arrays["times"], arrays["track"], rolled), path)
+    return True
+
+
+def _commands(run: Path, kind: str) -> list[tuple[str, str]]:
+    """What may be done next, as it is typed."""
+    here = typed(run)
+    found = []
+    if any((run / "recordings").glob("*.rrd")):
+        found.append(("look", f"vidphys view {here}"))
+    if kind == "diagnose" and (run / "specification.json").is_file():
+        tracks = f"{here}/tracks.csv" if (run / "tracks.csv").is_file() else "TRACKS"
+        command = (
+            f"vidphys fit {tracks} --specification {here}/specification.json --out runs/fitted"
+        )
+        found.append(("train this model", command))
+    if kind in ("fit", "train"):
+        found.append(("roll it on", f"vidphys rollout {here} --beyond 5 --out runs/rolled"))
+    return found
