@@ -76,7 +76,7 @@ def _writer(run: Path) -> Callable[[Path], Path]:
         "stress": stress.write_stress_report,
         **dict.fromkeys(told.TITLES, told.write_told),
     }
-    return kinds.get((about.get("settings") or {}).get("experiment"), write_report)
+    return kinds.get(str((about.get("settings") or {}).get("experiment")), write_report)
 
 
 def _ladder(run: Path) -> Path:
