@@ -25,7 +25,7 @@ class Closed(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-File = TypeVar("File", bound=Closed)
+File = TypeVar("File", bound=BaseModel)
 
 
 def read_json(path: Path, kind: type[File], what: str) -> File:
@@ -51,6 +51,11 @@ def read_json(path: Path, kind: type[File], what: str) -> File:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except ValidationError as error:
         raise InputError(f"{path}: not {what} ({said(error)})") from error
+
+
+def is_below(file: Path, folder: Path) -> bool:
+    """Whether a file lies in a folder, wherever links lead."""
+    return file.resolve().is_relative_to(folder.resolve())
 
 
 def said(error: ValidationError, whole: str = "all of it") -> str:

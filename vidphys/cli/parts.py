@@ -8,6 +8,7 @@ from dataclasses import dataclass
 REGISTRIES = {
     "scenes": ("vidphys.scenes", "SCENES"),
     "formats": ("vidphys.data.formats", "FORMATS"),
+    "sets": ("vidphys.data.sets", "SETS"),
     "encoders": ("encoders.frozen", "ENCODERS"),
     "binders": ("binders", "BINDERS"),
     "readouts": ("readouts", "READOUTS"),

@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
 
 from dynamics import Parameters
+from vidphys.data.formats.base import Frames
 from vidphys.data.labels import Labels
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
 Fact = str | int | float | bool
+Decoded = tuple[float, int, Frames]  # frames a second and count, as declared, and the frames
+
+
+@dataclass(frozen=True)
+class Source:
+    """A clip that is no file of its own.
+
+    Args:
+        read: its frames, see :class:`vidphys.data.formats.ClipFormat`.
+        sha256: of its content.
+        made_by: the package whose decoder makes the frames.
+    """
+
+    read: Callable[[], Decoded]
+    sha256: Callable[[], str]
+    made_by: str
 
 
 @dataclass(frozen=True)
@@ -29,6 +46,7 @@ class ClipFile:
         truth: the table of all that is known of it, if there is one.
         facts: what else is known of it, by name; one of them may say which clips belong together.
         split: that its data set puts it into, such as train; empty where it says nothing.
+        source: of its frames, where ``path`` is no file: the data set's, then its name therein.
     """
 
     path: Path
@@ -38,6 +56,7 @@ class ClipFile:
     truth: Path | None = None
     facts: Mapping[str, Fact] = field(default_factory=dict)
     split: str = ""
+    source: Source | None = None
 
     def law(self, bodies: int) -> Parameters:
         """What a head is told of the clip, batch of one.
@@ -63,6 +82,7 @@ class Dataset:
         identical: bodies look alike.
         conserving: there is no friction in it.
         columns: what columns of the labels are, where their names do not tell.
+        stored: the files that hold clips which are no files of their own.
     """
 
     files: tuple[ClipFile, ...]
@@ -70,6 +90,7 @@ class Dataset:
     identical: bool = False
     conserving: bool = False
     columns: Mapping[str, str] = field(default_factory=dict)
+    stored: tuple[Path, ...] = ()
 
     @property
     def labelled(self) -> bool:
@@ -85,13 +106,17 @@ class Dataset:
     @property
     def paths(self) -> list[Path]:
         """Of the clips and their labels."""
-        pairs = ((file.path, file.labels and file.labels.path) for file in self.files)
-        return [path for pair in pairs for path in pair if path]
+        found = list(self.stored)
+        for file in self.files:
+            found += [file.path] if file.source is None else []
+            found += [] if file.labels is None or file.labels.path is None else [file.labels.path]
+        return found
 
     def told(self, bodies: int) -> str:
         """Where positions come from, for a person."""
         counted = f"({bodies} bod{'y' if bodies == 1 else 'ies'})"
-        tables = [file.labels.name for file in self.files if file.labels is not None]
+        named = (file.labels.name for file in self.files if file.labels is not None)
+        tables = list(dict.fromkeys(named))
         if not tables:
             return f"labels: none, following motion {counted}"
         more = f" and {len(tables) - 1} more" if len(tables) > 1 else ""

@@ -7,41 +7,64 @@ from dataclasses import replace
 from pathlib import Path
 
 from vidphys.data.clip_files import ClipFile, Dataset
+from vidphys.data.sets import clip_in_set, in_plane, read_set, set_of
 from vidphys.data.sets.folder import read_file, read_folder
 from vidphys.errors import InputError
+
+NOT_OPENED = (".pkl", ".pickle")
 
 
 def find_dataset(path: Path, columns: Mapping[str, str] | None = None) -> Dataset:
     """The clips that ``path`` names.
 
     Args:
-        path: a clip, or a folder of clips.
+        path: a clip, a folder of clips, a data set of another kind, or a clip of one.
         columns: what columns of their labels are, where their names do not tell.
 
     Raises:
         InputError: nothing there, a folder without clips or of a rendering that is not finished,
-            a manifest that is wrong, or labels beside some of the clips only.
+            a manifest that is wrong, or labels of some of the clips only.
     """
-    if path.is_file():
-        return replace(read_file(path), columns=columns or {})
-    if not path.is_dir():
-        raise InputError(f"{path}: no such file or folder; give a clip or a folder of clips")
-    found = read_folder(path)
-    bare = [f.path.name for f in found.files if f.labels is None]
-    if 0 < len(bare) < len(found.files):
+    found, columns = _found(path), columns or {}
+    files = tuple(_with_labels(file, columns) for file in found.files)
+    bare = [f.path.name for f in files if f.labels is None]
+    if 0 < len(bare) < len(files):
         raise InputError(
-            f"{path}: {len(bare)} of {len(found.files)} clips have no labels (the first is "
-            f"{bare[0]}); label all of them or none"
+            f"{path}: {len(bare)} of {len(files)} clips have no labels (the first is {bare[0]}); "
+            "label all of them or none"
         )
-    return replace(found, columns=columns or {})
+    return replace(found, files=files, columns=columns)
+
+
+def _found(path: Path) -> Dataset:
+    if path.suffix.lower() in NOT_OPENED:
+        raise InputError(
+            f"{path}: a pickle can run any code, so it is not opened; load it where you trust it, "
+            "and numpy.savez_compressed(NAME, video=..., points=..., occluded=...) each clip"
+        )
+    if path.exists() and set_of(path) is not None:
+        return read_set(path)
+    if path.is_file():
+        return read_file(path)
+    if path.is_dir():
+        return read_folder(path)
+    if any(parent.exists() and set_of(parent) is not None for parent in path.parents):
+        return Dataset((clip_in_set(path),))
+    raise InputError(f"{path}: no such file or folder; give a clip or a folder of clips")
+
+
+def _with_labels(file: ClipFile, columns: Mapping[str, str]) -> ClipFile:
+    """A clip without labels where no column of its data set is a place."""
+    names = None if file.labels is None else file.labels.names
+    return file if names is None or in_plane(names, columns) else replace(file, labels=None)
 
 
 def clip_file(path: Path) -> ClipFile:
     """A clip with what is known of it.
 
     Raises:
-        InputError: no such file, or a manifest that is wrong.
+        InputError: no such clip, or a manifest that is wrong.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give a clip")
-    return read_file(path).files[0]
+    if path.is_file():
+        return read_file(path).files[0]
+    return clip_in_set(path)

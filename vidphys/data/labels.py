@@ -15,14 +15,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from binders.tracks import Tracks
 from vidphys.data.formats import Recording, read_recording
-from vidphys.data.video import ClipSelection, Video
 from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    from vidphys.data.video import ClipSelection, Video
 
 HALF = 0.5  # of a frame interval: a label's time may be off by so much
 
@@ -36,11 +39,13 @@ class Labels:
         read: gives them; its argument says what columns are, see
             :class:`vidphys.data.formats.TrackFormat`.
         path: of their file, where it is theirs alone.
+        names: of the columns that places are found among; ``None`` where there surely are some.
     """
 
     name: str
     read: Callable[[Mapping[str, str]], Recording]
     path: Path | None = None
+    names: tuple[str, ...] | None = None
 
     @classmethod
     def of(cls, path: Path) -> Labels:
@@ -70,7 +75,10 @@ def read_labels(
     """
     labels = Labels.of(labels) if isinstance(labels, Path) else labels
     where = labels.path or f"{video.path}: {labels.name}"
-    table = labels.read(columns or {})
+    try:
+        table = labels.read(columns or {})
+    except InputError as error:
+        raise InputError(f"{where}: {error}" if labels.path is None else str(error)) from error
     if len(table.positions) != 1 or table.positions.shape[-1] != 2 or table.unit == "angles":
         raise InputError(
             f"{where}: labels are places in the plane of one clip; a table of them has columns "

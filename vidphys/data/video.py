@@ -9,20 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from vidphys.data.formats import VIDEO, ClipFormat, format_of
+from vidphys.data.clip_files import Decoded
+from vidphys.data.clip_files import Source as ClipSource
+from vidphys.data.formats import FORMATS, VIDEO, ClipFormat, format_of
 from vidphys.data.formats.opencv import opencv
 from vidphys.data.frames import Frames, Holding, Source
+from vidphys.data.sets import clip_in_set
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
 RATE_TOLERANCE = 0.01
 GAP = 1.5
 FRAMES_FOR_MOMENTUM = 3
+OPENCV = "opencv-python-headless"
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,7 @@ class Video:
         times: seconds of each frame, float64 ``(t,)``.
         indices: number of each frame, counted by decoding from 0, int64 ``(t,)``.
         notes: where the container's word and what was decoded disagree, a line each.
+        decoder: what makes the frames, with its version.
     """
 
     path: Path
@@ -68,6 +74,7 @@ class Video:
     times: np.ndarray
     indices: np.ndarray
     notes: tuple[str, ...]
+    decoder: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -94,9 +101,8 @@ def open_video(path: Path, selection: ClipSelection) -> Video:
             be decoded, or stamps that do not increase and no ``rate`` in their place.
     """
     _check(selection)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give the path of a video")
-    declared_rate, declared_count, decoded = _decoding(path)
+    source = None if path.is_file() else clip_in_set(path).source
+    declared_rate, declared_count, decoded = _decoding(path, source)
     held, stamps, indices = Holding(), [], []
     for count, (frame, stamp) in enumerate(islice(decoded, selection.stop)):
         stamps.append(stamp)
@@ -119,26 +125,43 @@ def open_video(path: Path, selection: ClipSelection) -> Video:
     chosen = np.array(indices)
 
     def again() -> Iterator[np.ndarray]:
-        return _chosen(path, selection, len(chosen))
+        return _chosen(path, source, selection, len(chosen))
 
     frames = Frames(Source(again, len(chosen), held.size, held.all()))
-    return Video(path, sha256(path), frames, times[chosen], chosen, tuple(notes))
+    whose = sha256(path) if source is None else source.sha256()
+    made_by = _made_by(path) if source is None else _versioned(source.made_by)
+    return Video(path, whose, frames, times[chosen], chosen, tuple(notes), made_by)
 
 
-def _decoding(path: Path) -> tuple[float, int, Iterator[tuple[np.ndarray, float]]]:
+def _made_by(path: Path) -> str:
+    """What makes frames of a file, with its version."""
+    format = format_of(path, ClipFormat) or VIDEO
+    if format is VIDEO:
+        return _versioned(OPENCV)
+    name = next(name for name, each in FORMATS.items() if each is format)
+    return next(iter(FORMATS.sources(name).values()), name)
+
+
+def _versioned(package: str) -> str:
+    return f"{package} {version(package)}"
+
+
+def _decoding(path: Path, source: ClipSource | None) -> Decoded:
     """See :class:`vidphys.data.formats.ClipFormat`."""
     clip = format_of(path, ClipFormat) or VIDEO
     try:
-        return clip.read(path)
+        return clip.read(path) if source is None else source.read()
     except InputError:
         raise
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def _chosen(path: Path, selection: ClipSelection, count: int) -> Iterator[np.ndarray]:
+def _chosen(
+    path: Path, source: ClipSource | None, selection: ClipSelection, count: int
+) -> Iterator[np.ndarray]:
     """So many frames, decoded once more."""
-    *_, decoded = _decoding(path)
+    *_, decoded = _decoding(path, source)
     given = 0
     for number, (frame, _) in enumerate(decoded):
         if selection.takes(number):
@@ -188,10 +211,10 @@ def _shrink(frame: np.ndarray, side: int | None) -> np.ndarray:
 
 def _times(path: Path, stamps: np.ndarray, rate: float | None) -> tuple[np.ndarray, list[str]]:
     """Increasing times; a stamp that does not increase is replaced by the median interval."""
-    if not np.isfinite(stamps).all():
-        raise InputError(f"{path}: presentation stamps that are no times; convert the clip")
     if rate is not None:
         return np.arange(len(stamps)) / rate, [f"times from the given rate, {rate:g} per second"]
+    if not np.isfinite(stamps).all():
+        raise InputError(f"{path}: frames without times; give the frames per second as `rate`")
     if len(stamps) == 1:
         return stamps, []
     steps = np.diff(stamps)

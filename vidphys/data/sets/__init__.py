@@ -1,1 +1,76 @@
-"""Kinds of data sets: each turns a path into clips with what is known of them."""
+"""Kinds of data sets: each turns a path into clips with what is known of them.
+
+A clip in one is named as if the set were a folder: ``runs.h5/trial 3``.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from vidphys.data.clip_files import ClipFile, Dataset
+from vidphys.data.sets.arrays import ARRAYS
+from vidphys.data.sets.base import SETS, SetFormat, in_plane, labels_of
+from vidphys.data.sets.huggingface import HUGGING_FACE
+from vidphys.data.sets.lerobot import LEROBOT
+from vidphys.data.sets.shards import WEBDATASET
+from vidphys.errors import InputError
+
+SETS.register("lerobot", LEROBOT)
+SETS.register("huggingface", HUGGING_FACE)
+SETS.register("webdataset", WEBDATASET)
+SETS.register("arrays", ARRAYS)
+KEPT = 4  # sets whose list of clips is kept
+NAMED = 8  # clips that an error names
+
+__all__ = ["SETS", "SetFormat", "clip_in_set", "in_plane", "labels_of", "read_set", "set_of"]
+
+
+def set_of(path: Path) -> SetFormat | None:
+    """The kind of data set that lies at a path."""
+    return next((each for each in SETS.values() if each.looks(path)), None)
+
+
+def read_set(path: Path) -> Dataset:
+    """The clips of a data set that lies at a path.
+
+    Raises:
+        InputError: none of a known kind, a damaged one, or one without clips.
+    """
+    return _read(path.resolve(), path, path.stat().st_mtime_ns)
+
+
+@lru_cache(KEPT)
+def _read(_where: Path, path: Path, _changed: int) -> Dataset:
+    kind = set_of(path)
+    if kind is None:
+        raise InputError(f"{path}: no data set of a known kind ({', '.join(SETS)})")
+    try:
+        found = kind.read(path)
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if str(path) in text else f"{path}: {text}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+    if not found.files:
+        raise InputError(f"{path}: no clips in this data set")
+    return found
+
+
+def clip_in_set(path: Path) -> ClipFile:
+    """A clip of a data set, by the path of the set and its name therein.
+
+    Raises:
+        InputError: nothing is there.
+    """
+    for root in path.parents:
+        if root.exists():
+            if set_of(root) is None:
+                break
+            found = {file.path: file for file in read_set(root).files}
+            if path in found:
+                return found[path]
+            some = ", ".join(str(each.relative_to(root)) for each in list(found)[:NAMED])
+            more = ", ..." if len(found) > NAMED else ""
+            raise InputError(f"{path}: no such clip; {root} has {some}{more}")
+    raise InputError(f"{path}: no such file; give the path of a video")

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue
 
-from vidphys.boundary import Above, Closed, Number, Sha256, Word, read_json
+from vidphys.boundary import Above, Closed, Number, Sha256, Word, is_below, read_json
 from vidphys.data.beside import Beside
 from vidphys.data.clip_files import ClipFile, Dataset
 from vidphys.data.formats import ClipFormat, format_of, suffixes_of
@@ -121,16 +121,11 @@ def read_manifest(path: Path, beside: Beside | None = None) -> Manifest:
     for entry in about.clips:
         listed = path.parent / entry.file
         for file in (listed, beside.labels(listed)):
-            if file is not None and not _is_below(file, path.parent):
+            if file is not None and not is_below(file, path.parent):
                 raise InputError(
                     f"{path}: lists {entry.file}, which is not in its folder; move it there"
                 )
     return about
-
-
-def _is_below(file: Path, folder: Path) -> bool:
-    """Whether a file lies in a folder, wherever links lead."""
-    return file.resolve().is_relative_to(folder.resolve())
 
 
 def _manifest_of(clip: Path) -> tuple[Path, Manifest] | None:
