@@ -46,8 +46,9 @@ class DiagnoseConfig(WhoOptions):
 
     Args:
         input: a table of times and positions (numbers between commas, semicolons, tabs or blanks;
-            Parquet, NPZ, MATLAB; a project of Tracker), or a clip whose moving bodies a hand-made
-            binder follows.
+            Parquet, NPZ, MATLAB, JSON; a project of Tracker; COCO's boxes), or a clip whose moving
+            bodies a hand-made binder follows; that of a data set is named as if the set were a
+            folder (runs.h5/trial).
         out: the run folder.
         columns: what columns of a table are, where their names do not tell (x1=LEFT time[ms]=T), or
             which of its bodies are looked at (x=x2 y=y2); input=M is a known push, like a torque.
@@ -184,9 +185,10 @@ def _measured(folder: Path) -> list[Point]:
 
 def _check(config: DiagnoseConfig) -> None:
     """Whether the input is there and its options fit it, before anything slow is imported."""
+    from vidphys.data.dataset import is_clip
     from vidphys.data.formats import FORMATS
 
-    if _is_clip(config.input):
+    if is_clip(config.input):
         refuse(config, ("columns", "interval", "angles"), f"{config.input} is a clip, not a table")
         told = config.binder, config.bodies, config.shadow
         if told != (None, None, None) or config.given:
@@ -194,6 +196,8 @@ def _check(config: DiagnoseConfig) -> None:
     else:
         names = (*config.given, "binder", "bodies", "shadow", "rate", "scale", "video", "look")
         refuse(config, names, f"{config.input} is not a clip")
+    if is_clip(config.input) and not config.input.exists():
+        return
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
         known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
@@ -202,10 +206,11 @@ def _check(config: DiagnoseConfig) -> None:
 
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames | None]:
     """The tracks, and the pictures where there are any."""
+    from vidphys.data.dataset import is_clip
     from vidphys.diagnose.recordings.tables import Loaded, read_tracks
     from vidphys.diagnose.recordings.used import Used
 
-    if _is_clip(config.input):
+    if is_clip(config.input):
         from vidphys.data.video import ClipSelection
         from vidphys.diagnose.mechanisms.mechanism import of_lawful_bodies
         from vidphys.diagnose.recordings.clips import follow_clip
@@ -240,15 +245,9 @@ def _units(config: DiagnoseConfig, half: float) -> Units:
         raise InputError(f"--scale {config.scale}: {error}") from error
 
 
-def _is_clip(path: Path) -> bool:
-    from vidphys.data.formats import ClipFormat, format_of
-
-    return format_of(path, ClipFormat) is not None
-
-
 def _about(config: DiagnoseConfig) -> dict[str, Any]:
+    from vidphys.data.dataset import content_sha256
     from vidphys.data.formats import sources_of
-    from vidphys.runs.atomic import sha256
 
     given = {key: value for key, value in asdict(config).items() if key not in ELSEWHERE}
     return {
@@ -257,12 +256,13 @@ def _about(config: DiagnoseConfig) -> dict[str, Any]:
         "cells": ["diagnosis"],
         "seeds": [0],
         "input": config.input.name,
-        "input_sha256": sha256(config.input),
+        "input_sha256": content_sha256(config.input),
         "sources": sources_of(config.input),
     }
 
 
 def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answered) -> None:
+    from vidphys.data.dataset import is_clip
     from vidphys.diagnose.recordings.tables import write_tracks
     from vidphys.runs.atomic import write_json, write_with
 
@@ -273,7 +273,7 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     write_json(run.path / "diagnosis.json", found.data)
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
-    if _is_clip(config.input):
+    if is_clip(config.input):
         write_with(run.path / "tracks.csv", lambda path: write_tracks(path, loaded.motion))
     run.finish("diagnosis", *_record(config, found).tables())
     run.join()
@@ -284,6 +284,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
+    from vidphys.data.dataset import is_clip
     from vidphys.runs.records import Origin, Recorder
 
     origin = Origin(
@@ -292,7 +293,7 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
         system=config.input.name,
         grounding="tracks",
         encoder="none",
-        binder=config.binder or MOTION if _is_clip(config.input) else "none",
+        binder=config.binder or MOTION if is_clip(config.input) else "none",
         readout="none",
         head="diagnosed",
         seed=0,

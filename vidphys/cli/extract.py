@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,6 +13,8 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
+from vidphys.data.dataset import clips_of
+from vidphys.data.sets import is_in_set
 from vidphys.data.video import Video, open_video
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
@@ -28,7 +31,8 @@ class ExtractConfig(SeeingOptions):
     Example: vidphys extract clip.mp4 --out features --weights weights --layer 8
 
     Args:
-        clips: video files.
+        clips: video files, folders of them, data sets (of LeRobot, Hugging Face, WebDataset, HDF5,
+            NPZ), or clips of one, named as if it were a folder (runs.h5/trial).
         out: folder of the feature store; made if it is not there.
         layer: what is read: hiera 4, 8, 16 or 32 (stride in network pixels); i3d a stage, such as
             Mixed_4f; the transformers a number of blocks.
@@ -66,10 +70,11 @@ def extract(config: ExtractConfig) -> None:
     if not config.clips:
         raise InputError("extract: no clips; name at least one video file")
     for path in config.clips:
-        if not path.is_file():
+        if not path.exists() and not is_in_set(path):
             raise InputError(f"extract: {path}: no such file; nothing was extracted")
+    clips = [clip for path in config.clips for clip in clips_of(path)]
     try:
-        _extract_all(config, frozen_encoder(config))
+        _extract_all(config, clips, frozen_encoder(config))
     except ValueError as error:
         raise InputError(str(error)) from error
 
@@ -88,14 +93,14 @@ def frozen_encoder(config: ExtractConfig) -> IdentifiedEncoder:
     return load_encoder(config.encoder, config.encoder_options, config.weights, config.device)
 
 
-def _extract_all(config: ExtractConfig, encoder: IdentifiedEncoder) -> None:
+def _extract_all(config: ExtractConfig, clips: Sequence[Path], encoder: IdentifiedEncoder) -> None:
     from encoders.store import FeatureStore
     from vidphys.data import extraction
 
     store = FeatureStore(config.out)
     started, frames = time.perf_counter(), 0
-    with Console(config.quiet, len(config.clips), "extract") as console:
-        for number, path in enumerate(config.clips):
+    with Console(config.quiet, len(clips), "extract") as console:
+        for number, path in enumerate(clips):
             video = open_video(path, config.selection)
             show = _stage_of(console, path.name)
             found = extraction.extract(video, encoder, store, config.store_dtype, show)
@@ -105,8 +110,8 @@ def _extract_all(config: ExtractConfig, encoder: IdentifiedEncoder) -> None:
         store.write_index()
         seconds = time.perf_counter() - started
         console.result(
-            f"{len(config.clips)} clips, {frames} frames in {seconds:.1f} s: "
-            f"{len(config.clips) / seconds:.3g} clips/s, {frames / seconds:.3g} frames/s, "
+            f"{len(clips)} clips, {frames} frames in {seconds:.1f} s: "
+            f"{len(clips) / seconds:.3g} clips/s, {frames / seconds:.3g} frames/s, "
             f"hit rate {store.hit_rate:.0%}; store {config.out}"
         )
 

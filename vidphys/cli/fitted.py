@@ -91,12 +91,13 @@ def roll_fitted(config: RolloutConfig) -> None:
 
 
 def _recorded(config: RolloutConfig, fitted: Fitted) -> Recorded:
-    from vidphys.data.formats import ClipFormat, format_of
+    from vidphys.data.dataset import is_clip
+    from vidphys.data.sets import is_in_set
     from vidphys.diagnose.recordings.tables import read_tracks
 
-    if config.input is not None:
+    if config.input is not None and not is_in_set(config.input):
         require_file(config.input, "give the table or the clip that the model was fitted to")
-    if config.input is not None and format_of(config.input, ClipFormat) is not None:
+    if config.input is not None and is_clip(config.input):
         refuse(config, ("columns",), f"{config.input} is a clip, not a table")
         return _of_clip(config, fitted)
     refuse(config, ("rate",), "there is no clip")
@@ -145,6 +146,7 @@ def _of_clip(config: RolloutConfig, fitted: Fitted) -> Recorded:
 
 
 def _about(config: RolloutConfig, motion: Motion) -> dict[str, Any]:
+    from vidphys.data.dataset import content_sha256
     from vidphys.reading.fitted import FILE
     from vidphys.runs.atomic import sha256
 
@@ -155,7 +157,7 @@ def _about(config: RolloutConfig, motion: Motion) -> dict[str, Any]:
         "cells": ["rollout"],
         "seeds": [],
         "fitted_sha256": sha256(config.run / "checkpoints" / "heads" / FILE),
-        "input_sha256": sha256(source),
+        "input_sha256": content_sha256(source),
         "frames": motion.positions.shape[1],
         **{name: getattr(config, name) for name in kept},
     }

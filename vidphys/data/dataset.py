@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from vidphys.data.clip_files import ClipFile, Dataset
-from vidphys.data.sets import clip_in_set, in_plane, read_set, set_of
+from vidphys.data.formats import ClipFormat, format_of
+from vidphys.data.sets import clip_in_set, in_plane, is_in_set, read_set, set_of
 from vidphys.data.sets.folder import read_file, read_folder
 from vidphys.errors import InputError
+from vidphys.runs.atomic import sha256
 
 NOT_OPENED = (".pkl", ".pickle")
 
@@ -48,7 +50,7 @@ def _found(path: Path) -> Dataset:
         return read_file(path)
     if path.is_dir():
         return read_folder(path)
-    if any(parent.exists() and set_of(parent) is not None for parent in path.parents):
+    if is_in_set(path):
         return Dataset((clip_in_set(path),))
     raise InputError(f"{path}: no such file or folder; give a clip or a folder of clips")
 
@@ -68,3 +70,25 @@ def clip_file(path: Path) -> ClipFile:
     if path.is_file():
         return read_file(path).files[0]
     return clip_in_set(path)
+
+
+def clips_of(path: Path) -> list[Path]:
+    """The clips that a path names, whatever their labels.
+
+    Raises:
+        InputError: nothing there, or no clips.
+    """
+    return (
+        [path] if path.is_file() and set_of(path) is None else [f.path for f in _found(path).files]
+    )
+
+
+def is_clip(path: Path) -> bool:
+    """Whether a path is of a clip, a file's or one in a data set, by its name."""
+    return is_in_set(path) or format_of(path, ClipFormat) is not None
+
+
+def content_sha256(path: Path) -> str:
+    """The hash of a file, or of a clip in a data set."""
+    source = None if path.is_file() else clip_in_set(path).source
+    return sha256(path) if source is None else source.sha256()

@@ -12,7 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from tests.shared.small_clips import RATE, SIDE, pictures, swing
+from tests.shared.small_clips import RATE, SIDE, cells, pictures, swing  # noqa: F401
+from tests.vidphys.cli.test_train_verb import coarse
+from vidphys.cli import main
 from vidphys.data.dataset import clip_file, find_dataset
 from vidphys.data.labels import read_labels
 from vidphys.data.rendered import write_video
@@ -324,3 +326,52 @@ def test_a_set_is_known_by_what_is_in_it(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="without times; give the frames per second as `rate`"):
         open_video(tmp_path / "set.h5" / "a", WHOLE)
     assert len(open_video(tmp_path / "set.h5" / "a", ClipSelection(rate=25)).times) == FRAMES
+
+
+@pytest.mark.usefixtures("cells")
+class TestVerbs:
+    @pytest.fixture
+    def made(self, tmp_path: Path) -> Path:
+        import h5py
+
+        with h5py.File(tmp_path / "runs.h5", "w") as out:
+            for k in range(CLIPS):
+                group = out.create_group(f"trial {k}")
+                long = swing(24, float(k))
+                group["frames"], group["pixels"] = pictures(long), long
+                group.attrs["fps"] = RATE
+        return tmp_path / "runs.h5"
+
+    def test_extract_takes_all_of_a_set_and_one_of_it(
+        self, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        how = ["--encoder", "cells", "--out", str(tmp_path / "store"), "--quiet"]
+        assert main(["extract", str(made / "trial 1"), *how]) == 0
+        assert f"{made / 'trial 1'}: extracted, 24 frames" in capsys.readouterr().out
+        assert main(["extract", str(made), *how]) == 0
+        said = capsys.readouterr().out
+        assert "3 clips, 72 frames" in said and "trial 1: in store" in said
+
+    def test_train_takes_a_set_and_rollout_a_clip_of_it(
+        self, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        coarse(monkeypatch)
+        run, kept = tmp_path / "run", ["--store", str(tmp_path / "store"), "--quiet"]
+        quick = ["--encoder", "cells", "--readout", "attention", "--steps", "8"]
+        quick += ["--head-steps", "2", "--beyond", "0.2"]
+        assert main(["train", str(made), *quick, *kept, "--out", str(run)]) == 0
+        about = json.loads((run / "run.json").read_text())
+        assert about["labels"] == "labels: arrays beside the frames (1 body)"
+        assert [clip["clip"] for clip in about["clips"]] == ["trial 0", "trial 1", "trial 2"]
+        assert about["settings"]["sha256"].keys() == {"runs.h5"}
+        rolled = ["--out", str(tmp_path / "rolled"), "--beyond", "0.2", "--quiet"]
+        assert main(["rollout", str(run), str(made / "trial 2"), *rolled]) == 0
+
+    def test_diagnose_takes_a_clip_of_it(
+        self, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        look = ["--look", "--out", str(tmp_path / "look"), "--quiet"]
+        assert main(["diagnose", str(made / "trial 0"), *look]) == 0
+        assert "1: " in capsys.readouterr().out
+        assert main(["diagnose", str(made / "trial 9"), *look]) == 2
+        assert "no such clip" in capsys.readouterr().err

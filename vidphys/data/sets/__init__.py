@@ -23,7 +23,16 @@ SETS.register("arrays", ARRAYS)
 KEPT = 4  # sets whose list of clips is kept
 NAMED = 8  # clips that an error names
 
-__all__ = ["SETS", "SetFormat", "clip_in_set", "in_plane", "labels_of", "read_set", "set_of"]
+__all__ = [
+    "SETS",
+    "SetFormat",
+    "clip_in_set",
+    "in_plane",
+    "is_in_set",
+    "labels_of",
+    "read_set",
+    "set_of",
+]
 
 
 def set_of(path: Path) -> SetFormat | None:
@@ -57,20 +66,24 @@ def _read(_where: Path, path: Path, _changed: int) -> Dataset:
     return found
 
 
+def is_in_set(path: Path) -> bool:
+    """Whether a path is that of a data set and a name therein."""
+    root = next((parent for parent in path.parents if parent.exists()), path)
+    return not path.exists() and set_of(root) is not None
+
+
 def clip_in_set(path: Path) -> ClipFile:
     """A clip of a data set, by the path of the set and its name therein.
 
     Raises:
         InputError: nothing is there.
     """
-    for root in path.parents:
-        if root.exists():
-            if set_of(root) is None:
-                break
-            found = {file.path: file for file in read_set(root).files}
-            if path in found:
-                return found[path]
-            some = ", ".join(str(each.relative_to(root)) for each in list(found)[:NAMED])
-            more = ", ..." if len(found) > NAMED else ""
-            raise InputError(f"{path}: no such clip; {root} has {some}{more}")
-    raise InputError(f"{path}: no such file; give the path of a video")
+    if not is_in_set(path):
+        raise InputError(f"{path}: no such file; give the path of a video")
+    root = next(parent for parent in path.parents if parent.exists())
+    found = {file.path: file for file in read_set(root).files}
+    if path not in found:
+        some = ", ".join(str(each.relative_to(root)) for each in list(found)[:NAMED])
+        more = ", ..." if len(found) > NAMED else ""
+        raise InputError(f"{path}: no such clip; {root} has {some}{more}")
+    return found[path]

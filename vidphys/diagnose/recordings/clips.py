@@ -11,6 +11,7 @@ import torch
 from binders.base import Binder, MotionTracks, bind
 from binders.motion import MotionBinder
 from vidphys.data.cuts import liveliest, parts
+from vidphys.data.sets import is_in_set
 from vidphys.data.video import ClipSelection, Video, open_video, require_frames
 from vidphys.diagnose.recordings.broken import Mended, mend
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -77,7 +78,7 @@ def clip_of(path: Path, selection: ClipSelection) -> Video:
     Raises:
         InputError: it cannot be read or is too short.
     """
-    if not path.is_file():
+    if not path.is_file() and not is_in_set(path):
         raise InputError(f"{path}: no such file; give a table of tracks or a clip")
     video = open_video(path, selection)
     require_frames(video, LEAST_FRAMES)
