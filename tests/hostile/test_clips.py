@@ -196,17 +196,31 @@ def test_z08_a_long_clip_is_not_held_and_no_more_than_is_free_at_once(tmp_path, 
     assert np.asarray(video.frames[:40]).shape == (40, 256, 256, 3)
 
 
-def test_z08_a_clip_is_read_again_without_being_held():
-    code = (
-        "import sys, resource; from pathlib import Path; from vidphys.data.video import *\n"
-        "from vidphys.data import frames; frames.HELD = 2**22\n"
-        "open_video(Path(sys.argv[1]), ClipSelection(stop=2))\n"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
-        "video = open_video(Path(sys.argv[1]), ClipSelection())\n"
-        "count = sum(1 for _ in video.frames)\n"
-        "print(count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
-    )
-    del code
+SCAN = """
+import sys
+from pathlib import Path
+from vidphys.data import frames
+from vidphys.data.video import ClipSelection, open_video
+
+def most():
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) / 1024
+
+frames.HELD = frames.CHUNK = frames.RECENT = 2**21
+clip = Path(sys.argv[1])
+open_video(clip, ClipSelection(stop=2))
+before = most()
+video = open_video(clip, ClipSelection())
+seen = sum(len(block) for block in video.frames.chunks()) + len(video.frames[-1:])
+print(seen, most() - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_z08_memory_does_not_grow_with_the_length_of_a_clip(tmp_path):
+    path = clip_at(tmp_path / "a.avi", frames=400, side=256)  # 75 MiB of frames
+    done = subprocess.run([sys.executable, "-c", SCAN, path], capture_output=True, check=True)
+    seen, grown = done.stdout.split()
+    assert int(seen) == 401 and float(grown) < 20
 
 
 def test_z08_mutants_of_clips_are_frames_or_one_line(tmp_path, good):
