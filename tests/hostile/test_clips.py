@@ -205,12 +205,12 @@ from vidphys.data.video import ClipSelection, open_video
 def most():
     return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) / 1024
 
-frames.HELD = frames.CHUNK = frames.RECENT = 2**21
+frames.HELD = frames.RECENT = 2**21
 clip = Path(sys.argv[1])
 open_video(clip, ClipSelection(stop=2))
 before = most()
 video = open_video(clip, ClipSelection())
-seen = sum(len(block) for block in video.frames.chunks()) + len(video.frames[-1:])
+seen = sum(len(block) for block in video.frames.chunks(2**21)) + len(video.frames[-1:])
 print(seen, most() - before)
 """
 

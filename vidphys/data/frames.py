@@ -16,7 +16,7 @@ import numpy as np
 from vidphys.data.memory import require_memory
 
 HELD = 2**28  # bytes of a clip, up to which it is held
-CHUNK = 2**25  # bytes of a block
+CHUNK = 2**24  # bytes of a block
 RECENT = 2**25  # bytes of frames that were asked for last
 
 Decode = Callable[[], Iterator[np.ndarray]]
@@ -84,16 +84,21 @@ class Frames:
         n, known = self._numbers, self._source.held
         if isinstance(known, np.ndarray):
             return known[n.start : n.stop : n.step]
+        size = int(np.prod(self.shape))
         if known is None:
-            require_memory(int(np.prod(self.shape)))
-        return np.stack([*self]) if len(self) else np.empty(self.shape, np.uint8)
+            require_memory(size)
+        return next(self.chunks(size), np.empty(self.shape, np.uint8))
 
     def chunks(self, most: int = CHUNK) -> Iterator[np.ndarray]:
         """Blocks ``(n, H, W, 3)`` of at most so many bytes, one frame at least, in order."""
-        each = iter(self)
-        count = max(1, most // max(1, int(np.prod(self.shape[1:]))))
-        while block := list(islice(each, count)):
-            yield np.stack(block)
+        each, left = iter(self), len(self)
+        count = max(1, most // int(np.prod(self.shape[1:])))
+        while left:
+            block = np.empty((min(count, left), *self.shape[1:]), np.uint8)
+            for room, frame in zip(block, each, strict=False):
+                room[:] = frame
+            left -= len(block)
+            yield block
 
 
 class Source:
