@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from binders.reel import Through
+
 ROUNDS = 4
 STEPS = 15
 STRUCTURE = 0.97
@@ -20,11 +22,11 @@ REACH = 8.0
 SEED = 0
 
 
-def camera_drift(grey: Float[np.ndarray, "t h w"], sample: list[int]) -> Float[np.ndarray, "t 2"]:
+def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndarray, "t 2"]:
     """Translation of the still background in each frame, pixels (x right, y down).
 
     Args:
-        grey: brightness of each frame, 0 to 255.
+        grey: brightness of each frame ``(h, w)``, 0 to 255.
         sample: frames that the background is estimated from.
 
     Returns:
@@ -73,7 +75,9 @@ def background_of(
     return np.nanmedian(masked, axis=0).astype(images.dtype)
 
 
-def _register(background: np.ndarray, frames: np.ndarray, guess: np.ndarray) -> np.ndarray:
+def _register(
+    background: np.ndarray, frames: np.ndarray | Through, guess: np.ndarray
+) -> np.ndarray:
     smooth = ndimage.gaussian_filter(background, 1.0)
     slope_y, slope_x = np.gradient(smooth)
     ys, xs = _structure(np.hypot(slope_x, slope_y))

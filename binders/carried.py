@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
+from binders.base import Pictures
 from binders.hypotheses import Hypothesis
 from binders.lawful import foretold
 from binders.outline import outlined
@@ -19,10 +20,10 @@ DRAWN = 0.98  # of its motion, that is explained by theirs
 
 
 def carried_bodies(
-    frames: UInt8[np.ndarray, "t h w 3"],
+    frames: Pictures,
     sample: list[int],
     background: Float[np.ndarray, "h w 3"],
-    changed: Bool[np.ndarray, "t h w"],
+    changed: Pictures,
     times: Float[np.ndarray, " t"],
     inside: Bool[np.ndarray, "h w"] | None,
 ) -> list[tuple[Hypothesis, float]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, UInt8
 
+from binders.base import Pictures
 from binders.hypotheses import Hypothesis
 from binders.placed import vertex
 
@@ -27,8 +27,8 @@ FOUND = 0.5  # of the usual energy, which is what confidence stands on
 
 def seen_again(
     body: Hypothesis,
-    frames: UInt8[np.ndarray, "t h w 3"],
-    changed: Bool[np.ndarray, "t h w"],
+    frames: Pictures,
+    changed: Pictures,
 ) -> Hypothesis:
     """The hypothesis with the frames in which the body is found by its looks.
 
@@ -54,7 +54,7 @@ def seen_again(
 
 
 class _Search:
-    def __init__(self, body: Hypothesis, frames: np.ndarray, changed: np.ndarray) -> None:
+    def __init__(self, body: Hypothesis, frames: Pictures, changed: Pictures) -> None:
         self.frames, self.changed = frames, changed
         self.size = float(np.nanmedian(body.size))
         longer = float(np.nanmedian(np.minimum(body.size**2 / body.radius, LONGEST * body.size)))

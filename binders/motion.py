@@ -24,6 +24,7 @@ from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
 from binders.lookalike import seen_again
 from binders.placed import placed
+from binders.reel import Masks
 from binders.scenery import Scenery, lumps, threshold_of
 from binders.steadied import UP, Steadied
 from binders.tracks import Tracks
@@ -131,12 +132,12 @@ class _View:
 
     Args:
         blobs: of each frame, in each of the ways to find them.
-        changed: pixels that differ from the background in more than brightness, ``(t, h, w)``.
+        changed: pixels that differ from the background in more than brightness, of each frame.
         candidates: the likeliest body first.
     """
 
     blobs: list[list[Blobs]]
-    changed: np.ndarray
+    changed: Masks
     candidates: list[Candidate]
 
 
@@ -153,9 +154,8 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
             for each in _judged(clip, hypotheses(b, clip.steps), kind, settings)
         ]
         candidates = ranked(judged)
-        haunted = ghosts[clip.sample]
-        often = haunted.sum(0) >= HAUNTED
-        hidden = _discs(candidates, clip) | (often & ~haunted)
+        often = ghosts.sum(0) >= HAUNTED
+        hidden = _discs(candidates, clip) | (often & ~ghosts)
     judged += _crossed(clip, candidates, settings)
     judged += _carried(clip, judged, background, changed, settings)
     return _View(blobs, changed, wheels(ranked(judged)))
@@ -174,7 +174,7 @@ def _carried(
     clip: Steadied,
     others: list[Candidate],
     background: np.ndarray,
-    changed: np.ndarray,
+    changed: Masks,
     settings: MotionBinder,
 ) -> list[Candidate]:
     """Bodies that are known by their corners, without what others draw along."""
@@ -209,8 +209,8 @@ def _judged(
 
 def _blobs(
     clip: Steadied, background: np.ndarray, sampled: np.ndarray, settings: MotionBinder
-) -> tuple[list[list[Blobs]], np.ndarray, np.ndarray]:
-    """The blobs of each frame, which pixels changed, ``(t, h, w)`` boolean, and where ghosts are.
+) -> tuple[list[list[Blobs]], Masks, np.ndarray]:
+    """The blobs of each frame, which pixels changed, and where ghosts are in those of the sample.
 
     Where no shadow is named, once as they are without what a shadow explains, and once with it.
     Where a colour is, they are what has it.
@@ -219,20 +219,22 @@ def _blobs(
     scenes = [Scenery(background, shadow) for shadow in ([said] if said else [SHADOW, 1.0])]
     limits = [threshold_of(np.stack([s.change(image) for image in sampled[::4]])) for s in scenes]
     blobs: list[list[Blobs]] = [[] for _ in (scenes if wanted.colour is None else [0])]
-    changed = np.zeros(clip.still.shape[:3], bool)
     height, width = clip.still.shape[1:3]
-    ghosts = np.zeros_like(changed)
+    changed, rows = Masks((height, width)), {frame: k for k, frame in enumerate(clip.sample)}
+    ghosts = np.zeros((len(clip.sample), height, width), bool)
     inside = wanted.where(height, width, clip.factor)
-    for image, mask, ghost in zip(clip.still, changed, ghosts, strict=True):
+    for frame, image in enumerate(clip.still):
         changes = [scene.change(image) for scene in scenes]
-        mask[:] = changes[0] > limits[0]
+        mask = changes[0] > limits[0]
+        changed.append(mask)
         if wanted.colour is None:
             pairs = [(c, limit, mask, background) for c, limit in zip(changes, limits, strict=True)]
         else:
             pairs = [(wanted.likeness(image), LIKE_IT, np.ones_like(mask), image)]
         for kind, (change, limit, coloured, behind) in zip(blobs, pairs, strict=True):
             found, haunted = lumps(image, change, limit, settings.thin, coloured, behind)
-            ghost |= haunted
+            if frame in rows:
+                ghosts[rows[frame]] |= haunted
             if inside is not None:
                 x, y = np.rint(found.centre).astype(int).T
                 found = found.only(inside[y, x])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
+from binders.base import Pictures
 from binders.hypotheses import Hypothesis
 from binders.scenery import COLOURED, NOTICED
 
@@ -20,9 +21,9 @@ RIM = 3  # pixels around it, that it is compared with
 
 def outlined(
     way: Float[np.ndarray, "t 2"],
-    frames: UInt8[np.ndarray, "t h w 3"],
+    frames: Pictures,
     background: Float[np.ndarray, "h w 3"],
-    changed: Bool[np.ndarray, "t h w"],
+    changed: Pictures,
 ) -> Hypothesis | None:
     """What moves along a way as one, at the middle of its outline; ``None`` where nothing does.
 
@@ -63,7 +64,7 @@ def outlined(
     )
 
 
-def _shape(way: np.ndarray, frames: np.ndarray, background: np.ndarray) -> np.ndarray | None:
+def _shape(way: np.ndarray, frames: Pictures, background: np.ndarray) -> np.ndarray | None:
     """The pixels that move along, in a square about the way, or ``None``."""
     import cv2
 

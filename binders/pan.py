@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
-from binders.points import followed
+from binders.base import Pictures
+from binders.points import followed, grey_of
+from binders.reel import Masks, Reel, Through
 
 CORNERS = 400
 QUALITY = 0.005  # of the best corner's
@@ -17,7 +19,7 @@ GLANCES = 9  # frames, that tell whether a camera turns far
 TURNED = 0.04  # of the picture's shorter side, from which a camera turns far
 
 
-def turning(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[np.ndarray, "t 3 3"] | None:
+def turning(frames: Pictures) -> Float[np.ndarray, "t 3 3"] | None:
     """Where the middle frame's background is in each frame; ``None`` if it stays nearly there.
 
     Most corners of the middle frame are its background's: what most of them agree on is what the
@@ -31,7 +33,7 @@ def turning(frames: UInt8[np.ndarray, "t h w 3"]) -> Float[np.ndarray, "t 3 3"] 
     """
     import cv2
 
-    grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
+    grey = Through(frames, grey_of)
     middle = len(frames) // 2
     found = cv2.goodFeaturesToTrack(grey[middle], CORNERS, QUALITY, APART)
     if found is None or len(found) < FEWEST:
@@ -65,19 +67,18 @@ def _homographies(first: np.ndarray, paths: np.ndarray) -> np.ndarray | None:
     return turns
 
 
-def unturned(
-    frames: UInt8[np.ndarray, "t h w 3"], turns: Float[np.ndarray, "t 3 3"]
-) -> tuple[UInt8[np.ndarray, "t h w 3"], Bool[np.ndarray, "t h w"]]:
+def unturned(frames: Pictures, turns: Float[np.ndarray, "t 3 3"]) -> tuple[Reel, Masks]:
     """The frames as the middle one's camera would have seen them, and what of each it saw."""
     import cv2
 
-    still, shown = np.empty_like(frames), np.empty(frames.shape[:3], bool)
-    size = frames.shape[2], frames.shape[1]
-    whole = np.ones(size[::-1], np.uint8)
+    height, width = frames.shape[1:3]
+    size, whole = (width, height), np.ones((height, width), np.uint8)
+    still, shown = Reel((height, width, 3), np.dtype(np.uint8)), Masks((height, width))
     back = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    for out, mask, frame, turn in zip(still, shown, frames, turns, strict=True):
-        cv2.warpPerspective(frame, turn, size, out, flags=back)
-        mask[:] = cv2.warpPerspective(whole, turn, size, flags=cv2.INTER_NEAREST | back) > 0
+    for frame, turn in zip(frames, turns, strict=True):
+        still.append(cv2.warpPerspective(frame, turn, size, flags=back))
+        inside = cv2.warpPerspective(whole, turn, size, flags=cv2.INTER_NEAREST | back)
+        shown.append(inside > 0)
     return still, shown
 
 

@@ -6,11 +6,13 @@ what stands out is not the body's. What most frames agree on is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
+from binders.base import Pictures
 from binders.hypotheses import Hypothesis
 from binders.lawful import foretold
 
@@ -34,8 +36,8 @@ class _Looks:
 
 def placed(
     body: Hypothesis,
-    frames: UInt8[np.ndarray, "t h w 3"],
-    changed: Bool[np.ndarray, "t h w"],
+    frames: Pictures,
+    changed: Pictures,
     times: Float[np.ndarray, " t"],
 ) -> Hypothesis:
     """The hypothesis at the places, of three ways to tell them, that are the most lawful.
@@ -57,30 +59,27 @@ def placed(
     return best
 
 
-def _refined(
-    body: Hypothesis, frames: np.ndarray, changed: np.ndarray, pictured: bool
-) -> np.ndarray:
+def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bool) -> np.ndarray:
     import cv2
 
     size, seen = float(np.nanmedian(body.size)), np.nonzero(body.seen)[0]
     half = max(3, int(np.ceil(AROUND * size)))
     far = half + int(np.ceil(REACH[0] * size)) + 1
-    outlines, pictures = [], []
     corners = np.rint(body.positions[seen]).astype(int) - far
-    for frame, corner in zip(seen, corners, strict=True):
-        outline = _window(changed[frame].astype(np.float32), corner, 2 * far + 1)
-        outlines.append(cv2.GaussianBlur(outline, (0, 0), SOFT))
-        if pictured:
-            pictures.append(_window(frames[frame], corner, 2 * far + 1).astype(np.float32))
-    shown = pictures if pictured else outlines
+
+    def outline(n: int) -> np.ndarray:
+        cut = _window(changed[seen[n]].astype(np.float32), corners[n], 2 * far + 1)
+        return cv2.GaussianBlur(cut, (0, 0), SOFT)
+
+    def picture(n: int) -> np.ndarray:
+        return _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
+
+    shown = picture if pictured else outline
     within = body.positions[seen] - corners
     for reach in REACH:
-        looks = _looks(shown, outlines, within, half, pictured)
+        looks = _looks(shown, outline, within, half, pictured)
         within = np.array(
-            [
-                _found(window, looks, place, reach * size)
-                for window, place in zip(shown, within, strict=True)
-            ]
+            [_found(shown(n), looks, place, reach * size) for n, place in enumerate(within)]
         )
     places = body.positions.copy()
     places[seen] = within + corners
@@ -95,8 +94,8 @@ def _window(image: np.ndarray, corner: np.ndarray, side: int) -> np.ndarray:
 
 
 def _looks(
-    shown: list[np.ndarray],
-    outlines: list[np.ndarray],
+    shown: Callable[[int], np.ndarray],
+    outline_of: Callable[[int], np.ndarray],
     places: np.ndarray,
     half: int,
     pictured: bool,
@@ -104,17 +103,17 @@ def _looks(
     """What most frames agree on, about the places."""
     import cv2
 
-    some = range(0, len(shown), max(1, len(shown) // MODEL))
+    some = range(0, len(places), max(1, len(places) // MODEL))
     square = (2 * half + 1, 2 * half + 1)
 
     def cut(image: np.ndarray, place: np.ndarray) -> np.ndarray:
         patch = cv2.getRectSubPix(image, square, place.astype(np.float32).tolist())
         return patch.reshape(*square, -1)
 
-    outline = np.mean([cut(outlines[n], places[n]) for n in some], 0)
+    outline = np.mean([cut(outline_of(n), places[n]) for n in some], 0)
     inside = (outline > AGREED).astype(np.uint8)[..., 0]
     if pictured:
-        patch = np.median([cut(shown[n], places[n]) for n in some], 0)
+        patch = np.median([cut(shown(n), places[n]) for n in some], 0)
         return _Looks(patch.astype(np.float32), inside.astype(np.float32))
     rim = cv2.dilate(inside, np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8))
     return _Looks(outline.astype(np.float32), rim.astype(np.float32))

@@ -7,12 +7,15 @@ They are followed from frame to frame by Lucas and Kanade (1981) in a pyramid, f
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+
+from binders.base import Pictures
+from binders.reel import Through
 
 LOOKS = 5  # frames, spread over the clip, whose corners are followed
 CORNERS = 300  # of a frame
@@ -31,6 +34,7 @@ OVERLAP = 0.25  # of the frames, in which both are seen
 NEAR = 0.3  # of the picture's shorter side, within which they are of one body
 FEWEST = 3  # corners of a group
 GROUPS = 24
+TELLING = 4000  # frames that tell which move as one
 
 
 @dataclass(frozen=True)
@@ -48,10 +52,8 @@ class Group:
     corners: int
 
 
-def carried(
-    frames: UInt8[np.ndarray, "t h w 3"], stirred: Bool[np.ndarray, "h w"]
-) -> Float[np.ndarray, "t n 2"]:
-    """Corners that are followed through the clip, pixels; NaN where one is lost.
+def carried(frames: Pictures, stirred: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "t n 2"]:
+    """Corners that are followed through the clip and move, pixels; NaN where one is lost.
 
     Args:
         frames: before a still camera.
@@ -59,19 +61,43 @@ def carried(
     """
     import cv2
 
-    grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
+    grey = Through(frames, grey_of)
     around = np.ones((2 * STIRRED + 1, 2 * STIRRED + 1), np.uint8)
     where = 255 * cv2.dilate(stirred.astype(np.uint8), around)
     found = [np.empty((len(frames), 0, 2), np.float32)]
     for look in np.unique(np.linspace(0, len(frames) - 1, 2 * LOOKS + 1).astype(int)[1::2]):
         corners = cv2.goodFeaturesToTrack(grey[look], CORNERS, QUALITY, APART, mask=where)
         if corners is not None:
-            found.append(followed(grey, int(look), corners[:, 0]))
-    return np.concatenate(found, 1).astype(float)
+            found.append(_moving(followed(grey, int(look), corners[:, 0])))
+    return np.concatenate(found, 1)
+
+
+def grey_of(frame: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w"]:
+    """Its brightness."""
+    import cv2
+
+    grey: np.ndarray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+    return grey
+
+
+def _moving(paths: np.ndarray) -> np.ndarray:
+    """Those of corners ``(t, n, 2)`` that are seen for long and move."""
+    paths = paths[:, np.isfinite(paths[..., 0]).sum(0) > OVERLAP * len(paths)]
+    off, _ = _off(paths.astype(float))
+    count = np.isfinite(paths[..., 0]).sum(0)
+    moving: np.ndarray = paths[:, (off**2).sum((0, 2)) / count > MOVED**2]
+    return moving
+
+
+def _off(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of corners ``(t, n, 2)`` how far each is off its middle, 0 where unseen; and these."""
+    seen = np.isfinite(paths[..., :1])
+    middle = np.where(seen, paths, 0).sum(0) / np.maximum(seen.sum(0), 1)
+    return np.where(seen, paths - middle, 0), middle
 
 
 def followed(
-    grey: list[UInt8[np.ndarray, "h w"]], look: int, corners: Float[np.ndarray, "n 2"]
+    grey: Sequence[np.ndarray] | Through, look: int, corners: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "t n 2"]:
     """Corners of one frame in all of them, pixels; NaN from where one is lost on."""
     paths = np.full((len(grey), len(corners), 2), np.nan, np.float32)
@@ -81,7 +107,7 @@ def followed(
     return paths
 
 
-def _follow(grey: list[np.ndarray], order: range, paths: np.ndarray) -> None:
+def _follow(grey: Sequence[np.ndarray] | Through, order: range, paths: np.ndarray) -> None:
     """Fill in the paths from the first frame of an order on."""
     import cv2
 
@@ -111,20 +137,18 @@ def _follow(grey: list[np.ndarray], order: range, paths: np.ndarray) -> None:
 
 
 def groups(paths: Float[np.ndarray, "t n 2"], side: float) -> Iterator[Group]:
-    """Corners that move, and move as one, those of which most do first.
+    """Corners that move as one, those of which most do first.
+
+    Of a long clip not every frame tells which do.
 
     Args:
         paths: see :func:`carried`.
         side: of the picture, the shorter one, pixels.
     """
-    seen = np.isfinite(paths[..., 0])
-    count = np.maximum(seen.sum(0), 1)
-    middle = np.where(seen[..., None], paths, 0).sum(0) / count[:, None]
-    off = np.where(seen[..., None], paths - middle, 0)
-    moves = ((off**2).sum((0, 2)) / count > MOVED**2) & (count > OVERLAP * len(paths))
-    paths, seen, off, middle = paths[:, moves], seen[:, moves], off[:, moves], middle[moves]
+    some = paths[:: -(-len(paths) // TELLING)].astype(float)
+    off, middle = _off(some)
     left = np.ones(len(middle), bool)
-    alike = _as_one(off, seen, middle, side)
+    alike = _as_one(off, np.isfinite(some[..., 0]), middle, side)
     for _ in range(GROUPS):
         company = np.where(left, (alike & left).sum(1), 0)
         if not len(company) or company.max() < FEWEST:
@@ -132,7 +156,7 @@ def groups(paths: Float[np.ndarray, "t n 2"], side: float) -> Iterator[Group]:
         leader = int(company.argmax())
         members = np.flatnonzero(alike[leader] & left)
         left[members] = False
-        yield _middle(paths[:, members], int(np.searchsorted(members, leader)))
+        yield _middle(paths[:, members].astype(float), int(np.searchsorted(members, leader)))
 
 
 def _as_one(off: np.ndarray, seen: np.ndarray, middle: np.ndarray, side: float) -> np.ndarray:

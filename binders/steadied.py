@@ -9,6 +9,7 @@ from jaxtyping import Float
 from binders.base import Pictures
 from binders.camera import background_of, camera_drift, undo_drift
 from binders.pan import through, turning, unturned
+from binders.reel import Masks, Reel, Through, filled
 
 SAMPLED_FRAMES = 48
 WORKING_SIDE = 480
@@ -23,7 +24,8 @@ class Steadied:
         times: seconds.
 
     Attributes:
-        still: RGB bytes ``(t, h, w, 3)`` of the working size, before a background that stands.
+        still: RGB bytes ``(t, h, w, 3)`` of the working size, before a background that stands; in
+            a file where they are many.
         sample: frames that the background is known by.
         drift: of the background, ``(t, 2)`` pixels of the working image; where the camera turns
             far, that of the picture's middle from the first frame on.
@@ -76,28 +78,27 @@ def camera_path(frames: Pictures) -> Float[torch.Tensor, "t 2"]:
     return torch.from_numpy(drift / (max(frames.shape[1:3]) / 2 / factor) * UP).float()
 
 
-def _working_copy(frames: Pictures) -> tuple[np.ndarray, int]:
+def _working_copy(frames: Pictures) -> tuple[Reel, int]:
     """The frames at their working size, and the factor that they were shrunk by."""
     import cv2
 
     factor = -(-max(frames.shape[1:3]) // WORKING_SIDE)
     h, w = (n // factor for n in frames.shape[1:3])
     if factor == 1:
-        return np.asarray(frames), 1
-    whole = (f[: h * factor, : w * factor] for f in frames)
-    small = np.empty((len(frames), h, w, 3), np.uint8)
-    for out, frame in zip(small, whole, strict=True):
-        cv2.resize(frame, (w, h), out, interpolation=cv2.INTER_AREA)
-    return small, factor
+        return filled(frames), 1
+    whole = (frame[: h * factor, : w * factor] for frame in frames)
+    small = (cv2.resize(frame, (w, h), interpolation=cv2.INTER_AREA) for frame in whole)
+    return filled(small), factor
 
 
 def _sample(count: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, SAMPLED_FRAMES).astype(int)).tolist()
 
 
-def _drift(small: np.ndarray, sample: list[int]) -> np.ndarray:
+def _drift(small: Reel, sample: list[int]) -> np.ndarray:
     """Displacement of the background in each frame (pixels), of a camera that hardly turns."""
-    return camera_drift(small.mean(-1, dtype=np.float32), sample)
+    grey = Through(small, lambda frame: frame.mean(-1, dtype=np.float32))
+    return camera_drift(grey, sample)
 
 
 def _turned(turns: np.ndarray, middle: np.ndarray) -> np.ndarray:
@@ -107,17 +108,16 @@ def _turned(turns: np.ndarray, middle: np.ndarray) -> np.ndarray:
     return drift
 
 
-def _steady(frames: np.ndarray, drift: np.ndarray) -> np.ndarray:
+def _steady(frames: Reel, drift: np.ndarray) -> Reel:
     """The frames as a camera without drift would have seen them, as bytes."""
-    still = np.empty_like(frames)
-    for out, frame, shift in zip(still, frames, drift, strict=True):
-        out[:] = np.rint(undo_drift(frame.astype(np.float32), shift))
-    return still
+    return filled(
+        np.rint(undo_drift(frame.astype(np.float32), shift)).astype(np.uint8)
+        for frame, shift in zip(frames, drift, strict=True)
+    )
 
 
-def _filled(still: np.ndarray, shown: np.ndarray, sample: list[int]) -> np.ndarray:
+def _filled(still: Reel, shown: Masks, sample: list[int]) -> Reel:
     """The frames with the background where the camera did not look."""
-    behind = background_of(still[sample].astype(np.float32), ~shown[sample])
-    for frame, there in zip(still, shown, strict=True):
-        frame[~there] = behind[~there]
-    return still
+    hidden = ~np.stack([shown[k] for k in sample])
+    behind = background_of(still[sample].astype(np.float32), hidden).astype(np.uint8)
+    return filled(np.where(shown[k][..., None], frame, behind) for k, frame in enumerate(still))

@@ -55,7 +55,7 @@ def test_homographies_of_a_camera_that_turns() -> None:
 
 def test_frames_as_the_middle_one_sees_them() -> None:
     frames = panned(body=False)
-    still, shown = unturned(frames, turned())
+    still, shown = (np.stack([*each]) for each in unturned(frames, turned()))
     off = np.abs(still.astype(float) - frames[FRAMES // 2])[shown]
     assert np.median(off) < 4
     assert shown[FRAMES // 2].all()

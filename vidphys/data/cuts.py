@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from binders.base import Pictures
 from vidphys.data.formats.opencv import opencv
@@ -38,7 +38,8 @@ def parts(frames: Pictures) -> list[tuple[int, int]]:
 def liveliest(frames: Pictures, parts: list[tuple[int, int]]) -> int:
     """Which part has the most frames in which something moves; of equals the longest."""
     small = _small(frames)
-    change = np.abs(np.diff(small, axis=0)).mean(-1).max((1, 2))
+    pairs = zip(small[:-1], small[1:], strict=True)
+    change = np.array([np.abs(_apart(a, b)).mean(-1).max() for a, b in pairs])
     for first, _ in parts[1:]:
         change[first - 1] = 0.0
     moves = change > MOVES * np.quantile(change, LIVELY)
@@ -48,7 +49,7 @@ def liveliest(frames: Pictures, parts: list[tuple[int, int]]) -> int:
     )
 
 
-def _small(frames: Pictures) -> Float[np.ndarray, "t h w 3"]:
+def _small(frames: Pictures) -> UInt8[np.ndarray, "t h w 3"]:
     cv2 = opencv()
     height, width = frames.shape[1:3]
     scale = min(1.0, SIDE / max(height, width))
@@ -56,18 +57,22 @@ def _small(frames: Pictures) -> Float[np.ndarray, "t h w 3"]:
     skip = max(1, int(1 / scale) // 4)  # of a large frame not every pixel is needed
     some = (np.ascontiguousarray(frame[::skip, ::skip]) for frame in frames)
     small = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in some]
-    return np.stack(small).astype(np.float32)
+    return np.stack(small)
+
+
+def _apart(before: np.ndarray, after: np.ndarray) -> Float[np.ndarray, "h w 3"]:
+    return after.astype(np.float32) - before.astype(np.float32)
 
 
 def _changed(before: np.ndarray, after: np.ndarray) -> float:
     """Share of the pixels that are others."""
-    return float((np.abs(after - before).mean(-1) > CHANGED).mean())
+    return float((np.abs(_apart(before, after)).mean(-1) > CHANGED).mean())
 
 
 def _alike(small: np.ndarray, t: int) -> tuple[np.ndarray, np.ndarray]:
     """Frame ``t``, and the next one as bright and as aimed as it, where they overlap."""
     cv2 = opencv()
-    before, after = small[t], small[t + 1]
+    before, after = small[t].astype(np.float32), small[t + 1].astype(np.float32)
     after = after * (np.median(before) / max(float(np.median(after)), 1.0))
     (dx, dy), _ = cv2.phaseCorrelate(before.mean(-1), after.mean(-1))
     height, width = before.shape[:2]
