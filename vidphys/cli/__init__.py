@@ -20,6 +20,7 @@ from vidphys.runs.ending import Ending
 
 VERBS = {
     "ladder": ("LadderConfig", "run the grounding ladder and write its report"),
+    "plan": ("PlanConfig", "say what a ladder or tables will cost, before they are run"),
     "reproduce": ("ReproduceConfig", "regenerate the study's tables, with their verdicts"),
     "diagnose": ("DiagnoseConfig", "find which terms a scene requires, from tracks or a clip"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),

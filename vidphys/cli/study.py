@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from vidphys.experiments.core.cell import Unit
     from vidphys.runs.folder import RunFolder
 
+LONG_SECONDS = 60.0  # of a run that is worth a word on how long it takes
 SKIPPED = "skipped"  # how the reason begins of what was not run for want of weights
 
 
@@ -31,6 +32,10 @@ class StudyOptions:
         workers: processes.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         device: where models are trained and rolled; references and scores are on the CPU.
+        engine: where units of work run: processes of this machine, or a Ray cluster (the extra
+            ray), whose nodes all see the run folder.
+        address: of a Ray cluster that runs already, such as auto or HOST:6379; without it one is
+            started on this machine, with so many cores as there are workers.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
@@ -41,6 +46,8 @@ class StudyOptions:
     workers: int = 2
     profile: Path | None = None
     device: Literal["cpu", "cuda"] = "cpu"
+    engine: Literal["local", "ray"] = "local"
+    address: str | None = None
     overwrite: bool = False
     quiet: bool = False
 
@@ -87,15 +94,18 @@ def run_units(
     from dynamics.compiled.ahead import compile_ahead
     from encoders.release import WeightsMissing
     from vidphys.experiments.study import run_unit
-    from vidphys.runs.pool import run_all
+    from vidphys.runs.engine import Needs, engine_of
 
+    share = 1 / config.workers if config.device == "cuda" else 0.0
+    engine = engine_of(config.engine, config.workers, config.address, Needs(gpu=share))
+    _foretell(run, units, sizes, config, console)
     if min(config.workers, len(units)) > 1:
         console.stage(("compiling", 0, 1))
         compile_ahead()
         console.stage(("compiling", 1, 1))
     failed, lost = 0, set()
     tasks = [(run.path, unit, sizes, config.device) for unit in units]
-    for index, error in run_all(run_unit, tasks, config.workers, console.stage, console.done):
+    for index, error in engine(run_unit, tasks, console.stage, console.done):
         unit, absent = units[index], isinstance(error, WeightsMissing)
         failed += not absent
         word = SKIPPED if absent else f"failed: {type(error).__name__}"
@@ -106,6 +116,19 @@ def run_units(
                 console.warn(f"{part} {word}: {error}")
     run.unskip({f"{unit.table}/{cell}" for unit in units for cell in unit.cells} - lost)
     return failed
+
+
+def _foretell(
+    run: RunFolder, units: Sequence[Unit], sizes: Preset, config: StudyOptions, console: Console
+) -> None:
+    """Say what is left to do and how long that takes, by what this very run has measured so far."""
+    from vidphys.experiments.costs import known_costs
+    from vidphys.experiments.forecast import forecast
+
+    left = [unit for unit in units if not all(run.is_done(part) for part in unit.parts)]
+    found = forecast(left, config.preset, sizes, known_costs([run.path], config.device))
+    if found.seconds and found.wall(config.workers) > LONG_SECONDS:
+        console.note(found.sentence(config.workers))
 
 
 def measured(run: RunFolder, units: Sequence[Unit]) -> str:

@@ -27,6 +27,7 @@ from vidphys.presets import Preset
 from vidphys.runs.asked import asked_of
 from vidphys.runs.atomic import write_json
 from vidphys.runs.code import modules_of
+from vidphys.runs.cost import Cost, peak_memory
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import merged_tables
 from vidphys.seeding import of_roles
@@ -162,7 +163,8 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
         for recorder in task.recorders:
             recorder.took(time.perf_counter() - began)
         makers = {*modules_of(table.cells[cell]), table.module} - {""}
-        run.finish(part, *merged_tables(task.recorders), tuple(sorted(makers)))
+        cost = Cost(time.perf_counter() - began, peak_memory())
+        run.finish(part, *merged_tables(task.recorders), tuple(sorted(makers)), cost)
 
 
 def _named(part: str, report: Report) -> Report:

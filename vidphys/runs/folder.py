@@ -22,6 +22,7 @@ from vidphys.errors import InputError
 from vidphys.runs.aside import forget, is_ours, move_aside, settle, sweep
 from vidphys.runs.asked import ASKED, asked_of, with_asked
 from vidphys.runs.code import code_hash, code_version
+from vidphys.runs.cost import Cost, marked
 from vidphys.runs.lock import LOCK, locked
 from vidphys.runs.records import read_table, write_table
 from vidphys.runs.sealed import read_sealed, write_sealed
@@ -189,7 +190,12 @@ class RunFolder:
         return self._part(part, "records").exists()
 
     def finish(
-        self, part: str, records: pa.Table, episodes: pa.Table, makers: tuple[str, ...] = ()
+        self,
+        part: str,
+        records: pa.Table,
+        episodes: pa.Table,
+        makers: tuple[str, ...] = (),
+        cost: Cost | None = None,
     ) -> None:
         """Keep the tables of one piece of work; the records are what marks it as done.
 
@@ -197,6 +203,7 @@ class RunFolder:
             part: its name.
             records, episodes: its tables.
             makers: modules that define what made it, see :func:`vidphys.runs.code.code_hash`.
+            cost: what it took, where that is known.
         """
         made = {
             MADE_BY: code_version().encode(),
@@ -204,7 +211,13 @@ class RunFolder:
             MAKERS: " ".join(makers).encode(),
         }
         write_table(self._part(part, "episodes"), episodes.replace_schema_metadata(made))
+        made |= marked(cost)
         write_table(self._part(part, "records"), records.replace_schema_metadata(made))
+
+    def parts(self) -> Iterator[pa.Table]:
+        """The records of each finished part, with its metadata."""
+        for file in sorted((self.path / "parts").glob("*.records.parquet")):
+            yield read_table(file)
 
     def made_by(self) -> dict[str, str]:
         """The code that made each finished part, where it says so."""

@@ -1,0 +1,92 @@
+"""Units of work side by side, in a simulation; and what they took, from what they left."""
+
+import time
+from dataclasses import replace
+
+import pytest
+
+from tests.shared.small_studies import TINY
+from vidphys.cli import main
+from vidphys.errors import InputError
+from vidphys.experiments.core.cell import Unit
+from vidphys.experiments.costs import Costs, growth, known_costs
+from vidphys.experiments.forecast import START_SECONDS, forecast
+from vidphys.experiments.ladder import LADDER, cells_of
+from vidphys.experiments.study import run_unit, settings_of, units_of
+from vidphys.presets import PRESETS, preset
+from vidphys.runs.cost import Cost
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.schedule import makespan
+
+
+def quiet(*_):
+    pass
+
+
+def units(*cells):
+    return units_of([LADDER], [0], cells_of(cells))
+
+
+def test_units_go_in_their_turn_to_whoever_is_free():
+    assert makespan([], 2) == 0
+    assert makespan([4, 3, 2, 1], 1) == 10
+    assert makespan([4, 3, 2, 1], 2) == 5  # 4 + 1 and 3 + 2
+    assert makespan([1, 1, 4], 2) == 5  # the long one came last
+    assert makespan([4, 3, 2, 1], 64, start=2) == 6
+    with pytest.raises(ValueError, match="`workers` 0"):
+        makespan([1.0], 0)
+
+
+def test_the_ladder_that_was_measured_is_foretold():
+    """Its times are of one run on two cores; another such run took 432 s."""
+    rungs = [u for u in units() if Costs.ours().of(u, "quick", preset("quick"))[1] == "measured"]
+    found = forecast(rungs, "quick", preset("quick"), Costs.ours())
+    assert found.unknown == 0 and found.how == {"measured": len(rungs)}
+    assert found.wall(2) == pytest.approx(432, rel=0.25)
+    assert found.wall(10**6) - START_SECONDS == pytest.approx(max(found.seconds))
+
+
+def test_a_run_says_what_its_units_took(tmp_path, monkeypatch):
+    def cell(task):
+        time.sleep(0.2)
+        for seed in task.seeds:
+            task.recorder(seed, "none", "none").add_value("x", 1.0)
+
+    monkeypatch.setattr(type(LADDER.cells), "__getitem__", lambda _cells, _name: cell)
+    unit = Unit(LADDER.name, ("oracle/factored",), (0, 1), ("oracle-factored-s0-1",))
+    run = RunFolder.open(tmp_path / "run", settings_of("ladder", "quick", TINY, [unit], [LADDER]))
+    run_unit(run.path, unit, TINY, "cpu", quiet)
+    cost, how = known_costs([run.path]).of(unit, "quick", TINY)
+    assert how == "measured" and cost.seconds == pytest.approx(0.2, abs=0.15)
+    alone = replace(unit, seeds=(0,))
+    assert known_costs([run.path]).of(alone, "quick", TINY)[0].seconds == cost.seconds / 2
+    assert cost.peak_bytes > 2**27  # torch alone
+    assert known_costs([run.path], "cuda").of(unit, "quick", TINY) is None
+
+
+def test_other_sizes_are_scaled_by_the_part_that_grows_most():
+    quick, paper = PRESETS["quick"], PRESETS["paper"]
+    known = Costs(
+        {"quick": {"ladder/oracle/factored": Cost(10.0), "ladder/jepa/factored": Cost(5.0)}}
+    )
+    (oracle,), (jepa,) = units("oracle/factored"), units("jepa/factored")
+    assert known.of(oracle, "paper", paper) == (Cost(10 * growth(quick, paper, False)), "scaled")
+    assert known.of(jepa, "paper", paper) == (Cost(5 * growth(quick, paper, True)), "scaled")
+    (other,) = units("rgb-tracked/factored")
+    assert known.of(other, "quick", quick) == (Cost(7.5), "as others of its table")
+    assert Costs().of(other, "quick", quick) is None
+
+
+def test_a_plan_is_printed_and_nothing_is_run(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["plan", "reproduce", "stability", "--workers", "3", "--units"]) == 0
+    told = capsys.readouterr().out
+    assert "with 3 workers" in told and "stability" in told and "measured" in told
+    assert not list(tmp_path.iterdir())
+    assert main(["plan", "reproduce"]) == 2
+    assert "name a table" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(InputError):
+        known_costs([tmp_path])

@@ -1,0 +1,101 @@
+"""``vidphys plan``: what a study will cost, before it is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from vidphys.cli.study import StudyOptions, option
+from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    from vidphys.experiments.core.cell import Unit
+    from vidphys.experiments.costs import Costs
+    from vidphys.presets import Preset
+
+CLUSTERS = (1, 2, 8, 64)  # workers that a plan is told for, beside those that are asked for
+
+
+@dataclass(frozen=True)
+class PlanConfig(StudyOptions):
+    """Print the units of a study, what each takes, and how long all of them take side by side.
+
+    Example: vidphys plan ladder --preset standard --workers 8
+
+    Example: vidphys plan reproduce stability inversion --measured runs/tables
+
+    Args:
+        verb: whose plan it is.
+        tables: of reproduce.
+        cells: as of the verb.
+        heads, scene: as of the ladder.
+        measured: run folders whose units' times are taken; ours, of the preset quick on one core,
+            where there is none. What was measured in another preset is scaled by the part of the
+            work that grows most: an upper bound.
+        units: print each unit, too.
+    """
+
+    verb: Annotated[Literal["ladder", "reproduce"], tyro.conf.Positional]
+    tables: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    cells: tuple[str, ...] = ()
+    heads: tuple[str, ...] = ()
+    scene: str = ""
+    measured: tuple[Path, ...] = ()
+    units: bool = False
+
+
+def plan(config: PlanConfig) -> int:
+    """Print what the verb would do, and how long it would take.
+
+    Returns:
+        0.
+
+    Raises:
+        InputError: as the verb itself, or a folder of measured units that is no run.
+    """
+    from vidphys.experiments.costs import known_costs
+    from vidphys.experiments.forecast import forecast, told_seconds
+    from vidphys.experiments.study import units_of
+
+    sizes, seeds = config.sizes()
+    tables, cells = _asked(config)
+    with option("--cells"):
+        units = units_of(tables, seeds, cells)
+    costs = known_costs(config.measured, config.device)
+    found = forecast(units, config.preset, sizes, costs)
+    if config.units:
+        for unit in units:
+            print(_line(unit, config.preset, sizes, costs))
+    print(found.sentence(config.workers))
+    if found.peak_bytes:
+        print(f"memory: {found.peak_bytes / 2**30:.1f} GiB a worker at most")
+    for workers in sorted({*CLUSTERS, config.workers}):
+        if found.seconds:
+            print(f"{workers:>4} workers  {told_seconds(found.wall(workers))}")
+    return 0
+
+
+def _asked(config: PlanConfig):  # noqa: ANN202 (tables and cells)
+    from vidphys.experiments.ladder import LADDER, cells_of
+    from vidphys.experiments.study import choose
+
+    if config.verb == "ladder":
+        with option("--cells, --scene"):
+            return [LADDER], cells_of(config.cells, config.heads, config.scene)
+    if not config.tables:
+        raise InputError("plan reproduce: name a table, or all")
+    with option("plan"):
+        return choose(config.tables), config.cells
+
+
+def _line(unit: Unit, preset: str, sizes: Preset, costs: Costs) -> str:
+    from vidphys.experiments.forecast import told_seconds
+
+    found = costs.of(unit, preset, sizes)
+    cells = unit.cells[0] + (f" and {len(unit.cells) - 1} more" if len(unit.cells) > 1 else "")
+    seeds = ",".join(map(str, unit.seeds))
+    took = "not known" if found is None else f"{told_seconds(found[0].seconds)} ({found[1]})"
+    return f"{unit.table:<24}{cells:<56}{'seeds ' + seeds:<14}{took}"
