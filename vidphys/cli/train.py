@@ -74,6 +74,9 @@ class TrainConfig(WhoOptions, SeeingOptions):
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
             shadow rather than a body; 1 keeps every change. Found out unless given.
         train_share: of the clips that is trained on; of a single clip, its first part.
+        split_by: clip; time, which cuts every clip; the name of a fact of the clips (a column of a
+            data set), those of which stay together; or auto: as the data set says, else by clip. A
+            clip that would be in two splits is an error.
         heads: trained beside factored and its twin unstructured; `vidphys parts` names them.
         head_steps: optimiser steps of each dynamics head.
         friction: whether the factored head has friction; auto leaves it out where the data set
@@ -106,6 +109,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
     bodies: int | None = None
     shadow: float | None = None
     train_share: float = 0.6
+    split_by: str = "auto"
     heads: tuple[str, ...] = ()
     head_steps: int = 400
     friction: Literal["auto", "yes", "no"] = "auto"
@@ -243,7 +247,14 @@ def _settings(config: TrainConfig) -> TrainSettings:
     grid = Grid(config.readout, tried, config.learning_rates, seeds)
     how = config.mirrors, config.selection, config.train_share, config.head_steps
     return TrainSettings(
-        readout, grid, *how, config.heads, config.seed, config.on_nan, config.device
+        readout,
+        grid,
+        *how,
+        config.heads,
+        config.seed,
+        config.on_nan,
+        config.device,
+        split_by=config.split_by,
     )
 
 

@@ -1,14 +1,16 @@
-"""What is trained on, what ends the training, and what is scored: whole clips, or parts of one.
+"""What is trained on, what ends the training, and what is scored: whole clips, or parts of each.
 
 Of several clips, the first are trained on, one in five of those decides when to stop, and the
-others are scored. A single clip is cut in time: its first part is trained on, every fifth block
-of that decides, and what comes after is scored.
+others are scored; clips that belong together stay together, and a data set may say which is which
+itself. A clip that is cut in time has its first part trained on, every fifth block of that decides,
+and what comes after is scored. No clip is in two of them, whatever its name is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -17,6 +19,13 @@ from vidphys.errors import InputError
 
 BLOCK = 8  # frames
 EVERY = 5  # one block, or clip, in so many
+Role = Literal["train", "held_out", "scored"]
+SPLITS: dict[str, Role] = {
+    **dict.fromkeys(("train", "training"), "train"),
+    **dict.fromkeys(("val", "valid", "validation", "dev", "held_out"), "held_out"),
+    **dict.fromkeys(("test", "testing", "eval", "scored"), "scored"),
+}
+SAID = {"train": "what is trained on", "held_out": "what is held out", "scored": "what is scored"}
 
 
 @dataclass(frozen=True)
@@ -63,32 +72,118 @@ def split_frames(frames: int, features: int, each: int, share: float) -> Split:
     return Split((number[~held],), (number[held],), (scored,), (end * each,), (end * each,), each)
 
 
-def split_clips(frames: Sequence[int], features: Sequence[int], each: int, share: float) -> Split:
+def split_times(frames: Sequence[int], features: Sequence[int], each: int, share: float) -> Split:
+    """Every clip cut in time; see :func:`split_frames`."""
+    own = [split_frames(*counts, each, share) for counts in zip(frames, features, strict=True)]
+    return Split(
+        tuple(part.train[0] for part in own),
+        tuple(part.held_out[0] for part in own),
+        tuple(part.scored[0] for part in own),
+        tuple(part.known[0] for part in own),
+        tuple(part.asked[0] for part in own),
+        each,
+    )
+
+
+def split_clips(
+    frames: Sequence[int], features: Sequence[int], each: int, roles: Sequence[Role]
+) -> Split:
     """Several clips; the second half of each scored one is foretold from its first.
 
     Args:
         frames, features: of each clip, and of its features.
         each: frames that a feature frame stands for.
-        share: of the clips that is trained on, at least two; at least one is scored.
+        roles: of each clip.
+    """
+    train, held_out, scored, known, asked = [], [], [], [], []
+    none = torch.arange(0)
+    for role, whole, cells in zip(roles, frames, features, strict=True):
+        every = torch.arange(cells)
+        train.append(every if role == "train" else none)
+        held_out.append(every if role == "held_out" else none)
+        scored.append(every if role == "scored" else none)
+        known.append(0 if role == "scored" else whole)
+        asked.append(whole - whole // 2 if role == "scored" else None)
+    return Split(tuple(train), tuple(held_out), tuple(scored), tuple(known), tuple(asked), each)
+
+
+def roles_by_group(groups: Sequence[Hashable], share: float) -> list[Role]:
+    """The role of each clip; those of one group have the same.
+
+    Args:
+        groups: of each clip; a number of its own where it stands alone.
+        share: of the groups that is trained on, at least two; at least one is scored.
 
     Raises:
-        InputError: too few clips for that.
+        InputError: too few groups for that.
     """
-    count = len(frames)
+    order = list(dict.fromkeys(groups))
+    count, what = len(order), "clips" if len(order) == len(groups) else "groups of clips"
     end = round(count * share)
     if not 2 <= end < count:
         raise InputError(
-            f"train share {share}: leaves {end} of {count} clips to train on and {count - end} to "
+            f"train share {share}: leaves {end} of {count} {what} to train on and {count - end} to "
             "score; needs at least two (one of them to stop by) and one"
         )
-    held = {k for k in range(end) if k % EVERY == EVERY // 2} or {end - 1}
-    train, held_out, scored, known, asked = [], [], [], [], []
-    none = torch.arange(0)
-    for k, (whole, cells) in enumerate(zip(frames, features, strict=True)):
-        every = torch.arange(cells)
-        train.append(every if k < end and k not in held else none)
-        held_out.append(every if k in held else none)
-        scored.append(every if k >= end else none)
-        known.append(whole if k < end else 0)
-        asked.append(whole - whole // 2 if k >= end else None)
-    return Split(tuple(train), tuple(held_out), tuple(scored), tuple(known), tuple(asked), each)
+    held = _held(end)
+    roles: list[Role] = ["held_out" if k in held else "train" for k in range(end)]
+    own = dict(zip(order, roles + ["scored"] * (count - end), strict=True))
+    return [own[group] for group in groups]
+
+
+def roles_by_name(names: Sequence[str], groups: Sequence[Hashable]) -> list[Role] | None:
+    """The role of each clip as its data set says it; ``None`` where that leaves none to score.
+
+    Args:
+        names: of the splits: train, val and test, or what they are usually called.
+        groups: of each clip; where nothing is held out, one in five of train's groups is.
+
+    Raises:
+        InputError: a name that is not known, or only one group to train on.
+    """
+    unknown = next((name for name in names if name.lower() not in SPLITS), None)
+    roles = [SPLITS.get(name.lower(), "train") for name in names]
+    if set(roles) <= {"train"}:
+        return None
+    if unknown is not None:
+        raise InputError(
+            f"split {unknown!a}: a data set has train, val and test, and each clip in one of them; "
+            "split it by clip, by time or by a fact of its clips"
+        )
+    if "scored" not in roles:  # what there is beside train is scored
+        roles = ["scored" if role == "held_out" else role for role in roles]
+    if "held_out" not in roles:
+        own = list(
+            dict.fromkeys(g for g, role in zip(groups, roles, strict=True) if role == "train")
+        )
+        if len(own) < 2:
+            raise InputError("split train: needs at least two clips, one of them to stop by")
+        held = {own[k] for k in _held(len(own))}
+        pairs = zip(groups, roles, strict=True)
+        roles = ["held_out" if r == "train" and g in held else r for g, r in pairs]
+    if "train" not in roles:
+        raise InputError("its splits leave no clip to train on")
+    return roles
+
+
+def _held(count: int) -> set[int]:
+    return {k for k in range(count) if k % EVERY == EVERY // 2} or {count - 1}
+
+
+def refuse_leaks(names: Sequence[str], hashes: Sequence[str], roles: Sequence[Role]) -> None:
+    """Refuse a clip that is in two splits, perhaps under two names.
+
+    Args:
+        names, hashes, roles: of each clip, and of its content.
+
+    Raises:
+        InputError: there is one.
+    """
+    first: dict[str, int] = {}
+    for k, (digest, role) in enumerate(zip(hashes, roles, strict=True)):
+        before = first.setdefault(digest, k)
+        if roles[before] != role:
+            raise InputError(
+                f"{names[before]} and {names[k]} are the same clip, and would be in {SAID[role]} "
+                f"and in {SAID[roles[before]]}: remove one, or split by a fact that both share"
+            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,13 +20,22 @@ from vidphys.data.extraction import extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labelled import LabelledFrames, joined
 from vidphys.data.labelled_clips import LabelledClip, read_clips
-from vidphys.data.splits import Split, split_clips, split_frames
+from vidphys.data.splits import (
+    Split,
+    refuse_leaks,
+    roles_by_group,
+    roles_by_name,
+    split_clips,
+    split_times,
+)
 from vidphys.data.video import ClipSelection, Video
 from vidphys.errors import InputError
 from vidphys.progress import Progress
 from vidphys.reading.reader import Layer, LoadedEncoder
 
 Stage = Callable[[str], Progress]
+AUTO, CLIP, TIME = "auto", "clip", "time"  # what clips are split by; else by one of their facts
+EPISODE = "episode_index"
 
 
 @dataclass(frozen=True)
@@ -138,7 +147,9 @@ def _check_frames(clip: LabelledClip, encoders: Mapping[Layer, LoadedEncoder]) -
         )
 
 
-def split_of(clips: Sequence[SeenClip], layer: Layer, each: int, share: float) -> Split:
+def split_of(
+    clips: Sequence[SeenClip], layer: Layer, each: int, share: float, by: str = AUTO
+) -> Split:
     """Whole clips where there are several, else parts of the one.
 
     Args:
@@ -146,12 +157,37 @@ def split_of(clips: Sequence[SeenClip], layer: Layer, each: int, share: float) -
         layer: whose feature frames are told apart.
         each: frames that one of them stands for.
         share: that is trained on.
+        by: ``clip``; ``time``, which cuts each clip; the name of a fact, whose clips stay together;
+            or ``auto``: as the data set says, else by clip.
+
+    Raises:
+        InputError: too few clips, no such fact, or a clip that is in two splits.
     """
     frames = [len(clip.labels.times) for clip in clips]
     features = [clip.features[layer].values.shape[1] for clip in clips]
-    if len(clips) == 1:
-        return split_frames(frames[0], features[0], each, share)
-    return split_clips(frames, features, each, share)
+    if len(clips) == 1 or by == TIME:
+        return split_times(frames, features, each, share)
+    groups = _groups(clips, by)
+    roles = roles_by_name([clip.file.split for clip in clips], groups) if by == AUTO else None
+    roles = roles or roles_by_group(groups, share)
+    paths = [str(clip.file.path) for clip in clips]
+    refuse_leaks(paths, [clip.about["sha256"] for clip in clips], roles)
+    return split_clips(frames, features, each, roles)
+
+
+def _groups(clips: Sequence[SeenClip], by: str) -> list[Hashable]:
+    """What each clip must stay together with; cameras that saw the same always do."""
+    facts = [clip.file.facts for clip in clips]
+    if by in (AUTO, CLIP):
+        several = len({each.get("camera") for each in facts}) > 1
+        return [f.get(EPISODE, k) if several else k for k, f in enumerate(facts)]
+    for clip, each in zip(clips, facts, strict=True):
+        if by not in each:
+            raise InputError(
+                f"{clip.file.path}: no fact {by!a} to split by; it has "
+                f"{', '.join(each) or 'none'}; or use {AUTO}, {CLIP} or {TIME}"
+            )
+    return [each[by] for each in facts]
 
 
 def labelled(

@@ -25,7 +25,7 @@ from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import Layer, LoadedEncoder, Reader, steady
-from vidphys.reading.seen_clips import SeenClip, Stage, labelled, split_of
+from vidphys.reading.seen_clips import AUTO, SeenClip, Stage, labelled, split_of
 from vidphys.training.candidates import (
     Examples,
     Grid,
@@ -52,6 +52,7 @@ class TrainSettings:
         seed: of batch orders and heads.
         on_nan: of the heads; see :class:`vidphys.training.learner.FitSettings`.
         device: where readouts and heads are trained; they come back from there.
+        split_by: see :func:`vidphys.reading.seen_clips.split_of`.
     """
 
     readout: ReadoutSettings
@@ -64,6 +65,7 @@ class TrainSettings:
     seed: int = 0
     on_nan: OnNan = "stop"
     device: str = "cpu"
+    split_by: str = AUTO
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def perceive(
     splits, bodies = {}, clips[0].labels.positions.shape[2]
     for layer, encoder in encoders.items():
         each = encoder.network.frames_per_feature
-        split = splits[layer] = split_of(clips, layer, each, settings.share)
+        split = splits[layer] = split_of(clips, layer, each, settings.share, settings.split_by)
         examples = Examples(
             labelled(clips, layer, split.train, each), labelled(clips, layer, split.held_out, each)
         )

@@ -21,7 +21,7 @@ from vidphys.data.dataset import clip_file, find_dataset
 from vidphys.data.extraction import extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labels import read_labels, write_labels
-from vidphys.data.splits import split_clips, split_frames
+from vidphys.data.splits import roles_by_group, split_clips, split_frames
 from vidphys.data.video import ClipSelection, Video, open_video
 from vidphys.errors import InputError
 from vidphys.reading.reader import LoadedEncoder, Reader
@@ -116,15 +116,17 @@ def test_one_clip_needs_both_parts(frames: int, share: float) -> None:
 
 
 def test_of_several_clips_whole_ones_are_held_out() -> None:
-    split = split_clips([9] * 20, [5] * 20, 2, 0.6)
+    split = split_clips([9] * 20, [5] * 20, 2, roles_by_group(range(20), 0.6))
     roles = [(len(a), len(b), len(c)) for a, b, c in zip(*_parts(split), strict=True)]
     assert roles.count((5, 0, 0)) == 10 and roles.count((0, 5, 0)) == 2
     assert roles[12:] == [(0, 0, 5)] * 8
     assert split.known == (9,) * 12 + (0,) * 8 and split.asked == (None,) * 12 + (5,) * 8
-    assert [len(x) for x in split_clips([9] * 3, [9] * 3, 1, 0.6).held_out] == [0, 9, 0]
+    assert [
+        len(x) for x in split_clips([9] * 3, [9] * 3, 1, roles_by_group(range(3), 0.6)).held_out
+    ] == [0, 9, 0]
     for count, share in ((2, 0.6), (4, 0.9), (4, 0.2)):
         with pytest.raises(InputError, match="clips to train on"):
-            split_clips([9] * count, [9] * count, 1, share)
+            roles_by_group(range(count), share)
 
 
 def _parts(split):  # noqa: ANN001, ANN202
