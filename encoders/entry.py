@@ -8,9 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from types import TracebackType
 from typing import Any, BinaryIO
 
 import torch
@@ -122,3 +123,44 @@ def new_entry(path: Path, times: Tensor, dtype: torch.dtype, source: str) -> Ite
             entry = EntryFile(file, times, dtype, source)
             yield entry
         entry.about()
+
+
+class Entries:
+    """Files of several layers that are filled together: whole, or not there.
+
+    Args:
+        files: each as :func:`new_entry` gives it.
+        commit: what makes entries of the files once they lie in their place.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[AbstractContextManager[EntryFile]],
+        commit: Callable[[Sequence[EntryFile]], None],
+    ) -> None:
+        self._stack, self._commit = ExitStack(), commit
+        with ExitStack() as opening:
+            self._files = [opening.enter_context(file) for file in files]
+            self._stack = opening.pop_all()
+
+    def add(self, piece: Sequence[Tensor]) -> None:
+        """Append features ``(f, c, h, w)`` of each layer.
+
+        Raises:
+            ValueError: values that the dtype cannot hold.
+        """
+        for file, values in zip(self._files, piece, strict=True):
+            file.add(values)
+
+    def __enter__(self) -> Entries:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+        if kind is None:
+            self._commit(self._files)

@@ -15,14 +15,15 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
+from torch import Tensor
 
-from encoders.entry import new_entry, placed
+from encoders.entry import Entries, EntryFile, new_entry, placed
 from encoders.features import FeatureMap, FeatureStream, streamed, stride_of
 from encoders.identity import EncoderIdentity
 from encoders.release import file_sha256
@@ -123,6 +124,7 @@ class FeatureStore:
         requests: Mapping[str, FeatureRequest],
         source: str,
         encode: Callable[[Sequence[str]], Iterator[FeatureStream]],
+        made: Mapping[str, Any] | None = None,
     ) -> dict[str, FeatureMap]:
         """Several layers of a clip, those that are not on disk by ``encode(layers)``.
 
@@ -130,10 +132,11 @@ class FeatureStore:
             requests: by layer.
             source: see :meth:`get`.
             encode: makes the features of some layers; see :class:`encoders.FrozenEncoder`.
+            made: see :meth:`write_layers`.
         """
         missing = [layer for layer, request in requests.items() if not self.has(request)]
         for stream in encode(missing) if missing else ():
-            self.write_layers(requests, source, stream)
+            self.write_layers(requests, source, stream, made)
         self.misses += len(missing)
         self.hits += len(requests) - len(missing)
         found = {layer: self.read(request) for layer, request in requests.items()}
@@ -142,6 +145,10 @@ class FeatureStore:
     def has(self, request: FeatureRequest) -> bool:
         """Whether there is an entry of ``request``; it is not looked into."""
         return self._manifest(request.key).exists()
+
+    def shape_of(self, request: FeatureRequest) -> tuple[int, ...]:
+        """``(t, c, h, w)`` of an entry that is there, as its manifest says it."""
+        return tuple(_load_manifest(self._manifest(request.key))["shape"])
 
     def read(self, request: FeatureRequest) -> FeatureMap | None:
         """The features of ``request``, memory-mapped, or ``None`` where the store has none.
@@ -202,35 +209,61 @@ class FeatureStore:
         self.write_layers({layer: request}, source, streamed(layer, features))
 
     def write_layers(
-        self, requests: Mapping[str, FeatureRequest], source: str, stream: FeatureStream
+        self,
+        requests: Mapping[str, FeatureRequest],
+        source: str,
+        stream: FeatureStream,
+        made: Mapping[str, Any] | None = None,
     ) -> None:
         """Store features of one clip as they come in, an entry for each layer.
+
+        Args:
+            requests: by layer.
+            source: see :meth:`get`.
+            stream: of some of the layers.
+            made: what else is known of how they were made, for the manifest.
 
         Raises:
             ValueError: values that the dtype cannot hold.
         """
-        self._sweep()
         chosen = [requests[layer] for layer in stream.layers]
-        with ExitStack() as stack:
-            entries = [
-                stack.enter_context(
-                    new_entry(self._data(r.key), stream.times, DTYPES[r.dtype], source)
-                )
-                for r in chosen
-            ]
+        with self.begin(chosen, source, stream.size, stream.times, made) as entries:
             for piece in stream.pieces:
-                for entry, values in zip(entries, piece, strict=True):
-                    entry.add(values)
-        for request, entry in zip(chosen, entries, strict=True):
-            manifest = {
-                "schema_version": SCHEMA_VERSION,
-                "source": source,
-                "request": asdict(request),
-                "stride": list(stride_of(stream.size, entry.grid)),
-                **entry.about(),
-            }
-            with placed(self._manifest(request.key)) as partial:
-                partial.write_text(json.dumps(sealed(manifest), indent=2), encoding="utf-8")
+                entries.add(piece)
+
+    def begin(
+        self,
+        requests: Sequence[FeatureRequest],
+        source: str,
+        size: tuple[int | float, int | float],
+        times: Tensor,
+        made: Mapping[str, Any] | None = None,
+    ) -> Entries:
+        """Entries to be filled piece by piece, which are there once all of them is.
+
+        Args:
+            requests: of layers with the same feature frames.
+            source, made: see :meth:`write_layers`.
+            size: of the frames in pixels, (height, width).
+            times: of the feature frames, seconds.
+        """
+        self._sweep()
+        new = [new_entry(self._data(r.key), times, DTYPES[r.dtype], source) for r in requests]
+
+        def commit(files: Sequence[EntryFile]) -> None:
+            for request, file in zip(requests, files, strict=True):
+                manifest = {
+                    "schema_version": SCHEMA_VERSION,
+                    "source": source,
+                    "request": asdict(request),
+                    "made": dict(made or {}),
+                    "stride": list(stride_of(size, file.grid)),
+                    **file.about(),
+                }
+                with placed(self._manifest(request.key)) as partial:
+                    partial.write_text(json.dumps(sealed(manifest), indent=2), encoding="utf-8")
+
+        return Entries(new, commit)
 
     def write_index(self) -> Path:
         """Rebuild ``index.parquet``: one row per entry, without the lists of frames."""

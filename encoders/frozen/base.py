@@ -168,7 +168,7 @@ class FrozenEncoder(ABC):
             (['1', '2', '3'], (1, 2, 96, 16, 16))
         """
         check_frames(self.identity.name, frames, times)
-        groups = self._groups(layers)
+        groups = self.groups(layers)
         found: dict[str, FeatureMap] = {}
         for done, (seer, group) in enumerate(groups):
             told = _part_of(progress, done, len(groups))
@@ -223,7 +223,7 @@ class FrozenEncoder(ABC):
         """
         check_count(self.identity.name, len(times))
         taken = times[:: self.frame_stride]
-        groups = self._groups(layers)
+        groups = self.groups(layers)
         for done, (seer, group) in enumerate(groups):
             told = _part_of(progress, done, len(groups))
             plan = windows(len(taken), seer.windowing)
@@ -231,7 +231,7 @@ class FrozenEncoder(ABC):
             pieces = seer._passes(jobs, group, _counted(told, len(plan), len(times)))
             yield FeatureStream(group, pieces, size, feature_times(taken, seer.windowing))
 
-    def _groups(self, layers: Sequence[int | str]) -> list[tuple[FrozenEncoder, tuple[str, ...]]]:
+    def groups(self, layers: Sequence[int | str]) -> list[tuple[FrozenEncoder, tuple[str, ...]]]:
         """Layers that see the same windows of the same pixels, and an encoder of them."""
         asked = {encoder.identity.layer: encoder for encoder in map(self.at, layers)}
         together: dict[Hashable, list[str]] = {}
@@ -246,13 +246,13 @@ class FrozenEncoder(ABC):
         waiting, done = iter(jobs), 0
         while some := [*islice(waiting, self.batch)]:
             with torch.inference_mode():
-                found = self._pass(some, layers)
+                found = self.one_pass(some, layers)
             done += len(some)
             told(done)
             # outside of inference mode: readouts may be trained on them
             yield [torch.cat(maps) for maps in found]
 
-    def _pass(self, jobs: list[Job], layers: tuple[str, ...]) -> list[list[Tensor]]:
+    def one_pass(self, jobs: list[Job], layers: tuple[str, ...]) -> list[list[Tensor]]:
         """Of each layer, the kept maps of each window."""
         filled = jobs + jobs[-1:] * (self.batch - len(jobs))
         clips = torch.stack([seen for seen, _ in filled])

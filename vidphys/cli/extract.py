@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,15 +15,14 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
-from vidphys.data.dataset import clips_of
-from vidphys.data.sets import is_in_set
+from vidphys.data.listed import listed_clips
 from vidphys.data.video import Video, open_video
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from encoders.identity import IdentifiedEncoder
-    from vidphys.progress import Progress
+    from encoders.identity import LayeredEncoder
+    from vidphys.data.many import Wanted
 
 
 @dataclass(frozen=True)
@@ -31,11 +32,13 @@ class ExtractConfig(SeeingOptions):
     Example: vidphys extract clip.mp4 --out features --weights weights --layer 8
 
     Args:
-        clips: video files, folders of them, data sets (of LeRobot, Hugging Face, WebDataset, HDF5,
-            NPZ), or clips of one, named as if it were a folder (runs.h5/trial).
+        clips: video files, folders of them, patterns such as 'clips/*.mp4', .txt files that name a
+            clip a line, data sets (of LeRobot, Hugging Face, WebDataset, HDF5, NPZ), or clips of
+            one, named as if it were a folder (runs.h5/trial).
         out: folder of the feature store; made if it is not there.
-        layer: what is read: hiera 4, 8, 16 or 32 (stride in network pixels); i3d a stage, such as
-            Mixed_4f; the transformers a number of blocks.
+        layers: what is read, several in one pass, or all: hiera 4, 8, 16 or 32 (stride in network
+            pixels); i3d a stage, such as Mixed_4f; the transformers a number of blocks.
+        resample: take the frames nearest to so many a second, of clips whose frames come unevenly.
         batch: frames, or windows of a video encoder, per forward pass.
         runtime: what computes the network, for encoders that have a choice.
         store_dtype: of the values on disk.
@@ -45,7 +48,8 @@ class ExtractConfig(SeeingOptions):
 
     clips: Annotated[tuple[Path, ...], tyro.conf.Positional]
     out: Path
-    layer: int | str | None = None
+    layers: Annotated[tuple[int | str, ...], tyro.conf.arg(aliases=("--layer",))] = ()
+    resample: float | None = None
     batch: int | None = None
     runtime: Literal["torch", "compile", "openvino"] | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
@@ -54,8 +58,8 @@ class ExtractConfig(SeeingOptions):
 
     @property
     def encoder_options(self) -> dict[str, Any]:
-        """Those of one encoder at one layer, and how it computes."""
-        how = {"layer": self.layer, "batch": self.batch, "runtime": self.runtime}
+        """Those of the encoder, and how it computes."""
+        how = {"batch": self.batch, "runtime": self.runtime}
         return {**super().encoder_options, **how}
 
 
@@ -69,59 +73,111 @@ def extract(config: ExtractConfig) -> None:
     config = with_profile(config, "extract")
     if not config.clips:
         raise InputError("extract: no clips; name at least one video file")
-    for path in config.clips:
-        if not path.exists() and not is_in_set(path):
-            raise InputError(f"extract: {path}: no such file; nothing was extracted")
-    clips = [clip for path in config.clips for clip in clips_of(path)]
+    files = listed_clips(config.clips)
     try:
-        _extract_all(config, clips, frozen_encoder(config))
+        _extract_all(config, files, *frozen_encoder(config))
     except ValueError as error:
         raise InputError(str(error)) from error
 
 
-def frozen_encoder(config: ExtractConfig) -> IdentifiedEncoder:
-    """The encoder that a configuration names.
+def frozen_encoder(config: ExtractConfig) -> tuple[LayeredEncoder, tuple[str, ...]]:
+    """The encoder that a configuration names, and the layers that are read.
 
     Raises:
         InputError: a device that is not there.
-        ValueError: an unknown encoder, an option that it does not take, or weights that are missing
-            or wrong.
+        ValueError: an unknown encoder, an option or a layer that it does not take, or weights that
+            are missing or wrong.
     """
     from encoders.frozen import load_encoder
 
     check_cuda(config.device)
-    return load_encoder(config.encoder, config.encoder_options, config.weights, config.device)
+    options, several = config.encoder_options, config.layers
+    if several and several != ("all",):
+        options["layer"] = several[0]
+    encoder = load_encoder(config.encoder, options, config.weights, config.device)
+    if several == ("all",):
+        return encoder, encoder.layers
+    if not several:
+        return encoder, (encoder.identity.layer,)
+    return encoder, tuple(encoder.at(layer).identity.layer for layer in several)
 
 
-def _extract_all(config: ExtractConfig, clips: Sequence[Path], encoder: IdentifiedEncoder) -> None:
+def _extract_all(
+    config: ExtractConfig, files: list[Path], encoder: LayeredEncoder, layers: tuple[str, ...]
+) -> None:
     from encoders.store import FeatureStore
-    from vidphys.data import extraction
+    from vidphys.data.ahead import ahead
+    from vidphys.data.many import Wanted, extract_many
 
     store = FeatureStore(config.out)
-    started, frames = time.perf_counter(), 0
-    with Console(config.quiet, len(clips), "extract") as console:
-        for number, path in enumerate(clips):
-            video = open_video(path, config.selection)
-            show = _stage_of(console, path.name)
-            found = extraction.extract(video, encoder, store, config.store_dtype, show)
-            console.done(number)
-            console.result(_summary(video, found.features.values.shape, found.cached))
-            frames += len(video.frames)
+    wanted = Wanted(encoder, layers, store, config.store_dtype)
+    started, counts = time.perf_counter(), Counter[str]()
+    with Console(config.quiet, len(files), "extract") as console:
+
+        def done(video: Video, made: Sequence[str]) -> None:
+            console.done(counts["clips"])
+            counts.update(
+                clips=1,
+                frames=len(video.frames),
+                made=len(made),
+                fresh=len(video.frames) if made else 0,
+            )
+            for line in _summary(video, wanted, made):
+                console.result(line)
+
+        def opened() -> Iterator[Video]:
+            first = True
+            for video in ahead([partial(_open, config, path) for path in files]):
+                if first:
+                    _tell_cost(console, wanted, video, files)
+                first = False
+                yield video
+
+        busy = extract_many(opened(), wanted, done)
         store.write_index()
         seconds = time.perf_counter() - started
+        total = counts["clips"] * len(layers)
+        share = f", encoder busy {busy / seconds:.0%}" if busy else ""
         console.result(
-            f"{len(clips)} clips, {frames} frames in {seconds:.1f} s: "
-            f"{len(clips) / seconds:.3g} clips/s, {frames / seconds:.3g} frames/s, "
-            f"hit rate {store.hit_rate:.0%}; store {config.out}"
+            f"{counts['clips']} clips, {counts['frames']} frames in {seconds:.1f} s: "
+            f"{counts['clips'] / seconds:.3g} clips/s, {counts['frames'] / seconds:.3g} frames/s, "
+            f"hit rate {1 - counts['made'] / total:.0%}{share}; store {config.out}"
         )
 
 
-def _stage_of(console: Console, name: str) -> Progress:
-    return lambda step, steps, _: console.stage((name, step, steps))
+def _open(config: ExtractConfig, path: Path) -> Video:
+    from vidphys.data.resampling import at_rate, require_even
+
+    video = open_video(path, config.selection)
+    if config.resample is not None:
+        return at_rate(video, config.resample)
+    require_even(video, config.stride * (config.frame_stride or 1))
+    return video
 
 
-def _summary(video: Video, shape: tuple[int, ...], cached: bool) -> str:
-    _, t, c, h, w = shape
-    state = "in store" if cached else "extracted"
-    first = f"{video.path}: {state}, {t} frames of {c} channels on a {h} x {w} grid"
-    return "\n".join([first, *(f"{video.path}: note: {note}" for note in video.notes)])
+def _tell_cost(console: Console, wanted: Wanted, first: Video, files: list[Path]) -> None:
+    """Say what the run will take, if it is more than a clip: as the first clip is, so are all."""
+    from vidphys.data.many import cost_of
+
+    if len(files) < 2:
+        return
+    cost = cost_of(wanted, first.size)
+    frames = float(len(first.frames) * len(files))
+    if all(path.is_file() for path in files):
+        frames = len(first.frames) * sum(path.stat().st_size for path in files)
+        frames /= max(1, first.path.stat().st_size)
+    console.result(
+        f"{len(files)} clips, about {frames:.2g} frames: {len(wanted.layers)} layers take about "
+        f"{frames * cost.seconds / 60:.2g} min and {frames * cost.bytes / 2**20:.2g} MiB, less "
+        "what is in the store already"
+    )
+
+
+def _summary(video: Video, wanted: Wanted, made: Sequence[str]) -> Iterator[str]:
+    for layer, request in wanted.requests(video).items():
+        found = wanted.store.shape_of(request)
+        state = "extracted" if layer in made else "in store"
+        of = f", layer {layer}" if len(wanted.layers) > 1 else ""
+        t, c, h, w = found
+        yield f"{video.path}: {state}{of}, {t} frames of {c} channels on a {h} x {w} grid"
+    yield from (f"{video.path}: note: {note}" for note in video.notes)

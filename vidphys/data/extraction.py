@@ -19,6 +19,7 @@ from encoders.features import FeatureMap, FeatureStream
 from encoders.identity import IdentifiedEncoder, LayeredEncoder, stream
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.frames import Frames
+from vidphys.data.provenance import provenance
 from vidphys.data.video import Video
 from vidphys.progress import Progress
 
@@ -97,7 +98,7 @@ def _extracted(
     axes: Axes = (),
 ) -> dict[str, Extraction]:
     """By layer, what the encoders that are of that layer alone would give."""
-    requests = {layer: _request(video, at, dtype, axes) for layer, at in single.items()}
+    requests = {layer: request_of(video, at, dtype, axes) for layer, at in single.items()}
     missing: list[str] = []
 
     def encode(layers: Sequence[str]) -> Iterator[FeatureStream]:
@@ -105,7 +106,7 @@ def _extracted(
         shown, times = partial(pictures, video.frames, axes), torch.from_numpy(video.times)
         return stream(encoder, shown, video.size, times, layers, _told(progress))
 
-    found = store.get_layers(requests, str(video.path), encode)
+    found = store.get_layers(requests, str(video.path), encode, provenance(video))
     return {
         layer: Extraction(features, requests[layer].key, layer not in missing)
         for layer, features in found.items()
@@ -123,9 +124,10 @@ def pictures(frames: Frames, axes: Axes = ()) -> Iterator[Tensor]:
         yield mirrored(torch.from_numpy(block).permute(0, 3, 1, 2), axes)
 
 
-def _request(
+def request_of(
     video: Video, encoder: IdentifiedEncoder, dtype: StoredDtype, axes: Axes
 ) -> FeatureRequest:
+    """What features of a clip are filed under; see :func:`extract`."""
     source = f"{video.sha256} mirrored along {axes}"
     return FeatureRequest(
         encoder=encoder.identity,

@@ -53,6 +53,11 @@ class Frames:
     def __len__(self) -> int:
         return len(self._numbers)
 
+    @property
+    def held(self) -> bool:
+        """Whether they are in memory already."""
+        return self._source.held is not None
+
     def __iter__(self) -> Iterator[np.ndarray]:
         n = self._numbers
         return self._source.each(n.start, n.stop, n.step) if len(n) else iter(())

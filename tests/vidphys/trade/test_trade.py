@@ -206,7 +206,7 @@ def test_a_verb_takes_its_options_from_a_measured_point(tmp_path):
     options = {name: value for name, value in LOOK.items() if name != "pooling"}
     assert profile_options(profile, "extract") == options
     config = under_profile(ExtractConfig((Path("a.mp4"),), Path("o")), profile, "extract")
-    assert (config.encoder, config.layer, config.resolution) == ("hiera", 8, 64)
+    assert (config.encoder, config.layers, config.resolution) == ("hiera", (8,), 64)
 
 
 def test_a_verb_of_several_layers_takes_the_measured_one(tmp_path):
@@ -234,8 +234,8 @@ def test_every_verb_that_computes_has_the_option(verb, capsys):
 
 def test_an_option_that_differs_from_the_profile_is_refused(tmp_path):
     profile = encoder_profile(tmp_path / "p.json", 0)
-    config = ExtractConfig((Path("a.mp4"),), Path("o"), layer=16)
-    with pytest.raises(InputError, match="layer 8, and `layer` 16 is given as well"):
+    config = ExtractConfig((Path("a.mp4"),), Path("o"), layers=(16,))
+    with pytest.raises(InputError, match=r"layers \(8,\), and `layers` \(16,\) is given as well"):
         under_profile(config, profile, "extract")
 
 

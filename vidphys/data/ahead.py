@@ -1,0 +1,73 @@
+"""Work that is done before it is asked for, in the order in which it will be."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from queue import Queue
+from threading import Event, Thread
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def ahead(work: Iterable[Callable[[], T]], most: int = 2) -> Iterator[T]:
+    """Results in order, ``most`` of them made at once while an earlier one is used.
+
+    What goes wrong is raised where its result is asked for.
+
+    Example:
+        >>> [*ahead([lambda: 1, lambda: 2, lambda: 3])]
+        [1, 2, 3]
+    """
+    coming = iter(work)
+    with ThreadPoolExecutor(most) as pool:
+        waiting: deque[Future[T]] = deque(pool.submit(each) for each in islice(coming, most))
+        try:
+            while waiting:
+                found = waiting.popleft().result()
+                waiting.extend(pool.submit(each) for each in islice(coming, 1))
+                yield found
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def prefetched(items: Iterable[T], most: int = 2) -> Iterator[T]:
+    """The items, up to ``most`` of them made before they are asked for, by a thread.
+
+    Example:
+        >>> [*prefetched(range(4))]
+        [0, 1, 2, 3]
+    """
+    queue: Queue[tuple[bool, object]] = Queue(most)
+    left = Event()
+
+    def make() -> None:
+        try:
+            for item in items:
+                queue.put((True, item))
+                if left.is_set():
+                    return
+            queue.put((False, None))
+        except BaseException as error:
+            queue.put((False, error))
+
+    thread = Thread(target=make, daemon=True)
+    thread.start()
+    try:
+        while True:
+            good, item = queue.get()
+            if not good:
+                if isinstance(item, BaseException):
+                    raise item
+                return
+            yield item  # type: ignore[misc]
+    finally:
+        left.set()
+        while thread.is_alive():  # it may wait to put what nobody takes
+            while not queue.empty():
+                queue.get()
+            thread.join(0.01)

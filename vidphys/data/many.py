@@ -1,0 +1,144 @@
+"""Many clips on disk to features in a store: decoded ahead, several in a pass, gone on with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import torch
+
+from encoders.entry import Entries
+from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.many import ComingClip, ManyClips
+from encoders.identity import LayeredEncoder
+from encoders.store import FeatureRequest, FeatureStore
+from vidphys.data.ahead import prefetched
+from vidphys.data.extraction import StoredDtype, extract_layers, pictures, request_of
+from vidphys.data.provenance import provenance
+from vidphys.data.video import Video
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be in the store of each clip.
+
+    Args:
+        encoder: a frozen encoder.
+        layers: some of its ``layers``.
+        store: where features are kept.
+        dtype: of the stored values.
+        made: what else an entry's manifest is to say.
+    """
+
+    encoder: LayeredEncoder
+    layers: Sequence[str]
+    store: FeatureStore
+    dtype: StoredDtype = "float16"
+    made: Mapping[str, Any] | None = None
+
+    def requests(self, video: Video) -> dict[str, FeatureRequest]:
+        """By layer, what is filed."""
+        at = {layer: self.encoder.at(layer) for layer in self.layers}
+        return {layer: request_of(video, each, self.dtype, ()) for layer, each in at.items()}
+
+
+def extract_many(
+    videos: Iterable[Video],
+    wanted: Wanted,
+    done: Callable[[Video, Sequence[str]], None],
+    passed: Callable[[int], None] = lambda windows: None,
+) -> float:
+    """Put the features of all clips into the store; what is there already is not made again.
+
+    Args:
+        videos: the opened clips, one after the other.
+        wanted: what is to be there.
+        done: called with each clip once its features are there, and the layers that were made.
+        passed: called with the windows of each pass.
+
+    Returns:
+        Seconds that the network was at work.
+    """
+    encoder = wanted.encoder
+    if not isinstance(encoder, FrozenEncoder):
+        for video in videos:
+            found = extract_layers(video, encoder, wanted.layers, wanted.store, wanted.dtype)
+            done(video, [layer for layer, each in found.items() if not each.cached])
+        return 0.0
+    many = ManyClips(encoder, passed)
+    many.encode(_missing(videos, wanted, done))
+    return many.busy
+
+
+def _missing(
+    videos: Iterable[Video], wanted: Wanted, done: Callable[[Video, Sequence[str]], None]
+) -> Iterator[ComingClip]:
+    """The clips of which something is not there."""
+    for video in videos:
+        requests = wanted.requests(video)
+        layers = [layer for layer, r in requests.items() if not wanted.store.has(r)]
+        if not layers:
+            done(video, ())
+            continue
+        yield ComingClip(
+            chunks=partial(_chunks, video),
+            times=torch.from_numpy(video.times),
+            layers=layers,
+            begin=partial(_begin, wanted, video, requests),
+            done=partial(done, video, layers),
+        )
+
+
+def _begin(
+    wanted: Wanted,
+    video: Video,
+    requests: Mapping[str, FeatureRequest],
+    layers: tuple[str, ...],
+    times: torch.Tensor,
+) -> Entries:
+    made = {**provenance(video), **(wanted.made or {})}
+    chosen = [requests[layer] for layer in layers]
+    return wanted.store.begin(chosen, str(video.path), video.size, times, made)
+
+
+def _chunks(video: Video) -> Iterator[torch.Tensor]:
+    """Blocks of frames; of a clip that is decoded as it goes, by a thread that is ahead."""
+    blocks = pictures(video.frames)
+    return blocks if video.frames.held else prefetched(blocks)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What an extraction will take, measured by one pass.
+
+    Args:
+        seconds: of the network, for each frame.
+        bytes: of the store, for each frame.
+    """
+
+    seconds: float
+    bytes: float
+
+
+def cost_of(wanted: Wanted, size: tuple[int, int]) -> Cost:
+    """Seconds and bytes for a frame of this size, by a pass over a blank clip.
+
+    Args:
+        wanted: see :class:`Wanted`.
+        size: of the frames, (height, width).
+    """
+    encoder: Any = wanted.encoder
+    windowing = getattr(encoder, "windowing", None)
+    each = encoder.frame_stride * windowing.frames if windowing else 8
+    count = each * getattr(encoder, "batch", 1)
+    blank = torch.zeros(1, count, 3, *size, dtype=torch.uint8)
+    times = torch.arange(count, dtype=torch.float64)
+    begun = time.perf_counter()
+    found = encoder.encode_layers(blank, times, wanted.layers)
+    seconds = time.perf_counter() - begun
+    width = torch.finfo(getattr(torch, wanted.dtype)).bits // 8
+    values = sum(features.values.numel() for features in found.values())
+    return Cost(seconds / count, values * width / count)
