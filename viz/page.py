@@ -17,6 +17,8 @@ from viz.cells import number
 from viz.paths import without_folders
 from viz.whole import whole
 
+VERDICTS = 1  # schema that is read
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -84,11 +86,15 @@ def read_verdicts(run: Path) -> tuple[Any, Any]:
         ValueError: one of the two is missing or cannot be read.
     """
     try:
-        return tuple(
+        about, verdicts = (
             json.loads((run / name).read_text(encoding="utf-8"))
             for name in ("run.json", "verdicts.json")
         )
-    except (OSError, ValueError) as error:
+        schema = verdicts.pop("schema_version", VERDICTS)  # earlier ones do not say it
+        if schema != VERDICTS:
+            raise ValueError(f"verdicts.json has schema version {schema}, this reads {VERDICTS}")
+        return about, verdicts
+    except (OSError, ValueError, AttributeError) as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
 
 

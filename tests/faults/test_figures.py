@@ -1,20 +1,23 @@
-"""F1 to F14 are each held by a test that says its number; F13: the share of mutants is told."""
+"""F1 to F14 and Z1 to Z17 are each held by a test that says its number: 31 of 31."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import pytest
+
 from tests.mutation import __main__ as mutation
 
 ROOT = Path(__file__).parents[1]
 
 
-def test_every_figure_from_f1_to_f14_is_in_the_name_of_a_test():
+@pytest.mark.parametrize(("letter", "last"), [("f", 14), ("z", 17)])
+def test_every_figure_is_in_the_name_of_a_test(letter, last):
     texts = [p.read_text() for room in ("faults", "hostile") for p in (ROOT / room).glob("*.py")]
     names = re.findall(r"def (test_\w+)", "\n".join(texts))
-    held = {int(number) for name in names for number in re.findall(r"_f(\d+)(?=_)", name)}
-    assert held == set(range(1, 15))
+    held = {int(number) for name in names for number in re.findall(rf"_{letter}(\d+)(?=_)", name)}
+    assert held == set(range(1, last + 1))
 
 
 def test_f13_the_share_of_mutants_that_are_killed_is_told_and_held_to_its_bar(capsys):

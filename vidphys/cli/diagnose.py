@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
 
+SCHEMA_VERSION = 1  # of diagnosis.json
 WRITTEN = (
     "summary.txt",
     "report.html",
@@ -270,7 +271,7 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
         (run.path / name).unlink(missing_ok=True)
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
     write_with(run.path / "summary.txt", lambda path: _write(path, text))
-    write_json(run.path / "diagnosis.json", found.data)
+    write_json(run.path / "diagnosis.json", {"schema_version": SCHEMA_VERSION, **found.data})
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
     if is_clip(config.input):

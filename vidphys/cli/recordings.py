@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from vidphys.reading.scores import Told
     from vidphys.reading.training import Perceived
 
+ARRAYS = 1  # schema of what a rollout keeps
 BLANK = 160  # pixels of a recording's pictures where there is no clip
 
 
@@ -167,12 +168,12 @@ def draw_film(arrays: Mapping[str, np.ndarray], path: Path, law: str = "") -> No
 
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write an ``.npz``, whole or not at all."""
+    """Write an ``.npz`` that says its schema, whole or not at all."""
     from vidphys.runs.atomic import write_with
 
     def save(partial: Path) -> None:
         with partial.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            np.savez(file, allow_pickle=False, schema_version=np.array(ARRAYS), **arrays)
 
     write_with(path, save)
 

@@ -33,6 +33,7 @@ from vidphys.runs.records import merged_tables
 from vidphys.seeding import of_roles
 
 T = TypeVar("T")
+VERDICTS = 1  # schema of verdicts.json
 ALL, PIXELS = "all", "pixels"  # the tables that need no pictures, and those that do
 
 
@@ -200,7 +201,7 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
                 for verdict in _of_role(role, table, mine, asked, reasons)
             ],
         }
-    write_json(run.path / "verdicts.json", found)
+    write_json(run.path / "verdicts.json", {"schema_version": VERDICTS, **found})
     return found
 
 

@@ -189,5 +189,5 @@ def write_verdicts(run: RunFolder, outcomes: Sequence[Outcome]) -> dict[str, Any
         "cells": [_plain(outcome) for outcome in outcomes],
         "figures": [asdict(row) for row in figure_rows(outcomes)],
     }
-    write_json(run.path / "verdicts.json", verdicts)
+    write_json(run.path / "verdicts.json", {"schema_version": SCHEMA_VERSION, **verdicts})
     return verdicts
