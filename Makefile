@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder test check hostile lock locked audit sbom mutate faults setup
+.PHONY: ladder test check docs hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -19,6 +19,11 @@ check: $(READY)
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/deptry .
+
+# The site, into build/site, with no broken link; read by opening its index.html.
+docs: $(READY)
+	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python --editable ".[docs]"
+	$(VENV)/bin/mkdocs build --strict
 
 # Thousands of hurt files of every kind that is read: each is read, or refused in one line.
 hostile: $(READY)

@@ -11,7 +11,7 @@ import tyro
 from vidphys.cli import VERBS, main
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEXTS = {page: page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [
     block for text in TEXTS.values() for block in re.findall(r"```(\w+)\n(.*?)```", text, re.S)
@@ -31,7 +31,8 @@ def test_there_is_something_to_run():
 
 
 @pytest.mark.parametrize("body", PYTHON)
-def test_python_blocks_run(body, capsys):
+def test_python_blocks_run(body, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     exec(compile(body, "README.md", "exec"), {})
     said = capsys.readouterr().out
     assert "False" not in said and said.strip()
