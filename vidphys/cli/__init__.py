@@ -28,6 +28,7 @@ VERBS = {
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "film": ("FilmConfig", "film scenes as a phone sees them, with the truth beside each clip"),
     "extract": ("ExtractConfig", "run a frozen encoder over clips into a feature store"),
+    "atlas": ("AtlasConfig", "map what each layer of encoders knows, beside controls"),
     "train": ("TrainConfig", "train readouts and dynamics on clips, over a frozen encoder"),
     "fit": ("FitConfig", "train exactly the model that a diagnosis asks for, on its tracks"),
     "rollout": ("RolloutConfig", "read a clip with a trained pipeline and roll it on"),

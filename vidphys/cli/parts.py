@@ -12,6 +12,7 @@ REGISTRIES = {
     "encoders": ("encoders.frozen", "ENCODERS"),
     "binders": ("binders", "BINDERS"),
     "readouts": ("readouts", "READOUTS"),
+    "targets": ("vidphys.probing.catalogue", "TARGETS"),
     "terms": ("dynamics.terms", "TERMS"),
     "heads": ("dynamics", "HEADS"),
     "rungs": ("vidphys.perception.catalogue", "RUNGS"),

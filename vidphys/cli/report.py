@@ -62,7 +62,7 @@ def _written(config: ReportConfig) -> Path:
 
 def _writer(run: Path) -> Callable[[Path], Path]:
     """What writes the report of a run of its kind."""
-    from viz import results, stress, told, trade
+    from viz import atlas, results, stress, told, trade
     from viz.report import write_report
 
     try:
@@ -73,6 +73,7 @@ def _writer(run: Path) -> Callable[[Path], Path]:
         "ladder": _ladder,
         "reproduce": results.write_results,
         "trade": trade.write_trade,
+        "atlas": atlas.write_atlas,
         "stress": stress.write_stress_report,
         **dict.fromkeys(told.TITLES, told.write_told),
     }

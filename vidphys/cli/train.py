@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.from_atlas import with_atlas
 from vidphys.cli.options import MOTION, given_columns, make_binder, option, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
@@ -31,7 +32,17 @@ if TYPE_CHECKING:
 HEADS = 4  # by which the width of a readout's attention is divided
 SIZES = {"widths": "width", "readers": "readers"}  # option: what a kind of readout calls it
 # where things lie and what is shown make no other run
-ELSEWHERE = ("data", "store", "out", "weights", "on_nan", "profile", "overwrite", "quiet")
+ELSEWHERE = (
+    "data",
+    "store",
+    "out",
+    "weights",
+    "on_nan",
+    "from_atlas",
+    "profile",
+    "overwrite",
+    "quiet",
+)
 
 
 @dataclass(frozen=True)
@@ -85,6 +96,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         on_nan: what a loss or gradient that is not finite does: stop ends the training at the
             checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
+        from_atlas: run folder of `vidphys atlas`, whose encoder and layer for positions are taken.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -116,6 +128,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
     beyond: float = 3.0
     seed: int = 0
     on_nan: Literal["stop", "skip"] = "stop"
+    from_atlas: Path | None = None
     profile: Path | None = None
     overwrite: bool = False
     quiet: bool = False
@@ -131,7 +144,7 @@ def train(config: TrainConfig) -> int:
         InputError: data that cannot be read or trained on, options that make no sense, weights
             that are missing or wrong, a device that is not there, or another run in the folder.
     """
-    config = with_profile(config, "train")
+    config = with_atlas(with_profile(config, "train"))
     from vidphys.data.dataset import find_dataset
     from vidphys.reading.reader import load_layers
     from vidphys.runs.folder import RunFolder

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from vidphys.experiments.pixels.temporal_views import repeated, shuffled
+from vidphys.probing.controls import DISORDER, STILL
 from vidphys.probing.layers import AllLayers, Maps
 
+View = Callable[[AllLayers, Tensor, Tensor, tuple[int, ...], int], Maps]
 GRID = 8  # cells on the longer side, at most, that a map is pooled to
 SIDE = 64  # pixels of the longer side that frames are shrunk to before they stand for themselves
 PATCH = 8  # pixels on a side of the patches that stand for an encoder that does nothing
@@ -63,6 +65,10 @@ def standing_still(
     """As :func:`as_they_are`, of clips that show nothing but the frame that is read."""
     parts = [as_they_are(layers, repeated(frames, k), times, (k,), grid) for k in read]
     return {name: torch.stack([part[name] for part in parts], 1).flatten(0, 1) for name in parts[0]}
+
+
+PLAIN = ""
+VIEWS: dict[str, View] = {PLAIN: as_they_are, DISORDER: in_disorder, STILL: standing_still}
 
 
 def patches(frames: Tensor, read: Iterable[int]) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +10,11 @@ from torch import Tensor
 
 from vidphys.probing.coding import coded, decoded
 from vidphys.probing.controls import CONSTANT, CONTROLS, PERMUTED
-from vidphys.probing.linear import Predictions, fold_of, inner_products, read_linearly
+from vidphys.probing.linear import Predictions, fold_of
+from vidphys.probing.readouts import Readout
 from vidphys.probing.scores import Bootstrap, Score, Sums, sums_of
 from vidphys.probing.targets import Labels
 from vidphys.statistics import spearman
-
-# maps (e, c, h, w), targets (e, m) each, which are known, clips, folds, seed, controls
-Readout = Callable[..., list[Predictions]]
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ class Asked:
         """What a readout of these maps says of each target."""
         return self.readout(
             maps,
-            [coded(each).reshape(len(each.values), -1) for each in self.targets],
+            [coded(each) for each in self.targets],
             [each.known for each in self.targets],
             self.clips,
             fold_of(self.count, min(self.folds, self.count), self.seed),
@@ -85,23 +83,9 @@ class Asked:
         """Errors of each target's predictions."""
         found = []
         for labels, each in zip(self.targets, said, strict=True):
-            shape = (*labels.values.shape, -1)
-            raw, constant = (getattr(each, name).reshape(shape) for name in (what, "constant"))
+            raw, constant = getattr(each, what), each.constant
             found.append(sums_of(labels, raw, constant, self.clips))
         return found
-
-
-def linear(
-    maps: Tensor,
-    targets: Sequence[np.ndarray],
-    known: Sequence[np.ndarray],
-    clips: np.ndarray,
-    folds: np.ndarray,
-    seed: int,
-    controls: bool,
-) -> list[Predictions]:
-    """A ridge regression on all tokens; see :mod:`vidphys.probing.linear`."""
-    return read_linearly(inner_products(maps), targets, known, clips, folds, seed, controls)
 
 
 def findings_of(
@@ -123,7 +107,10 @@ def findings_of(
     """
     said = asked.read(maps, controls=True)
     own = asked.sums(said)
-    controls = {name: asked.sums(asked.read(other)) for name, other in others.items()}
+    controls = {
+        name: own if other is maps else asked.sums(asked.read(other))
+        for name, other in others.items()
+    }
     controls |= {name: list(sums) for name, sums in given.items()}
     controls |= {name: asked.sums(said, name) for name in (PERMUTED, CONSTANT)}
     draws, found = Bootstrap(asked.count, asked.seed), []
@@ -150,7 +137,7 @@ def _calibration(labels: Labels, said: Predictions) -> float | None:
     if labels.kind != "regression":
         return None
     known = labels.known
-    error = np.abs(decoded(labels, said.raw.reshape(*labels.values.shape, -1)) - labels.values)
+    error = np.abs(decoded(labels, said.raw) - labels.values)
     doubt = said.doubt[known].ravel()
     if np.ptp(doubt) == 0 or np.ptp(error[known]) == 0:
         return None

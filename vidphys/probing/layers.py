@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from encoders.features import FeatureMap
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.untrained import drawn_anew, untrained
+from encoders.identity import LayeredEncoder
 
 Maps = dict[str, Tensor]  # by layer, in order of depth: (b, t, c, h, w)
 
@@ -52,17 +53,21 @@ class Own(AllLayers):
 
 
 @dataclass(frozen=True)
-class Single(AllLayers):
-    """One of ours, read at its one layer."""
+class Frozen(AllLayers):
+    """A frozen encoder, all layers from one pass."""
 
-    encoder: FrozenEncoder
+    encoder: LayeredEncoder
 
     @property
     def alone(self) -> bool:
-        return self.encoder.windowing.frames == 1
+        encoder = self.encoder
+        if not isinstance(encoder, FrozenEncoder):
+            return False
+        return encoder.windowing.frames == 1 and encoder.frame_stride == 1
 
     def __call__(self, frames: Tensor, times: Tensor) -> Maps:
-        return {self.encoder.identity.layer: self.encoder(frames, times).values}
+        found = self.encoder.encode_layers(frames, times, self.encoder.layers)
+        return {layer: features.values for layer, features in found.items()}
 
 
 def all_layers(encoder: Any) -> AllLayers:
@@ -71,8 +76,8 @@ def all_layers(encoder: Any) -> AllLayers:
     Raises:
         ValueError: it cannot be called.
     """
-    if isinstance(encoder, FrozenEncoder):
-        return Single(encoder)
+    if isinstance(encoder, LayeredEncoder):
+        return Frozen(encoder)
     if callable(encoder):
         return Own(encoder)
     raise ValueError(

@@ -10,7 +10,7 @@ again. Classes are read as numbers between which the largest decides, angles as 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -21,26 +21,85 @@ from vidphys.seeding import derive
 STRENGTHS = np.logspace(-5, 2, 15)  # of the ridge, relative to the mean eigenvalue
 COLUMNS_AT_ONCE = 8192
 SMALLEST = 1e-3  # of the mean square: below it a residual's logarithm says nothing
-FOLDS = 5
+SILENT = 1e-10  # of the largest variance: what varies less is rounding
 
 
-def inner_products(values: Tensor) -> np.ndarray:
-    """Of the maps ``(e, c, h, w)`` of examples, ``(e, e)`` float64.
+@dataclass(frozen=True)
+class Seen:
+    """Examples as a ridge regression sees them: by their features, or by their inner products.
+
+    Args:
+        rows: features ``(e, d)`` where they are few, else inner products ``(e, e)``; float64.
+        features: which of the two.
+    """
+
+    rows: np.ndarray
+    features: bool
+
+    def centred(self, train: np.ndarray, test: np.ndarray) -> Centred:
+        """The training examples about their mean, decomposed."""
+        if self.features:
+            return _of_features(self.rows[train], self.rows[test])
+        return _of_products(self.rows[np.ix_(train, train)], self.rows[np.ix_(test, train)])
+
+
+@dataclass(frozen=True)
+class Centred:
+    """``X = U sqrt(S) V'`` of training examples about their mean.
+
+    Args:
+        values: S, ``(r,)``.
+        vectors: U, ``(n, r)``.
+        across: of the examples tested, ``(s, r)``: their products with X, times U.
+    """
+
+    values: np.ndarray
+    vectors: np.ndarray
+    across: np.ndarray
+
+
+def seen_as(values: Tensor) -> Seen:
+    """The maps ``(e, c, h, w)`` of examples.
 
     Channels are brought to one spread first, whatever the labels are, so that loud ones do not
     rule.
     """
-    channels = values.float()
-    deviation = channels.std((0, 2, 3), keepdim=True)
-    floor = (0.1 * deviation.mean()).clamp_min(
-        1e-12
-    )  # one that hardly ever speaks is not magnified to noise
-    flat = (channels - channels.mean((0, 2, 3), keepdim=True)) / torch.maximum(deviation, floor)
-    flat = flat.flatten(1)
+    flat = _scaled(values) / values[0].numel() ** 0.5
+    if flat.shape[1] <= len(flat) // 2:
+        return Seen(flat.double().numpy(), True)
     products = torch.zeros(len(flat), len(flat), dtype=torch.float64)
     for some in flat.split(COLUMNS_AT_ONCE, 1):
         products += (some @ some.T).double()
-    return (products / flat.shape[1]).numpy()
+    return Seen(products.numpy(), False)
+
+
+def _scaled(values: Tensor) -> Tensor:
+    channels = values.float()
+    deviation = channels.std((0, 2, 3), keepdim=True)
+    floor = (0.1 * deviation.median()).clamp_min(
+        1e-12
+    )  # one that hardly ever speaks is not magnified to noise
+    middle = channels.mean((0, 2, 3), keepdim=True)
+    return ((channels - middle) / torch.maximum(deviation, floor)).flatten(1)
+
+
+def _of_products(inside: np.ndarray, across: np.ndarray) -> Centred:
+    middle = inside.mean(0)
+    centred = inside - middle - middle[:, None] + middle.mean()
+    across = across - across.mean(1, keepdims=True) - middle + middle.mean()
+    values, vectors = (found.numpy() for found in torch.linalg.eigh(torch.from_numpy(centred)))
+    return Centred(values.clip(0), vectors, across @ vectors)
+
+
+def _of_features(inside: np.ndarray, across: np.ndarray) -> Centred:
+    middle = inside.mean(0)
+    inside, across = inside - middle, across - middle
+    values, axes = (
+        found.numpy() for found in torch.linalg.eigh(torch.from_numpy(inside.T @ inside))
+    )
+    kept = values > SILENT * max(values[-1], 1e-300)
+    root, axes = np.sqrt(values[kept]), axes[:, kept]
+    return Centred(values[kept], inside @ axes / root, across @ axes * root)
 
 
 def fold_of(clips: int, folds: int, seed: int) -> np.ndarray:
@@ -71,22 +130,15 @@ class Basis:
     """The training examples of a fold, decomposed once for all targets.
 
     Args:
-        products: of all examples, ``(e, e)``.
+        seen: all examples.
         train, test: numbers of examples.
         clips: of every example, ``(e,)``.
     """
 
-    def __init__(
-        self, products: np.ndarray, train: np.ndarray, test: np.ndarray, clips: np.ndarray
-    ) -> None:
-        inside, across = products[np.ix_(train, train)], products[np.ix_(test, train)]
-        middle = inside.mean(0)
-        centred = inside - middle - middle[:, None] + middle.mean()
-        across = across - across.mean(1, keepdims=True) - middle + middle.mean()
-        values, vectors = (found.numpy() for found in torch.linalg.eigh(torch.from_numpy(centred)))
-        self.values, self.vectors = values.clip(0), vectors
-        self.across = across @ vectors
-        self.strengths = STRENGTHS * max(self.values.mean(), 1e-300)
+    def __init__(self, seen: Seen, train: np.ndarray, test: np.ndarray, clips: np.ndarray) -> None:
+        centred = seen.centred(train, test)
+        self.values, self.vectors, self.across = centred.values, centred.vectors, centred.across
+        self.strengths = STRENGTHS * max(self.values.sum() / len(train), 1e-300)
         self.blocks = [self._blocks(strength, clips[train]) for strength in self.strengths]
 
     def fit(self, targets: np.ndarray) -> Fitted:
@@ -149,6 +201,10 @@ class Predictions:
     permuted: np.ndarray
     doubt: np.ndarray
 
+    def shaped(self, shape: tuple[int, ...]) -> Predictions:
+        """All four in another shape."""
+        return Predictions(*(getattr(self, each.name).reshape(shape) for each in fields(self)))
+
     @classmethod
     def like(cls, target: np.ndarray) -> Predictions:
         """Of as many examples and columns, not filled in yet."""
@@ -156,7 +212,7 @@ class Predictions:
 
 
 def read_linearly(
-    products: np.ndarray,
+    seen: Seen,
     targets: Sequence[np.ndarray],
     known: Sequence[np.ndarray],
     clips: np.ndarray,
@@ -167,7 +223,7 @@ def read_linearly(
     """Predictions of each target.
 
     Args:
-        products: see :func:`inner_products`.
+        seen: the examples.
         targets: ``(e, m)`` each.
         known: whether an example may be trained on, ``(e,)`` each.
         clips: of every example, ``(e,)``.
@@ -193,7 +249,7 @@ def read_linearly(
             key = int(fold), train.tobytes()
             if key not in bases:
                 bases = {k: basis for k, basis in bases.items() if k[0] == fold}
-                bases[key] = Basis(products, train, test, clips)
+                bases[key] = Basis(seen, train, test, clips)
             fitted = bases[key].fit(target[train])
             said.raw[test], said.constant[test] = fitted.said, target[train].mean(0)
             if controls:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,22 +13,16 @@ from torch import Tensor
 
 from registry import unknown
 from vidphys.data.video import ClipSelection
-from vidphys.probing.controls import CONTROLS, DISORDER, PIXELS, POOLED, RANDOM, STILL
-from vidphys.probing.examples import (
-    GRID,
-    as_they_are,
-    in_disorder,
-    patches,
-    pooled,
-    standing_still,
-)
-from vidphys.probing.findings import Asked, Finding, Readout, findings_of, linear
+from vidphys.probing.controls import CONTROLS, PIXELS, POOLED, RANDOM
+from vidphys.probing.examples import GRID, PLAIN, VIEWS, View, patches, pooled
+from vidphys.probing.findings import Asked, Finding, findings_of
 from vidphys.probing.layers import AllLayers, Maps, all_layers, untrained_of
+from vidphys.probing.readouts import LINEAR, LOCAL, READOUTS, Linear, Readout
+from vidphys.probing.scores import Sums
 from vidphys.probing.shown import Arrays, Folder, Shown
+from vidphys.probing.targets import Labels
 
-READOUTS: dict[str, Readout] = {"linear": linear}
 FOLDS = 5
-View = Callable[..., Maps]
 
 
 @dataclass(frozen=True)
@@ -87,7 +81,7 @@ def probe(
     targets: Sequence[str] | Mapping[str, Any] = (),
     *,
     untrained: Any = None,
-    readout: str = "linear",
+    readout: str = LINEAR,
     each: int = 2,
     grid: int = GRID,
     folds: int = FOLDS,
@@ -109,7 +103,8 @@ def probe(
             name ``angle:...`` is of radians.
         untrained: the encoder before any training; of a module its weights drawn anew, if none is
             given.
-        readout: of :data:`READOUTS`.
+        readout: ``linear``, of all cells; or ``local``, of what lies at each body's true place,
+            for folders.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
@@ -126,38 +121,46 @@ def probe(
     labels, skipped = shown.labels(named)
     if not labels:
         raise ValueError(f"probe: nothing can be learned: {skipped or 'no targets were given'}")
-    asked = Asked(labels, np.arange(shown.count).repeat(each), seed, folds, _readout(readout))
+    how, labels = readout_of(readout, shown, labels)
+    asked = Asked(labels, np.arange(shown.count).repeat(each), seed, folds, how)
     before = untrained_of(encoder, untrained, seed)
-    found = layer_findings(shown, layers, before, asked, grid)
+    views = views_of(shown, layers, before, grid)
+    pixels = asked.sums(asked.read(pixels_of(shown)))
+    found = layer_findings(views, pixels, asked)
     why = {} if before else {RANDOM: "give `untrained`: the encoder before any training"}
     return Probed(tuple(found), skipped, why)
 
 
 def layer_findings(
-    shown: Shown, layers: AllLayers, before: AllLayers | None, asked: Asked, grid: int
-) -> list[Finding]:
-    """Findings of every layer and target, from all views of the clips."""
-    views = views_of(shown, layers, before, grid)
-    plain = views.pop("")
-    given = {PIXELS: asked.sums(asked.read(pixels_of(shown)))}
-    found = []
+    views: Mapping[str, Maps], pixels: Sequence[Sums], asked: Asked
+) -> Iterator[Finding]:
+    """Findings of every layer and target.
+
+    Args:
+        views: the maps of all layers by control that needs other ones; those of the clips as they
+            are under :data:`PLAIN`.
+        pixels: errors of what reads the pixels.
+        asked: what is read.
+    """
+    plain = views[PLAIN]
     for number, (layer, maps) in enumerate(plain.items()):
-        others = {name: view[layer] for name, view in views.items() if layer in view}
+        others = {name: view[layer] for name, view in views.items() if name and layer in view}
         depth = number / max(1, len(plain) - 1)
-        found += findings_of(layer, depth, maps, {**others, POOLED: pooled(maps)}, given, asked)
-    return found
+        others[POOLED] = pooled(maps)
+        yield from findings_of(layer, depth, maps, others, {PIXELS: pixels}, asked)
 
 
 def views_of(
     shown: Shown, layers: AllLayers, before: AllLayers | None, grid: int
 ) -> dict[str, Maps]:
-    """The maps of all layers by control that needs other ones; those of the clips under no name."""
-    found = {"": seen(shown, layers, as_they_are, grid)}
-    if before is not None:
-        found[RANDOM] = seen(shown, before, as_they_are, grid)
-    for name, view in ((DISORDER, in_disorder), (STILL, standing_still)):
+    """All views of the clips; see :func:`layer_findings`."""
+    found: dict[str, Maps] = {}
+    for name, view in VIEWS.items():
         # other frames change nothing where each is seen alone
-        found[name] = found[""] if layers.alone else seen(shown, layers, view, grid)
+        same = name != PLAIN and layers.alone
+        found[name] = found[PLAIN] if same else seen(shown, layers, view, grid)
+    if before is not None:
+        found[RANDOM] = seen(shown, before, VIEWS[PLAIN], grid)
     return found
 
 
@@ -182,7 +185,16 @@ def _shown(clips: Any, targets: Sequence[str] | Mapping[str, Any], each: int) ->
     return Arrays(torch.as_tensor(clips), targets, each)
 
 
-def _readout(name: str) -> Readout:
+def readout_of(name: str, shown: Shown, labels: Sequence[Labels]) -> tuple[Readout, list[Labels]]:
+    """The readout of a name, and the targets that it can be asked for.
+
+    Raises:
+        UnknownName: there is none.
+        ValueError: one that is told the bodies' places, of clips that do not tell them.
+    """
     if name not in READOUTS:
         raise unknown("readout", name, READOUTS)
-    return READOUTS[name]
+    if name != LOCAL:
+        return Linear(), list(labels)
+    # a place that is given is no question
+    return Linear(shown.places()), [each for each in labels if each.name != "position"]

@@ -61,6 +61,14 @@ class Shown(Protocol):
         """Values of targets for the frames that are read; and why there are none, by target."""
         ...
 
+    def places(self) -> Tensor:
+        """Of the bodies in each frame that is read, as :class:`Linear` wants them.
+
+        Raises:
+            ValueError: they are not known.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class Arrays:
@@ -119,6 +127,9 @@ class Arrays:
             else:
                 found.append(labels)
         return found, skipped
+
+    def places(self) -> Tensor:
+        raise ValueError("probe: `readout` local: frames alone tell no places; give a folder")
 
     def _labels(self, name: str) -> Labels:
         values = np.asarray(self.values[name])
@@ -181,17 +192,10 @@ class Folder:
 
     def labels(self, targets: Sequence[str]) -> tuple[list[Labels], dict[str, str]]:
         """See :class:`Shown`; where none is named, all targets of the catalogue."""
-        truths, reads = [], []
-        for file in self.files:
-            video = open_video(file.path, self.selection)
-            table = _table(file)
-            assert table is not None
-            truths.append(read_truth(table, video.indices, video.times))
-            reads.append(list(labelled_frames(len(video.times), self.each)))
         found, skipped = [], {}
         for name in targets or TARGETS:
             try:
-                labels = _labels(TARGETS[name], truths, reads)
+                labels = self._labels(TARGETS[name])
             except ValueError as error:
                 why = str(error)
             else:
@@ -204,6 +208,30 @@ class Folder:
                 found.append(labels)
         return found, skipped
 
+    def places(self) -> Tensor:
+        half_extent = find_dataset(self.path).half_extent
+        found = []
+        for truth, read, (height, width) in self._truths:
+            places = truth.of_bodies("x", "y")[read] / half_extent
+            found.append(places * max(height, width) / np.array([width, height]))
+        return torch.from_numpy(np.concatenate(found)).float()
+
+    @cached_property
+    def _truths(self) -> list[tuple[Truth, list[int], tuple[int, int]]]:
+        """What is known of each clip, the frames that are read, and (height, width)."""
+        found = []
+        for file in self.files:
+            video = open_video(file.path, self.selection)
+            table = _table(file)
+            assert table is not None
+            read = list(labelled_frames(len(video.times), self.each))
+            found.append((read_truth(table, video.indices, video.times), read, video.size))
+        return found
+
+    def _labels(self, target: Target) -> Labels:
+        values = np.concatenate([target.read(truth)[read] for truth, read, _ in self._truths])
+        return labels_of(target.name, target.kind, target.per, values)
+
     def _block(self, videos: Sequence[Video]) -> Block:
         frames = torch.from_numpy(np.stack([video.frames for video in videos]))
         times = torch.from_numpy(videos[0].times)
@@ -212,8 +240,3 @@ class Folder:
 
 def _table(file: ClipFile) -> Path | None:
     return file.truth or (None if file.labels is None else file.labels.path)
-
-
-def _labels(target: Target, truths: Sequence[Truth], reads: Sequence[list[int]]) -> Labels:
-    values = [target.read(truth)[read] for truth, read in zip(truths, reads, strict=True)]
-    return labels_of(target.name, target.kind, target.per, np.concatenate(values))

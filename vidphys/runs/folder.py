@@ -54,6 +54,7 @@ FILES = (
     "diagnosis.json",
     "specification.json",
     "tracks.csv",
+    "atlas.json",
 )
 
 

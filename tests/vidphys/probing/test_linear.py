@@ -5,11 +5,13 @@ import torch
 from vidphys.probing.linear import (
     STRENGTHS,
     Basis,
+    Seen,
     exchanged,
     fold_of,
-    inner_products,
     read_linearly,
+    seen_as,
 )
+from vidphys.probing.readouts import Linear
 
 CLIPS = np.repeat(np.arange(12), 2)
 
@@ -19,6 +21,10 @@ def problem(noise=0.1, size=6):
     features = rng.normal(size=(24, size))
     target = features @ rng.normal(size=(size, 2)) + 3 + noise * rng.normal(size=(24, 2))
     return features, target
+
+
+def seen(features):
+    return Seen(features @ features.T, False)
 
 
 def ridge(features, target, test, strength):
@@ -32,7 +38,7 @@ def ridge(features, target, test, strength):
 def test_predictions_are_those_of_a_ridge_regression():
     features, target = problem()
     train, test = np.arange(18), np.arange(18, 24)
-    basis = Basis(features @ features.T, train, test, CLIPS)
+    basis = Basis(seen(features), train, test, CLIPS)
     fitted = basis.fit(target[train])
     strength = fitted.strength / STRENGTHS[0] * basis.strengths[0]
     assert fitted.said == pytest.approx(
@@ -44,7 +50,7 @@ def test_the_strength_is_the_best_on_clips_left_out():
     """Held to the long way: each clip is left out, and the rest is fitted anew."""
     features, target = problem(noise=2.0, size=10)
     train = np.arange(18)
-    basis = Basis(features @ features.T, train, np.arange(18, 24), CLIPS)
+    basis = Basis(seen(features), train, np.arange(18, 24), CLIPS)
     fitted, errors = basis.fit(target[train]), []
     for strength in basis.strengths:
         residual = np.empty_like(target[train])
@@ -61,10 +67,10 @@ def test_the_strength_is_the_best_on_clips_left_out():
 
 def test_no_clip_is_predicted_by_what_saw_it():
     """Features that name the clip, and nothing else, say nothing of another clip."""
-    products = (CLIPS[:, None] == CLIPS).astype(float)
+    named = Seen((CLIPS[:, None] == CLIPS).astype(float), False)
     target = np.random.default_rng(0).normal(size=(12, 1)).repeat(2, 0)
     folds = fold_of(12, 4, 0)
-    (said,) = read_linearly(products, [target], [np.ones(24, bool)], CLIPS, folds)
+    (said,) = read_linearly(named, [target], [np.ones(24, bool)], CLIPS, folds)
     assert said.raw == pytest.approx(said.constant, abs=1e-6)
     assert np.bincount(folds).tolist() == [3, 3, 3, 3]
 
@@ -76,7 +82,7 @@ def test_doubt_knows_where_the_noise_is():
     target = features[:, 1:2] + loud * rng.normal(size=(600, 1))
     clips = np.arange(600) // 2
     known = np.ones(600, bool)
-    (said,) = read_linearly(features @ features.T, [target], [known], clips, fold_of(300, 5, 0))
+    (said,) = read_linearly(seen(features), [target], [known], clips, fold_of(300, 5, 0))
     assert np.corrcoef(np.log(said.doubt[:, 0]), features[:, 0])[0, 1] > 0.9
     assert np.sqrt(np.mean((said.raw - target) ** 2 / said.doubt**2)) == pytest.approx(1, abs=0.2)
 
@@ -85,7 +91,7 @@ def test_examples_that_are_not_known_do_not_teach():
     features, target = problem(noise=0.0)
     known = np.arange(24) % 5 != 0
     spoilt = np.where(known[:, None], target, np.nan)
-    (said,) = read_linearly(features @ features.T, [spoilt], [known], CLIPS, fold_of(12, 4, 0))
+    (said,) = read_linearly(seen(features), [spoilt], [known], CLIPS, fold_of(12, 4, 0))
     assert said.raw[known] == pytest.approx(target[known], abs=0.05)
 
 
@@ -99,10 +105,37 @@ def test_labels_are_exchanged_between_clips_as_a_whole():
 def test_loud_channels_do_not_rule():
     values = torch.randn(8, 3, 2, 2, generator=torch.Generator().manual_seed(0))
     louder = values * torch.tensor([1.0, 1000.0, 1.0]).reshape(1, 3, 1, 1) + 5
-    assert inner_products(louder[:, [0, 2, 1]]) == pytest.approx(
-        inner_products(louder), rel=1e-4, abs=1e-5
+    assert seen_as(louder).rows == pytest.approx(seen_as(values).rows, rel=1e-3, abs=1e-5)
+
+
+def test_few_features_are_decomposed_by_themselves_and_say_the_same():
+    features, target = problem(noise=1.0)
+    train, test = np.arange(18), np.arange(18, 24)
+    thin, full = (
+        Basis(each, train, test, CLIPS) for each in (Seen(features, True), seen(features))
     )
-    alone = louder[:, 1:2]
-    assert inner_products(alone) == pytest.approx(
-        inner_products(values[:, 1:2]), rel=1e-3, abs=1e-4
-    )
+    assert thin.vectors.shape == (18, 6) and full.vectors.shape == (18, 18)
+    one, other = thin.fit(target[train]), full.fit(target[train])
+    assert one.strength == other.strength
+    assert one.said == pytest.approx(other.said)
+    assert one.left_out == pytest.approx(other.left_out)
+
+
+def test_at_places_one_regression_serves_all_bodies():
+    """Bodies lie where their speed is written; the third is read by what the others taught."""
+    rng = np.random.default_rng(0)
+    speed = rng.normal(size=(40, 3, 1))
+    maps, places = torch.zeros(40, 2, 4, 4), torch.zeros(40, 3, 2)
+    for clip in range(40):
+        for body, cell in enumerate(rng.choice(16, 3, replace=False)):
+            row, column = divmod(int(cell), 4)
+            maps[clip, 0, row, column] = float(speed[clip, body, 0])
+            places[clip, body] = torch.tensor([column - 1.5, 1.5 - row]) / 2
+    known, clips = [np.ones(40, bool)] * 2, np.arange(40)
+    total = speed.sum(1, keepdims=True)
+    how = known, clips, fold_of(40, 5, 0), 0, True
+    each, together = Linear(places)(maps, [speed, total], *how)
+    assert each.raw.shape == speed.shape and each.raw == pytest.approx(speed, abs=0.02)
+    assert together.raw == pytest.approx(total, abs=0.05)
+    elsewhere = Linear(places.flip(1))(maps, [speed], [known[0]], *how[1:])[0]
+    assert np.corrcoef(elsewhere.raw[:, 0, 0], speed[:, 0, 0])[0, 1] < 0.5

@@ -1,0 +1,230 @@
+"""The atlas: encoders, layers, targets and controls, a unit of work for each encoder and seed.
+
+Features come from a store, so that an encoder that was interrupted goes on with what is left. Each
+layer and target leaves its numbers as records, and the errors of each clip as episodes, from which
+layers are compared with one another.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from encoders.frozen import ENCODERS, load_encoder
+from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.untrained import untrained
+from encoders.identity import LayeredEncoder
+from encoders.store import FeatureStore
+from vidphys.data.video import ClipSelection
+from vidphys.errors import InputError
+from vidphys.probing.controls import RANDOM
+from vidphys.probing.examples import PLAIN, VIEWS
+from vidphys.probing.findings import Asked, Finding
+from vidphys.probing.layers import Frozen, Maps
+from vidphys.probing.probe import layer_findings, pixels_of, readout_of
+from vidphys.probing.scores import Score
+from vidphys.probing.shown import Folder
+from vidphys.probing.stored import StoredExamples
+from vidphys.progress import Progress
+from vidphys.runs.folder import RunFolder
+from vidphys.runs.records import Origin, Recorder
+from vidphys.trade.timing import Timed, in_turn, quartiles
+
+NAME = "atlas"
+TIMED_CLIPS, TIMED_ROUNDS = 2, 3
+SCORE, SELECTIVITY, COST = "score", "selectivity", "ms_per_clip"
+ERROR, CHANCE = "error", "chance"  # of each clip
+MAKERS = ("vidphys.probing.atlas",)
+
+
+@dataclass(frozen=True)
+class AtlasSettings:
+    """What is asked of every encoder.
+
+    Args:
+        data: the folder of clips.
+        selection: the frames of each.
+        targets: by name; all that can be had if none is named.
+        readout: of :data:`vidphys.probing.readouts.READOUTS`.
+        each: frames of each clip that are read.
+        grid: cells on a side that maps are pooled to at most.
+        folds: in which all clips are tested.
+        store: folder of the features.
+        weights: where those of encoders lie.
+        hashes: of the files in ``data``.
+    """
+
+    data: Path
+    selection: ClipSelection
+    targets: tuple[str, ...]
+    readout: str
+    each: int
+    grid: int
+    folds: int
+    store: Path
+    weights: Path | None
+    hashes: tuple[str, ...]
+
+    @property
+    def shown(self) -> Folder:
+        """The clips."""
+        return Folder(self.data, self.selection, self.each)
+
+
+@dataclass(frozen=True)
+class AtlasUnit:
+    """One encoder by name, under one seed."""
+
+    encoder: str
+    seed: int
+
+    @property
+    def part(self) -> str:
+        """The name that its work is kept under."""
+        return f"{self.encoder}-s{self.seed}"
+
+
+def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) -> None:
+    """Do one unit, unless it is done, and keep its tables.
+
+    Args:
+        path: the run folder.
+        unit: see there.
+        settings: see there.
+        report: called as ``(stage, step, steps)``.
+
+    Raises:
+        ValueError: an encoder that cannot be had, or nothing that can be learned.
+    """
+    run = RunFolder(path)
+    if run.is_done(unit.part):
+        return
+    torch.set_num_threads(1)
+    began, shown = time.perf_counter(), settings.shown
+    encoder = load_encoder(unit.encoder, {}, settings.weights)
+    labels, skipped = shown.labels(settings.targets)
+    readout, labels = readout_of(settings.readout, shown, labels)
+    if not labels:
+        raise InputError(f"{settings.data}: nothing can be learned: {skipped}")
+    clips = np.arange(shown.count).repeat(settings.each)
+    asked = Asked(labels, clips, unit.seed, settings.folds, readout)
+    report(f"{unit.part}: pixels", 0, 1)
+    pixels = asked.sums(asked.read(pixels_of(shown)))
+    views = _views(encoder, unit, settings, report)
+    recorder = Recorder(_origin(unit, settings, encoder, "", shown.count))
+    total = len(encoder.layers) * len(labels)
+    for number, finding in enumerate(layer_findings(views, pixels, asked)):
+        _record(recorder, unit, finding)
+        report(f"{unit.part}: layer {finding.layer}", number + 1, total)
+    _time(recorder, unit, encoder, settings)
+    recorder.took(time.perf_counter() - began)
+    run.finish(unit.part, *recorder.tables(), MAKERS)
+
+
+def _views(
+    encoder: LayeredEncoder, unit: AtlasUnit, settings: AtlasSettings, report: Any
+) -> dict[str, Maps]:
+    """All views of the clips, from the store where they lie there."""
+    store = FeatureStore(settings.store)
+    stored = StoredExamples(store, settings.shown, settings.hashes, settings.grid)
+
+    def told(name: str) -> Progress:
+        return lambda step, steps, _: report(f"{unit.part}: {name or 'clips'}", step, steps)
+
+    found: dict[str, Maps] = {}
+    for name, view in VIEWS.items():
+        same = name != PLAIN and Frozen(encoder).alone
+        found[name] = found[PLAIN] if same else stored.maps(encoder, name, view, told(name))
+    if isinstance(encoder, FrozenEncoder):
+        before = untrained(deepcopy(encoder), unit.seed)
+        found[RANDOM] = stored.maps(before, PLAIN, VIEWS[PLAIN], told(RANDOM))
+    return found
+
+
+def _origin(
+    unit: AtlasUnit, settings: AtlasSettings, encoder: LayeredEncoder, cell: str, clips: int
+) -> Origin:
+    return Origin(
+        experiment=NAME,
+        cell=cell,
+        system=settings.data.name,
+        grounding="features",
+        encoder=unit.encoder,
+        binder="none",
+        readout=settings.readout,
+        head="none",
+        seed=unit.seed,
+        device="cpu",
+        dtype=encoder.identity.dtype,
+        supervision="labels",
+    )
+
+
+def _record(recorder: Recorder, unit: AtlasUnit, finding: Finding) -> None:
+    """All numbers of one layer and target."""
+    one = _beside(recorder, f"{unit.encoder}/{finding.layer}/{finding.target.name}")
+    one.add_value("depth", finding.depth)
+    _interval(one, SCORE, finding.score)
+    _interval(one, SELECTIVITY, finding.selectivity)
+    for name, score in finding.controls.items():
+        _interval(one, f"control/{name}", score)
+    if finding.calibration is not None:
+        one.add_value("calibration", finding.calibration)
+    one.add_episodes(ERROR, torch.from_numpy(finding.sums.error))
+    one.add_episodes(CHANCE, torch.from_numpy(finding.sums.chance))
+
+
+def _interval(recorder: Recorder, metric: str, score: Score) -> None:
+    recorder.add_value(metric, score.value)
+    recorder.add_value(f"{metric}_low", score.low)
+    recorder.add_value(f"{metric}_high", score.high)
+
+
+def _time(
+    recorder: Recorder, unit: AtlasUnit, encoder: LayeredEncoder, settings: AtlasSettings
+) -> None:
+    """Milliseconds of the process for a clip, all its frames, up to each layer."""
+    block = next(settings.shown.blocks())
+    frames = block.frames[:TIMED_CLIPS]
+    calls = (partial(encoder.at(layer), frames, block.times) for layer in encoder.layers)
+    timed = [Timed(call) for call in calls]
+    timed[-1].work()  # the first call is none of them
+    in_turn(timed, TIMED_ROUNDS)
+    for layer, one in zip(encoder.layers, timed, strict=True):
+        low, middle, high = (1000 * s / len(frames) for s in quartiles(one.cpu))
+        told = _beside(recorder, f"{unit.encoder}/{layer}")
+        _interval(told, COST, Score(middle, low, high))
+
+
+def _beside(recorder: Recorder, cell: str) -> Recorder:
+    return recorder.beside(Origin(**{**asdict(recorder.origin), "cell": cell}))
+
+
+def settings_of(
+    settings: AtlasSettings, encoders: Sequence[str], seeds: Sequence[int]
+) -> dict[str, Any]:
+    """What makes a run this run, as it stands in ``run.json``; more encoders extend it."""
+    for name in encoders:
+        ENCODERS[name]  # an unknown one is named before any work
+    return {
+        "experiment": NAME,
+        "cells": list(encoders),
+        "seeds": list(seeds),
+        "data": settings.data.name,
+        "selection": asdict(settings.selection),
+        "targets": list(settings.targets),
+        "readout": settings.readout,
+        "each": settings.each,
+        "grid": settings.grid,
+        "folds": settings.folds,
+        "sha256": list(settings.hashes),
+        "sources": ENCODERS.sources(*encoders),
+    }
