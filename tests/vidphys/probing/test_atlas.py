@@ -3,6 +3,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
+from encoders.frozen import ENCODERS
 from tests.shared.small_clips import cells  # noqa: F401
 from vidphys.cli import main
 from vidphys.cli.atlas import AtlasConfig, _settings, publish
@@ -35,19 +36,21 @@ def run_atlas(clips, out, *encoders):
     return run, reports
 
 
-def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells):  # noqa: F811
+def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells, monkeypatch):  # noqa: F811
+    for table in (ENCODERS._parts, ENCODERS._modules):
+        monkeypatch.setitem(table, "others", table["cells"])
     run, reports = run_atlas(clips, tmp_path / "run", "cells")
     assert any(name.endswith("disorder") for name, _, _ in reports) is False  # each frame alone
     _, again = run_atlas(clips, tmp_path / "run", "cells")
     assert not again  # it is done
-    run, _ = run_atlas(clips, tmp_path / "run", "cells", "dino-tiny")
+    run, _ = run_atlas(clips, tmp_path / "run", "cells", "others")
     sentences = publish(run)
     assert [s.split()[1] for s in sentences] == list(TARGETS)
     said = read_sealed(run.path / "atlas.json", "an atlas", "", 1)
     assert {c["target"] for c in said["choices"]} == set(TARGETS)
-    assert "dino-tiny" in {d["encoder"] for d in said["depths"]}
+    assert {d["encoder"] for d in said["depths"]} == {"cells", "others"}
     rows = pq.read_table(run.path / "records.parquet").to_pylist()
-    metrics = {r["metric"] for r in rows if r["cell"] == "dino-tiny/2/position"}
+    metrics = {r["metric"] for r in rows if r["cell"].startswith("others/4/position")}
     assert {"score", "score_low", "selectivity_high", "depth", "calibration"} <= metrics
     controls = {m for m in metrics if m.startswith("control/") and not m.endswith(("low", "high"))}
     assert len(controls) == 7
@@ -65,7 +68,7 @@ def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells):  # noqa: 
         with_atlas(TrainConfig(clips, from_atlas=clips))
     assert json.loads((run.path / "run.json").read_text())["settings"]["cells"] == [
         "cells",
-        "dino-tiny",
+        "others",
     ]
 
 
