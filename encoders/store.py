@@ -4,9 +4,11 @@
 
     STORE/entries/<key>.json           the manifest; renamed into place last
     STORE/entries/<key>.safetensors    values (t, c, h, w) and times, memory-mapped when read
-    STORE/index.parquet                one row per manifest; a cache, rebuilt from them
+    STORE/shards/                      both of many entries; see :mod:`encoders.shards`
 
-The key is the hash of the request, so other weights, layers or frames never meet by accident.
+The key is the hash of the request, so other weights, layers or frames never meet by accident. An
+entry is written as two files; :meth:`FeatureStore.pack` puts many into shards, as git does with
+its objects, so that a store of millions has few files. Its own files count before a shard.
 """
 
 from __future__ import annotations
@@ -16,9 +18,11 @@ import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,45 +30,21 @@ from torch import Tensor
 from encoders.entry import Entries, EntryFile, new_entry, placed
 from encoders.features import FeatureMap, FeatureStream, streamed, stride_of
 from encoders.identity import EncoderIdentity
+from encoders.manifests import (
+    SCHEMA_VERSION,
+    FeatureRequest,
+    StaleFeatures,
+    load_manifest,
+    require_sealed,
+)
 from encoders.release import file_sha256
-from registry.seal import is_sealed, sealed
+from encoders.shards import DamagedShard, Loose, Row, Shards
+from registry.seal import sealed
 
-SCHEMA_VERSION = 2
 STALE_SECONDS = 3600.0  # without a change, after which a partial file is nobody's
-UNSEALED = 1  # the schema of before a manifest held a hash of itself
-KEYED = 1  # what keys are made with; other requests, other keys
 DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
 
-
-@dataclass(frozen=True)
-class FeatureRequest:
-    """Features of which frames of which clip by which encoder.
-
-    Args:
-        encoder: see :class:`EncoderIdentity`.
-        source_sha256: hash of the clip's file, or of the frames' bytes.
-        frames: indices of the frames, counted by decoding.
-        times: seconds of each frame.
-        frame_size: (height, width) of the frames that the encoder was given.
-        dtype: of the stored values.
-    """
-
-    encoder: EncoderIdentity
-    source_sha256: str
-    frames: tuple[int, ...]
-    times: tuple[float, ...]
-    frame_size: tuple[int, int]
-    dtype: Literal["float16", "bfloat16", "float32"] = "float16"
-
-    @property
-    def key(self) -> str:
-        """SHA-256 of the request, the name of its files."""
-        text = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(f"{KEYED}:{text}".encode()).hexdigest()
-
-
-class StaleFeatures(ValueError):
-    """An entry does not fit what asks for it; the message says what differs and what to do."""
+__all__ = ["DTYPES", "FeatureRequest", "FeatureStore", "StaleFeatures"]
 
 
 class FeatureStore:
@@ -88,6 +68,7 @@ class FeatureStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.shards = Shards(folder / "shards")
         self._checked: set[tuple[str, int, int]] = set()
         self._swept = False
         self.hits = 0
@@ -144,11 +125,12 @@ class FeatureStore:
 
     def has(self, request: FeatureRequest) -> bool:
         """Whether there is an entry of ``request``; it is not looked into."""
-        return self._manifest(request.key).exists()
+        return self._manifest(request.key).exists() or self.shards.has(request.key)
 
     def shape_of(self, request: FeatureRequest) -> tuple[int, ...]:
         """``(t, c, h, w)`` of an entry that is there, as its manifest says it."""
-        return tuple(_load_manifest(self._manifest(request.key))["shape"])
+        found = self._found(request.key)
+        return () if found is None else tuple(found[0]["shape"])
 
     def read(self, request: FeatureRequest) -> FeatureMap | None:
         """The features of ``request``, memory-mapped, or ``None`` where the store has none.
@@ -156,18 +138,110 @@ class FeatureStore:
         Raises:
             StaleFeatures: the entry is damaged, or of another schema.
         """
-        path = self._manifest(request.key)
-        if not path.exists():
+        found = self._found(request.key)
+        if found is None:
             return None
-        manifest = _load_manifest(path)
+        manifest, opened = found
         if manifest["request"] != json.loads(json.dumps(asdict(request))):
+            path = self._manifest(request.key)
             raise StaleFeatures(f"feature store: {path} was edited; delete it to extract again")
-        return self._open(path, manifest)
+        try:
+            return opened()
+        except StaleFeatures:
+            if self._manifest(request.key).exists():
+                raise
+            moved = self._found(request.key)  # into a shard, by another process, just now
+            if moved is None:
+                raise
+            return moved[1]()
 
-    def entries(self) -> list[dict[str, Any]]:
-        """All manifests, each with its ``key``."""
-        paths = sorted((self.folder / "entries").glob("*.json"))
-        return [{"key": path.stem, **_load_manifest(path)} for path in paths]
+    def entries(self) -> Iterator[dict[str, Any]]:
+        """Manifests, each with its ``key``: of entries of their own, then of those in shards."""
+        own = set()
+        for path in self._own():
+            own.add(path.stem)
+            yield {"key": path.stem, **load_manifest(path)}
+        for row in self.shards.rows():
+            if row.key not in own:
+                yield {"key": row.key, **row.manifest}
+
+    def pack(self, least: int = 1) -> int:
+        """Put entries of their own into shards; returns how many.
+
+        Damaged ones stay as they are. What is read or written at the same time is not disturbed.
+
+        Args:
+            least: of such entries; where there are fewer, nothing is done.
+        """
+        paths = [*islice(self._own(), least)]
+        if len(paths) < least or not paths:
+            return 0
+        return self.shards.add(self._loose(), self._drop)
+
+    def delete(self, encoder: str, layer: str | None = None) -> int:
+        """Take out what an encoder made, of one layer or all; returns how many entries that were.
+
+        Args:
+            encoder: its name.
+            layer: of it.
+        """
+        count = self.shards.delete(encoder, layer)
+        for path in [*self._own()]:
+            made_by = load_manifest(path)["request"]["encoder"]
+            if made_by["name"] == encoder and layer in (None, made_by["layer"]):
+                self._drop(path.stem)
+                count += 1
+        return count
+
+    def counts(self) -> Iterator[tuple[str, str, int, int]]:
+        """Encoder, layer, entries and bytes; the same pair may come twice."""
+        yield from self.shards.counts()
+        for path in self._own():
+            manifest = load_manifest(path)
+            made_by = manifest["request"]["encoder"]
+            yield made_by["name"], made_by["layer"], 1, manifest["bytes"]
+
+    def _own(self) -> Iterator[Path]:
+        """Manifests that are files of their own."""
+        return (self.folder / "entries").glob("*.json")
+
+    def _loose(self) -> Iterator[Loose]:
+        for path in self._own():
+            with suppress(StaleFeatures, OSError):
+                manifest, data = load_manifest(path), self._data(path.stem).read_bytes()
+                if hashlib.sha256(data).hexdigest() == manifest["sha256"]:
+                    yield Loose(path.stem, manifest, data)
+
+    def _drop(self, key: str) -> None:
+        self._manifest(key).unlink(missing_ok=True)  # first: what is left then is not read
+        self._data(key).unlink(missing_ok=True)
+
+    def _found(self, key: str) -> tuple[dict[str, Any], Callable[[], FeatureMap]] | None:
+        """An entry's manifest, and what opens its tensors."""
+        path = self._manifest(key)
+        try:
+            manifest = load_manifest(path) if path.exists() else None
+        except StaleFeatures:
+            manifest = None
+            if path.exists():  # else it was put into a shard just now, by another process
+                raise
+        if manifest is not None:
+            return manifest, partial(self._open, path, manifest)
+        row = self.shards.row(key)
+        return None if row is None else (row.manifest, partial(self._of_shard, row))
+
+    def _of_shard(self, row: Row) -> FeatureMap:
+        require_sealed(f"{self.shards.folder}, entry {row.key[:12]}", row.manifest)
+        try:
+            values, times = self.shards.tensors(row)
+        except DamagedShard as error:
+            encoder = row.manifest["request"]["encoder"]["name"]
+            raise StaleFeatures(
+                f"feature store: entry {row.key[:12]}: {error}; `vidphys store delete` the "
+                f"encoder {encoder} to extract again"
+            ) from error
+        stride = row.manifest["stride"]
+        return FeatureMap(values[None], (stride[0], stride[1]), times)
 
     def open(self, key: str, source: Path, encoder: EncoderIdentity | None = None) -> FeatureMap:
         """Features by their key, for use without the encoder, after the checks that guard it.
@@ -181,10 +255,10 @@ class FeatureStore:
             StaleFeatures: missing or damaged, of another clip than ``source`` now is, or made by
                 another encoder than ``encoder``.
         """
-        path = self._manifest(key)
-        if not path.exists():
+        found = self._found(key)
+        if found is None:
             raise StaleFeatures(f"feature store {self.folder}: no entry {key}; extract it first")
-        manifest = _load_manifest(path)
+        manifest, opened = found
         request = manifest["request"]
         if request["source_sha256"] != file_sha256(source):
             raise StaleFeatures(
@@ -197,7 +271,7 @@ class FeatureStore:
                     f"feature store: entry {key[:12]} has {field} {request['encoder'][field]}, "
                     f"this encoder {value}; extract again"
                 )
-        return self._open(path, manifest)
+        return opened()
 
     def write(self, request: FeatureRequest, source: str, features: FeatureMap) -> None:
         """Store the features of one clip, whole or not at all.
@@ -265,25 +339,18 @@ class FeatureStore:
 
         return Entries(new, commit)
 
-    def write_index(self) -> Path:
-        """Rebuild ``index.parquet``: one row per entry, without the lists of frames."""
-        import pyarrow
-        from pyarrow import parquet
-
-        rows = [_row(manifest) for manifest in self.entries()]
-        path = self.folder / "index.parquet"
-        table = pyarrow.Table.from_pylist(rows)
-        with placed(path) as partial:
-            parquet.write_table(table, partial)
-        return path
-
     def verify(self) -> list[str]:
         """Keys of the entries whose tensors do not have the recorded hash any more."""
         bad = []
-        for manifest in self.entries():
-            data = self._manifest(manifest["key"]).with_suffix(".safetensors")
-            if not data.exists() or file_sha256(data) != manifest["sha256"]:
-                bad.append(manifest["key"])
+        for path in self._own():
+            data = self._data(path.stem)
+            if not data.exists() or file_sha256(data) != load_manifest(path)["sha256"]:
+                bad.append(path.stem)
+        for row in self.shards.rows():
+            try:
+                self._of_shard(row)
+            except StaleFeatures:
+                bad.append(row.key)
         return bad
 
     def _sweep(self) -> None:
@@ -331,40 +398,3 @@ class FeatureStore:
                 f"{path.name} to extract again"
             )
         self._checked.add(seen)
-
-
-def _load_manifest(path: Path) -> dict[str, Any]:
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-        version = manifest["schema_version"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise StaleFeatures(
-            f"feature store: {path} is not a manifest ({error}); delete it to extract again"
-        ) from error
-    if version not in (SCHEMA_VERSION, UNSEALED):
-        raise StaleFeatures(
-            f"feature store: {path} has schema version {version}, this code reads "
-            f"{SCHEMA_VERSION}; use another folder, or delete the store"
-        )
-    if not is_sealed(manifest, must=version == SCHEMA_VERSION):
-        raise StaleFeatures(
-            f"feature store: {path} is damaged or was edited; delete it to extract again"
-        )
-    return manifest
-
-
-def _row(manifest: dict[str, Any]) -> dict[str, Any]:
-    request = manifest["request"]
-    return {
-        "key": manifest["key"],
-        "source": manifest["source"],
-        "source_sha256": request["source_sha256"],
-        **{f"encoder_{k}": v for k, v in request["encoder"].items()},
-        "frames": len(request["frames"]),
-        "first_frame": request["frames"][0],
-        "last_frame": request["frames"][-1],
-        "dtype": request["dtype"],
-        "shape": manifest["shape"],
-        "bytes": manifest["bytes"],
-        "sha256": manifest["sha256"],
-    }

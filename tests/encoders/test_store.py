@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 import torch
-from pyarrow import parquet
 
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
+from encoders.manifests import StaleFeatures
 from encoders.release import file_sha256
-from encoders.store import FeatureRequest, FeatureStore, StaleFeatures
+from encoders.store import FeatureRequest, FeatureStore
 
 IDENTITY = EncoderIdentity("fake", 1, "a" * 64, "none", "8", 128, "float32")
 
@@ -190,17 +190,17 @@ def test_opening_by_key_guards_source_and_encoder(
         store.open(listed["key"], clip)
 
 
-def test_index_is_rebuilt_from_the_manifests(
+def test_entries_are_listed_with_their_manifests(
     tmp_path: Path, request_: FeatureRequest, features: FeatureMap
 ) -> None:
     store = FeatureStore(tmp_path / "store")
     other = dataclasses.replace(request_, frames=(1, 3, 5))
     for each in (request_, other):
         store.write(each, "clip.mp4", features)
-    rows = parquet.read_table(store.write_index()).to_pylist()
+    rows = [*store.entries()]
     assert {r["key"] for r in rows} == {request_.key, other.key}
-    assert {(r["first_frame"], r["last_frame"]) for r in rows} == {(0, 4), (1, 5)}
-    assert all(r["shape"] == [3, 5, 4, 2] and r["encoder_layer"] == "8" for r in rows)
+    assert {tuple(r["request"]["frames"]) for r in rows} == {(0, 2, 4), (1, 3, 5)}
+    assert all(r["shape"] == [3, 5, 4, 2] for r in rows)
     manifest = json.loads((store.folder / "entries" / f"{other.key}.json").read_text())
     assert manifest["request"]["times"] == [0.0, 0.1, 0.2]
     data = store.folder / "entries" / f"{other.key}.safetensors"

@@ -35,6 +35,7 @@ VERBS = {
     "trade": ("TradeConfig", "measure speed against accuracy here, and choose from it"),
     "stress": ("StressConfig", "run the extremes: each sound, warned of or refused"),
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
+    "store": ("StoreConfig", "list, pack or check a feature store, or take an encoder out of it"),
     "parts": ("PartsConfig", "list every part by name, also those of installed packages"),
     "doctor": ("DoctorConfig", "say what this machine has"),
     "completion": ("CompletionConfig", "print what a shell needs to complete verbs and options"),

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from encoders.identity import LayeredEncoder
     from vidphys.data.many import Wanted
 
+PACKED = 1000  # entries of their own, from which on a store is packed
+
 
 @dataclass(frozen=True)
 class ExtractConfig(SeeingOptions):
@@ -134,7 +136,7 @@ def _extract_all(
                 yield video
 
         busy = extract_many(opened(), wanted, done)
-        store.write_index()
+        store.pack(PACKED)
         seconds = time.perf_counter() - started
         total = counts["clips"] * len(layers)
         share = f", encoder busy {busy / seconds:.0%}" if busy else ""

@@ -177,7 +177,7 @@ def test_layers_that_are_not_in_the_store_come_from_one_pass(tmp_path: Path) -> 
         alone = extract(clip, encoder.at(layer), store, "float32")
         assert alone.cached and alone.key == each.key
         assert torch.equal(alone.features.values, each.features.values)
-    assert Cells.passes == before + 2 and len(store.entries()) == 3
+    assert Cells.passes == before + 2 and len([*store.entries()]) == 3
     with pytest.raises(ValueError, match="cells: no layer 3; it has 2, 4, 8"):
         extract_layers(clip, encoder, [3], store)
 

@@ -1,0 +1,83 @@
+"""What a feature store knows of an entry, and whether it is still as it was written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from encoders.identity import EncoderIdentity
+from registry.seal import is_sealed
+
+SCHEMA_VERSION = 2
+KEYED = 1  # what keys are made with; other requests, other keys
+UNSEALED = 1  # the schema of before a manifest held a hash of itself
+
+
+@dataclass(frozen=True)
+class FeatureRequest:
+    """Features of which frames of which clip by which encoder.
+
+    Args:
+        encoder: see :class:`EncoderIdentity`.
+        source_sha256: hash of the clip's file, or of the frames' bytes.
+        frames: indices of the frames, counted by decoding.
+        times: seconds of each frame.
+        frame_size: (height, width) of the frames that the encoder was given.
+        dtype: of the stored values.
+    """
+
+    encoder: EncoderIdentity
+    source_sha256: str
+    frames: tuple[int, ...]
+    times: tuple[float, ...]
+    frame_size: tuple[int, int]
+    dtype: Literal["float16", "bfloat16", "float32"] = "float16"
+
+    @property
+    def key(self) -> str:
+        """SHA-256 of the request, the name of its files."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        return hashlib.sha256(f"{KEYED}:{text}".encode()).hexdigest()
+
+
+class StaleFeatures(ValueError):
+    """An entry does not fit what asks for it; the message says what differs and what to do."""
+
+
+def load_manifest(path: Path) -> dict[str, Any]:
+    """A manifest that is a file of its own.
+
+    Raises:
+        StaleFeatures: it is none, of another schema, or not as it was written.
+    """
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        version = manifest["schema_version"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise StaleFeatures(
+            f"feature store: {path} is not a manifest ({error}); delete it to extract again"
+        ) from error
+    if version not in (SCHEMA_VERSION, UNSEALED):
+        raise StaleFeatures(
+            f"feature store: {path} has schema version {version}, this code reads "
+            f"{SCHEMA_VERSION}; use another folder, or delete the store"
+        )
+    if not is_sealed(manifest, must=version == SCHEMA_VERSION):
+        raise StaleFeatures(
+            f"feature store: {path} is damaged or was edited; delete it to extract again"
+        )
+    return manifest
+
+
+def require_sealed(where: str, manifest: dict[str, Any]) -> None:
+    """Refuse a manifest of a shard that is not as it was written.
+
+    Raises:
+        StaleFeatures: it differs from its seal.
+    """
+    must = manifest.get("schema_version") != UNSEALED
+    if not is_sealed(manifest, must):
+        raise StaleFeatures(f"feature store: {where} is damaged or was edited; extract again")

@@ -1,0 +1,86 @@
+"""``vidphys store``: what a feature store holds; pack it, check it, take an encoder out of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from encoders.store import FeatureStore
+from vidphys.errors import InputError
+
+
+@dataclass(frozen=True)
+class StoreConfig:
+    """List, pack, check or thin out a feature store.
+
+    Example: vidphys store list features
+
+    Args:
+        action: list what is there by encoder and layer; pack entries that are files of their own
+            into shards, which also brings older stores to the present layout; check all hashes;
+            delete what an encoder made, so that the next extraction makes it again.
+        folder: of the store.
+        encoder: with delete: whose entries.
+        layer: with delete: of this layer only.
+    """
+
+    action: Annotated[Literal["list", "pack", "check", "delete"], tyro.conf.Positional]
+    folder: Annotated[Path, tyro.conf.Positional]
+    encoder: str | None = None
+    layer: str | None = None
+
+
+def store(config: StoreConfig) -> int:
+    """Do what ``config.action`` says; returns 1 where a check finds damaged entries, else 0.
+
+    Raises:
+        InputError: no store there, an encoder to delete that is not named, or a damaged entry.
+    """
+    if not any((config.folder / part).is_dir() for part in ("entries", "shards")):
+        raise InputError(f"store: {config.folder} is no feature store; `vidphys extract` makes one")
+    if (config.encoder is None) != (config.action != "delete"):
+        raise InputError("store: --encoder goes with delete, which needs it")
+    kept = FeatureStore(config.folder)
+    try:
+        return _ACTIONS[config.action](kept, config)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _list(kept: FeatureStore, _config: StoreConfig) -> int:
+    counts: Counter[tuple[str, str]] = Counter()
+    sizes: Counter[tuple[str, str]] = Counter()
+    for name, layer, count, size in kept.counts():
+        counts[name, layer] += count
+        sizes[name, layer] += size
+    for name, layer in sorted(counts):
+        count, size = counts[name, layer], sizes[name, layer]
+        print(f"{name}, layer {layer}: {count} entries, {size / 2**20:.3g} MiB")
+    return 0
+
+
+def _pack(kept: FeatureStore, config: StoreConfig) -> int:
+    print(f"{kept.pack()} entries of {config.folder} were put into shards")
+    return 0
+
+
+def _check(kept: FeatureStore, config: StoreConfig) -> int:
+    bad = kept.verify()
+    for key in bad:
+        print(f"{key}: damaged")
+    print(f"{config.folder}: {len(bad)} entries are damaged")
+    return 1 if bad else 0
+
+
+def _delete(kept: FeatureStore, config: StoreConfig) -> int:
+    assert config.encoder is not None
+    count = kept.delete(config.encoder, config.layer)
+    print(f"{count} entries of {config.encoder} were deleted")
+    return 0
+
+
+_ACTIONS = {"list": _list, "pack": _pack, "check": _check, "delete": _delete}
