@@ -32,6 +32,7 @@ VERBS = {
     "train": ("TrainConfig", "train readouts and dynamics on clips, over a frozen encoder"),
     "fit": ("FitConfig", "train exactly the model that a diagnosis asks for, on its tracks"),
     "rollout": ("RolloutConfig", "read a clip with a trained pipeline and roll it on"),
+    "export": ("ExportConfig", "write rollouts or features as Parquet, LeRobot or WebDataset"),
     "trade": ("TradeConfig", "measure speed against accuracy here, and choose from it"),
     "stress": ("StressConfig", "run the extremes: each sound, warned of or refused"),
     "weights": ("WeightsConfig", "list, check or fetch weights of frozen encoders"),
