@@ -908,6 +908,16 @@ class TestView:
         view(ViewConfig(tmp_path / "both.rrd"))
         assert called[-1][0][-1] == str(tmp_path / "both.rrd")
 
+    def test_a_movie_is_of_one_cell_and_overwrites_nothing(self, run_folder, tmp_path, capsys):
+        target = tmp_path / "still.png"
+        config = ViewConfig(run_folder, ("anonymous-tracker/unstructured",), movie=target)
+        view(config)
+        assert "wrote" in capsys.readouterr().out and target.stat().st_size > 10_000
+        with pytest.raises(InputError, match="exists"):
+            view(config)
+        with pytest.raises(InputError, match="keeps no arrays of oracle/factored"):
+            view(replace(config, cell=("oracle/factored",), movie=tmp_path / "other.png"))
+
     def test_a_skipped_cell_says_why(self, run_folder):
         with pytest.raises(InputError, match="videomae/factored has no recording: no weights"):
             view(ViewConfig(run_folder, ("videomae/factored",), web=True))

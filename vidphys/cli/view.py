@@ -29,12 +29,15 @@ class ViewConfig:
         cell: cells to show (grounding/head), or `all`; one if none is named, and all are saved.
         web: serve the viewer to a browser, on this machine only.
         save: write the recordings to this .rrd file, or into this folder, instead of showing them.
+        movie: write one cell's episode as a film of eight seconds (.mp4 or .gif), or its last
+            picture (.png), instead of showing it.
     """
 
     run: Annotated[Path, tyro.conf.Positional]
     cell: tuple[str, ...] = ()
     web: bool = False
     save: Path | None = None
+    movie: Path | None = None
 
 
 def view(config: ViewConfig) -> None:
@@ -49,8 +52,11 @@ def view(config: ViewConfig) -> None:
     """
     from viz import viewer
 
-    if config.web and config.save is not None:
-        raise InputError("view: --web and --save exclude each other; give one of them")
+    if sum((config.web, config.save is not None, config.movie is not None)) > 1:
+        raise InputError("view: --web, --save and --movie exclude each other; give one of them")
+    if config.movie is not None:
+        _film(config, config.movie)
+        return
     chosen = {"": config.run} if config.run.suffix == ".rrd" else _choose(config)
     if config.save is None and not config.web and not viewer.has_display():
         raise InputError(
@@ -67,6 +73,28 @@ def view(config: ViewConfig) -> None:
         _serve(recordings)
     else:
         viewer.open_window(recordings)
+
+
+def _film(config: ViewConfig, target: Path) -> None:
+    """One cell's episode as a film; a diagnosis and a rollout draw theirs by ``--video``."""
+    from viz.movie import write_movie
+    from viz.showcase import read_showcase
+
+    if _is_taken(target):
+        raise InputError(f"view: --movie {target} exists; remove it or choose another path")
+    name, file = next(iter(_choose(config).items()))
+    source = config.run / "showcase" / f"{file.stem}.safetensors"
+    if not source.is_file():
+        raise InputError(
+            f"view: --movie: {config.run} keeps no arrays of {name}; `vidphys diagnose` and "
+            "`vidphys rollout` draw theirs over a clip by --video"
+        )
+    try:
+        arrays, meta = read_showcase(source)
+        write_movie(arrays, {**meta, "cell": name}, target)
+    except ValueError as error:
+        raise InputError(f"view: --movie: {error}") from error
+    print(f"wrote {target}: {name}")
 
 
 def _choose(config: ViewConfig) -> dict[str, Path]:
