@@ -98,7 +98,8 @@ def _scene(showcase: Arrays, meta: Mapping[str, str]) -> tuple[Figure, Callable[
     with matplotlib.rc_context({"font.size": 13, "axes.edgecolor": "#bbbbbb"}):
         figure = Figure(figsize=SIZE, layout="constrained")
         above = ["clip", "law", "flip"] if seen else ["law", "flip"]
-        panels: Any = figure.subplot_mosaic([above, ["energy"] * len(above)], height_ratios=[2, 1])
+        rows: Any = [above, ["energy"] * len(above)]
+        panels: Any = figure.subplot_mosaic(rows, height_ratios=[2, 1])
     figure.suptitle(meta.get("cell", ""), x=0.01, ha="left", fontsize=16, weight="bold")
     clip = _clip(panels["clip"], showcase) if seen else None
     parts = [
