@@ -34,6 +34,7 @@ ROWS = {
         ),
         "guards": ("guards-exact-1", "guards-exact-64", "guards-factored-1", "guards-factored-64"),
         "encoders": ("dinov2", "dinov2-cached", "videomae", "videomae-cached", "all-layers"),
+        "extraction": ("extraction",),
     }.items()
     for name in names
 }

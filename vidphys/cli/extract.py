@@ -23,7 +23,9 @@ from vidphys.errors import InputError
 if TYPE_CHECKING:
     from encoders.identity import LayeredEncoder
     from vidphys.data.many import Wanted
+    from vidphys.data.precision import Precision
 
+ALL = ("all",)  # layers
 PACKED = 1000  # entries of their own, from which on a store is packed
 
 
@@ -41,6 +43,7 @@ class ExtractConfig(SeeingOptions):
         layers: what is read, several in one pass, or all: hiera 4, 8, 16 or 32 (stride in network
             pixels); i3d a stage, such as Mixed_4f; the transformers a number of blocks.
         resample: take the frames nearest to so many a second, of clips whose frames come unevenly.
+        fast: compute in bfloat16 where that is faster here; its error is told, and recorded.
         batch: frames, or windows of a video encoder, per forward pass.
         runtime: what computes the network, for encoders that have a choice.
         store_dtype: of the values on disk.
@@ -52,6 +55,7 @@ class ExtractConfig(SeeingOptions):
     out: Path
     layers: Annotated[tuple[int | str, ...], tyro.conf.arg(aliases=("--layer",))] = ()
     resample: float | None = None
+    fast: bool = False
     batch: int | None = None
     runtime: Literal["torch", "compile", "openvino"] | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
@@ -75,6 +79,8 @@ def extract(config: ExtractConfig) -> None:
     config = with_profile(config, "extract")
     if not config.clips:
         raise InputError("extract: no clips; name at least one video file")
+    if config.fast and config.dtype is not None:
+        raise InputError("extract: --dtype is given, and --fast chooses it; leave one of them out")
     files = listed_clips(config.clips)
     try:
         _extract_all(config, files, *frozen_encoder(config))
@@ -93,15 +99,11 @@ def frozen_encoder(config: ExtractConfig) -> tuple[LayeredEncoder, tuple[str, ..
     from encoders.frozen import load_encoder
 
     check_cuda(config.device)
-    options, several = config.encoder_options, config.layers
-    if several and several != ("all",):
-        options["layer"] = several[0]
-    encoder = load_encoder(config.encoder, options, config.weights, config.device)
-    if several == ("all",):
+    encoder = load_encoder(config.encoder, _options(config), config.weights, config.device)
+    if config.layers == ALL:
         return encoder, encoder.layers
-    if not several:
-        return encoder, (encoder.identity.layer,)
-    return encoder, tuple(encoder.at(layer).identity.layer for layer in several)
+    layers = config.layers or (encoder.identity.layer,)
+    return encoder, tuple(encoder.at(layer).identity.layer for layer in layers)
 
 
 def _extract_all(
@@ -111,8 +113,12 @@ def _extract_all(
     from vidphys.data.ahead import ahead
     from vidphys.data.many import Wanted, extract_many
 
-    store = FeatureStore(config.out)
-    wanted = Wanted(encoder, layers, store, config.store_dtype)
+    store, known = FeatureStore(config.out), {}
+    if config.fast:
+        found = _fast(config, files[0], layers)
+        encoder, known = found.encoder, {"feature_error": found.error} if found.short else {}
+        print(found)
+    wanted = Wanted(encoder, layers, store, config.store_dtype, known)
     started, counts = time.perf_counter(), Counter[str]()
     with Console(config.quiet, len(files), "extract") as console:
 
@@ -122,7 +128,6 @@ def _extract_all(
                 clips=1,
                 frames=len(video.frames),
                 made=len(made),
-                fresh=len(video.frames) if made else 0,
             )
             for line in _summary(video, wanted, made):
                 console.result(line)
@@ -145,6 +150,24 @@ def _extract_all(
             f"{counts['clips'] / seconds:.3g} clips/s, {counts['frames'] / seconds:.3g} frames/s, "
             f"hit rate {1 - counts['made'] / total:.0%}{share}; store {config.out}"
         )
+
+
+def _fast(config: ExtractConfig, file: Path, layers: tuple[str, ...]) -> Precision:
+    from encoders.frozen import load_encoder
+    from vidphys.data.precision import faster
+
+    options, where = _options(config), (config.weights, config.device)
+
+    def load(dtype: str) -> LayeredEncoder:
+        return load_encoder(config.encoder, {**options, "dtype": dtype}, *where)
+
+    return faster(load, layers, _open(config, file))
+
+
+def _options(config: ExtractConfig) -> dict[str, Any]:
+    """What the encoder is made by; it is made for the first layer, where some are named."""
+    named = config.layers and config.layers != ALL
+    return {**config.encoder_options, "layer": config.layers[0] if named else None}
 
 
 def _open(config: ExtractConfig, path: Path) -> Video:
