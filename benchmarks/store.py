@@ -28,7 +28,7 @@ from encoders.shards import Loose
 from encoders.store import FeatureStore
 from registry.seal import SEAL
 
-WHO = EncoderIdentity("made", 1, "0" * 64, "none", "1", 32, "float32")
+WHO = EncoderIdentity("made", 1, "f" * 64, "none", "1", 32, "float32")
 TIMES = torch.tensor([0.0, 0.1], dtype=torch.float64)
 TRIES = 200
 

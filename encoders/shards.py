@@ -210,7 +210,9 @@ class Shards:
         if self._connection is None or self._connection[0] != os.getpid():
             if not self._index.is_file():
                 return None
-            address = f"{self._index.absolute().as_uri()}?mode=ro"
+            # where a writer was killed, the next reader has to take back what it left half done
+            mode = "rw" if os.access(self._index, os.W_OK) else "ro"
+            address = f"{self._index.absolute().as_uri()}?mode={mode}"
             made = sqlite3.connect(address, WAIT, uri=True, check_same_thread=False)
             self._connection = os.getpid(), made
         return self._connection[1]

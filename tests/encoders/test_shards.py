@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import multiprocessing
+import os
 import sqlite3
 from collections import Counter
 
@@ -127,6 +128,26 @@ def test_a_pack_that_dies_loses_nothing(tmp_path, monkeypatch, dies_at):
         assert all(torch.equal(again.read(request(n)).values, made(n).values) for n in range(6))
     store.pack()
     assert files(store) == [] and store.verify() == [] and len([*store.entries()]) == 6
+
+
+def _dies_in_a_commit(folder):
+    index = sqlite3.connect(folder / "shards" / "index.sqlite")
+    index.execute("PRAGMA cache_size = 1")  # so that the file is changed before the commit
+    index.execute("DELETE FROM entries")
+    rows = ((f"{n:064x}", 0, 0, 1, "x", "y", "z" * 2000) for n in range(200))
+    index.executemany("INSERT INTO entries VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+    os._exit(0)
+
+
+def test_what_a_killed_writer_left_in_the_index_is_taken_back(tmp_path):
+    fill(tmp_path, range(3)).pack()
+    worker = multiprocessing.get_context("fork").Process(target=_dies_in_a_commit, args=[tmp_path])
+    worker.start()
+    worker.join(60)
+    assert (tmp_path / "shards" / "index.sqlite-journal").stat().st_size > 0
+    store = FeatureStore(tmp_path)
+    assert all(torch.equal(store.read(request(n)).values, made(n).values) for n in range(3))
+    assert len([*store.entries()]) == 3
 
 
 def test_a_damaged_entry_is_not_packed(tmp_path):
