@@ -31,7 +31,7 @@ from vidphys.probing.findings import Asked, Finding
 from vidphys.probing.layers import Frozen, Maps
 from vidphys.probing.probe import layer_findings, pixels_of, readout_of
 from vidphys.probing.scores import Score
-from vidphys.probing.shown import Folder
+from vidphys.probing.shown import Folder, Shown
 from vidphys.probing.stored import StoredExamples
 from vidphys.progress import Progress
 from vidphys.runs.folder import RunFolder
@@ -118,23 +118,23 @@ def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) 
     asked = Asked(labels, clips, unit.seed, settings.folds, readout)
     report(f"{unit.part}: pixels", 0, 1)
     pixels = asked.sums(asked.read(pixels_of(shown)))
-    views = _views(encoder, unit, settings, report)
+    views = _views(shown, encoder, unit, settings, report)
     recorder = Recorder(_origin(unit, settings, encoder, "", shown.count))
     total = len(encoder.layers) * len(labels)
     for number, finding in enumerate(layer_findings(views, pixels, asked)):
         _record(recorder, unit, finding)
         report(f"{unit.part}: layer {finding.layer}", number + 1, total)
-    _time(recorder, unit, encoder, settings)
+    _time(recorder, unit, encoder, shown)
     recorder.took(time.perf_counter() - began)
     run.finish(unit.part, *recorder.tables(), MAKERS)
 
 
 def _views(
-    encoder: LayeredEncoder, unit: AtlasUnit, settings: AtlasSettings, report: Any
+    shown: Shown, encoder: LayeredEncoder, unit: AtlasUnit, settings: AtlasSettings, report: Any
 ) -> dict[str, Maps]:
     """All views of the clips, from the store where they lie there."""
     store = FeatureStore(settings.store)
-    stored = StoredExamples(store, settings.shown, settings.hashes, settings.grid)
+    stored = StoredExamples(store, shown, settings.hashes, settings.grid)
 
     def told(name: str) -> Progress:
         return lambda step, steps, _: report(f"{unit.part}: {name or 'clips'}", step, steps)
@@ -188,11 +188,9 @@ def _interval(recorder: Recorder, metric: str, score: Score) -> None:
     recorder.add_value(f"{metric}_high", score.high)
 
 
-def _time(
-    recorder: Recorder, unit: AtlasUnit, encoder: LayeredEncoder, settings: AtlasSettings
-) -> None:
+def _time(recorder: Recorder, unit: AtlasUnit, encoder: LayeredEncoder, shown: Shown) -> None:
     """Milliseconds of the process for a clip, all its frames, up to each layer."""
-    block = next(settings.shown.blocks())
+    block = next(iter(shown.blocks()))
     frames = block.frames[:TIMED_CLIPS]
     calls = (partial(encoder.at(layer), frames, block.times) for layer in encoder.layers)
     timed = [Timed(call) for call in calls]

@@ -22,6 +22,7 @@ from vidphys.probing.targets import Kind, Labels, Per, Target, labels_of
 from vidphys.probing.truth import Truth, read_truth
 
 AT_ONCE = 16  # clips
+KEPT_BYTES = 2**29  # of decoded frames, which are decoded again where they are more
 DOORS: dict[str, Kind] = {"angle": "circular", "class": "classification", "column": "regression"}
 
 
@@ -38,6 +39,15 @@ class Block:
     frames: Tensor
     times: Tensor
     read: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class About:
+    """The frames of one clip: their numbers in the file, seconds, and (height, width)."""
+
+    indices: np.ndarray
+    times: np.ndarray
+    size: tuple[int, int]
 
 
 class Shown(Protocol):
@@ -179,9 +189,26 @@ class Folder:
         return len(self.files)
 
     def blocks(self) -> Iterator[Block]:
+        kept = self._decoded_once[1]
+        yield from self._decoded([]) if kept is None else kept
+
+    @cached_property
+    def _decoded_once(self) -> tuple[list[About], list[Block] | None]:
+        """About each clip, and all of them where they are small: decoding costs a process each."""
+        about: list[About] = []
+        kept: list[Block] | None = []
+        size = 0
+        for block in self._decoded(about):
+            size += block.frames.nbytes
+            kept = None if kept is None or size > KEPT_BYTES else [*kept, block]
+        return about, kept
+
+    def _decoded(self, about: list[About]) -> Iterator[Block]:
+        """All clips a few at a time; what is known of each is added to ``about``."""
         waiting: list[Video] = []
         for file in self.files:
             video = open_video(file.path, self.selection)
+            about.append(About(video.indices, video.times, video.size))
             if waiting and (
                 len(waiting) == AT_ONCE or video.frames.shape != waiting[0].frames.shape
             ):
@@ -220,12 +247,11 @@ class Folder:
     def _truths(self) -> list[tuple[Truth, list[int], tuple[int, int]]]:
         """What is known of each clip, the frames that are read, and (height, width)."""
         found = []
-        for file in self.files:
-            video = open_video(file.path, self.selection)
+        for file, about in zip(self.files, self._decoded_once[0], strict=True):
             table = _table(file)
             assert table is not None
-            read = list(labelled_frames(len(video.times), self.each))
-            found.append((read_truth(table, video.indices, video.times), read, video.size))
+            read = list(labelled_frames(len(about.times), self.each))
+            found.append((read_truth(table, about.indices, about.times), read, about.size))
         return found
 
     def _labels(self, target: Target) -> Labels:

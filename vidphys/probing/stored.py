@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import torch
@@ -69,15 +70,21 @@ class StoredExamples:
                 progress(done, self.shown.count, 0.0)
         return {layer: torch.cat(some) for layer, some in parts.items()}
 
+    @cached_property
+    def _first(self) -> tuple[tuple[int, ...], tuple[int, int]]:
+        """The frames that are read of the first clip, and its (height, width)."""
+        block = next(iter(self.shown.blocks()))
+        return block.read, (block.frames.shape[-2], block.frames.shape[-1])
+
     def _request(self, encoder: LayeredEncoder, layer: str, name: str) -> FeatureRequest:
-        block = next(self.shown.blocks())
+        read, size = self._first
         examples = range(self.shown.count * self.shown.each)
-        words = f"{layer}, {name}, frames {block.read}, at most {self.grid} cells on a side"
+        words = f"{layer}, {name}, frames {read}, at most {self.grid} cells on a side"
         return FeatureRequest(
             encoder=replace(encoder.at(layer).identity, layer=words),
             source_sha256=hashlib.sha256(" ".join(self.hashes).encode()).hexdigest(),
             frames=tuple(examples),
             times=tuple(float(number) for number in examples),
-            frame_size=(block.frames.shape[-2], block.frames.shape[-1]),
+            frame_size=size,
             dtype=DTYPE,
         )
