@@ -21,6 +21,7 @@ from vidphys.probing.readouts import LINEAR, LOCAL, READOUTS, Linear, Readout
 from vidphys.probing.scores import Sums
 from vidphys.probing.shown import Arrays, Folder, Shown
 from vidphys.probing.targets import Labels
+from vidphys.probing.trained import Attention
 
 FOLDS = 5
 
@@ -103,8 +104,8 @@ def probe(
             name ``angle:...`` is of radians.
         untrained: the encoder before any training; of a module its weights drawn anew, if none is
             given.
-        readout: ``linear``, of all cells; or ``local``, of what lies at each body's true place,
-            for folders.
+        readout: ``linear``, of all cells; ``attention``, trained over them, which is slow; or
+            ``local``, of what lies at each body's true place, for folders.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
@@ -195,6 +196,6 @@ def readout_of(name: str, shown: Shown, labels: Sequence[Labels]) -> tuple[Reado
     if name not in READOUTS:
         raise unknown("readout", name, READOUTS)
     if name != LOCAL:
-        return Linear(), list(labels)
+        return Linear() if name == LINEAR else Attention(), list(labels)
     # a place that is given is no question
     return Linear(shown.places()), [each for each in labels if each.name != "position"]

@@ -14,9 +14,10 @@ from torch.nn import functional
 
 from vidphys.probing.linear import Predictions, read_linearly, seen_as
 
-LINEAR, LOCAL = "linear", "local"
+LINEAR, LOCAL, ATTENTION = "linear", "local", "attention"
 READOUTS = {
     LINEAR: "a ridge regression on all cells of the map",
+    ATTENTION: "queries that attend over the cells, trained; minutes a layer",
     LOCAL: "a ridge regression on the features at each body's true place",
 }
 
