@@ -5,10 +5,26 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder test check docs hostile lock locked audit sbom mutate faults setup
+.PHONY: ladder paper test test-gpu check docs hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
+
+# The whole study: ten seeds, every rung whose weights are here, every table. Says first what it
+# will cost; what it is asked again it does not do again. make paper DEVICE=cuda WORKERS=8
+DEVICE ?= cpu
+WORKERS ?= 2
+ENGINE ?= local
+STUDY = --preset paper --seed 100 --workers $(WORKERS) --device $(DEVICE)
+paper: $(READY)
+	$(VENV)/bin/vidphys plan ladder $(STUDY) --cells all
+	$(VENV)/bin/vidphys plan reproduce all pixels $(STUDY)
+	$(VENV)/bin/vidphys ladder $(STUDY) --engine $(ENGINE) --cells all --out runs/paper-ladder
+	$(VENV)/bin/vidphys reproduce all pixels $(STUDY) --engine $(ENGINE) --out runs/paper-tables
+
+# What only a card can show; each test is skipped where there is none.
+test-gpu: $(READY)
+	$(VENV)/bin/python -m pytest tests/gpu -m gpu -rs
 
 test: $(READY)
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2

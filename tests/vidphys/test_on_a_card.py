@@ -25,7 +25,7 @@ from vidphys.training.learner import FitSettings
 from vidphys.training.loop import fit
 
 SIZES = OracleSizes(2, 2, 8, (5e-3,), 2)
-PIXEL = replace(TINY.pixel, clips=4, frames=8, image=32, perception_steps=2, held_out=2)
+PIXEL = replace(TINY.pixel, clips=3, frames=7, image=32, perception_steps=1, held_out=1)
 
 
 def both(numbers):
@@ -68,18 +68,12 @@ def test_every_head_is_trained_and_rolled_there(name):
         "cnn-supervised",
         "cnn-discovered",
         "jepa-centroid",
-        "cnn-frozen",
         "rgb-tracked",
         "anonymous-hand",
-        "anonymous-tracker",
         "anonymous-slots",
-        "composed",
-        "dino-tiny",
-        "dino-tiny-anchored",
-        "dino-tiny-random",
     ],
 )
-def test_every_kind_of_rung_learns_and_sees_there(rung):
+def test_rungs_learn_and_see_there(rung):
     grounding = RUNGS[rung]
     seen = draw(pixel_scene(), replace(grounding, share=1), PIXEL, 0)
 

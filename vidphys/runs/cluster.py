@@ -65,8 +65,9 @@ class Cluster:
         where = {"address": self.address} if self.address is not None else own
         try:
             self.ray.init(**where, include_dashboard=False, log_to_driver=False)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise InputError(f"`address` {self.address}: no Ray cluster there ({error})") from error
+        except Exception as error:  # Ray raises whatever stopped it, of no common kind
+            what = "cannot be started here" if self.address is None else f"at {self.address}: none"
+            raise InputError(f"a Ray cluster {what} ({error})") from error
 
     def _run(
         self,

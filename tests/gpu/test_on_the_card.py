@@ -1,0 +1,89 @@
+"""On a card: the numbers of the CPU, the state never below single precision, no silent CPU."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from dynamics import HEADS, rollout
+from dynamics.compiled import compile_head
+from tests.shared.small_studies import TINY
+from vidphys.experiments.catalogue import TABLES
+from vidphys.experiments.core.cell import CellTask
+from vidphys.experiments.ladder import ALL_HEADS
+from vidphys.placement import device_of, moved, suited
+from vidphys.scenes import gravity
+
+pytestmark = [pytest.mark.gpu, pytest.mark.timeout(600)]
+RUNGS = (
+    "renderer",
+    "cnn-supervised",
+    "cnn-discovered",
+    "jepa-centroid",
+    "rgb-tracked",
+    "anonymous-hand",
+    "anonymous-tracker",
+    "anonymous-slots",
+    "dino-tiny",
+    "videomae-tiny",
+    "vjepa2-tiny",
+    "composed",
+)
+
+
+def rows(cell, device, folder):
+    task = CellTask("ladder", cell, (0,), TINY.oracle, TINY.pixel, device, folder)
+    TABLES["ladder"].cells[cell](task)
+    return [row for each in task.recorders for row in each.tables()[0].to_pylist()]
+
+
+@pytest.mark.parametrize(
+    "cell", [f"oracle/{h}" for h in ALL_HEADS] + [f"{r}/factored" for r in RUNGS]
+)
+def test_a_cell_of_the_ladder(cell, tmp_path):
+    """What a few steps of training and 150 of a rollout leave of the difference in rounding."""
+    here, there = (rows(cell, device, tmp_path / device) for device in ("cpu", "cuda"))
+    assert [r["metric"] for r in here] == [r["metric"] for r in there]
+    assert all(torch.cuda.get_device_name() in row["device"] for row in there)
+    for ours, theirs in zip(here, there, strict=True):
+        if ours["metric"] in ("position_nmse", "training_loss", "held_out_one_step_error"):
+            assert theirs["value"] == pytest.approx(ours["value"], rel=0.02, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", HEADS.ours())
+def test_a_head_rolls_where_it_is(name):
+    scene = gravity()
+    start, law = scene.sample(8, torch.Generator().manual_seed(0))
+    torch.manual_seed(0)
+    head = scene.build(HEADS[name]).eval()
+    head.set_scale(1e-3, 1e-3)
+    found = {}
+    for device in ("cpu", "cuda"):
+        model = head.to(device)
+        rolled = rollout(model, *suited((start, law), model), 20, scene.dt)
+        assert rolled.states.q.device.type == device_of(model).type == device
+        assert rolled.states.q.dtype == torch.float32
+        found[device] = rolled.states.flat.cpu()
+    assert (found["cpu"] - found["cuda"]).abs().max() < 1e-4
+
+
+def test_the_fused_kernel_is_the_spline_of_the_cpu():
+    scene = gravity()
+    start, law = moved(scene.sample(64, torch.Generator().manual_seed(0)), "cpu", torch.float32)
+    torch.manual_seed(0)
+    head = scene.build(HEADS["factored-radial"]).eval()
+    head.see(start)
+    fast = compile_head(head, tolerance=1e-3)
+    with torch.no_grad():
+        here = fast.trajectory(start, law, 50, scene.dt).states.flat
+        there = fast.to("cuda").trajectory(*moved((start, law), "cuda"), 50, scene.dt)
+    assert there.backend == "triton"
+    assert (there.states.flat.cpu() - here).abs().max() < 1e-4
+
+
+def test_a_training_step_keeps_its_batches_on_the_card(tmp_path):
+    sizes = replace(TINY.oracle, steps=5)
+    task = CellTask("ladder", "oracle/factored", (0,), sizes, device="cuda", folder=tmp_path)
+    torch.cuda.reset_peak_memory_stats()
+    TABLES["ladder"].cells["oracle/factored"](task)
+    assert torch.cuda.max_memory_allocated() > 0

@@ -1,0 +1,139 @@
+"""A cluster does with tasks what the pool of processes does; what is lost there is done again.
+
+Skipped where Ray is not installed or does not start: on a machine that has much to do, its own
+processes wait for each other no longer than a few seconds.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+
+import pytest
+
+from tests.shared.errands import errand
+from vidphys.errors import InputError
+from vidphys.runs import cluster
+from vidphys.runs.engine import Needs, engine_of
+from vidphys.runs.pool import WorkerLost, WorkerWarning
+
+KINDS = {"a": "write", "b": "once", "c": "fail", "d": "write", "e": "die"}
+
+
+def run(engine, folder, kinds):
+    folder.mkdir(exist_ok=True)
+    shown, finished = [], []
+    tasks = [(folder, name, kind) for name, kind in kinds.items()]
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        failures = engine(errand, tasks, shown.append, finished.append)
+    lost = [str(w.message) for w in said if issubclass(w.category, WorkerWarning)]
+    done = {path.stem for path in folder.glob("*.done")}
+    return {n: error for n, error in failures}, sorted(finished), shown, lost, done
+
+
+def ports():
+    names = "metrics_agent", "runtime_env_agent", "dashboard_agent_listen", "metrics_export"
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in names]
+    found = {f"{n}_port": s.getsockname()[1] for n, s in zip(names, sockets, strict=True)}
+    for each in sockets:
+        each.close()
+    return found
+
+
+@pytest.fixture(scope="module")
+def nodes():
+    """A cluster of two nodes of one core each, on this machine."""
+    pytest.importorskip("ray")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_raylet_start_wait_time_s", "120")
+    os.environ.setdefault("RAY_agent_register_timeout_ms", "120000")
+    from ray.cluster_utils import Cluster
+
+    try:  # with ports of ours: for those that it chooses itself Ray waits 15 s and no longer
+        made = Cluster(
+            initialize_head=True,
+            head_node_args={"num_cpus": 1, "object_store_memory": 10**8, **ports()},
+        )
+    except Exception as error:
+        pytest.skip(f"no Ray cluster starts here: {error}")
+    yield made
+    made.shutdown()
+
+
+def check(found):
+    failures, finished, shown, lost, done = found
+    assert done == {"a", "b", "d"} and finished == [0, 1, 3]
+    assert isinstance(failures[2], ValueError) and "c cannot be done" in str(failures[2])
+    assert isinstance(failures[4], WorkerLost) and failures.keys() == {2, 4}
+    assert len(lost) == 3  # once of b, and of e before it was given up
+    assert ("a", 1, 1) in shown
+
+
+@pytest.mark.timeout(400)
+def test_a_cluster_does_the_same(tmp_path, nodes):
+    check(run(engine_of("ray", 2, nodes.address), tmp_path / "run", KINDS))
+
+
+@pytest.mark.timeout(400)
+def test_a_lost_node_loses_its_running_tasks_only(tmp_path, nodes):
+    other = nodes.add_node(num_cpus=2, object_store_memory=10**8, **ports())
+    folder, kinds = tmp_path / "run", {name: "slow" for name in "abcdefgh"}
+
+    def lose(done):
+        if len(done) == 2:
+            nodes.remove_node(other, allow_graceful=False)
+
+    finished = []
+
+    def after(number):
+        finished.append(number)
+        lose(finished)
+
+    folder.mkdir()
+    tasks = [(folder, name, kind) for name, kind in kinds.items()]
+    engine = engine_of("ray", 2, nodes.address)
+    with pytest.warns(WorkerWarning, match="tried again"):
+        assert engine(errand, tasks, lambda _: None, after) == []
+    assert sorted(finished) == list(range(8))
+    assert {path.stem for path in folder.glob("*.done")} == set(kinds)
+
+
+DRIVER = """
+import sys
+from pathlib import Path
+from tests.shared.errands import errand
+from vidphys.runs.engine import engine_of
+folder = Path(sys.argv[1])
+tasks = [(folder, name, "slow") for name in "abcd" if not (folder / f"{name}.done").exists()]
+print(len(tasks), engine_of("ray", 1, sys.argv[2])(errand, tasks, print, print))
+"""
+
+
+@pytest.mark.timeout(400)
+def test_a_driver_that_was_killed_goes_on_where_it_was(tmp_path, nodes):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    command = [sys.executable, "-c", DRIVER, str(folder), nodes.address]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    until = time.monotonic() + 300
+    while not list(folder.glob("*.done")) and time.monotonic() < until:
+        time.sleep(0.1)
+    os.kill(first.pid, signal.SIGKILL)
+    first.wait()
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("*.done")}
+    told = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True).stdout
+    assert told.splitlines()[-1].endswith("[]") and before
+    assert {path.stem for path in folder.glob("*.done")} == set("abcd")
+    assert all(path.stat().st_mtime_ns == when for path, when in before.items())
+
+
+def test_what_an_engine_refuses(monkeypatch):
+    with pytest.raises(InputError, match="`address`"):
+        engine_of("local", 1, "auto")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(InputError, match="pip install"):
+        cluster.Cluster(1, None, Needs())
