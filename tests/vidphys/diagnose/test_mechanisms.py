@@ -428,3 +428,15 @@ def test_a_length_in_a_picture_of_a_turned_plane_is_told_with_more_doubt():
     slight, much = (view.unevenness(np.array([x, 0.0, 0.0])) for x in (0.05, 0.3))
     assert 0.02 < slight < 0.05 and 0.15 < much < 0.3
     assert view.unevenness(np.array([0.0, 0.0, 0.1])) > 0.04
+
+
+def test_a_ball_that_the_camera_sees_askew_is_looked_at_and_not_its_shadow():
+    times = np.arange(34) / 30
+    ball = np.stack([0.26 - 0.55 * times, -0.3 + 3.3 * times - 3.1 * times**2], -1)
+    askew = ball / (1 + 0.3 * ball[:, 1:])
+    shadow = np.stack([0.2 - 0.4 * times, -0.45 + 0.1 * times], -1)
+    shadow[6:-6] = np.nan
+    motion = noisy(np.stack([askew, shadow], 1), 0.0005)
+    looked_at, said = of_lawful_bodies(motion)
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], motion.positions[0, :, 0])
+    assert looked_at.bodies == 1 and len(said) == 1

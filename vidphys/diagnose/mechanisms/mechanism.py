@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.chain import chained
-from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
+from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, pictured, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit
@@ -22,6 +22,9 @@ from vidphys.diagnose.recordings.parted import parted
 MOST_CLIPS, MOST_BODIES = 8, 4
 MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
 GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
+ASKEW = 0.15  # of the spread: the same before the camera's view is set right
+STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
+SELDOM = 0.5  # of another body's frames
 SURELY = 10.0  # standard errors, by which the link between two rods is there
 MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
@@ -160,16 +163,18 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     if rods is not None and rods.left < GOOD * rods.spread:
         return _of(motion, list(rods.rods.order)), ()  # from the pivot on
     motion = parted(motion)
-    found = [body for group in _meeting(thinned(motion), camera=True) for body in group.bodies]
+    met = [body for group in _meeting(thinned(motion), camera=True) for body in group.bodies]
+    lawful = []
     for body in range(min(motion.bodies, MOST_TRIED)):
-        if body in found:
+        if body in met:
             continue
         alone = _of(motion, [body])
         first, last = alone.shown()
         if last - first >= LEAST_FRAMES:
             clips = frames_of(thinned(alone.cut(first, last)))
-            if any(_holds(fit) for fit in roughly(clips, angles=False)):
-                found.append(body)
+            if _lawful(clips):
+                lawful.append(body)
+    found = met + _seen_enough(motion, lawful)
     if len(found) == motion.bodies or (not found and motion.bodies == 2):
         return motion, ()  # of two that no law moves alone, each may move the other
     found = sorted(found) or [0]  # the binder's likeliest
@@ -239,6 +244,22 @@ def _linked(rods: Fit) -> bool:
 def _holds(fit: Fit) -> bool:
     """Whether a law leaves little, or nothing that lasts."""
     return fit.left < GOOD * fit.spread or fit.errors.smooth < fit.errors.white
+
+
+def _lawful(clips: Sequence[Frames]) -> bool:
+    """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
+    fits = roughly(clips, angles=False)
+    if any(_holds(fit) for fit in fits):
+        return True
+    askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]
+    return any(fit.left < STRAIGHTENED * fit.spread for fit in askew)
+
+
+def _seen_enough(motion: Motion, bodies: list[int]) -> list[int]:
+    """Without those seen in far fewer frames than another: a body's shadow, or a piece of it."""
+    seen = motion.seen.mean((0, 1))
+    most = max((seen[body] for body in bodies), default=0.0)
+    return [body for body in bodies if seen[body] > SELDOM * most]
 
 
 def _first_lawful(motion: Motion, angles: bool) -> int:
