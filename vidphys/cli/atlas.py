@@ -36,8 +36,8 @@ class AtlasConfig:
         targets: position, velocity, speed, direction, acceleration, force, momentum, mass, charge,
             coupling, contact, count, or column:, angle: (radians) or class: and the name of a
             column; all that the tables tell if none is named.
-        readout: linear reads all cells of a map; attention is trained over them, and slow; local
-            reads the features at each body's true place.
+        readout: linear reads all cells of a map, pooled their mean; attention is trained over
+            them, and slow; local reads the features at each body's true place.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested, each by a readout that has not seen it.

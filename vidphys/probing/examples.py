@@ -88,11 +88,6 @@ def patches(frames: Tensor, read: Iterable[int]) -> Tensor:
     return functional.pixel_unshuffle(small[..., :height, :width], side)
 
 
-def pooled(maps: Tensor) -> Tensor:
-    """The mean over all cells, as maps of one cell."""
-    return maps.float().mean((-2, -1), keepdim=True)
-
-
 def _kept(values: Tensor, frames: int, read: tuple[int, ...], grid: int) -> Tensor:
     index = [k * values.shape[1] // frames for k in read]
     maps = values[:, index].flatten(0, 1).float()

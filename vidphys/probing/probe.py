@@ -14,10 +14,18 @@ from torch import Tensor
 from registry import unknown
 from vidphys.data.video import ClipSelection
 from vidphys.probing.controls import CONTROLS, PIXELS, POOLED, RANDOM
-from vidphys.probing.examples import GRID, PLAIN, VIEWS, View, patches, pooled
+from vidphys.probing.examples import GRID, PLAIN, VIEWS, View, patches
 from vidphys.probing.findings import Asked, Finding, findings_of
 from vidphys.probing.layers import AllLayers, Maps, all_layers, untrained_of
-from vidphys.probing.readouts import LINEAR, LOCAL, READOUTS, Linear, Readout
+from vidphys.probing.readouts import (
+    ATTENTION,
+    LINEAR,
+    LOCAL,
+    READOUTS,
+    Linear,
+    Readout,
+    pooled,
+)
 from vidphys.probing.scores import Sums
 from vidphys.probing.shown import Arrays, Folder, Shown
 from vidphys.probing.targets import Labels
@@ -104,8 +112,8 @@ def probe(
             name ``angle:...`` is of radians.
         untrained: the encoder before any training; of a module its weights drawn anew, if none is
             given.
-        readout: ``linear``, of all cells; ``attention``, trained over them, which is slow; or
-            ``local``, of what lies at each body's true place, for folders.
+        readout: ``linear``, of all cells; ``pooled``, of their mean; ``attention``, trained over
+            them, which is slow; or ``local``, of what lies at each body's true place, for folders.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
@@ -196,6 +204,7 @@ def readout_of(name: str, shown: Shown, labels: Sequence[Labels]) -> tuple[Reado
     if name not in READOUTS:
         raise unknown("readout", name, READOUTS)
     if name != LOCAL:
-        return Linear() if name == LINEAR else Attention(), list(labels)
+        how = Attention() if name == ATTENTION else Linear(pooled=name == POOLED)
+        return how, list(labels)
     # a place that is given is no question
     return Linear(shown.places()), [each for each in labels if each.name != "position"]

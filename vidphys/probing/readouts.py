@@ -12,11 +12,13 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
+from vidphys.probing.controls import POOLED
 from vidphys.probing.linear import Predictions, read_linearly, seen_as
 
 LINEAR, LOCAL, ATTENTION = "linear", "local", "attention"
 READOUTS = {
     LINEAR: "a ridge regression on all cells of the map",
+    POOLED: "a ridge regression on the mean over all cells",
     ATTENTION: "queries that attend over the cells, trained; minutes a layer",
     LOCAL: "a ridge regression on the features at each body's true place",
 }
@@ -55,9 +57,11 @@ class Linear(Readout):
     Args:
         places: of each body in each example, ``(e, n, 2)``, x and y of -1 to 1 over the image's
             width and height, y upwards; all cells are read where not given.
+        pooled: read the mean over all cells.
     """
 
     places: Tensor | None = None
+    pooled: bool = False
 
     def __call__(
         self,
@@ -70,6 +74,7 @@ class Linear(Readout):
         controls: bool,
     ) -> list[Predictions]:
         maps = maps if self.places is None else at_places(maps, self.places)
+        maps = pooled(maps) if self.pooled else maps
         bodies = 1 if self.places is None else self.places.shape[1]
         found: list[Predictions | None] = [None] * len(targets)
         for count in {1, bodies}:
@@ -97,6 +102,11 @@ def _bodies(target: np.ndarray, bodies: int) -> int:
 def _by_body(maps: Tensor) -> Tensor:
     """``(e, c, n, 1)`` with each body as an example, ``(e * n, c, 1, 1)``."""
     return maps.movedim(2, 1).flatten(0, 1)[..., None]
+
+
+def pooled(maps: Tensor) -> Tensor:
+    """The mean over all cells, as maps of one cell."""
+    return maps.float().mean((-2, -1), keepdim=True)
 
 
 def at_places(

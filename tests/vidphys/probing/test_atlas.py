@@ -89,7 +89,7 @@ def test_features_come_from_the_store_the_second_time(clips, tmp_path, cells):  
         (["--targets", "velocty"], "did you mean 'velocity'"),
         (["--encoders", "dino-tony"], "did you mean 'dino-tiny'"),
         (["--folds", "9"], "16 clips; --folds 9 needs at least 18"),
-        (["--readout", "cubic"], "--readout cubic: use one of linear, attention, local"),
+        (["--readout", "cubic"], "--readout cubic: use one of linear, pooled, attention, local"),
         (["--each", "0"], "--each 0: must be at least 1"),
     ],
 )
