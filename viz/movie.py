@@ -10,8 +10,7 @@ import numpy as np
 
 from viz.diagnosis import HUES
 from viz.overlay import energy_range, world_to_pixel
-from viz.recording import laws_of
-from viz.showcase import Arrays, check_showcase, half_extent
+from viz.showcase import Arrays, check_showcase, half_extent, laws_of
 from viz.whole import whole
 
 if TYPE_CHECKING:

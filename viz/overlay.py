@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from viz.showcase import ROLES, Arrays, check_showcase, context, half_extent, zoom_extent
+from viz.showcase import (
+    ROLES,
+    Arrays,
+    check_showcase,
+    context,
+    half_extent,
+    laws_of,
+    zoom_extent,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +39,7 @@ GUESS_COLOURS = {"prediction": "#0072B2", "counterfactual": "#D55E00"}
 # Of a contact sheet's parts, in shares of them; an automatic layout draws everything three times.
 STRIP = {"left": 0.01, "right": 0.99, "bottom": 0.0, "top": 0.72}
 SPACED = 1.3  # sides of a frame from one to the next
-PANELS = {"left": 0.04, "right": 0.88, "bottom": 0.15, "top": 0.91, "wspace": 0.25, "hspace": 0.1}
+PANELS = {"left": 0.04, "right": 0.86, "bottom": 0.15, "top": 0.91, "wspace": 0.25, "hspace": 0.22}
 
 
 def world_to_pixel(positions: np.ndarray, size: tuple[int, int], half_extent: float) -> np.ndarray:
@@ -109,7 +117,7 @@ def contact_sheet(showcase: Arrays, meta: Mapping[str, str]) -> Figure:
         _paths(panels["law"], showcase, "truth", "prediction", "The trained law")
         roles = ("counterfactual_truth", "counterfactual")
         _paths(panels["flip"], showcase, *roles, "What if the coupling flips")
-        _energies(panels["energy"], panels["error"], showcase)
+        _energies(panels["energy"], panels["error"], showcase, laws_of(meta))
         figure.suptitle(meta.get("cell", ""), x=0.01, ha="left", fontsize=12, weight="bold")
     return figure
 
@@ -172,7 +180,7 @@ def _paths(axes: Axes, showcase: Arrays, truth: str, guess: str, title: str) -> 
     axes.legend(**below, fontsize=8, frameon=False)
 
 
-def _energies(upper: Axes, lower: Axes, showcase: Arrays) -> None:
+def _energies(upper: Axes, lower: Axes, showcase: Arrays, names: Mapping[str, str]) -> None:
     times = np.asarray(showcase["times"])
     after = times >= 0
     for role in ROLES:
@@ -186,11 +194,12 @@ def _energies(upper: Axes, lower: Axes, showcase: Arrays) -> None:
             "lw": 4 if real else 1.6,
             "alpha": 0.5 if real else 1.0,
         }
-        upper.plot(times[after], energy, label=role.replace("_", " "), **look)
+        upper.plot(times[after], energy, label=names[role], **look)
         lower.plot(times[after], np.where(error > 0, error, np.nan), **look)
     upper.set(title="Energy", xticklabels=[], ylim=energy_range(*upper.get_ylim()))
     upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
-    lower.set(yscale="log", ylabel="|E - E0| / |E0|", xlabel="seconds since the law may change")
+    lower.set(yscale="log", xlabel="seconds since the law may change")
+    lower.set_title("|E − E0| / |E0|", fontsize=9, loc="left", pad=3)
     lower.minorticks_off()
     lower.yaxis.set_major_formatter(lambda value, _: f"{value:g}")  # powers take long to set
     for axes in (upper, lower):

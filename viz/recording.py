@@ -23,6 +23,7 @@ from viz.showcase import (
     check_video,
     context,
     half_extent,
+    laws_of,
     scalar,
     zoom_extent,
 )
@@ -146,19 +147,6 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     )  # dimmed
     tape.phases(marks)
     tape.save(path, overlay_layout(video))
-
-
-def laws_of(meta: Mapping[str, str]) -> dict[str, str]:
-    """What each role of a ladder's cell is called: by its law and whose it is."""
-    held = f"G = {float(meta['coupling']):.3g}" if "coupling" in meta else "the trained law"
-    flipped = "G = −1" if "coupling" in meta else "the flipped law"
-    return {
-        "truth": f"{held}, truth",
-        "prediction": f"{held}, model",
-        "counterfactual_truth": f"{flipped}, truth",
-        "counterfactual": f"{flipped}, model",
-        "long": f"{held}, model",
-    }
 
 
 def other_law(meta: Mapping[str, str]) -> str:

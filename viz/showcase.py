@@ -65,6 +65,19 @@ def check_showcase(showcase: Arrays) -> None:
         _pictures("showcase", showcase, "track")
 
 
+def laws_of(meta: Mapping[str, str]) -> dict[str, str]:
+    """What each role of a ladder's cell is called: by its law and whose it is."""
+    held = f"G = {float(meta['coupling']):.3g}" if "coupling" in meta else "the trained law"
+    flipped = "G = −1" if "coupling" in meta else "the flipped law"
+    return {
+        "truth": f"{held}, truth",
+        "prediction": f"{held}, model",
+        "counterfactual_truth": f"{flipped}, truth",
+        "counterfactual": f"{flipped}, model",
+        "long": f"{held}, model",
+    }
+
+
 def check_video(video: Arrays) -> None:
     """Raise ValueError unless the arrays of a real clip are there and fit together."""
     keys = ("frames", "frame_times", "readout", "rollout", "rollout_times", "half_extent")
