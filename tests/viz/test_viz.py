@@ -769,6 +769,20 @@ def test_episodes_and_other_metrics_are_shown(tmp_path):
     assert other_table(records).rows[0].cells[0].value == 0.125
 
 
+def test_a_page_stays_small_however_many_episodes_there_are(tmp_path, monkeypatch):
+    from safetensors.numpy import save_file
+
+    run = make_run(tmp_path / "run", 1)
+    (run / "showcase").mkdir()
+    arrays = {k: np.ascontiguousarray(v) for k, v in make_showcase(pictures=False).items()}
+    for head in HEADS:
+        save_file(arrays, run / "showcase" / f"oracle-{head}.safetensors", {"seed": "0"})
+    monkeypatch.setattr("viz.report.SHEET_BYTES", 1)
+    page = write_report(run).read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 1 and "1 more lie in figures/" in page
+    assert (run / "figures" / "showcase-oracle-unstructured.png").is_file()
+
+
 def test_another_experiment_has_no_ladder(tmp_path):
     run = make_run(tmp_path / "run", 1)
     rows = [row("hiera", "none", "factored", 0, "rollout_error", 0.03, horizon=90)]
