@@ -1,0 +1,120 @@
+"""Verbs that are killed before each of their file operations, or at random instants, and go on.
+
+``python -m tests.faults.kills FOLDER POINTS VERB …`` prints a line of JSON for each verb: how many
+kills locked the same command out, or led to other bits. 0 points are all operations.
+``--pairs`` also lets each into the folder of another that stands still, with and without
+``--overwrite``, and tells what changed of the first.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from tests.faults.full_disk import left
+from tests.faults.verbs import at_operation, commands, ended, forked, prepared, readied, stopped
+
+FEWEST = 3  # operations of a verb into its work, at which it stands still
+INSTANTS = 17  # random ones of each verb: 200 of all
+
+
+def undisturbed(verb: str, made: Path, folder: Path) -> tuple[dict[str, bytes], int, float]:
+    """What it leaves, its file operations and its seconds."""
+    disk, count, began = folder / "disk", folder / "count", time.monotonic()
+    disk.mkdir(parents=True)
+    code = ended(commands(made, disk)[verb], at_operation(disk, None, 0, count))
+    assert code in (0, 1), (verb, code)
+    found = left(disk)
+    shutil.rmtree(disk)
+    return found, count.stat().st_size, time.monotonic() - began
+
+
+def kills(verb: str, made: Path, folder: Path, points: int, instants: int) -> dict[str, object]:
+    whole, operations, seconds = undisturbed(verb, made, folder)
+    chosen = range(operations)
+    if points:
+        chosen = sorted({int(n) for n in np.linspace(0, operations - 1, points)})
+    found = {"verb": verb, "operations": operations, "kills": 0, "locked out": [], "differ": []}
+    disk = folder / "disk"
+    moments = np.random.default_rng(0).uniform(0, seconds, instants)
+    for point in [*chosen, *(float(moment) for moment in moments)]:
+        disk.mkdir()
+        arguments = commands(made, disk)[verb]
+        if isinstance(point, float):
+            found["kills"] += killed_after(arguments, folder, point)
+        else:
+            hook = at_operation(disk, point, signal.SIGKILL, folder / "count")
+            found["kills"] += ended(arguments, hook) == -signal.SIGKILL
+        if verb == "view":  # it writes nothing over what is there
+            (disk / "run" / "saved.rrd").unlink(missing_ok=True)
+        code = ended(arguments)
+        if code not in (0, 1):
+            found["locked out"].append([point, code])
+        elif left(disk) != whole:
+            now = left(disk)
+            found["differ"].append([point, sorted(k for k in whole if now.get(k) != whole[k])])
+        shutil.rmtree(disk)
+    return found
+
+
+def killed_after(arguments: list[str], folder: Path, seconds: float) -> bool:
+    child = forked(arguments, folder / "said")
+    timer = threading.Timer(seconds, os.kill, (child, signal.SIGKILL))
+    timer.start()
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    timer.cancel()
+    return code == -signal.SIGKILL
+
+
+def files(disk: Path) -> dict[str, bytes]:
+    found = (path for path in disk.rglob("*") if path.is_file())
+    return {str(path.relative_to(disk)): path.read_bytes() for path in found}
+
+
+def pairs(first: str, seconds: list[str], made: Path, folder: Path) -> dict[str, object]:
+    """Of a verb that stands still in the middle of its work, what others change."""
+    disk = folder / "disk"
+    disk.mkdir(parents=True)
+    found = {"first": first, "tried": 0, "stood": 0, "changed": [], "let in": []}
+    asked = commands(made, disk)
+    with stopped(asked[first], disk, FEWEST) as child:
+        found["stood"] = int(child != 0)
+        before = files(disk)
+        for second in seconds:
+            for flags in ([], ["--overwrite"]):
+                if flags and second in ("extract", "view"):
+                    continue
+                code = ended([*asked[second], *flags])
+                now = files(disk)
+                found["tried"] += 1
+                if code == 0 and first != "extract" and second not in ("extract", "view"):
+                    found["let in"].append([second, flags])
+                if any(now.get(name) != data for name, data in before.items()):
+                    found["changed"].append([second, flags])
+    shutil.rmtree(disk)
+    return found
+
+
+def run(folder: Path, points: int, verbs: list[str], both: bool) -> None:
+    readied()
+    made = prepared(folder, not set(verbs or ["fit"]) <= {"render", "extract", "ladder", "train"})
+    every = verbs or list(commands(made, folder))
+    for verb in every:
+        found = kills(verb, made, folder / verb, points, 0 if points else INSTANTS)
+        print(json.dumps(found), flush=True)
+    for verb in every if both else ():
+        found = pairs(verb, every, made, folder / f"{verb}-pairs")
+        print(json.dumps(found), flush=True)
+
+
+if __name__ == "__main__":
+    given = [x for x in sys.argv[1:] if x != "--pairs"]
+    run(Path(given[0]), int(given[1]), given[2:], "--pairs" in sys.argv)
