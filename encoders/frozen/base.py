@@ -296,6 +296,11 @@ def check_count(name: str, frames: int) -> None:
 def check_frames(name: str, frames: Tensor, times: Tensor) -> None:
     """Refuse frames that are none, see :meth:`FrozenEncoder.__call__`."""
     check_count(name, frames.shape[0] * frames.shape[1])
+    if frames.shape[2] not in (1, 3) and frames.shape[-1] in (1, 3):
+        raise ValueError(
+            f"{name}: frames {tuple(frames.shape)} have their channels last; give (b, t, c, H, W), "
+            "or call vidphys.encode_video, which takes any order"
+        )
     if len(times) != frames.shape[1]:
         raise ValueError(
             f"{name}: {frames.shape[1]} frames have {len(times)} times; give the seconds of each"

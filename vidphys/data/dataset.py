@@ -16,7 +16,7 @@ from vidphys.runs.atomic import sha256
 NOT_OPENED = (".pkl", ".pickle")
 
 
-def find_dataset(path: Path, columns: Mapping[str, str] | None = None) -> Dataset:
+def find_dataset(path: Path | str, columns: Mapping[str, str] | None = None) -> Dataset:
     """The clips that ``path`` names.
 
     Args:
@@ -27,7 +27,7 @@ def find_dataset(path: Path, columns: Mapping[str, str] | None = None) -> Datase
         InputError: nothing there, a folder without clips or of a rendering that is not finished,
             a manifest that is wrong, or labels of some of the clips only.
     """
-    found, columns = _found(path), columns or {}
+    found, columns = _found(Path(path)), columns or {}
     files = tuple(_with_labels(file, columns) for file in found.files)
     bare = [f.path.name for f in files if f.labels is None]
     if 0 < len(bare) < len(files):

@@ -85,3 +85,8 @@ def test_a_layout_that_does_not_fit() -> None:
         values(FILM, layout="bthwc")
     with pytest.raises(ValueError, match="`layout` 'hwc'; use one of thwc, tchw"):
         values(FILM, layout="hwc")
+
+
+def test_an_encoder_itself_refuses_channels_that_come_last() -> None:
+    with pytest.raises(ValueError, match=r"\(1, 5, 12, 20, 3\) have their channels last"):
+        load_encoder("cells", {})(torch.from_numpy(FILM)[None], torch.tensor(TIMES))

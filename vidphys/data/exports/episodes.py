@@ -50,7 +50,7 @@ def episodes_of(path: Path) -> Iterator[Episode]:
     """
     if (path / "rollout.npz").is_file():
         return _rolled(path / "rollout.npz")
-    if (path / "entries").is_dir():
+    if (path / "entries").is_dir() or (path / "shards").is_dir():
         return _stored(FeatureStore(path))
     raise InputError(
         f"{path}: neither a finished `vidphys rollout` nor a feature store of `vidphys extract`"

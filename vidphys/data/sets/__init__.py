@@ -21,6 +21,7 @@ SETS.register("huggingface", HUGGING_FACE)
 SETS.register("webdataset", WEBDATASET)
 SETS.register("arrays", ARRAYS)
 KEPT = 4  # sets whose list of clips is kept
+TOLD = ("meta/info.json", "state.json", "dataset_dict.json")  # what says that a set changed
 NAMED = 8  # clips that an error names
 
 __all__ = [
@@ -46,11 +47,12 @@ def read_set(path: Path) -> Dataset:
     Raises:
         InputError: none of a known kind, a damaged one, or one without clips.
     """
-    return _read(path.resolve(), path, path.stat().st_mtime_ns)
+    told = (path, *(path / name for name in TOLD))
+    return _read(path.resolve(), path, tuple(p.stat().st_mtime_ns for p in told if p.exists()))
 
 
 @lru_cache(KEPT)
-def _read(_where: Path, path: Path, _changed: int) -> Dataset:
+def _read(_where: Path, path: Path, _changed: tuple[int, ...]) -> Dataset:
     kind = set_of(path)
     if kind is None:
         raise InputError(f"{path}: no data set of a known kind ({', '.join(SETS)})")

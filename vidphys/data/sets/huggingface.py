@@ -86,8 +86,12 @@ def _split(folder: Path, root: Path, split: str) -> tuple[list[ClipFile], list[P
     return [one(k, *row, column, kinds, root, split) for k, row in enumerate(rows)], arrow
 
 
-@lru_cache(OPEN)
 def _table(path: Path) -> pa.Table:
+    return _kept(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(OPEN)
+def _kept(path: Path, _changed: int) -> pa.Table:
     """An Arrow file, mapped into memory; held to what Arrow can check of it."""
     with reading("an Arrow stream of a data set"):
         source = pa.memory_map(str(path))

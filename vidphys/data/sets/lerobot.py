@@ -160,8 +160,12 @@ def _picture(rows: Any, camera: str, number: int) -> bytes:
     return value["bytes"]
 
 
-@lru_cache(OPEN)
 def _table(path: Path) -> pa.Table:
+    return _kept(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(OPEN)
+def _kept(path: Path, _changed: int) -> pa.Table:
     with reading("a table of frames"), pq.ParquetFile(path) as file:
         groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
         require_room((sum(group.total_byte_size for group in groups),), 1, "a table of frames")
