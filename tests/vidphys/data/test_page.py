@@ -26,7 +26,7 @@ def test_every_block_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    assert [language for language, _ in BLOCKS] == ["python", "python", "sh", "python"]
+    assert [language for language, _ in BLOCKS] == ["python", "sh", "python"]
     for language, body in BLOCKS:
         if language == "python":
             exec(compile(body, str(PAGE), "exec"), names)
