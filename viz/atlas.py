@@ -78,7 +78,9 @@ def _lead(
     settings: Mapping[str, Any], said: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]
 ) -> str:
     """The result in a sentence."""
-    sure = [c["target"] for c in said["choices"] if c["selectivity"]["low"] > 0]
+    sure = [
+        c["target"] for c in said["choices"] if min(c["selectivity"]["low"], c["score"]["low"]) > 0
+    ]
     seeds = ", ".join(sorted({f"{row['seed']} ({row['role']})" for row in rows}))
     found = (
         f"surely known beyond the controls: {', '.join(sure)}"

@@ -85,7 +85,7 @@ def _block(
         row, column = targets.index(spot.target), names.index(spot.layer)
         score = spot.numbers["score"]
         values[row][column] = score
-        sure = spot.numbers["selectivity_low"] > 0
+        sure = min(spot.numbers["selectivity_low"], spot.numbers["score_low"]) > 0
         ink = INK if score > LIGHT else "white"
         axes.text(column, row, f"{score:.2f}", ha="center", va="center", fontsize=7, color=ink)
         if sure:

@@ -51,6 +51,11 @@ class Place:
         return max(rivals, key=lambda name: self.controls[name])
 
     @property
+    def sure(self) -> bool:
+        """Whether it is surely above chance, and above the best rival."""
+        return self.score.low > 0 and self.selectivity.low > 0
+
+    @property
     def name(self) -> str:
         """In words."""
         return f"{self.encoder} at layer {self.layer}"
@@ -192,7 +197,7 @@ def _sentence(best: Place, cheaper: Place | None) -> str:
         f"score {best.score}, best control {best.rival} {best.controls[best.rival]:.2f}, "
         f"selectivity {best.selectivity}, {best.cost.value:.3g} ms a clip"
     )
-    if best.selectivity.low <= 0:
+    if not best.sure:
         return (
             f"for {best.target} nothing here is surely above its controls; the highest score is "
             f"that of {best.name} ({evidence})"
@@ -257,8 +262,8 @@ def _depth(inside: Sequence[Place], outside: Sequence[Place]) -> Depth:
     best, other = (max(some, key=lambda p: p.score.value) for some in (inside, outside))
     low, high = np.percentile(middle - rest, [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
     difference = Score(best.score.value - other.score.value, float(low), float(high))
-    known = best.selectivity.low > 0
-    verdict = SHOWN if low > 0 and known else REFUTED if high < 0 else OPEN
+    refuted = high < 0 and other.score.low > 0
+    verdict = SHOWN if low > 0 and best.sure else REFUTED if refuted else OPEN
     sentence = (
         f"{best.target} in the middle of {best.encoder} alone: {verdict} (layer {best.layer} "
         f"{best.score.value:.2f}, elsewhere at best {other.score.value:.2f} at layer "

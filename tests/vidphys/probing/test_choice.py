@@ -39,6 +39,12 @@ def test_nothing_is_recommended_that_is_not_above_its_controls():
     assert "take" not in choice.sentence
 
 
+def test_what_is_above_its_controls_but_not_above_chance_is_not_known():
+    weak = place("1", 0.04, pixels=-0.3)
+    assert weak.selectivity.low > 0 > weak.score.low
+    assert "nothing here is surely above" in choices_of([weak])[0].sentence
+
+
 def test_a_cheaper_layer_that_is_not_surely_worse_is_named():
     alike = place("1", 0.78, cost=2.0, noise=0.5)
     (choice,) = choices_of([alike, place("22", 0.8, noise=0.5), place("0", 0.2, cost=1.0)])
@@ -71,6 +77,11 @@ def test_the_middle_is_judged_by_the_interval_of_the_difference(scores, verdict)
 
 def test_a_middle_that_is_not_above_its_controls_shows_nothing():
     layers = [place("1", 0.0), place("2", 0.3, 0.5, sure=False), place("3", 0.0, 1.0)]
+    assert depths_of(layers)[0].verdict == "not decided"
+
+
+def test_nothing_is_refuted_by_what_is_at_chance():
+    layers = [place("1", 0.02), place("2", -0.3, 0.5), place("3", -0.4, 1.0)]
     assert depths_of(layers)[0].verdict == "not decided"
 
 
