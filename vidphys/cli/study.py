@@ -94,7 +94,8 @@ def run_units(
     from dynamics.compiled.ahead import compile_ahead
     from encoders.release import WeightsMissing
     from vidphys.experiments.study import run_unit
-    from vidphys.runs.engine import Needs, engine_of
+    from vidphys.runs.engine import engine_of
+    from vidphys.runs.needs import Needs
 
     share = 1 / config.workers if config.device == "cuda" else 0.0
     engine = engine_of(config.engine, config.workers, config.address, Needs(gpu=share))

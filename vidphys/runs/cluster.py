@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from vidphys.errors import InputError
-from vidphys.runs.engine import Message, Needs
-from vidphys.runs.pool import TRIES, WorkerLost, WorkerWarning
+from vidphys.runs.needs import Needs
+from vidphys.runs.pool import TRIES, Message, WorkerLost, WorkerWarning
 from vidphys.runs.worker import outcome, quietly_with_one_thread
 
 POLL_SECONDS = 0.5

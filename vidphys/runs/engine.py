@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, Protocol
 
 from vidphys.errors import InputError
+from vidphys.runs.needs import Needs
+from vidphys.runs.pool import Message
 
-Message = tuple[str, int, int]
 EngineName = Literal["local", "ray"]
-
-
-@dataclass(frozen=True)
-class Needs:
-    """What one unit of work needs of a machine.
-
-    Args:
-        cores: that it keeps busy.
-        memory: bytes that it takes at most; 0 where nothing is known.
-        gpu: of a card, the share; several units share one where that is below 1.
-    """
-
-    cores: float = 1.0
-    memory: int = 0
-    gpu: float = 0.0
 
 
 class Engine(Protocol):
@@ -57,7 +42,7 @@ class Engine(Protocol):
 
 
 def engine_of(
-    name: EngineName, workers: int, address: str | None = None, needs: Needs = Needs()
+    name: EngineName, workers: int, address: str | None = None, needs: Needs | None = None
 ) -> Engine:
     """The engine of a name.
 
@@ -78,7 +63,7 @@ def engine_of(
         return partial(_local, run_all, workers)
     from vidphys.runs.cluster import Cluster
 
-    return Cluster(workers, address, needs)
+    return Cluster(workers, address, needs or Needs())
 
 
 def _local(

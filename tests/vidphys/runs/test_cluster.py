@@ -17,7 +17,8 @@ import pytest
 from tests.shared.errands import errand
 from vidphys.errors import InputError
 from vidphys.runs import cluster
-from vidphys.runs.engine import Needs, engine_of
+from vidphys.runs.engine import engine_of
+from vidphys.runs.needs import Needs
 from vidphys.runs.pool import WorkerLost, WorkerWarning
 
 KINDS = {"a": "write", "b": "once", "c": "fail", "d": "write", "e": "die"}
