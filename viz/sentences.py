@@ -36,16 +36,14 @@ def asked(records: Records, about: Mapping[str, Any]) -> str:
 
 
 def holds(records: Records) -> str:
-    """How many claims hold."""
+    """How many claims hold; a row is a head under one way to read momentum."""
     told = verdicts(records)
     good = [line for line, word, _ in told if word == HOLDS]
     twins = [line for line in records.lines if line.head == TWIN]
     inverting = sum(_inverts(records, line) for line in twins)
-    text = (
-        f"{len(good)} of {_count(len(told), 'factored head')} answer, with the twin worse on every "
-        "seed"
-    )
-    return text + (f"; {inverting} of {_count(len(twins), 'twin')} answer." if twins else ".")
+    rows = f"{len(good)} of {_count(len(told), 'row')} of factored heads"
+    rivals = f"; {inverting} of {_count(len(twins), 'row')} of twins answer" if twins else ""
+    return f"{rows} answer, with the twin worse on every seed{rivals}."
 
 
 def fails(records: Records, about: Mapping[str, Any]) -> str:

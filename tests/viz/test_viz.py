@@ -688,7 +688,11 @@ class TestReport:
     def test_the_first_screen_says_what_was_asked_what_holds_and_what_does_not(self, reported):
         page = reported[1]
         first = page[: page.index("</figure>")]
-        for words in ("under G = −1", "of 5 factored heads answer", "anonymous-tracker · diff"):
+        for words in (
+            "under G = −1",
+            "of 5 rows of factored heads answer",
+            "anonymous-tracker · diff",
+        ):
             assert words in re.sub(r"\s+", " ", first)
         assert "not run: videomae" in first.replace("Not run", "not run")
 
