@@ -49,7 +49,8 @@ def drawn_anew(network: Network, seed: int) -> Network:
     """A network with its weights drawn anew in place; see :func:`untrained`."""
     with torch.random.fork_rng([]), torch.no_grad():
         torch.manual_seed(seed)
-        where = next(network.parameters()).device
+        held = next(network.parameters(), None)
+        where = "cpu" if held is None else held.device
         network.cpu()  # whose generator draws the same numbers whatever the device
         for module in network.modules():
             _draw(module)

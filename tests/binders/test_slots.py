@@ -284,7 +284,7 @@ def composed_of_blocks(task):
 
 @pytest.mark.parametrize("fit_rung", [fit_slots, composed_of_blocks])
 def test_no_label_is_read_and_tracks_have_the_shape_of_the_truth(fit_rung, clips, monkeypatch):
-    monkeypatch.setattr(composed, "load_encoder", lambda name, options: Blocks())
+    monkeypatch.setattr(composed, "load_encoder", lambda name, options, device: Blocks())
     blind = replace(clips, states=clips.states.map(lambda x: torch.full_like(x, torch.nan)))
     seeing, unseeing = (
         fit_rung(FitTask(c, SIZES, 0, "factored")).tracks(clips) for c in (clips, blind)

@@ -647,7 +647,11 @@ def test_extract_verb(
     name: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clip = write_clip(tmp_path / "a.avi", 9)
-    config = ExtractConfig((clip,), tmp_path / "store", encoder=name, weights=folder, **QUICK[name])
+    options = dict(QUICK[name])
+    layers = (options.pop("layer"),) if "layer" in options else ()
+    config = ExtractConfig(
+        (clip,), tmp_path / "store", encoder=name, weights=folder, layers=layers, **options
+    )
     extract(config)
     first = capsys.readouterr().out
     step = load_encoder(name, QUICK[name], folder).windowing.tubelet
@@ -659,7 +663,7 @@ def test_extract_verb(
     with pytest.raises(InputError, match=refused) as caught:
         extract(
             ExtractConfig(
-                (clip,), tmp_path / "o", encoder=name, weights=folder, predictor=True, layer=1
+                (clip,), tmp_path / "o", encoder=name, weights=folder, predictor=True, layers=(1,)
             )
         )
     assert "\n" not in str(caught.value)

@@ -107,7 +107,6 @@ def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) 
     run = RunFolder(path)
     if run.is_done(unit.part):
         return
-    torch.set_num_threads(1)
     began, shown = time.perf_counter(), settings.shown
     encoder = load_encoder(unit.encoder, {}, settings.weights)
     labels, skipped = shown.labels(settings.targets)

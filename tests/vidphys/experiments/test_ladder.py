@@ -228,9 +228,9 @@ def test_a_rungs_heads_share_one_perception_but_for_a_joint_one(run, monkeypatch
     fitted = []
     fit = pixel_cell.fit_perception
 
-    def counted(grounding, seen, sizes, seed, head, folder, progress):
+    def counted(grounding, seen, sizes, seed, head, folder, *how):
         fitted.append((head, folder.name))
-        return fit(grounding, seen, sizes, seed, head, folder, progress)
+        return fit(grounding, seen, sizes, seed, head, folder, *how)
 
     monkeypatch.setattr(pixel_cell, "fit_perception", counted)
     for rung, expected in {

@@ -80,7 +80,7 @@ def test_a_cell_leaves_records_of_every_part(table, cell, expected, tmp_path):
 def test_one_perception_serves_all_heads_and_a_lost_head_stops_no_other(monkeypatch):
     fitted, trained = [], []
 
-    def fit(grounding, seen, sizes, seed, head, folder, progress):
+    def fit(grounding, seen, sizes, seed, head, *how):
         fitted.append(head)
         return "perception"
 

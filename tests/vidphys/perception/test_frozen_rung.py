@@ -59,7 +59,7 @@ class Pairs(Blocks):
 @pytest.fixture
 def encoder(monkeypatch):
     blocks = Blocks()
-    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: blocks)
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options, device: blocks)
     return blocks
 
 
@@ -86,7 +86,7 @@ def test_the_readout_learns_where_bodies_are_and_features_are_made_once(encoder,
 def test_a_video_encoders_feature_frame_tells_where_bodies_are_in_each_of_its_frames(
     monkeypatch, tmp_path
 ):
-    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: Pairs())
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options, device: Pairs())
     clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 24, 8, 40, 0, "train")
     perception = frozen.fit_frozen("pairs", {}, FitTask(clips, SIZES, 0, "factored", tmp_path))
     tracks = perception.tracks(clips)
@@ -121,7 +121,7 @@ def test_a_number_of_frames_that_feature_frames_do_not_divide_is_refused(monkeyp
             each = super().__call__(frames, times)
             return FeatureMap(each.values[:, :4], each.stride, times[:4])
 
-    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: Uneven())
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options, device: Uneven())
     with pytest.raises(InputError, match="9 frames a clip give 4 feature frames"):
         frozen.fit_frozen("uneven", {}, FitTask(clips, SIZES, 0, "factored"))
 
@@ -232,7 +232,7 @@ def test_mirror_images_are_read_where_they_are_and_their_errors_average_out():
 
 
 def test_an_anchored_readout_learns_from_a_tracker_and_reads_no_state(monkeypatch):
-    monkeypatch.setattr(frozen, "load_encoder", lambda name, options: Blocks())
+    monkeypatch.setattr(frozen, "load_encoder", lambda name, options, device: Blocks())
     monkeypatch.setattr(frozen, "encounters", None)  # no clip is made of true paths
     clips = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 24, 8, 40, 0, "train")
     states = clips.states.map(lambda x: torch.full_like(x, torch.nan))
