@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from safetensors import safe_open
 
+from tests.shared.serial import serially
 from tests.shared.small_clips import know_cells, write_clip
 from tests.shared.small_studies import TINY
 from vidphys import presets
@@ -68,18 +69,6 @@ def empty(disk: Path) -> list[str]:
     """Files of no byte under a name that is not a lock's."""
     files = (path for path in disk.rglob("*") if path.is_file() and path.name != ".lock")
     return [str(path.relative_to(disk)) for path in files if path.stat().st_size == 0]
-
-
-def serially(work, tasks, _workers, _show, finished):
-    """In place of processes, which take longer to start than the work does."""
-    failures = []
-    for number, task in enumerate(tasks):
-        try:
-            work(*task, lambda *_: None)
-            finished(number)
-        except Exception as error:
-            failures.append((number, error))
-    return failures
 
 
 def command(verb: str, folder: Path, disk: Path) -> list[str]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.verbs import serially
+from tests.shared.serial import serially
 from tests.shared.small_clips import know_cells, write_clip
 from tests.shared.small_studies import TINY
 from vidphys import presets

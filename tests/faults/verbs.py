@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.shared.serial import serially
 from tests.shared.small_clips import know_cells, write_clip
 from tests.shared.small_studies import TINY
 from vidphys import presets
@@ -86,18 +87,6 @@ def readied() -> None:
     pool.run_all = serially
     know_cells(pytest.MonkeyPatch())
     del matplotlib, pyarrow, encoders, vidphys, viz, fit, ladder, render, reproduce, rollout, train
-
-
-def serially(work, tasks, _workers, _show, finished):
-    """In place of processes, which take longer to start than the work does."""
-    failures = []
-    for number, task in enumerate(tasks):
-        try:
-            work(*task, lambda *_: None)
-            finished(number)
-        except Exception as error:
-            failures.append((number, error))
-    return failures
 
 
 def forked(arguments: list[str], said: Path, before: Callable[[], None] | None = None) -> int:
