@@ -12,6 +12,7 @@ from viz.figures import save_svg
 from viz.page import Drawn, inline_svg, write_page
 
 START = "control/"
+FORM = "form/"
 ENDS = ("_low", "_high")
 MAP = "Columns are layers from the first to the last, rows are targets."
 COST = "The line is the front: nothing on it is beaten in both; dotted is what pixels give."
@@ -43,7 +44,7 @@ def write_atlas(run: Path) -> Path:
         "choices": said["choices"],
         "depths": said["depths"],
         "skipped": about["skipped"],
-        "columns": ("target", "encoder", "layer", "score", "selectivity", *names),
+        "columns": ("target", "encoder", "layer", "read by", "score", "selectivity", *names),
         "rows": [_row(spot, names) for spot in sorted(spots, key=_in_order)],
     }
     return write_page(run, "atlas.html", told)
@@ -114,7 +115,13 @@ def _row(spot: Spot, names: Sequence[str]) -> dict[str, Any]:
     for name in names:
         value = spot.numbers.get(f"{START}{name}")
         cells.append("" if value is None else f"{value:.2f}")
-    return {"words": (spot.target, spot.encoder, spot.layer), "cells": cells}
+    return {"words": (spot.target, spot.encoder, spot.layer, _form(spot)), "cells": cells}
+
+
+def _form(spot: Spot) -> str:
+    """The form of the features that most folds took."""
+    shares = {n.removeprefix(FORM): v for n, v in spot.numbers.items() if n.startswith(FORM)}
+    return max(shares, key=lambda name: shares[name])
 
 
 def _interval(spot: Spot, name: str) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vidphys.cli.console import Console
+from vidphys.cli.options import refuse
 from vidphys.data.video import ClipSelection
 from vidphys.errors import InputError
 
@@ -36,8 +37,13 @@ class AtlasConfig:
         targets: position, velocity, speed, direction, acceleration, force, momentum, mass, charge,
             coupling, contact, count, or column:, angle: (radians) or class: and the name of a
             column; all that the tables tell if none is named.
-        readout: linear reads all cells of a map, pooled their mean; attention is trained over
-            them, and slow; local reads the features at each body's true place.
+        readout: linear takes for each target all cells of a map (cells), their mean (pooled) or
+            where each channel speaks (softmax), whichever does best on clips left out; each of
+            these; two-stage reads positions, and all else from their track; attention is trained
+            over the cells, and slow; local reads the features at each body's true place.
+        widths: of attention, 32 if none is named; all are tried side by side, and the best on clips
+            held out is taken.
+        rates: of its learning, likewise; 0.003 if none is named.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested, each by a readout that has not seen it.
@@ -61,6 +67,8 @@ class AtlasConfig:
     encoders: tuple[str, ...] = ("dino-tiny", "videomae-tiny", "vjepa2-tiny")
     targets: tuple[str, ...] = ()
     readout: str = "linear"
+    widths: tuple[int, ...] = ()
+    rates: tuple[float, ...] = ()
     each: int = 2
     grid: int = 8
     folds: int = 5
@@ -115,7 +123,9 @@ def _settings(config: AtlasConfig) -> AtlasSettings:
     from vidphys.data.dataset import find_dataset
     from vidphys.probing.atlas import AtlasSettings
     from vidphys.probing.catalogue import TARGETS
-    from vidphys.probing.readouts import READOUTS
+    from vidphys.probing.readouts import ATTENTION, READOUTS, TWO_STAGE
+    from vidphys.probing.trained import Attention
+    from vidphys.probing.two_stage import LEAST
 
     for name, least in (("each", 1), ("grid", 1), ("folds", 2), ("seeds", 1), ("workers", 1)):
         if getattr(config, name) < least:
@@ -126,6 +136,12 @@ def _settings(config: AtlasConfig) -> AtlasSettings:
         raise InputError("`encoders`: name at least one")
     if config.readout not in READOUTS:
         raise InputError(f"`readout` {config.readout}: use one of {', '.join(READOUTS)}")
+    if config.readout == TWO_STAGE and config.each < LEAST:
+        raise InputError(f"`each` {config.each}: `readout` two-stage reads {LEAST} frames at least")
+    if config.readout != ATTENTION:
+        refuse(config, ("widths", "rates"), f"`readout` {config.readout} is not trained")
+    if min((*config.widths, *config.rates), default=1) <= 0:
+        raise InputError("`widths` and `rates` must be above 0")
     for target in config.targets:
         TARGETS[target]
     dataset = find_dataset(config.data)
@@ -139,6 +155,8 @@ def _settings(config: AtlasConfig) -> AtlasSettings:
         selection=ClipSelection(config.start, config.stop, config.stride, config.side, config.rate),
         targets=config.targets,
         readout=config.readout,
+        widths=config.widths or Attention.widths,
+        rates=config.rates or Attention.rates,
         each=config.each,
         grid=config.grid,
         folds=config.folds,

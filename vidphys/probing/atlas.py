@@ -33,6 +33,7 @@ from vidphys.probing.probe import layer_findings, pixels_of, readout_of
 from vidphys.probing.scores import Score
 from vidphys.probing.shown import Folder, Shown
 from vidphys.probing.stored import StoredExamples
+from vidphys.probing.trained import Attention
 from vidphys.progress import Progress
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder
@@ -42,6 +43,8 @@ NAME = "atlas"
 TIMED_CLIPS, TIMED_ROUNDS = 2, 3
 SCORE, SELECTIVITY, COST = "score", "selectivity", "ms_per_clip"
 ERROR, CHANCE = "error", "chance"  # of each clip
+CALIBRATION, MISCALIBRATION = "calibration", "miscalibration"
+FORM = "form/"  # and its name: the share of folds in which the readout took it
 MAKERS = ("vidphys.probing.atlas",)
 
 
@@ -54,6 +57,7 @@ class AtlasSettings:
         selection: the frames of each.
         targets: by name; all that can be had if none is named.
         readout: of :data:`vidphys.probing.readouts.READOUTS`.
+        widths, rates: that the readout by attention tries.
         each: frames of each clip that are read.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
@@ -66,6 +70,8 @@ class AtlasSettings:
     selection: ClipSelection
     targets: tuple[str, ...]
     readout: str
+    widths: tuple[int, ...]
+    rates: tuple[float, ...]
     each: int
     grid: int
     folds: int
@@ -110,7 +116,8 @@ def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) 
     began, shown = time.perf_counter(), settings.shown
     encoder = load_encoder(unit.encoder, {}, settings.weights)
     labels, skipped = shown.labels(settings.targets)
-    readout, labels = readout_of(settings.readout, shown, labels)
+    attention = Attention(settings.widths, settings.rates)
+    readout, labels = readout_of(settings.readout, shown, labels, attention)
     if not labels:
         raise InputError(f"{settings.data}: nothing can be learned: {skipped}")
     clips = np.arange(shown.count).repeat(settings.each)
@@ -175,8 +182,12 @@ def _record(recorder: Recorder, unit: AtlasUnit, finding: Finding) -> None:
     _interval(one, SELECTIVITY, finding.selectivity)
     for name, score in finding.controls.items():
         _interval(one, f"control/{name}", score)
-    if finding.calibration is not None:
-        one.add_value("calibration", finding.calibration)
+    for metric in (CALIBRATION, MISCALIBRATION):
+        value = getattr(finding, metric)
+        if value is not None:
+            one.add_value(metric, value)
+    for form, folds in finding.forms.items():
+        one.add_value(f"{FORM}{form}", folds / sum(finding.forms.values()))
     one.add_episodes(ERROR, torch.from_numpy(finding.sums.error))
     one.add_episodes(CHANCE, torch.from_numpy(finding.sums.chance))
 
@@ -219,6 +230,8 @@ def settings_of(
         "selection": asdict(settings.selection),
         "targets": list(settings.targets),
         "readout": settings.readout,
+        "widths": list(settings.widths),
+        "rates": list(settings.rates),
         "each": settings.each,
         "grid": settings.grid,
         "folds": settings.folds,

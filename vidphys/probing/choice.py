@@ -14,7 +14,7 @@ import numpy as np
 
 from vidphys.points.pareto import pareto
 from vidphys.points.point import CPU_CLOCK, Point
-from vidphys.probing.atlas import CHANCE, COST, ERROR, SCORE, SELECTIVITY
+from vidphys.probing.atlas import CHANCE, COST, ERROR, FORM, SCORE, SELECTIVITY
 from vidphys.probing.controls import CONTROLS
 from vidphys.probing.scores import LEVEL, Bootstrap, Score, Sums
 
@@ -32,6 +32,7 @@ class Place:
         controls: scores of the controls.
         cost: ms a clip: median and quartiles.
         sums: errors of each clip, means over seeds.
+        form: of the features that the readout took in most folds.
     """
 
     encoder: str
@@ -43,6 +44,7 @@ class Place:
     controls: Mapping[str, float]
     cost: Score
     sums: Sums
+    form: str
 
     @property
     def rival(self) -> str:
@@ -67,7 +69,7 @@ class Choice:
 
     Args:
         target: what was asked.
-        encoder, layer: that knows most of it.
+        encoder, layer, form: that knows most of it, and how it is read there.
         score, selectivity: of these.
         rival, rival_score: the best control.
         ms_per_clip: its cost.
@@ -80,6 +82,7 @@ class Choice:
     target: str
     encoder: str
     layer: str
+    form: str
     score: Score
     selectivity: Score
     rival: str
@@ -141,12 +144,15 @@ def _place(
         each = clips[cell, name]
         return np.array([np.mean(each[clip]) for clip in sorted(each)])
 
-    start = "control/"
-    controls = {
-        metric.removeprefix(start): float(np.mean(values))
-        for (of, metric), values in numbers.items()
-        if of == cell and metric.removeprefix(start) in CONTROLS and metric.startswith(start)
-    }
+    def named(start: str) -> dict[str, list[float]]:
+        return {
+            metric.removeprefix(start): values
+            for (of, metric), values in numbers.items()
+            if of == cell and metric.startswith(start)
+        }
+
+    controls = {n: float(np.mean(v)) for n, v in named("control/").items() if n in CONTROLS}
+    forms = named(FORM)  # one that no fold of a seed took has no number there
     return Place(
         encoder,
         layer,
@@ -157,6 +163,7 @@ def _place(
         controls,
         score(COST, f"{encoder}/{layer}"),
         Sums(sums(ERROR), sums(CHANCE)),
+        max(forms, key=lambda name: sum(forms[name])),
     )
 
 
@@ -181,6 +188,7 @@ def _choice(places: Sequence[Place]) -> Choice:
         best.target,
         best.encoder,
         best.layer,
+        best.form,
         best.score,
         best.selectivity,
         best.rival,
@@ -194,8 +202,9 @@ def _choice(places: Sequence[Place]) -> Choice:
 
 def _sentence(best: Place, cheaper: Place | None) -> str:
     evidence = (
-        f"score {best.score}, best control {best.rival} {best.controls[best.rival]:.2f}, "
-        f"selectivity {best.selectivity}, {best.cost.value:.3g} ms a clip"
+        f"read by {best.form}, score {best.score}, best control {best.rival} "
+        f"{best.controls[best.rival]:.2f}, selectivity {best.selectivity}, "
+        f"{best.cost.value:.3g} ms a clip"
     )
     if not best.sure:
         return (

@@ -27,10 +27,20 @@ def coded(labels: Labels) -> np.ndarray:
     return values[..., None]
 
 
-def decoded(labels: Labels, raw: np.ndarray) -> np.ndarray:
-    """``(e, k)`` in the unit of the labels, from ``raw (e, k, m)``."""
+def decoded(labels: Labels, raw: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    """``(e, k)`` in the unit of the labels, from ``raw (e, k, m)``.
+
+    Of classes it is the one whose probability rose most above its share of what taught, which is
+    best where every class counts alike.
+
+    Args:
+        labels: of which kind.
+        raw: what was said.
+        constant: what is said without looking.
+    """
     if labels.kind == "circular":
         return np.arctan2(raw[..., 1], raw[..., 0])
     if labels.kind == "classification":
-        return raw.argmax(-1).astype(float)
+        risen = np.full(raw.shape, -np.inf)
+        return np.divide(raw, constant, out=risen, where=constant > 0).argmax(-1).astype(float)
     return raw[..., 0]

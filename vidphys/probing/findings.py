@@ -9,8 +9,9 @@ import numpy as np
 from torch import Tensor
 
 from vidphys.probing.coding import coded, decoded
+from vidphys.probing.confidence import calibration_error
 from vidphys.probing.controls import CONSTANT, CONTROLS, PERMUTED
-from vidphys.probing.linear import Predictions, fold_of
+from vidphys.probing.folds import CrossValidation, Predictions, Question, fold_of
 from vidphys.probing.readouts import Readout
 from vidphys.probing.scores import Bootstrap, Score, Sums, sums_of
 from vidphys.probing.targets import Labels
@@ -28,8 +29,11 @@ class Finding:
         controls: likewise, by name; those that could not be had are not there.
         best: the best of the rivals among them.
         selectivity: the score less that of ``best``.
-        calibration: rank correlation between the error that the readout expects and its error;
-            ``None`` of what is no regression.
+        calibration: of a regression, rank correlation between the error that the readout expects
+            and its error; ``None`` of others.
+        miscalibration: of a classification, how far confidence is from the share that is right;
+            ``None`` of others.
+        forms: of the features, and in how many folds the readout took each.
         sums: of the score, for further comparisons.
     """
 
@@ -41,7 +45,14 @@ class Finding:
     best: str
     selectivity: Score
     calibration: float | None
+    miscalibration: float | None
+    forms: Mapping[str, int]
     sums: Sums
+
+    @property
+    def form(self) -> str:
+        """The form of the features that most folds took."""
+        return max(self.forms, key=lambda name: self.forms[name])
 
 
 @dataclass(frozen=True)
@@ -69,15 +80,14 @@ class Asked:
 
     def read(self, maps: Tensor, controls: bool = False) -> list[Predictions]:
         """What a readout of these maps says of each target."""
-        return self.readout(
-            maps,
-            [coded(each) for each in self.targets],
-            [each.known for each in self.targets],
+        asked = CrossValidation(
+            [Question(coded(t), t.known, t.kind == "classification") for t in self.targets],
             self.clips,
             fold_of(self.count, min(self.folds, self.count), self.seed),
             self.seed,
             controls,
         )
+        return self.readout(maps, asked)
 
     def sums(self, said: Sequence[Predictions], what: str = "raw") -> list[Sums]:
         """Errors of each target's predictions."""
@@ -127,6 +137,8 @@ def findings_of(
                 best,
                 draws.difference(own[k], each[best]),
                 _calibration(labels, said[k]),
+                _miscalibration(labels, said[k]),
+                said[k].forms,
                 own[k],
             )
         )
@@ -137,8 +149,15 @@ def _calibration(labels: Labels, said: Predictions) -> float | None:
     if labels.kind != "regression":
         return None
     known = labels.known
-    error = np.abs(decoded(labels, said.raw) - labels.values)
+    error = np.abs(decoded(labels, said.raw, said.constant) - labels.values)
     doubt = said.doubt[known].ravel()
     if np.ptp(doubt) == 0 or np.ptp(error[known]) == 0:
         return None
     return spearman(doubt.tolist(), error[known].ravel().tolist())
+
+
+def _miscalibration(labels: Labels, said: Predictions) -> float | None:
+    if labels.kind != "classification":
+        return None
+    raw, true = said.raw[labels.known], labels.values[labels.known]
+    return calibration_error(raw.reshape(-1, raw.shape[-1]), true.ravel())

@@ -4,19 +4,22 @@ A ridge regression on as many features as a map has needs no more than the examp
 One eigendecomposition of these a fold gives every strength of the ridge, every target and every
 control of the labels. The strength is the one whose predictions of clips left out, each in turn,
 are best; leaving a clip out has a closed form (Allen's PRESS, in blocks), so nothing is fitted
-again. Classes are read as numbers between which the largest decides, angles as unit vectors.
+again. Angles are read as unit vectors; classes as scores, which a logistic regression on what was
+said of the clips left out makes probabilities.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from vidphys.seeding import derive
+from vidphys.probing.confidence import calibrated
+from vidphys.probing.folds import CrossValidation, Predictions, Taught
+from vidphys.probing.forms import standardised
 
 STRENGTHS = np.logspace(-5, 2, 15)  # of the ridge, relative to the mean eigenvalue
 COLUMNS_AT_ONCE = 8192
@@ -64,23 +67,13 @@ def seen_as(values: Tensor) -> Seen:
     Channels are brought to one spread first, whatever the labels are, so that loud ones do not
     rule.
     """
-    flat = _scaled(values) / values[0].numel() ** 0.5
+    flat = standardised(values).flatten(1) / values[0].numel() ** 0.5
     if flat.shape[1] <= len(flat) // 2:
         return Seen(flat.double().numpy(), True)
     products = torch.zeros(len(flat), len(flat), dtype=torch.float64)
     for some in flat.split(COLUMNS_AT_ONCE, 1):
         products += (some @ some.T).double()
     return Seen(products.numpy(), False)
-
-
-def _scaled(values: Tensor) -> Tensor:
-    channels = values.float()
-    deviation = channels.std((0, 2, 3), keepdim=True)
-    floor = (0.1 * deviation.median()).clamp_min(
-        1e-12
-    )  # one that hardly ever speaks is not magnified to noise
-    middle = channels.mean((0, 2, 3), keepdim=True)
-    return ((channels - middle) / torch.maximum(deviation, floor)).flatten(1)
 
 
 def _of_products(inside: np.ndarray, across: np.ndarray) -> Centred:
@@ -102,14 +95,6 @@ def _of_features(inside: np.ndarray, across: np.ndarray) -> Centred:
     return Centred(values[kept], inside @ axes / root, across @ axes * root)
 
 
-def fold_of(clips: int, folds: int, seed: int) -> np.ndarray:
-    """Which fold tests each clip, ``(clips,)``; every clip is tested once."""
-    order = np.random.default_rng(derive(seed, "folds")).permutation(clips)
-    found = np.empty(clips, int)
-    found[order] = np.arange(clips) % folds
-    return found
-
-
 @dataclass(frozen=True)
 class Fitted:
     """What one fold's readout says.
@@ -119,11 +104,13 @@ class Fitted:
         left_out: residuals of the examples trained on, each by the readout without its clip,
             ``(n, m)``.
         strength: of the ridge, relative.
+        error: the sum of the residuals' squares.
     """
 
     said: np.ndarray
     left_out: np.ndarray
     strength: float
+    error: float
 
 
 class Basis:
@@ -141,21 +128,31 @@ class Basis:
         self.strengths = STRENGTHS * max(self.values.sum() / len(train), 1e-300)
         self.blocks = [self._blocks(strength, clips[train]) for strength in self.strengths]
 
-    def fit(self, targets: np.ndarray) -> Fitted:
-        """The readout of some columns ``(n, m)`` under one strength for all of them."""
-        mean = targets.mean(0)
-        rotated = self.vectors.T @ (targets - mean)
-        best: tuple[float, int, np.ndarray] | None = None
-        for number, strength in enumerate(self.strengths):
-            shrunk = (self.values / (self.values + strength))[:, None] * rotated
-            residual = self._without_own(number, targets - mean - self.vectors @ shrunk)
-            error = float((residual**2).sum())
-            if best is None or error < best[0]:
-                best = error, number, residual
-        assert best is not None
-        _, number, residual = best
-        weights = rotated / (self.values + self.strengths[number])[:, None]
-        return Fitted(mean + self.across @ weights, residual, float(STRENGTHS[number]))
+    def fit(self, targets: Sequence[np.ndarray]) -> list[Fitted]:
+        """The readouts of targets ``(n, m)`` each, under one strength for all of its columns."""
+        mean = [target.mean(0) for target in targets]
+        centred = np.concatenate([t - m for t, m in zip(targets, mean, strict=True)], 1)
+        rotated = self.vectors.T @ centred
+        residuals = [self._residual(k, centred, rotated) for k in range(len(self.strengths))]
+        errors = np.stack([(residual**2).sum(0) for residual in residuals])
+        found, start = [], 0
+        for middle in mean:
+            own = slice(start, start := start + len(middle))
+            number = int(errors[:, own].sum(1).argmin())
+            weights = rotated[:, own] / (self.values + self.strengths[number])[:, None]
+            said, left_out = middle + self.across @ weights, residuals[number][:, own]
+            error = float(errors[number, own].sum())
+            found.append(Fitted(said, left_out, float(STRENGTHS[number]), error))
+        return found
+
+    def _residual(self, number: int, centred: np.ndarray, rotated: np.ndarray) -> np.ndarray:
+        """Of the examples trained on, as it would be had each clip been left out."""
+        shrunk = (self.values / (self.values + self.strengths[number]))[:, None] * rotated
+        plain = centred - self.vectors @ shrunk
+        found = np.empty_like(plain)
+        for index, inverse in self.blocks[number]:
+            found[index] = inverse @ plain[index]
+        return found
 
     def _blocks(self, strength: float, clips: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """For clips of equally many examples: their numbers ``(g, q)``, and ``(I - H)^-1``."""
@@ -168,13 +165,6 @@ class Basis:
             found.append((index, np.linalg.pinv(np.eye(index.shape[1]) - hat, hermitian=True)))
         return found
 
-    def _without_own(self, number: int, residual: np.ndarray) -> np.ndarray:
-        """Residuals as they would be, had each clip been left out."""
-        found = np.empty_like(residual)
-        for index, inverse in self.blocks[number]:
-            found[index] = inverse @ residual[index]
-        return found
-
 
 def _alike(clips: np.ndarray) -> Iterator[np.ndarray]:
     """Numbers of the examples of clips with equally many, ``(g, q)`` each."""
@@ -184,97 +174,95 @@ def _alike(clips: np.ndarray) -> Iterator[np.ndarray]:
         yield np.stack([index for index in each if len(index) == size])
 
 
-@dataclass(frozen=True)
-class Predictions:
-    """What a readout says of every example, each by a fold that did not see its clip.
+class Bases:
+    """Forms of the features in one fold, decomposed once for all targets that know alike.
 
     Args:
-        raw: ``(e, m)``.
-        constant: what is said without looking: the mean of what was trained on.
-        permuted: likewise, by a readout whose labels were exchanged between clips.
-        doubt: the error that is expected of each column, its unit, ``(e, m)``; learned from how
-            wrong the predictions of clips left out were.
+        forms: the examples, by the name of the form.
+        test: numbers of the examples that are tested.
+        clips: of every example, ``(e,)``.
     """
 
-    raw: np.ndarray
-    constant: np.ndarray
-    permuted: np.ndarray
-    doubt: np.ndarray
+    def __init__(self, forms: Mapping[str, Seen], test: np.ndarray, clips: np.ndarray) -> None:
+        self.forms, self.test, self.clips = forms, test, clips
+        self._made: dict[bytes, dict[str, Basis]] = {}
 
-    def shaped(self, shape: tuple[int, ...]) -> Predictions:
-        """All four in another shape."""
-        return Predictions(*(getattr(self, each.name).reshape(shape) for each in fields(self)))
+    def best(self, train: np.ndarray, values: Sequence[np.ndarray]) -> list[tuple[str, Fitted]]:
+        """For each target the form whose predictions of clips left out are best, and its readout.
 
-    @classmethod
-    def like(cls, target: np.ndarray) -> Predictions:
-        """Of as many examples and columns, not filled in yet."""
-        return cls(*(np.zeros_like(target) for _ in range(4)))
+        Args:
+            train: numbers of the examples that teach.
+            values: theirs, of each target, ``(n, ...)``.
+        """
+        flat = [each.reshape(len(each), -1) for each in values]
+        fitted = {name: basis.fit(flat) for name, basis in self._of(train).items()}
+        names = [min(fitted, key=lambda name: fitted[name][k].error) for k in range(len(values))]
+        return [(name, fitted[name][k]) for k, name in enumerate(names)]
+
+    def answer(self, taught: Sequence[Taught]) -> None:
+        """Fill in what the fold says of each target; those that know alike are fitted together."""
+        for key in dict.fromkeys(each.train.tobytes() for each in taught):
+            some = [each for each in taught if each.train.tobytes() == key]
+            told = self.best(some[0].train, [each.values for each in some])
+            for each, (form, fitted) in zip(some, told, strict=True):
+                each.said.forms[form] += 1
+                each.said.raw[self.test] = _told(fitted, each.values, each.classes)
+            self._controls(some, told)
+
+    def _controls(self, some: Sequence[Taught], told: Sequence[tuple[str, Fitted]]) -> None:
+        others = [each.exchanged for each in some if each.exchanged is not None]
+        if not others:
+            return
+        train = some[0].train
+        for each, other, (_, fitted) in zip(some, others, self.best(train, others), strict=True):
+            each.said.permuted[self.test] = _told(fitted, other, each.classes)
+        for name, basis in self._of(train).items():
+            mine = [k for k, each in enumerate(some) if told[k][0] == name and not each.classes]
+            doubts = _doubts(basis, [told[k][1].left_out for k in mine]) if mine else []
+            for k, doubt in zip(mine, doubts, strict=True):
+                some[k].said.doubt[self.test] = doubt.reshape(-1, *some[k].values.shape[1:])
+
+    def _of(self, train: np.ndarray) -> dict[str, Basis]:
+        key = train.tobytes()
+        if key not in self._made:
+            self._made[key] = {
+                name: Basis(seen, train, self.test, self.clips) for name, seen in self.forms.items()
+            }
+        return self._made[key]
 
 
-def read_linearly(
-    seen: Seen,
-    targets: Sequence[np.ndarray],
-    known: Sequence[np.ndarray],
-    clips: np.ndarray,
-    folds: np.ndarray,
-    seed: int = 0,
-    controls: bool = True,
-) -> list[Predictions]:
-    """Predictions of each target.
+def read_linearly(forms: Mapping[str, Seen], asked: CrossValidation) -> list[Predictions]:
+    """Predictions of each target, each in the form of the features that does best for it.
 
     Args:
-        seen: the examples.
-        targets: ``(e, m)`` each.
-        known: whether an example may be trained on, ``(e,)`` each.
-        clips: of every example, ``(e,)``.
-        folds: which tests each clip, ``(clips,)``.
-        seed: of the exchange of labels.
-        controls: whether ``permuted`` and ``doubt`` are asked for; they stay zero otherwise.
+        forms: the examples, by the name of the form.
+        asked: see there.
 
     Raises:
         ValueError: a fold leaves fewer than two clips to train on.
     """
-    found = [Predictions.like(each) for each in targets]
-    tested_by = folds[clips]
-    bases: dict[tuple[int, bytes], Basis] = {}
-    for fold in np.unique(folds):
-        test = np.nonzero(tested_by == fold)[0]
-        for target, mask, said in zip(targets, known, found, strict=True):
-            train = np.nonzero((tested_by != fold) & mask)[0]
-            if len(np.unique(clips[train])) < 2:
-                raise ValueError(
-                    f"probe: fold {fold} leaves {len(np.unique(clips[train]))} clips to train on; "
-                    "give more clips, or a target that is known in more of them"
-                )
-            key = int(fold), train.tobytes()
-            if key not in bases:
-                bases = {k: basis for k, basis in bases.items() if k[0] == fold}
-                bases[key] = Basis(seen, train, test, clips)
-            fitted = bases[key].fit(target[train])
-            said.raw[test], said.constant[test] = fitted.said, target[train].mean(0)
-            if controls:
-                other = exchanged(target[train], clips[train], seed)
-                said.permuted[test] = bases[key].fit(other).said
-                said.doubt[test] = _doubt(bases[key], fitted.left_out)
-    return found
+    for fold in asked.each_fold():
+        Bases(forms, fold.test, asked.clips).answer(fold.taught)
+    return asked.found
 
 
-def _doubt(basis: Basis, residual: np.ndarray) -> np.ndarray:
-    """The expected error, ``(s, m)``: the logarithm of the squared residuals, read likewise."""
-    square = residual**2
-    usual = square.mean(0).clip(1e-300)
-    read = basis.fit(np.log(np.maximum(square / usual, SMALLEST)))
-    logarithm = np.log(np.maximum(square / usual, SMALLEST)) - read.left_out
-    scale = (square / usual / np.exp(logarithm)).mean(0)  # as large as the residuals are
-    return np.sqrt(usual * scale * np.exp(read.said))
+def _told(fitted: Fitted, values: np.ndarray, classes: bool) -> np.ndarray:
+    """In the shape of the values ``(n, k, m)``; scores of classes as probabilities."""
+    said = fitted.said.reshape(-1, *values.shape[1:])
+    if classes:
+        heard = values - fitted.left_out.reshape(values.shape)
+        for k in range(values.shape[1]):
+            said[:, k] = calibrated(heard[:, k], values[:, k])(said[:, k])
+    return said
 
 
-def exchanged(values: np.ndarray, clips: np.ndarray, seed: int) -> np.ndarray:
-    """The values of other clips: those of a clip stay together and in their order."""
-    numbers = np.unique(clips)
-    order = np.random.default_rng(derive(seed, "permuted")).permutation(numbers)
-    found = np.empty_like(values)
-    for own, other in zip(numbers, order, strict=True):
-        mine, theirs = np.nonzero(clips == own)[0], np.nonzero(clips == other)[0]
-        found[mine] = values[theirs[np.arange(len(mine)) % len(theirs)]]
+def _doubts(basis: Basis, residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The expected errors, ``(s, m)``: the logarithm of the squared residuals, read likewise."""
+    usual = [(each**2).mean(0).clip(1e-300) for each in residuals]
+    square = [each**2 / u for each, u in zip(residuals, usual, strict=True)]
+    logarithms = [np.log(np.maximum(each, SMALLEST)) for each in square]
+    found = []
+    for u, s, log, read in zip(usual, square, logarithms, basis.fit(logarithms), strict=True):
+        scale = (s / np.exp(log - read.left_out)).mean(0)  # as large as the residuals are
+        found.append(np.sqrt(u * scale * np.exp(read.said)))
     return found

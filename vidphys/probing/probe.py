@@ -16,20 +16,23 @@ from vidphys.data.video import ClipSelection
 from vidphys.probing.controls import CONTROLS, PIXELS, POOLED, RANDOM
 from vidphys.probing.examples import GRID, PLAIN, VIEWS, View, patches
 from vidphys.probing.findings import Asked, Finding, findings_of
+from vidphys.probing.forms import pooled
 from vidphys.probing.layers import AllLayers, Maps, all_layers, untrained_of
 from vidphys.probing.readouts import (
     ATTENTION,
     LINEAR,
     LOCAL,
     READOUTS,
+    TWO_STAGE,
     Linear,
+    Local,
     Readout,
-    pooled,
 )
 from vidphys.probing.scores import Sums
 from vidphys.probing.shown import Arrays, Folder, Shown
 from vidphys.probing.targets import Labels
 from vidphys.probing.trained import Attention
+from vidphys.probing.two_stage import LEAST, TwoStage
 
 FOLDS = 5
 
@@ -68,15 +71,15 @@ class Probed:
         return max(mine, key=lambda finding: finding.score.value)
 
     def __str__(self) -> str:
-        """A table: each layer and target, its score, and all controls."""
+        """A table: each layer and target, how it is read, its score, and all controls."""
         names = [name for name in CONTROLS if any(name in f.controls for f in self.findings)]
-        rows = [["target", "layer", "score", "selectivity", *names]]
+        rows = [["target", "layer", "form", "score", "selectivity", *names]]
         for finding in sorted(self.findings, key=lambda f: (f.target.name, f.depth)):
             controls = [
                 f"{finding.controls[name].value:.2f}" if name in finding.controls else ""
                 for name in names
             ]
-            about = [finding.target.name, finding.layer, str(finding.score)]
+            about = [finding.target.name, finding.layer, finding.form, str(finding.score)]
             rows.append([*about, str(finding.selectivity), *controls])
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
@@ -91,6 +94,8 @@ def probe(
     *,
     untrained: Any = None,
     readout: str = LINEAR,
+    widths: tuple[int, ...] = Attention.widths,
+    rates: tuple[float, ...] = Attention.rates,
     each: int = 2,
     grid: int = GRID,
     folds: int = FOLDS,
@@ -112,8 +117,13 @@ def probe(
             name ``angle:...`` is of radians.
         untrained: the encoder before any training; of a module its weights drawn anew, if none is
             given.
-        readout: ``linear``, of all cells; ``pooled``, of their mean; ``attention``, trained over
-            them, which is slow; or ``local``, of what lies at each body's true place, for folders.
+        readout: ``linear``, which takes all cells, their mean or where each channel speaks,
+            whichever does best on clips left out; one of these, ``cells``, ``pooled``, ``softmax``;
+            ``attention``, trained over the cells, which is slow; and for folders ``two-stage``,
+            from the track of the positions that are read, or ``local``, of what lies at each
+            body's true place.
+        widths, rates: that ``attention`` tries side by side; what is best on clips held out of its
+            training is taken.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
@@ -130,7 +140,7 @@ def probe(
     labels, skipped = shown.labels(named)
     if not labels:
         raise ValueError(f"probe: nothing can be learned: {skipped or 'no targets were given'}")
-    how, labels = readout_of(readout, shown, labels)
+    how, labels = readout_of(readout, shown, labels, Attention(widths, rates))
     asked = Asked(labels, np.arange(shown.count).repeat(each), seed, folds, how)
     before = untrained_of(encoder, untrained, seed)
     views = views_of(shown, layers, before, grid)
@@ -194,17 +204,27 @@ def _shown(clips: Any, targets: Sequence[str] | Mapping[str, Any], each: int) ->
     return Arrays(torch.as_tensor(clips), targets, each)
 
 
-def readout_of(name: str, shown: Shown, labels: Sequence[Labels]) -> tuple[Readout, list[Labels]]:
+def readout_of(
+    name: str, shown: Shown, labels: Sequence[Labels], attention: Attention
+) -> tuple[Readout, list[Labels]]:
     """The readout of a name, and the targets that it can be asked for.
 
     Raises:
         UnknownName: there is none.
-        ValueError: one that is told the bodies' places, of clips that do not tell them.
+        ValueError: one that is told the bodies' places, of clips that do not tell them, or one of
+            tracks, of too few frames.
     """
     if name not in READOUTS:
         raise unknown("readout", name, READOUTS)
-    if name != LOCAL:
-        how = Attention() if name == ATTENTION else Linear(pooled=name == POOLED)
-        return how, list(labels)
-    # a place that is given is no question
-    return Linear(shown.places()), [each for each in labels if each.name != "position"]
+    if name == LOCAL:
+        # a place that is given is no question
+        return Local(shown.places()), [each for each in labels if each.name != "position"]
+    if name == TWO_STAGE:
+        if shown.each < LEAST:
+            raise ValueError(
+                f"probe: `each` {shown.each}: `readout` two-stage reads {LEAST} at least"
+            )
+        return TwoStage(shown.track()), list(labels)
+    if name == ATTENTION:
+        return attention, list(labels)
+    return Linear() if name == LINEAR else Linear((name,)), list(labels)

@@ -64,7 +64,8 @@ def sums_of(labels: Labels, raw: np.ndarray, constant: np.ndarray, clips: np.nda
         labels, raw, constant, clips = _averaged(labels, raw, constant, clips)
         known = labels.known
     true = labels.values[known]
-    error, chance = _errors(labels, true, decoded(labels, raw[known]), constant[known])
+    said = decoded(labels, raw[known], constant[known])
+    error, chance = _errors(labels, true, said, constant[known])
     each = [np.bincount(clips[known], part.sum(1), count) for part in (error, chance)]
     return Sums(*each)
 

@@ -19,7 +19,7 @@ from vidphys.errors import InputError
 from vidphys.probing.catalogue import TARGETS
 from vidphys.probing.examples import labelled_frames
 from vidphys.probing.targets import Kind, Labels, Per, Target, labels_of
-from vidphys.probing.truth import Truth, read_truth
+from vidphys.probing.truth import Track, Truth, read_truth
 
 AT_ONCE = 16  # clips
 KEPT_BYTES = 2**29  # of decoded frames, which are decoded again where they are more
@@ -72,7 +72,15 @@ class Shown(Protocol):
         ...
 
     def places(self) -> Tensor:
-        """Of the bodies in each frame that is read, as :class:`Linear` wants them.
+        """Of the bodies in each frame that is read, as :class:`Local` wants them.
+
+        Raises:
+            ValueError: they are not known.
+        """
+        ...
+
+    def track(self) -> Track:
+        """Likewise, in world units and with their times.
 
         Raises:
             ValueError: they are not known.
@@ -140,6 +148,9 @@ class Arrays:
 
     def places(self) -> Tensor:
         raise ValueError("probe: `readout` local: frames alone tell no places; give a folder")
+
+    def track(self) -> Track:
+        raise ValueError("probe: `readout` two-stage: frames alone tell no places; give a folder")
 
     def _labels(self, name: str) -> Labels:
         values = np.asarray(self.values[name])
@@ -242,6 +253,11 @@ class Folder:
             places = truth.of_bodies("x", "y")[read] / half_extent
             found.append(places * max(height, width) / np.array([width, height]))
         return torch.from_numpy(np.concatenate(found)).float()
+
+    def track(self) -> Track:
+        positions = [truth.of_bodies("x", "y")[read] for truth, read, _ in self._truths]
+        times = [truth.times[read] for truth, read, _ in self._truths]
+        return Track(np.concatenate(positions), np.concatenate(times))
 
     @cached_property
     def _truths(self) -> list[tuple[Truth, list[int], tuple[int, int]]]:

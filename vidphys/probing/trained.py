@@ -2,9 +2,10 @@
 
 Each column of a target has a query that attends over the cells of a map; a small network reads the
 column from what is attended to and from where that lies. Numbers are told with the error that is
-expected of them. All widths, rates, seeds and targets of a fold are trained side by side; each ends
-with the weights that were best on clips held out of its training, and the width and rate that were
-best there are taken, as the mean over seeds.
+expected of them, classes with probabilities. All widths, rates, seeds and targets of a fold are
+trained side by side; each ends with the weights under which clips held out of its training were
+likeliest, which also keeps it from being surer than it may be. The width and rate that were best
+there are taken, as the mean over seeds.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import torch
 from torch import Tensor, nn
 
 from readouts.scale import FeatureScale
-from vidphys.probing.linear import Predictions, exchanged
-from vidphys.probing.readouts import Readout
+from vidphys.probing.folds import CrossValidation, Predictions
+from vidphys.probing.readouts import ATTENTION, Readout
 from vidphys.seeding import derive
 from vidphys.training.early_stopping import BestWeights, StopSettings
 from vidphys.training.learner import FitSettings, Learner
@@ -74,33 +75,22 @@ class Attention(Readout):
     steps: int = 400
     batch: int = 64
 
-    def __call__(
-        self,
-        maps: Tensor,
-        targets: Sequence[np.ndarray],
-        known: Sequence[np.ndarray],
-        clips: np.ndarray,
-        folds: np.ndarray,
-        seed: int,
-        controls: bool,
-    ) -> list[Predictions]:
-        found = [Predictions.like(target) for target in targets]
-        for fold in np.unique(folds):
-            test, rest = folds[clips] == fold, folds[clips] != fold
-            jobs = []
-            for target, mask, said in zip(targets, known, found, strict=True):
-                train = np.nonzero(rest & mask)[0]
-                said.constant[test] = target[train].mean(0)
-                jobs.append(_Job(maps, target[train], train, clips, test))
-                if controls:
-                    other = exchanged(target[train], clips[train], seed)
-                    jobs.append(_Job(maps, other, train, clips, test))
-            told = self._fold(jobs, maps, seed)
-            for said in found:
-                said.raw[test], said.doubt[test] = told.pop(0)
-                if controls:
-                    said.permuted[test] = told.pop(0)[0]
-        return found
+    def __call__(self, maps: Tensor, asked: CrossValidation) -> list[Predictions]:
+        for fold in asked.each_fold():
+            jobs, test = [], torch.from_numpy(fold.test)
+            for taught in fold.taught:
+                for values in (taught.values, taught.exchanged):
+                    if values is not None:
+                        job = _Job(maps, values, taught.train, asked.clips, test, taught.classes)
+                        jobs.append(job)
+            told = self._fold(jobs, maps, asked.seed)
+            for taught in fold.taught:
+                said = taught.said
+                said.forms[ATTENTION] += 1
+                said.raw[fold.test], said.doubt[fold.test] = told.pop(0)
+                if taught.exchanged is not None:
+                    said.permuted[fold.test] = told.pop(0)[0]
+        return asked.found
 
     def _fold(
         self, jobs: Sequence[_Job], maps: Tensor, seed: int
@@ -148,7 +138,8 @@ class _Job:
         target: of those trained on, ``(n, k, m)``.
         train: their numbers.
         clips: of every example.
-        test: which are tested.
+        test: numbers of those tested.
+        classes: whether the m numbers are places among classes.
     """
 
     def __init__(
@@ -157,12 +148,13 @@ class _Job:
         target: np.ndarray,
         train: np.ndarray,
         clips: np.ndarray,
-        test: np.ndarray,
+        test: Tensor,
+        classes: bool,
     ) -> None:
         numbers = np.unique(clips[train])
         late = np.isin(clips[train], numbers[:: min(HELD_OUT, len(numbers))])
-        self.maps, self.test = maps, torch.from_numpy(np.nonzero(test)[0])
-        self.mean = target.mean(0)
+        self.maps, self.test, self.classes = maps, test, classes
+        self.mean = 0 * target[0] if classes else target.mean(0)
         self.deviation = np.where(
             target.shape[-1] > 1, 1.0, target.std(0).clip(1e-12)
         )  # places among classes and on a circle have a scale of their own
@@ -183,23 +175,30 @@ class _Job:
         """Of the examples of a batch, whatever their number stands for."""
         index = batch % len(self.index)
         said, error = probe(self.maps[self.index[index]])
-        return _likelihood(said, error, self.own[index])
+        return self._loss(said, error, self.own[index])
 
     def held_out(self, probe: AttentionProbe) -> float:
         """Of the clips held out."""
         with torch.no_grad():
             said, error = probe(self.maps[self.held_index])
-            return float(_likelihood(said, error, self.held))
+            return float(self._loss(said, error, self.held))
+
+    def _loss(self, said: Tensor, error: Tensor, true: Tensor) -> Tensor:
+        if self.classes:
+            return -(true * said.log_softmax(-1)).sum(-1).mean()
+        return _likelihood(said, error, true)
 
     def told(self, learners: Sequence[Sequence[Learner]]) -> tuple[np.ndarray, np.ndarray]:
         """The mean over seeds of the way that was best on what was held out."""
         best = min(learners, key=lambda seeds: np.mean([one.best.error for one in seeds]))  # type: ignore[union-attr]
         with torch.no_grad():
             said = [one.modules(self.maps[self.test]) for one in best]
-        values = torch.stack([value for value, _ in said]).numpy()
+        values = torch.stack([value for value, _ in said])
         doubt = torch.stack([error for _, error in said]).numpy()
-        spread = np.sqrt((doubt**2).mean(0) + values.var(0))
-        return self.mean + self.deviation * values.mean(0), self.deviation * spread
+        if self.classes:
+            return values.softmax(-1).mean(0).numpy(), np.zeros_like(doubt[0])
+        spread = np.sqrt((doubt**2).mean(0) + values.numpy().var(0))
+        return self.mean + self.deviation * values.numpy().mean(0), self.deviation * spread
 
 
 def _likelihood(said: Tensor, error: Tensor, true: Tensor) -> Tensor:

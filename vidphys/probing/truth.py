@@ -69,6 +69,19 @@ class Truth:
         )
 
 
+@dataclass(frozen=True)
+class Track:
+    """Where the bodies of several clips are, those of a clip together and in order of time.
+
+    Args:
+        positions: ``(e, n, 2)``, world units; NaN where not known.
+        times: seconds, ``(e,)``.
+    """
+
+    positions: np.ndarray
+    times: np.ndarray
+
+
 def read_truth(path: Path, rows: np.ndarray, times: np.ndarray) -> Truth:
     """The columns of a table, Parquet or CSV, a row for each frame of the clip's file.
 

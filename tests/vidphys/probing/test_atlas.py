@@ -52,6 +52,7 @@ def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells, monkeypatc
     rows = pq.read_table(run.path / "records.parquet").to_pylist()
     metrics = {r["metric"] for r in rows if r["cell"].startswith("others/4/position")}
     assert {"score", "score_low", "selectivity_high", "depth", "calibration"} <= metrics
+    assert metrics & {"form/cells", "form/pooled", "form/softmax"}
     controls = {m for m in metrics if m.startswith("control/") and not m.endswith(("low", "high"))}
     assert len(controls) == 7
     assert all(r["value"] > 0 for r in rows if r["metric"] == "ms_per_clip")
@@ -89,8 +90,11 @@ def test_features_come_from_the_store_the_second_time(clips, tmp_path, cells):  
         (["--targets", "velocty"], "did you mean 'velocity'"),
         (["--encoders", "dino-tony"], "did you mean 'dino-tiny'"),
         (["--folds", "9"], "16 clips; --folds 9 needs at least 18"),
-        (["--readout", "cubic"], "--readout cubic: use one of linear, pooled, attention, local"),
+        (["--readout", "cubic"], "--readout cubic: use one of linear, cells, pooled, softmax"),
         (["--each", "0"], "--each 0: must be at least 1"),
+        (["--readout", "two-stage"], "--each 2: --readout two-stage reads 3 frames at least"),
+        (["--rates", "0.01"], "--rates: would have no effect: --readout linear is not trained"),
+        (["--readout", "attention", "--widths", "0"], "--widths and --rates must be above 0"),
     ],
 )
 def test_what_is_wrong_is_said_before_any_work(clips, tmp_path, capsys, options, message):

@@ -17,13 +17,15 @@ def place(layer, score, depth=0.0, cost=10.0, encoder="net", pixels=0.2, sure=Tr
     interval = Score(sums.score, sums.score - 0.05, sums.score + 0.05)
     controls = {"pixels": pixels, "random-weights": 0.1, "one-frame": 0.9}
     costs = Score(cost, cost, cost)
-    return Place(encoder, layer, depth, "speed", interval, selectivity, controls, costs, sums)
+    return Place(
+        encoder, layer, depth, "speed", interval, selectivity, controls, costs, sums, "cells"
+    )
 
 
 def test_the_best_layer_is_chosen_with_its_evidence():
     (choice,) = choices_of([place("1", 0.3), place("2", 0.8), place("3", 0.5)])
     assert (choice.encoder, choice.layer, choice.rival) == ("net", "2", "pixels")
-    assert choice.sentence.startswith("for speed take net at layer 2 (score 0.80 [")
+    assert choice.sentence.startswith("for speed take net at layer 2 (read by cells, score 0.80 [")
     assert "best control pixels 0.20" in choice.sentence and "10 ms a clip" in choice.sentence
 
 
