@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from types import TracebackType
 from typing import Any, BinaryIO
 
 import torch
 from torch import Tensor
 
+from encoders.features import stride_of
+from encoders.manifests import SCHEMA_VERSION, FeatureRequest
+from registry.seal import sealed
+
+DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
 NAMES = {
     torch.float16: "F16",
     torch.bfloat16: "BF16",
@@ -39,7 +42,7 @@ class EntryFile:
     def __init__(self, file: BinaryIO, times: Tensor, dtype: torch.dtype, source: str) -> None:
         self.times, self.dtype, self.source = times.cpu().contiguous(), dtype, source
         self.grid: tuple[int, ...] = ()
-        self._file, self._hash, self._frames, self._bytes = file, hashlib.sha256(), 0, 0
+        self.file, self._hash, self._frames, self._bytes = file, hashlib.sha256(), 0, 0
 
     def add(self, piece: Tensor) -> None:
         """Append ``(f, c, h, w)``.
@@ -79,7 +82,7 @@ class EntryFile:
 
     def _put(self, data: bytes) -> None:
         self._hash.update(data)
-        self._bytes += self._file.write(data)
+        self._bytes += self.file.write(data)
 
 
 def _header(times: Tensor, dtype: torch.dtype, grid: tuple[int, ...]) -> bytes:
@@ -101,47 +104,38 @@ def _bytes(tensor: Tensor) -> bytes:
     return raw
 
 
-@contextmanager
-def placed(path: Path) -> Iterator[Path]:
-    """A neighbour of ``path`` to be filled, which is then synced and renamed; gone on an error."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        yield partial
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-@contextmanager
-def new_entry(path: Path, times: Tensor, dtype: torch.dtype, source: str) -> Iterator[EntryFile]:
-    """A file of tensors to be filled, in its place only once it is whole."""
-    with placed(path) as partial:
-        with partial.open("wb") as file:
-            entry = EntryFile(file, times, dtype, source)
-            yield entry
-        entry.about()
+def manifest_of(
+    request: FeatureRequest,
+    source: str,
+    size: tuple[int | float, int | float],
+    file: EntryFile,
+    made: Mapping[str, Any],
+) -> dict[str, Any]:
+    """What a store says of an entry; see :meth:`encoders.FeatureStore.begin`."""
+    manifest = {
+        "schema_version": SCHEMA_VERSION,
+        "source": source,
+        "request": asdict(request),
+        "made": dict(made),
+        "stride": list(stride_of(size, file.grid)),
+        **file.about(),
+    }
+    return sealed(manifest)
 
 
 class Entries:
-    """Files of several layers that are filled together: whole, or not there.
+    """Entries of several layers that are filled together: whole, or not there.
 
     Args:
-        files: each as :func:`new_entry` gives it.
-        commit: what makes entries of the files once they lie in their place.
+        files: their tensors.
+        keep: makes entries of the files; only called where all went well.
+        drop: leaves nothing else behind; always called, last.
     """
 
     def __init__(
-        self,
-        files: Sequence[AbstractContextManager[EntryFile]],
-        commit: Callable[[Sequence[EntryFile]], None],
+        self, files: Sequence[EntryFile], keep: Callable[[], None], drop: Callable[[], None]
     ) -> None:
-        self._stack, self._commit = ExitStack(), commit
-        with ExitStack() as opening:
-            self._files = [opening.enter_context(file) for file in files]
-            self._stack = opening.pop_all()
+        self._files, self._keep, self._drop = files, keep, drop
 
     def add(self, piece: Sequence[Tensor]) -> None:
         """Append features ``(f, c, h, w)`` of each layer.
@@ -161,6 +155,8 @@ class Entries:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._stack.__exit__(kind, error, trace)
-        if kind is None:
-            self._commit(self._files)
+        try:
+            if kind is None:
+                self._keep()
+        finally:
+            self._drop()

@@ -1,9 +1,11 @@
-"""Entries of a feature store that lie together in shards, under an index that is read row by row.
+"""Entries of a feature store that lie together in shards, under indexes that are read row by row.
 
 ::
 
-    STORE/shards/index.sqlite     a row an entry: its manifest, and where its tensors lie
-    STORE/shards/000000.bin       tensors of many entries, one after the other
+    STORE/shards/index.sqlite           a row an entry: its manifest, and where its tensors lie
+    STORE/shards/000000.bin             tensors of many entries, one after the other
+    STORE/shards/<name>.sqlite          the same of what many workers wrote together; it is
+    STORE/shards/<name>/000000/         never changed in its place; see :mod:`encoders.parts`
 
 Tensors are what safetensors would write, byte for byte, each at a multiple of :data:`ALIGNED`. An
 entry is there once its row is: rows are committed after the shard was synced, so that what a killed
@@ -16,9 +18,10 @@ import fcntl
 import hashlib
 import json
 import os
+import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -28,23 +31,21 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from encoders.index import LOOKED_UP, PUT, TABLE, WAIT, Index, Row, as_row
+from encoders.placing import placed
+
+OWN = "index"  # the index of what is appended here
+ENTRIES = "entries.bin"  # tensors of what a worker wrote at one stroke
+SPENT = "spent"  # something was taken out of it
 SHARD_BYTES = 2**28  # from which on the next shard is begun
 ALIGNED = 64
 AT_ONCE = 512  # entries that are committed together
-WAIT = 60.0  # seconds for another process' commit
 DTYPES = {
     "F16": torch.float16,
     "BF16": torch.bfloat16,
     "F32": torch.float32,
     "F64": torch.float64,
 }
-SCHEMA = """
-CREATE TABLE IF NOT EXISTS entries (
-    key TEXT PRIMARY KEY, shard INTEGER, place INTEGER, bytes INTEGER,
-    encoder TEXT, layer TEXT, manifest TEXT
-) WITHOUT ROWID;
-CREATE INDEX IF NOT EXISTS encoders ON entries (encoder, layer);
-"""
 
 
 class DamagedShard(ValueError):
@@ -60,17 +61,6 @@ class Loose:
     data: bytes
 
 
-@dataclass(frozen=True)
-class Row:
-    """Where an entry lies, and its manifest."""
-
-    key: str
-    shard: int
-    place: int
-    bytes: int
-    manifest: dict[str, Any]
-
-
 class Shards:
     """The shards of one store.
 
@@ -80,33 +70,31 @@ class Shards:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._connection: tuple[int, sqlite3.Connection] | None = None
-        self._checked: set[tuple[int, int]] = set()
+        self._known: dict[tuple[str, int], Index] = {}
+        self._changed = -1
+        self._checked: set[tuple[Path, int]] = set()
 
     def row(self, key: str) -> Row | None:
         """Where an entry lies, if it does."""
-        found = self._rows("WHERE key = ?", key)
-        return next(found, None)
+        return next((row for index in self._indexes() if (row := index.row(key))), None)
 
     def has(self, key: str) -> bool:
         """Whether there is such an entry."""
-        database = self._database()
-        if database is None:
-            return False
-        asked = database.execute("SELECT 1 FROM entries WHERE key = ?", (key,))
-        return asked.fetchone() is not None
+        return any(index.has(key) for index in self._indexes())
 
     def rows(self) -> Iterator[Row]:
-        """All of them, in the order of their keys."""
-        return self._rows("ORDER BY key")
+        """All of them, each once."""
+        before: list[Index] = []
+        for index in self._indexes():
+            for row in index.rows():
+                if not any(other.has(row.key) for other in before):
+                    yield row
+            before.append(index)
 
-    def counts(self) -> list[tuple[str, str, int, int]]:
-        """Encoder, layer, entries and bytes."""
-        database = self._database()
-        if database is None:
-            return []
-        grouped = "SELECT encoder, layer, COUNT(*), SUM(bytes) FROM entries GROUP BY encoder, layer"
-        return database.execute(grouped).fetchall()
+    def counts(self) -> Iterator[tuple[str, str, int, int]]:
+        """Encoder, layer, entries and bytes, of each index."""
+        for index in self._indexes():
+            yield from index.counts()
 
     def add(self, entries: Iterable[Loose], kept: Callable[[str], None]) -> int:
         """Append entries; an entry of the same key is replaced.
@@ -120,9 +108,8 @@ class Shards:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         count = 0
-        with self._alone():
-            database = sqlite3.connect(self._index, timeout=WAIT)
-            database.executescript(SCHEMA)
+        with self._alone(), closing(self._open(self._index(OWN))) as database:
+            database.executescript(TABLE + LOOKED_UP)
             number, file = self._last()
             try:
                 coming = iter(entries)
@@ -133,20 +120,19 @@ class Shards:
                             _sync(file)
                             file.close()
                             number, file = number + 1, self._shard(number + 1).open("ab")
-                        file.write(b"\0" * (-file.tell() % ALIGNED))
-                        rows.append(_as_row(entry, number, file.tell()))
+                        place = aligned(file)
+                        rows.append(
+                            as_row(entry.key, number, place, len(entry.data), entry.manifest)
+                        )
                         file.write(entry.data)
                     _sync(file)
                     with database:
-                        database.executemany(
-                            "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?, ?)", rows
-                        )
+                        database.executemany(PUT, rows)
                     for entry in some:
                         kept(entry.key)
                     count += len(some)
             finally:
                 file.close()
-                database.close()
         return count
 
     def delete(self, encoder: str, layer: str | None = None) -> int:
@@ -156,21 +142,11 @@ class Shards:
             encoder: its name.
             layer: all where not given.
         """
-        if not self._index.is_file():
-            return 0
-        with self._alone():
-            database = sqlite3.connect(self._index, timeout=WAIT)
-            with database:
-                gone = database.execute(
-                    "DELETE FROM entries WHERE encoder = ? AND layer = coalesce(?, layer)",
-                    (encoder, layer),
-                ).rowcount
-            used = {number for (number,) in database.execute("SELECT DISTINCT shard FROM entries")}
-            database.close()
-            for file in self.folder.glob("*.bin"):
-                if int(file.stem) not in used:
-                    file.unlink()
-        return gone
+        return self._delete("encoder = ? AND layer = coalesce(?, layer)", encoder, layer)
+
+    def drop(self, key: str) -> bool:
+        """Take out an entry; whether it was there."""
+        return self._delete("key = ?", key) > 0
 
     def tensors(self, row: Row) -> tuple[Tensor, Tensor]:
         """Values ``(t, c, h, w)`` and times of an entry, memory-mapped.
@@ -178,24 +154,85 @@ class Shards:
         Raises:
             DamagedShard: its bytes are not those that were written.
         """
-        file = self._shard(row.shard)
         try:
-            mapped = np.memmap(file, np.uint8, "c", row.place, (row.bytes,))
+            mapped = np.memmap(row.file, np.uint8, "c", row.place, (row.bytes,))
         except (OSError, ValueError) as error:
-            raise DamagedShard(f"{file} is missing or cut short") from error
-        if (row.shard, row.place) not in self._checked:
+            raise DamagedShard(f"{row.file} is missing or cut short") from error
+        if (row.file, row.place) not in self._checked:
             if hashlib.sha256(mapped.data).hexdigest() != row.manifest["sha256"]:
-                raise DamagedShard(f"{file} is damaged at byte {row.place}")
-            self._checked.add((row.shard, row.place))
+                raise DamagedShard(f"{row.file} is damaged at byte {row.place}")
+            self._checked.add((row.file, row.place))
         begin = 8 + int.from_bytes(mapped[:8].tobytes(), "little")
         about = json.loads(mapped[8:begin].tobytes())
         whole = torch.from_numpy(mapped)
         values, times = (_tensor(whole[begin:], about[name]) for name in ("values", "times"))
         return values, times
 
-    @property
-    def _index(self) -> Path:
-        return self.folder / "index.sqlite"
+    def _indexes(self) -> list[Index]:
+        """The own one first; looked for again whenever a name in the folder changed."""
+        try:
+            changed = self.folder.stat().st_mtime_ns
+        except FileNotFoundError:
+            return []
+        if changed != self._changed:
+            names = sorted(self.folder.glob("[!.]*.sqlite"), key=lambda p: (p.stem != OWN, p.stem))
+            now = {(path.stem, path.stat().st_ino): path for path in names}
+            for gone in self._known.keys() - now.keys():
+                self._known[gone].close()
+            self._known = {at: self._known.get(at) or self._of(path) for at, path in now.items()}
+            self._changed = changed
+        return [*self._known.values()]
+
+    def _of(self, path: Path) -> Index:
+        if path.stem == OWN:
+            return Index(path, self._shard, frozen=False)
+        folder = self.folder / path.stem
+        return Index(path, lambda number: folder / f"{number:06d}" / ENTRIES, frozen=True)
+
+    def _delete(self, which: str, *values: str | None) -> int:
+        gone = 0
+        if not self._indexes():
+            return 0
+        with self._alone():
+            for index in self._indexes():
+                if not index.frozen:
+                    gone += self._deleted(index.path, which, values)
+                elif self._counted(index.path, which, values):
+                    (self.folder / index.path.stem / SPENT).touch()
+                    with placed(index.path) as partial:
+                        shutil.copyfile(index.path, partial)
+                        gone += self._deleted(partial, which, values)
+                self._clear(index.path)
+        return gone
+
+    def _deleted(self, path: Path, which: str, values: tuple[str | None, ...]) -> int:
+        with closing(self._open(path)) as database, database:
+            done = database.execute(f"DELETE FROM entries WHERE {which}", values)  # noqa: S608
+            return done.rowcount
+
+    def _clear(self, path: Path) -> None:
+        """Delete the shards of which an index has nothing."""
+        with closing(self._open(path)) as database:
+            used = {number for (number,) in database.execute("SELECT DISTINCT shard FROM entries")}
+        if path.stem == OWN:
+            for shard in self.folder.glob("*.bin"):
+                if int(shard.stem) not in used:
+                    shard.unlink()
+            return
+        for part in (self.folder / path.stem).glob("[0-9]" * 6):
+            if int(part.name) not in used:
+                shutil.rmtree(part)
+
+    def _counted(self, path: Path, which: str, values: tuple[str | None, ...]) -> int:
+        with closing(self._open(path)) as database:
+            counted = f"SELECT COUNT(*) FROM entries WHERE {which}"  # noqa: S608
+            return int(database.execute(counted, values).fetchone()[0])
+
+    def _open(self, path: Path) -> sqlite3.Connection:
+        return sqlite3.connect(path, timeout=WAIT)
+
+    def _index(self, name: str) -> Path:
+        return self.folder / f"{name}.sqlite"
 
     def _shard(self, number: int) -> Path:
         return self.folder / f"{number:06d}.bin"
@@ -205,26 +242,6 @@ class Shards:
         number = max((int(file.stem) for file in self.folder.glob("*.bin")), default=0)
         return number, self._shard(number).open("ab")
 
-    def _database(self) -> sqlite3.Connection | None:
-        """For reading; a forked process has one of its own."""
-        if self._connection is None or self._connection[0] != os.getpid():
-            if not self._index.is_file():
-                return None
-            # where a writer was killed, the next reader has to take back what it left half done
-            mode = "rw" if os.access(self._index, os.W_OK) else "ro"
-            address = f"{self._index.absolute().as_uri()}?mode={mode}"
-            made = sqlite3.connect(address, WAIT, uri=True, check_same_thread=False)
-            self._connection = os.getpid(), made
-        return self._connection[1]
-
-    def _rows(self, which: str, *values: str) -> Iterator[Row]:
-        database = self._database()
-        if database is None:
-            return
-        wanted = f"SELECT key, shard, place, bytes, manifest FROM entries {which}"  # noqa: S608
-        for key, shard, place, size, manifest in database.execute(wanted, values):
-            yield Row(key, shard, place, size, json.loads(manifest))
-
     @contextmanager
     def _alone(self) -> Iterator[None]:
         """While no other process changes what is here."""
@@ -233,10 +250,10 @@ class Shards:
             yield
 
 
-def _as_row(entry: Loose, number: int, place: int) -> tuple[str | int, ...]:
-    encoder = entry.manifest["request"]["encoder"]
-    about = number, place, len(entry.data), encoder["name"], encoder["layer"]
-    return entry.key, *about, json.dumps(entry.manifest)
+def aligned(file: BinaryIO) -> int:
+    """Fill a file up to where an entry may begin; returns that place."""
+    file.write(b"\0" * (-file.tell() % ALIGNED))
+    return file.tell()
 
 
 def _sync(file: BinaryIO) -> None:

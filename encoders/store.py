@@ -2,9 +2,8 @@
 
 ::
 
-    STORE/entries/<key>.json           the manifest; renamed into place last
-    STORE/entries/<key>.safetensors    values (t, c, h, w) and times, memory-mapped when read
-    STORE/shards/                      both of many entries; see :mod:`encoders.shards`
+    STORE/entries/     an entry as two files; see :mod:`encoders.loose`
+    STORE/shards/      many entries together; see :mod:`encoders.shards`
 
 The key is the hash of the request, so other weights, layers or frames never meet by accident. An
 entry is written as two files; :meth:`FeatureStore.pack` puts many into shards, as git does with
@@ -13,36 +12,24 @@ its objects, so that a store of millions has few files. Its own files count befo
 
 from __future__ import annotations
 
-import hashlib
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor
 
-from encoders.entry import Entries, EntryFile, new_entry, placed
-from encoders.features import FeatureMap, FeatureStream, streamed, stride_of
+from encoders.entry import DTYPES, Entries
+from encoders.features import FeatureMap, FeatureStream, streamed
 from encoders.identity import EncoderIdentity
-from encoders.manifests import (
-    SCHEMA_VERSION,
-    FeatureRequest,
-    StaleFeatures,
-    load_manifest,
-    require_sealed,
-)
+from encoders.index import Row
+from encoders.loose import LooseEntries
+from encoders.manifests import FeatureRequest, StaleFeatures, require_sealed
 from encoders.release import file_sha256
-from encoders.shards import DamagedShard, Loose, Row, Shards
-from registry.seal import sealed
-
-STALE_SECONDS = 3600.0  # without a change, after which a partial file is nobody's
-DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
+from encoders.shards import DamagedShard, Shards
 
 __all__ = ["DTYPES", "FeatureRequest", "FeatureStore", "StaleFeatures"]
 
@@ -55,6 +42,7 @@ class FeatureStore:
 
     Example:
         >>> import tempfile
+        >>> import torch
         >>> who = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
         >>> request = FeatureRequest(who, "1" * 64, (0, 1), (0.0, 0.1), (32, 32))
         >>> made = FeatureMap(torch.ones(1, 2, 8, 2, 2), (16.0, 16.0), torch.tensor([0.0, 0.1]))
@@ -68,9 +56,7 @@ class FeatureStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.shards = Shards(folder / "shards")
-        self._checked: set[tuple[str, int, int]] = set()
-        self._swept = False
+        self.loose, self.shards = LooseEntries(folder / "entries"), Shards(folder / "shards")
         self.hits = 0
         self.misses = 0
 
@@ -125,7 +111,7 @@ class FeatureStore:
 
     def has(self, request: FeatureRequest) -> bool:
         """Whether there is an entry of ``request``; it is not looked into."""
-        return self._manifest(request.key).exists() or self.shards.has(request.key)
+        return self.loose.path(request.key).exists() or self.shards.has(request.key)
 
     def shape_of(self, request: FeatureRequest) -> tuple[int, ...]:
         """``(t, c, h, w)`` of an entry that is there, as its manifest says it."""
@@ -142,13 +128,13 @@ class FeatureStore:
         if found is None:
             return None
         manifest, opened = found
+        path = self.loose.path(request.key)
         if manifest["request"] != json.loads(json.dumps(asdict(request))):
-            path = self._manifest(request.key)
             raise StaleFeatures(f"feature store: {path} was edited; delete it to extract again")
         try:
             return opened()
         except StaleFeatures:
-            if self._manifest(request.key).exists():
+            if path.exists():
                 raise
             moved = self._found(request.key)  # into a shard, by another process, just now
             if moved is None:
@@ -158,9 +144,10 @@ class FeatureStore:
     def entries(self) -> Iterator[dict[str, Any]]:
         """Manifests, each with its ``key``: of entries of their own, then of those in shards."""
         own = set()
-        for path in self._own():
-            own.add(path.stem)
-            yield {"key": path.stem, **load_manifest(path)}
+        for key in self.loose.present():
+            if (manifest := self.loose.manifest(key)) is not None:
+                own.add(key)
+                yield {"key": key, **manifest}
         for row in self.shards.rows():
             if row.key not in own:
                 yield {"key": row.key, **row.manifest}
@@ -173,10 +160,10 @@ class FeatureStore:
         Args:
             least: of such entries; where there are fewer, nothing is done.
         """
-        paths = [*islice(self._own(), least)]
-        if len(paths) < least or not paths:
+        keys = [*islice(self.loose.present(), least)]
+        if len(keys) < least or not keys:
             return 0
-        return self.shards.add(self._loose(), self._drop)
+        return self.shards.add(self.loose.whole(), self.loose.drop)
 
     def delete(self, encoder: str, layer: str | None = None) -> int:
         """Take out what an encoder made, of one layer or all; returns how many entries that were.
@@ -186,62 +173,41 @@ class FeatureStore:
             layer: of it.
         """
         count = self.shards.delete(encoder, layer)
-        for path in [*self._own()]:
-            made_by = load_manifest(path)["request"]["encoder"]
+        for key in [*self.loose.present()]:
+            manifest = self.loose.manifest(key)
+            made_by = manifest["request"]["encoder"] if manifest is not None else {"name": None}
             if made_by["name"] == encoder and layer in (None, made_by["layer"]):
-                self._drop(path.stem)
+                self.loose.drop(key)
                 count += 1
         return count
+
+    def drop(self, key: str) -> bool:
+        """Take out one entry; whether it was there. Its bytes in a shard stay until all are out.
+
+        Args:
+            key: from :meth:`entries`.
+        """
+        loose = self.loose.path(key).exists()
+        self.loose.drop(key)
+        return self.shards.drop(key) or loose
 
     def counts(self) -> Iterator[tuple[str, str, int, int]]:
         """Encoder, layer, entries and bytes; the same pair may come twice."""
         yield from self.shards.counts()
-        for path in self._own():
-            manifest = load_manifest(path)
-            made_by = manifest["request"]["encoder"]
-            yield made_by["name"], made_by["layer"], 1, manifest["bytes"]
+        for key in self.loose.present():
+            if (manifest := self.loose.manifest(key)) is not None:
+                made_by = manifest["request"]["encoder"]
+                yield made_by["name"], made_by["layer"], 1, manifest["bytes"]
 
-    def _own(self) -> Iterator[Path]:
-        """Manifests that are files of their own."""
-        return (self.folder / "entries").glob("*.json")
-
-    def _loose(self) -> Iterator[Loose]:
-        for path in self._own():
-            with suppress(StaleFeatures, OSError):
-                manifest, data = load_manifest(path), self._data(path.stem).read_bytes()
-                if hashlib.sha256(data).hexdigest() == manifest["sha256"]:
-                    yield Loose(path.stem, manifest, data)
-
-    def _drop(self, key: str) -> None:
-        self._manifest(key).unlink(missing_ok=True)  # first: what is left then is not read
-        self._data(key).unlink(missing_ok=True)
-
-    def _found(self, key: str) -> tuple[dict[str, Any], Callable[[], FeatureMap]] | None:
-        """An entry's manifest, and what opens its tensors."""
-        path = self._manifest(key)
-        try:
-            manifest = load_manifest(path) if path.exists() else None
-        except StaleFeatures:
-            manifest = None
-            if path.exists():  # else it was put into a shard just now, by another process
-                raise
-        if manifest is not None:
-            return manifest, partial(self._open, path, manifest)
-        row = self.shards.row(key)
-        return None if row is None else (row.manifest, partial(self._of_shard, row))
-
-    def _of_shard(self, row: Row) -> FeatureMap:
-        require_sealed(f"{self.shards.folder}, entry {row.key[:12]}", row.manifest)
-        try:
-            values, times = self.shards.tensors(row)
-        except DamagedShard as error:
-            encoder = row.manifest["request"]["encoder"]["name"]
-            raise StaleFeatures(
-                f"feature store: entry {row.key[:12]}: {error}; `vidphys store delete` the "
-                f"encoder {encoder} to extract again"
-            ) from error
-        stride = row.manifest["stride"]
-        return FeatureMap(values[None], (stride[0], stride[1]), times)
+    def verify(self) -> list[str]:
+        """Keys of the entries whose tensors do not have the recorded hash any more."""
+        bad = [*self.loose.damaged()]
+        for row in self.shards.rows():
+            try:
+                self._of_shard(row)
+            except StaleFeatures:
+                bad.append(row.key)
+        return bad
 
     def open(self, key: str, source: Path, encoder: EncoderIdentity | None = None) -> FeatureMap:
         """Features by their key, for use without the encoder, after the checks that guard it.
@@ -321,80 +287,24 @@ class FeatureStore:
             size: of the frames in pixels, (height, width).
             times: of the feature frames, seconds.
         """
-        self._sweep()
-        new = [new_entry(self._data(r.key), times, DTYPES[r.dtype], source) for r in requests]
+        return self.loose.begin(requests, source, size, times, made or {})
 
-        def commit(files: Sequence[EntryFile]) -> None:
-            for request, file in zip(requests, files, strict=True):
-                manifest = {
-                    "schema_version": SCHEMA_VERSION,
-                    "source": source,
-                    "request": asdict(request),
-                    "made": dict(made or {}),
-                    "stride": list(stride_of(size, file.grid)),
-                    **file.about(),
-                }
-                with placed(self._manifest(request.key)) as partial:
-                    partial.write_text(json.dumps(sealed(manifest), indent=2), encoding="utf-8")
+    def _found(self, key: str) -> tuple[dict[str, Any], Callable[[], FeatureMap]] | None:
+        """An entry's manifest, and what opens its tensors."""
+        manifest = self.loose.manifest(key)
+        if manifest is not None:
+            return manifest, partial(self.loose.open, key, manifest)
+        row = self.shards.row(key)
+        return None if row is None else (row.manifest, partial(self._of_shard, row))
 
-        return Entries(new, commit)
-
-    def verify(self) -> list[str]:
-        """Keys of the entries whose tensors do not have the recorded hash any more."""
-        bad = []
-        for path in self._own():
-            data = self._data(path.stem)
-            if not data.exists() or file_sha256(data) != load_manifest(path)["sha256"]:
-                bad.append(path.stem)
-        for row in self.shards.rows():
-            try:
-                self._of_shard(row)
-            except StaleFeatures:
-                bad.append(row.key)
-        return bad
-
-    def _sweep(self) -> None:
-        """Delete, once, what killed processes left half-written and nobody has touched since."""
-        stale = () if self._swept else (self.folder / "entries").glob(".*.partial")
-        self._swept = True
-        for path in stale:
-            with suppress(OSError):  # another process sweeps too
-                if time.time() - path.lstat().st_mtime > STALE_SECONDS:
-                    path.unlink()
-
-    def _manifest(self, key: str) -> Path:
-        return self.folder / "entries" / f"{key}.json"
-
-    def _data(self, key: str) -> Path:
-        return self._manifest(key).with_suffix(".safetensors")
-
-    def _open(self, path: Path, manifest: dict[str, Any]) -> FeatureMap:
-        from safetensors import SafetensorError, safe_open
-
-        data = path.with_suffix(".safetensors")
-        if not data.exists() or data.stat().st_size != manifest["bytes"]:
-            raise StaleFeatures(
-                f"feature store: {data} is missing or cut short; delete {path.name} to extract "
-                "again"
-            )
-        self._check(data, path, manifest)
+    def _of_shard(self, row: Row) -> FeatureMap:
+        require_sealed(f"{self.shards.folder}, entry {row.key[:12]}", row.manifest)
         try:
-            with safe_open(data, "pt") as file:
-                values, times = file.get_tensor("values"), file.get_tensor("times")
-        except SafetensorError as error:
+            values, times = self.shards.tensors(row)
+        except DamagedShard as error:
             raise StaleFeatures(
-                f"feature store: {data} is damaged ({error}); delete {path.name} to extract again"
+                f"feature store: entry {row.key[:12]}: {error}; `vidphys store delete {self.folder}"
+                f" --key {row.key}` to extract again"
             ) from error
-        stride = manifest["stride"]
+        stride = row.manifest["stride"]
         return FeatureMap(values[None], (stride[0], stride[1]), times)
-
-    def _check(self, data: Path, path: Path, manifest: dict[str, Any]) -> None:
-        """Compare an entry's tensors with their hash, once while they stay the same file."""
-        about = data.stat()
-        seen = data.name, about.st_mtime_ns, about.st_size
-        if seen not in self._checked and file_sha256(data) != manifest["sha256"]:
-            raise StaleFeatures(
-                f"feature store: {data} is damaged (its sha256 differs from {path.name}); delete "
-                f"{path.name} to extract again"
-            )
-        self._checked.add(seen)

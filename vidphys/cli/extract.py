@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,6 +22,7 @@ from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from encoders.identity import LayeredEncoder
+    from encoders.store import FeatureStore
     from vidphys.data.many import Wanted
     from vidphys.data.precision import Precision
 
@@ -47,6 +48,10 @@ class ExtractConfig(SeeingOptions):
         batch: frames, or windows of a video encoder, per forward pass.
         runtime: what computes the network, for encoders that have a choice.
         store_dtype: of the values on disk.
+        shared: share the work with all who run the same command on the same folders, on this
+            machine or others that see them; each may come, leave or die at any time.
+        lease: with shared: seconds without a sign of life after which a worker's clips are taken
+            over by another.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         quiet: show no progress.
     """
@@ -59,6 +64,8 @@ class ExtractConfig(SeeingOptions):
     batch: int | None = None
     runtime: Literal["torch", "compile", "openvino"] | None = None
     store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
+    shared: bool = False
+    lease: float | None = None
     profile: Path | None = None
     quiet: bool = False
 
@@ -69,8 +76,10 @@ class ExtractConfig(SeeingOptions):
         return {**super().encoder_options, **how}
 
 
-def extract(config: ExtractConfig) -> None:
+def extract(config: ExtractConfig) -> int:
     """Extract the features of every clip and say how fast and how many were there already.
+
+    Returns 1 where work was shared and a clip could not be taken, else 0.
 
     Raises:
         InputError: no clip, a clip that cannot be read, weights that are missing or wrong, a
@@ -81,11 +90,17 @@ def extract(config: ExtractConfig) -> None:
         raise InputError("extract: no clips; name at least one video file")
     if config.fast and config.dtype is not None:
         raise InputError("extract: --dtype is given, and --fast chooses it; leave one of them out")
-    files = listed_clips(config.clips)
+    if config.fast and config.shared:
+        raise InputError("extract: --fast measures this machine; with --shared say --dtype")
+    if config.lease is not None and not config.shared:
+        raise InputError("extract: --lease is of work that is shared; add --shared")
     try:
-        _extract_all(config, files, *frozen_encoder(config))
+        if config.shared:
+            return _take_part(config, *frozen_encoder(config))
+        _extract_all(config, listed_clips(config.clips), *frozen_encoder(config))
     except ValueError as error:
         raise InputError(str(error)) from error
+    return 0
 
 
 def frozen_encoder(config: ExtractConfig) -> tuple[LayeredEncoder, tuple[str, ...]]:
@@ -129,7 +144,7 @@ def _extract_all(
                 frames=len(video.frames),
                 made=len(made),
             )
-            for line in _summary(video, wanted, made):
+            for line in _summary(video, wanted, store, made):
                 console.result(line)
 
         def opened() -> Iterator[Video]:
@@ -150,6 +165,30 @@ def _extract_all(
             f"{counts['clips'] / seconds:.3g} clips/s, {counts['frames'] / seconds:.3g} frames/s, "
             f"hit rate {1 - counts['made'] / total:.0%}{share}; store {config.out}"
         )
+
+
+def _take_part(config: ExtractConfig, encoder: LayeredEncoder, layers: tuple[str, ...]) -> int:
+    from encoders.store import FeatureStore
+    from vidphys.data.many import Wanted
+    from vidphys.data.shared import Extraction
+    from vidphys.runs.claims import LEASE
+
+    store, begun = FeatureStore(config.out), time.perf_counter()
+    wanted = Wanted(encoder, layers, store, config.store_dtype)
+    selection = {**asdict(config.selection), "resample": config.resample}
+    work = Extraction(store, config.clips, wanted, selection)
+    with Console(config.quiet, len(work.units), "extract") as console:
+        found = work.run(
+            partial(_open, config), console.done, LEASE if config.lease is None else config.lease
+        )
+        for clip, why in found.failed:
+            console.result(f"{clip}: left out: {why}")
+        console.result(
+            f"{found.clips} clips in {found.units} units, {found.here} of them by this worker in "
+            f"{time.perf_counter() - begun:.1f} s: {found.entries} entries are new, "
+            f"{len(found.failed)} clips were left out; store {config.out}"
+        )
+    return 1 if found.failed else 0
 
 
 def _fast(config: ExtractConfig, file: Path, layers: tuple[str, ...]) -> Precision:
@@ -198,9 +237,11 @@ def _tell_cost(console: Console, wanted: Wanted, first: Video, files: list[Path]
     )
 
 
-def _summary(video: Video, wanted: Wanted, made: Sequence[str]) -> Iterator[str]:
+def _summary(
+    video: Video, wanted: Wanted, store: FeatureStore, made: Sequence[str]
+) -> Iterator[str]:
     for layer, request in wanted.requests(video).items():
-        found = wanted.store.shape_of(request)
+        found = store.shape_of(request)
         state = "extracted" if layer in made else "in store"
         of = f", layer {layer}" if len(wanted.layers) > 1 else ""
         t, c, h, w = found

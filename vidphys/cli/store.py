@@ -22,16 +22,18 @@ class StoreConfig:
     Args:
         action: list what is there by encoder and layer; pack entries that are files of their own
             into shards, which also brings older stores to the present layout; check all hashes;
-            delete what an encoder made, so that the next extraction makes it again.
+            delete what an encoder made, or one entry, so that the next extraction makes it again.
         folder: of the store.
         encoder: with delete: whose entries.
         layer: with delete: of this layer only.
+        key: with delete: this entry only, as a check names it.
     """
 
     action: Annotated[Literal["list", "pack", "check", "delete"], tyro.conf.Positional]
     folder: Annotated[Path, tyro.conf.Positional]
     encoder: str | None = None
     layer: str | None = None
+    key: str | None = None
 
 
 def store(config: StoreConfig) -> int:
@@ -42,8 +44,9 @@ def store(config: StoreConfig) -> int:
     """
     if not any((config.folder / part).is_dir() for part in ("entries", "shards")):
         raise InputError(f"store: {config.folder} is no feature store; `vidphys extract` makes one")
-    if (config.encoder is None) != (config.action != "delete"):
-        raise InputError("store: --encoder goes with delete, which needs it")
+    asked = (config.encoder is not None) + (config.key is not None)
+    if asked != (config.action == "delete"):
+        raise InputError("store: --encoder or --key goes with delete, which needs one of them")
     kept = FeatureStore(config.folder)
     try:
         return _ACTIONS[config.action](kept, config)
@@ -77,6 +80,11 @@ def _check(kept: FeatureStore, config: StoreConfig) -> int:
 
 
 def _delete(kept: FeatureStore, config: StoreConfig) -> int:
+    if config.key is not None:
+        if not kept.drop(config.key):
+            raise InputError(f"store: no entry {config.key}; `vidphys store check` names keys")
+        print(f"entry {config.key} was deleted")
+        return 0
     assert config.encoder is not None
     count = kept.delete(config.encoder, config.layer)
     print(f"{count} entries of {config.encoder} were deleted")

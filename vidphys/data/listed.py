@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from vidphys.data.dataset import clips_of
@@ -24,11 +24,16 @@ def listed_clips(given: Sequence[Path]) -> list[Path]:
     """
     found: dict[Path, None] = {}
     for place in given:
-        found |= dict.fromkeys(_clips_at(place))
+        found |= dict.fromkeys(clips_at(place))
     return list(found)
 
 
-def _clips_at(place: Path) -> list[Path]:
+def clips_at(place: Path) -> Iterable[Path]:
+    """The clips that one of them means; a list is read as it is gone through.
+
+    Raises:
+        InputError: see :func:`listed_clips`.
+    """
     if place.suffix.lower() == LIST and place.is_file():
         return _of_list(place)
     if place.exists() or is_in_set(place):
@@ -42,20 +47,20 @@ def _clips_at(place: Path) -> list[Path]:
     raise InputError(f"extract: {place}: no such file; nothing was extracted")
 
 
-def _of_list(place: Path) -> list[Path]:
+def _of_list(place: Path) -> Iterator[Path]:
+    named = False
     try:
-        lines = place.read_text(encoding="utf-8").splitlines()
-    except ValueError as error:
+        with place.open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, 1):
+                name = line.strip()
+                if not name or name.startswith("#"):
+                    continue
+                clip = place.parent / name
+                if not clip.is_file() and not is_in_set(clip):
+                    raise InputError(f"extract: {place}, line {number}: no clip {clip}")
+                named = True
+                yield clip
+    except UnicodeDecodeError as error:
         raise InputError(f"extract: {place}: a list of clips must be UTF-8 ({error})") from error
-    clips = []
-    for number, line in enumerate(lines, 1):
-        name = line.strip()
-        if not name or name.startswith("#"):
-            continue
-        clip = place.parent / name
-        if not clip.is_file() and not is_in_set(clip):
-            raise InputError(f"extract: {place}, line {number}: no clip {clip}")
-        clips.append(clip)
-    if not clips:
+    if not named:
         raise InputError(f"extract: {place}: names no clip")
-    return clips

@@ -6,19 +6,34 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 
 from encoders.entry import Entries
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.many import ComingClip, ManyClips
-from encoders.identity import LayeredEncoder
-from encoders.store import FeatureRequest, FeatureStore
+from encoders.identity import LayeredEncoder, stream
+from encoders.store import FeatureRequest
 from vidphys.data.ahead import prefetched
-from vidphys.data.extraction import StoredDtype, extract_layers, pictures, request_of
+from vidphys.data.extraction import StoredDtype, pictures, request_of
 from vidphys.data.provenance import provenance
 from vidphys.data.video import Video
+
+
+class Kept(Protocol):
+    """Where features go: a store, or a part of one."""
+
+    def has(self, request: FeatureRequest) -> bool: ...
+
+    def begin(
+        self,
+        requests: Sequence[FeatureRequest],
+        source: str,
+        size: tuple[int | float, int | float],
+        times: torch.Tensor,
+        made: Mapping[str, Any] | None = None,
+    ) -> Entries: ...
 
 
 @dataclass(frozen=True)
@@ -35,7 +50,7 @@ class Wanted:
 
     encoder: LayeredEncoder
     layers: Sequence[str]
-    store: FeatureStore
+    store: Kept
     dtype: StoredDtype = "float16"
     made: Mapping[str, Any] | None = None
 
@@ -65,12 +80,23 @@ def extract_many(
     encoder = wanted.encoder
     if not isinstance(encoder, FrozenEncoder):
         for video in videos:
-            found = extract_layers(video, encoder, wanted.layers, wanted.store, wanted.dtype)
-            done(video, [layer for layer, each in found.items() if not each.cached])
+            done(video, _made_alone(video, wanted))
         return 0.0
     many = ManyClips(encoder, passed)
     many.encode(_missing(videos, wanted, done))
     return many.busy
+
+
+def _made_alone(video: Video, wanted: Wanted) -> Sequence[str]:
+    """By an encoder that takes one clip at a time; the layers that were not there."""
+    requests = wanted.requests(video)
+    layers = [layer for layer, request in requests.items() if not wanted.store.has(request)]
+    times, shown = torch.from_numpy(video.times), partial(pictures, video.frames)
+    for made in stream(wanted.encoder, shown, video.size, times, layers) if layers else ():
+        with _begin(wanted, video, requests, made.layers, made.times) as entries:
+            for piece in made.pieces:
+                entries.add(piece)
+    return layers
 
 
 def _missing(

@@ -1,0 +1,96 @@
+"""An index of entries in shards: a row an entry, read one by one, so that millions cost nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+WAIT = 60.0  # seconds for another process' commit
+# Rows lie in the order in which they came: keys are hashes, and rows in their order would be
+# written all over the file.
+TABLE = """
+CREATE TABLE IF NOT EXISTS entries (
+    key TEXT, shard INTEGER, place INTEGER, bytes INTEGER, encoder TEXT, layer TEXT, manifest TEXT
+);
+"""
+LOOKED_UP = """
+CREATE UNIQUE INDEX IF NOT EXISTS keys ON entries (key);
+CREATE INDEX IF NOT EXISTS makers ON entries (encoder, layer, bytes);
+"""
+PUT = "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?, ?)"
+
+
+@dataclass(frozen=True)
+class Row:
+    """Where an entry lies, and its manifest."""
+
+    key: str
+    file: Path
+    place: int
+    bytes: int
+    manifest: dict[str, Any]
+
+
+class Index:
+    """Reads one; a forked process has a connection of its own.
+
+    Args:
+        path: of the database, which is there.
+        shard: the file of a shard, by its number.
+        frozen: it is never changed in its place, so that nobody needs a lock.
+    """
+
+    def __init__(self, path: Path, shard: Callable[[int], Path], frozen: bool) -> None:
+        self.path, self.shard, self.frozen = path, shard, frozen
+        self._connection: tuple[int, sqlite3.Connection] | None = None
+
+    def row(self, key: str) -> Row | None:
+        """Where an entry lies, if it does."""
+        return next(self._rows("WHERE key = ?", key), None)
+
+    def has(self, key: str) -> bool:
+        """Whether there is such an entry."""
+        asked = self._database().execute("SELECT 1 FROM entries WHERE key = ?", (key,))
+        return asked.fetchone() is not None
+
+    def rows(self) -> Iterator[Row]:
+        """All of them."""
+        return self._rows("")
+
+    def counts(self) -> list[tuple[str, str, int, int]]:
+        """Encoder, layer, entries and bytes."""
+        grouped = "SELECT encoder, layer, COUNT(*), SUM(bytes) FROM entries GROUP BY encoder, layer"
+        return self._database().execute(grouped).fetchall()
+
+    def close(self) -> None:
+        """Of this process."""
+        if self._connection is not None and self._connection[0] == os.getpid():
+            self._connection[1].close()
+        self._connection = None
+
+    def _database(self) -> sqlite3.Connection:
+        if self._connection is None or self._connection[0] != os.getpid():
+            # where a writer was killed, the next reader has to take back what it left half done
+            mode = "mode=rw" if os.access(self.path, os.W_OK) else "mode=ro"
+            address = f"{self.path.absolute().as_uri()}?{'immutable=1' if self.frozen else mode}"
+            made = sqlite3.connect(address, WAIT, uri=True, check_same_thread=False)
+            self._connection = os.getpid(), made
+        return self._connection[1]
+
+    def _rows(self, which: str, *values: str) -> Iterator[Row]:
+        wanted = f"SELECT key, shard, place, bytes, manifest FROM entries {which}"  # noqa: S608
+        for key, shard, place, size, manifest in self._database().execute(wanted, values):
+            yield Row(key, self.shard(shard), place, size, json.loads(manifest))
+
+
+def as_row(
+    key: str, shard: int, place: int, size: int, manifest: dict[str, Any]
+) -> tuple[str | int, ...]:
+    """What :data:`PUT` takes."""
+    encoder = manifest["request"]["encoder"]
+    return key, shard, place, size, encoder["name"], encoder["layer"], json.dumps(manifest)

@@ -1,0 +1,57 @@
+"""Files that are whole or not there: written beside their name, synced, renamed into place."""
+
+from __future__ import annotations
+
+import os
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+STALE_SECONDS = 3600.0  # without a change, after which a partial file is nobody's
+AT_ONCE = 16  # files that are synced together
+
+
+def partial_of(path: Path) -> Path:
+    """A name beside ``path`` that nobody else uses, on no machine."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.partial")
+
+
+def place(files: Mapping[Path, Path]) -> None:
+    """Sync files at once, which takes the disk little longer than one, then rename them in order.
+
+    Args:
+        files: each with its place.
+    """
+    with ThreadPoolExecutor(min(AT_ONCE, len(files))) as pool:
+        list(pool.map(_sync, files))
+    for file, path in files.items():
+        file.replace(path)
+
+
+@contextmanager
+def placed(path: Path) -> Iterator[Path]:
+    """A neighbour of ``path`` to be filled, which is then synced and renamed; gone on an error."""
+    partial = partial_of(path)
+    try:
+        yield partial
+        _sync(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def sweep(folder: Path) -> None:
+    """Delete what killed processes left half-written, which nobody has touched for long."""
+    for path in folder.glob(".*.partial"):
+        with suppress(OSError):  # another process sweeps too
+            if time.time() - path.lstat().st_mtime > STALE_SECONDS:
+                path.unlink()
+
+
+def _sync(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
