@@ -303,8 +303,8 @@ class FeatureStore:
             values, times = self.shards.tensors(row)
         except DamagedShard as error:
             raise StaleFeatures(
-                f"feature store: entry {row.key[:12]}: {error}; `vidphys store delete {self.folder}"
-                f" --key {row.key}` to extract again"
+                f"feature store: entry {row.key[:12]}: {error}; `vidphys store delete` the key "
+                f"{row.key} to extract again"
             ) from error
         stride = row.manifest["stride"]
         return FeatureMap(values[None], (stride[0], stride[1]), times)
