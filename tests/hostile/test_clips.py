@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from vidphys.data import frames, memory
-from vidphys.data.formats import opencv
+from vidphys.data.formats import child, opencv
 from vidphys.data.formats.opencv import read_clip
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
@@ -136,7 +136,7 @@ def test_z08_frames_are_those_of_decoding_in_this_process(tmp_path, good):
     ],
 )
 def test_z08_a_limit_ends_the_child_and_is_said(tmp_path, good, monkeypatch, limit, value, said):
-    monkeypatch.setattr(opencv, limit, value)
+    monkeypatch.setattr(child if limit == "PATIENCE" else opencv, limit, value)
     (tmp_path / "a.mp4").write_bytes(good[".mp4"])
     with pytest.raises(InputError, match=said):
         open_video(tmp_path / "a.mp4", ClipSelection())
@@ -145,9 +145,9 @@ def test_z08_a_limit_ends_the_child_and_is_said(tmp_path, good, monkeypatch, lim
 PROBE = """
 import resource, socket, sys
 sys.path.append({home!r})
-import decoder
-decoder._confine(2**28)
-decoder._allow(1)
+from confined import allow, confine
+confine(2**28)
+allow(1)
 failed = []
 held = open("/dev/fd/0", "rb")
 for what in (lambda: open({other!r}, "rb"), lambda: socket.socket(), lambda: bytearray(2**29)):
@@ -162,10 +162,9 @@ while True:
 
 
 def test_z08_what_decodes_has_no_other_file_no_socket_no_more_memory_and_no_time(tmp_path):
-    home = Path(opencv.__file__).parent
     other = tmp_path / "secret"
     other.write_text("x")
-    code = PROBE.format(home=str(home), other=str(other))
+    code = PROBE.format(home=str(child.PROGRAMS), other=str(other))
     with Path(__file__).open("rb") as clip:
         done = subprocess.run(
             [sys.executable, "-I", "-c", code], stdin=clip, capture_output=True, timeout=30

@@ -19,7 +19,7 @@ import pytest
 from scipy.io import savemat
 
 from tests.hostile import mutants
-from vidphys.data.formats import bounded, read_recording
+from vidphys.data.formats import bounded, child, foreign, read_recording
 from vidphys.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("unchecked")
@@ -128,6 +128,42 @@ def test_z09_a_matlab_file_is_counted_before_it_is_read(tmp_path, monkeypatch):
     monkeypatch.setattr(bounded, "MOST_BYTES", 2**24)
     assert (tmp_path / "a.mat").stat().st_size < 1e6
     assert "more than 16 MiB when unpacked" in said_of(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.mat"])
+@pytest.mark.parametrize(
+    ("module", "limit", "value", "said"),
+    [
+        (foreign, "MEMORY", 2**25, "memory"),
+        (foreign, "SECONDS", -1, "processor time"),
+        (child, "PATIENCE", 0.001, "hangs"),
+    ],
+)
+def test_z09_what_reads_a_foreign_table_is_held_to_limits(
+    tmp_path, monkeypatch, name, module, limit, value, said
+):
+    columns = {key: np.arange(3_000_000.0) for key in "tx"}
+    if name == "a.mat":
+        savemat(tmp_path / name, columns)
+    else:
+        pq.write_table(pa.table(columns), tmp_path / name)
+    monkeypatch.setattr(module, limit, value)
+    assert said in said_of(tmp_path / name)
+
+
+def test_z09_a_foreign_table_is_read_apart_as_it_is_here(tmp_path):
+    table = {
+        "t": np.arange(4.0),
+        "n": np.arange(4, dtype=np.int16),
+        "seen": np.array([True, False, True, True]),
+        "when": np.arange(4).astype("M8[ms]"),
+        "word": np.array(["a", "béta", "", "d"]),
+    }
+    pq.write_table(pa.table(table), tmp_path / "a.parquet")
+    held = foreign.read_apart(tmp_path / "a.parquet", "parquet", ["pyarrow"])
+    assert list(held) == list(table)
+    for key, expected in table.items():
+        assert np.array_equal(held[key], expected) and held[key].dtype.kind == expected.dtype.kind
 
 
 XML = mutants.project()

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vidphys.data.formats.base import Recording
 from vidphys.data.formats.bounded import reading, require_packed, require_room
+from vidphys.data.formats.foreign import read_apart
 from vidphys.data.formats.names import meaning_of
 from vidphys.data.formats.rows import recording_of
 from vidphys.data.formats.shapes import is_rate_of, rising
@@ -24,15 +24,9 @@ RATES = ("fs", "fps", "rate", "framerate", "samplingrate")  # samples in a secon
 
 def read_matlab(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """Vectors of one length, as columns of a table; pieces in cells one after the other."""
-    from scipy.io import loadmat
-
     with reading("a MATLAB file"):
         _require_room(path)
-        try:
-            held = loadmat(path, struct_as_record=False, squeeze_me=True)
-        except NotImplementedError as error:
-            raise InputError("a MATLAB file of version 7.3; save it with -v7 instead") from error
-    arrays = dict(_arrays({k: v for k, v in held.items() if not k.startswith("__")}))
+    arrays = read_apart(path, "matlab", ["scipy"])
     vectors = _continued(_joined({name: x for name, x in arrays.items() if x.size >= LEAST}))
     if not vectors:
         raise InputError(f"no vectors of {LEAST} numbers or more; it has {_shapes(arrays)}")
@@ -61,21 +55,6 @@ def _require_room(path: Path) -> None:
         if kind == COMPRESSED:
             require_packed(data[at + 8 : at + 8 + size])
         at += 8 + size
-
-
-def _arrays(held: Any, name: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """Numbers of a structure, however deep, by the last name that leads to them."""
-    if isinstance(held, dict):
-        for key, value in held.items():
-            yield from _arrays(value, key)
-    elif hasattr(held, "_fieldnames"):
-        for key in held._fieldnames:
-            yield from _arrays(getattr(held, key), key)
-    elif isinstance(held, np.ndarray) and held.dtype == object:
-        for number, value in enumerate(held.ravel()):
-            yield from _arrays(value, f"{name} {{{number + 1}}}")
-    elif isinstance(held, np.ndarray | int | float) and np.asarray(held).dtype.kind in "fiub":
-        yield name, np.asarray(held, float)
 
 
 def _joined(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

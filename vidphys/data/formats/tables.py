@@ -7,23 +7,19 @@ and body (``t, body, x, y``); an NPZ has ``positions`` or ``pixels`` of ``(t, n,
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 from zipfile import ZipFile
 
 import numpy as np
 
 from vidphys.data.formats.base import Recording, Unit
-from vidphys.data.formats.bounded import MOST_COLUMNS, MOST_MEMBERS, reading, require_room
+from vidphys.data.formats.bounded import MOST_MEMBERS, reading, require_room
+from vidphys.data.formats.foreign import read_apart
 from vidphys.data.formats.rows import recording_of
 from vidphys.data.formats.text import read_sheet
 from vidphys.data.formats.unnamed import named
 from vidphys.errors import InputError
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 NAMES = ("positions", "q", "tracks", "pixels")
 BESIDE = ("times", "dt", "mass", "coupling")
@@ -41,42 +37,8 @@ def read_text(path: Path, columns: Mapping[str, str], interval: float | None) ->
 
 def read_parquet(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """The columns of a Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    with reading("a table"), pq.ParquetFile(path) as file:
-        about, schema = file.metadata, file.schema_arrow
-        if about.num_columns > MOST_COLUMNS:
-            raise InputError(f"{about.num_columns} columns, more than {MOST_COLUMNS}")
-        twice = [name for name, times in Counter(schema.names).items() if times > 1]
-        if twice:
-            raise InputError(f"two columns are called {twice[0]}; give each a name of its own")
-        # pages of equal values are small in a file, and large as numbers
-        require_room((about.num_rows, about.num_columns), BYTES, "a table")
-        groups = (about.row_group(k) for k in range(about.num_row_groups))
-        require_room((sum(group.total_byte_size for group in groups),), 1, "a table")
-        held = {}
-        for field in schema:
-            if pa.types.is_nested(field.type):
-                raise InputError(f"column {field.name}: holds more than a number in a cell")
-            column = file.read([field.name], use_threads=False).column(0)
-            held[field.name] = _plain(column, field.name)
+    held = read_apart(path, "parquet", ["pyarrow"])
     return recording_of(held, columns, interval, called=path.stem)
-
-
-def _plain(column: pa.ChunkedArray, name: str) -> np.ndarray:
-    """A column as numbers, times or words."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
-    if words:
-        lengths = pc.binary_length(column)
-        require_room((len(column), pc.max(lengths).as_py() or 0), BYTES, f"column {name}:")
-    found = column.to_numpy(zero_copy_only=False)
-    if found.dtype != object:
-        return found
-    return np.array(["" if cell is None else str(cell) for cell in found.tolist()])
 
 
 def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None) -> Recording:

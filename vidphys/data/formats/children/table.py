@@ -1,0 +1,155 @@
+"""The program that reads one Parquet or MATLAB file.
+
+Its message says the name, type and shape of each array; their bytes follow, in that order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from confined import FILE, allow, confine, say, write
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+BYTES = 8  # of a number as it is held
+
+
+class RefusedError(Exception):
+    """A file that is understood, and not taken."""
+
+
+def main(kind: str, memory: int, seconds: int, most_bytes: int, most_columns: int) -> None:
+    """Read the file.
+
+    Args:
+        kind: of it, of :data:`READERS`.
+        memory: bytes that may be asked for, on top of those of the libraries.
+        seconds: of processor time.
+        most_bytes: of numbers.
+        most_columns: of a table.
+    """
+    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others keep more than they are asked for
+    what, prepare, read = READERS[kind]
+    prepare()
+    confine(memory)
+    allow(seconds)
+    try:
+        arrays = read(most_bytes, most_columns)
+    except RefusedError as error:
+        say({"error": str(error)})
+        return
+    except MemoryError:
+        say({"error": f"reading it takes more than {memory / 2**30:.3g} GiB of memory"})
+        return
+    except Exception as error:
+        said = str(error).strip().splitlines()[:1] or [type(error).__name__]
+        say({"error": f"not {what} ({said[0][:200]})"})
+        return
+    say({"arrays": [(name, x.dtype.str, x.shape) for name, x in arrays.items()]})
+    for x in arrays.values():
+        if x.size:
+            write(np.ascontiguousarray(x).view(np.uint8))
+
+
+def _prepare_parquet() -> None:
+    """Imports need files, which are not to be opened later."""
+    import pyarrow.compute
+    import pyarrow.parquet  # noqa: F401
+
+
+def _parquet(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(FILE) as file:
+        about, schema = file.metadata, file.schema_arrow
+        if about.num_columns > most_columns:
+            raise RefusedError(f"{about.num_columns} columns, more than {most_columns}")
+        twice = [name for name, times in Counter(schema.names).items() if times > 1]
+        if twice:
+            raise RefusedError(f"two columns are called {twice[0]}; give each a name of its own")
+        # pages of equal values are small in a file, and large as numbers
+        _require_room((about.num_rows, about.num_columns), most_bytes, "a table")
+        groups = (about.row_group(k) for k in range(about.num_row_groups))
+        held = sum(group.total_byte_size for group in groups)
+        _require_room((-(-held // BYTES),), most_bytes, "a table")
+        columns = {}
+        for field in schema:
+            if pa.types.is_nested(field.type):
+                raise RefusedError(f"column {field.name}: holds more than a number in a cell")
+            column = file.read([field.name], use_threads=False).column(0)
+            columns[field.name] = _plain(column, field.name, most_bytes)
+    return columns
+
+
+def _plain(column: pa.ChunkedArray, name: str, most_bytes: int) -> np.ndarray:
+    """A column as numbers, times or words."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+    if words:
+        longest = pc.max(pc.binary_length(column)).as_py() or 0
+        _require_room((len(column), longest), most_bytes, f"column {name}:")
+    found = column.to_numpy(zero_copy_only=False)
+    if found.dtype != object:
+        return found
+    return np.array(["" if cell is None else str(cell) for cell in found.tolist()], dtype=str)
+
+
+def _require_room(shape: tuple[int, ...], most_bytes: int, what: str) -> None:
+    if np.prod(np.array(shape, float)) * BYTES > most_bytes:
+        raise RefusedError(
+            f"{what} of {' x '.join(map(str, shape))} numbers would fill more than "
+            f"{most_bytes >> 20} MiB; give fewer of them"
+        )
+
+
+def _prepare_matlab() -> None:
+    """See :func:`_prepare_parquet`."""
+    import scipy.io
+    import scipy.sparse  # noqa: F401
+
+
+def _matlab(_most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
+    from scipy.io import loadmat
+
+    try:
+        with open(FILE, "rb") as file:  # noqa: PTH123 - the file that is given
+            held = loadmat(file, struct_as_record=False, squeeze_me=True)
+    except NotImplementedError as error:
+        raise RefusedError("a MATLAB file of version 7.3; save it with -v7 instead") from error
+    return dict(_numbers({k: v for k, v in held.items() if not k.startswith("__")}))
+
+
+def _numbers(held: Any, name: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Numbers of a structure, however deep, by the last name that leads to them."""
+    if isinstance(held, dict):
+        for key, value in held.items():
+            yield from _numbers(value, key)
+    elif hasattr(held, "_fieldnames"):
+        for key in held._fieldnames:
+            yield from _numbers(getattr(held, key), key)
+    elif isinstance(held, np.ndarray) and held.dtype == object:
+        for number, value in enumerate(held.ravel()):
+            yield from _numbers(value, f"{name} {{{number + 1}}}")
+    elif isinstance(held, np.ndarray | int | float) and np.asarray(held).dtype.kind in "fiub":
+        yield name, np.asarray(held, float)
+
+
+READERS = {
+    "parquet": ("a table", _prepare_parquet, _parquet),
+    "matlab": ("a MATLAB file", _prepare_matlab, _matlab),
+}
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(BrokenPipeError, KeyboardInterrupt):
+        main(sys.argv[1], *map(int, sys.argv[2:]))
