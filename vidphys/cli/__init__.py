@@ -24,6 +24,7 @@ VERBS = {
     "reproduce": ("ReproduceConfig", "regenerate the study's tables, with their verdicts"),
     "diagnose": ("DiagnoseConfig", "find which terms a scene requires, from tracks or a clip"),
     "view": ("ViewConfig", "look at a run's recordings in the rerun viewer"),
+    "play": ("PlayConfig", "change a law under your hand on a page, and see it rolled at once"),
     "report": ("ReportConfig", "make a run's report anew, or compare several runs"),
     "render": ("RenderConfig", "render clips of a scene, with the truth beside them"),
     "film": ("FilmConfig", "film scenes as a phone sees them, with the truth beside each clip"),

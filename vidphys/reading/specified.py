@@ -93,6 +93,26 @@ def train_specified(
     return _foretold(fitted, known, motion.positions[:, end:], motion.times[:, end:])
 
 
+def at_specified(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> Fitted:
+    """The model at the numbers of its specification, trained on nothing.
+
+    Args:
+        term, held: see :func:`vidphys.diagnose.explanations.specification.read_specification`.
+        motion: the tracks that the scene was diagnosed from.
+
+    Raises:
+        InputError: tracks of another scene, or a model with a network, which has no such numbers.
+    """
+    _check(held, motion)
+    fitted = _untrained(term, held, even(motion), 0)
+    if not is_few(fitted.head):
+        raise InputError(
+            "the specification has a term of unknown form, which must be trained; "
+            "run `vidphys fit` and give its folder"
+        )
+    return fitted
+
+
 def _check(held: Mapping[str, Any], motion: Motion) -> None:
     if (motion.bodies, motion.space) != (held["bodies"], held["space"]):
         raise InputError(

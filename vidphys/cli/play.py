@@ -1,0 +1,101 @@
+"""``vidphys play``: change a law, a start or a step under one's hand, and see it rolled at once."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from vidphys.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vidphys.play import Source, Stage
+
+OPEN, ROLL = "open", "roll"
+
+
+@dataclass(frozen=True)
+class PlayConfig:
+    """Change a law, a start or a step on a page, and see it rolled at once.
+
+    Example: vidphys play runs/ladder-quick
+
+    The page lies on this machine alone. It shows the model beside the truth and its twin, 64
+    episodes over 2,000 steps, with what went wrong. Ctrl-C ends it.
+
+    Args:
+        run: folder of a ladder, a fit, a diagnosis or a training, or the name of a scene.
+        clip: that a training rolls on from its last frame.
+        port: where the page is served; 0 takes any that is free.
+        open: show the page in a browser; --no-open only prints its address.
+        weights: file or folder of the encoder's weights of a training; else VIDPHYS_WEIGHTS.
+    """
+
+    run: Annotated[str, tyro.conf.Positional]
+    clip: Annotated[Path | None, tyro.conf.Positional] = None
+    port: int = 0
+    open: bool = True
+    weights: Path | None = None
+
+
+def play(config: PlayConfig) -> None:
+    """See :class:`PlayConfig`.
+
+    Raises:
+        InputError: nothing there can be rolled, or the port is taken.
+    """
+    from loops.threads import held_to
+    from vidphys.play import source_of
+    from viz.played import play_page
+
+    if not 0 <= config.port < 2**16:
+        raise InputError(f"--port {config.port}: must be from 0 to 65535")
+    source = source_of(config.run, config.clip, config.weights)
+    told = {"title": "Play", "folder": Path(config.run).resolve().name, "cells": source.names}
+    with ExitStack() as stack:
+        try:
+            address, desk = stack.enter_context(play_page(told, config.port, (OPEN, ROLL)))
+        except OSError as error:
+            raise InputError(f"--port {config.port}: cannot be used ({error.strerror})") from error
+        print(f"open      {address}")
+        print("Ctrl-C ends it", flush=True)
+        if config.open:
+            webbrowser.open(address)
+        stack.enter_context(held_to(1))  # operations here are small: threads would wait for another
+        desk.work(Player(source).answers)
+
+
+class Player:
+    """Answers the page's questions, each stage made once."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.stages: dict[str, Stage] = {}
+        self.answers = {OPEN: self.opened, ROLL: self.rolled}
+
+    def opened(self, body: bytes) -> Iterator[tuple[dict[str, Any], np.ndarray | None]]:
+        """What there is to move on a stage; the body is its name."""
+        yield self._stage(body.decode(errors="replace")).told(), None
+
+    def rolled(self, body: bytes) -> Iterator[tuple[dict[str, Any], np.ndarray | None]]:
+        """A change, rolled."""
+        from vidphys.play import Asked, answers
+
+        asked = Asked.read(body)
+        for piece in answers(self._stage(asked.cell), asked):
+            places = piece.places
+            shape = None if places is None else list(places.shape)
+            numbers = None if places is None else places.float().numpy()
+            yield {**piece.about, "shape": shape}, numbers
+
+    def _stage(self, name: str) -> Stage:
+        if name not in self.stages:
+            self.stages[name] = self.source.stage(name)
+        return self.stages[name]

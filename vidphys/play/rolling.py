@@ -1,0 +1,301 @@
+"""A change, rolled: the model first, then the truth, then the twin, in pieces as they come."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, cast
+
+import torch
+from torch import Tensor
+
+from dynamics import DynamicsWarning, Head, Parameters, PhaseState, Rollout, rollout
+from dynamics.compiled import CompiledHead
+from dynamics.domain import EXTENTS, FAR, extents
+from dynamics.rollout import first_bad_step
+from vidphys.errors import InputError
+from vidphys.play.asked import Asked
+from vidphys.play.stage import Stage
+from vidphys.reading.laws import Law
+
+STORED = 200  # states that are kept of a rollout, about
+WAIT = 0.015  # seconds that a piece of a rollout may take: for so long a new change waits
+FEW = 8  # episodes of the twin; fewer do not roll in fused loops
+Roll = Callable[[PhaseState, Parameters, int], Rollout]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Some of an answer.
+
+    Args:
+        about: as JSON: ``role`` (``model``, ``truth``, ``twin``, ``held`` or ``table``), and of
+            places ``episode``, the first of them, ``first``, the stored state that they begin at,
+            ``dt``, the seconds between two; what was found of them.
+        places: as they are drawn, ``(e, t, n, d)``.
+    """
+
+    about: dict[str, Any]
+    places: Tensor | None = None
+
+
+@dataclass
+class _Kept:
+    """What of a rollout is needed after it: places and states of all episodes so far."""
+
+    states: list[PhaseState] = field(default_factory=list)
+
+    @property
+    def whole(self) -> PhaseState:
+        return PhaseState(*(torch.cat([getattr(s, x) for s in self.states], 1) for x in "qp"))
+
+
+def answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
+    """All that is to be shown of a change.
+
+    Raises:
+        InputError: something that this model cannot be asked.
+    """
+    head = stage.head_by(asked.integrator)
+    if stage.head.dt is not None and asked.dt is not None:
+        raise InputError(f"play: dt: this model is a map of {stage.head.dt:g} s a step")
+    dt = stage.dt if asked.dt is None else asked.dt / stage.view.seconds
+    start, law = stage.started(asked), stage.law(head, asked)
+    start = _as_fast(start, stage.params, law.params)
+    every = max(1, asked.steps // STORED)
+    steps = asked.steps // every * every
+    model = _Kept()
+    once = isinstance(law.head, CompiledHead)
+    yield from _model(stage, law, start, (steps, dt, every, once), asked, model)
+    if stage.scene is not None:
+        truth = _Kept()
+        yield from _truth(stage, asked, start, law.params, steps * dt, every * dt, truth)
+        yield _table(stage, law.params, model, truth, every * dt)
+    else:
+        yield from _held(stage, head, asked, (steps, dt, every, once))
+    if stage.twin is not None:
+        yield from _twin(stage, asked, start, law.params, steps * dt)
+
+
+def _as_fast(start: PhaseState, before: Parameters, after: Parameters) -> PhaseState:
+    """A body that has become heavier is as fast as it was."""
+    if after.mass is before.mass:
+        return start
+    return PhaseState(start.q, start.p * (after.mass / before.mass).unsqueeze(-1))
+
+
+def _model(
+    stage: Stage,
+    law: Law,
+    start: PhaseState,
+    how: tuple[int, float, int, bool],
+    asked: Asked,
+    kept: _Kept,
+) -> Iterator[Piece]:
+    steps, dt, every, once = how
+
+    def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
+        return rollout(law.head, state, params, count, dt, every, seed=0)
+
+    began = time.perf_counter()
+    for first, found in in_pieces(roll, start, law.params, steps, every, once):
+        kept.states.append(found.states)
+        one = found.states[asked.episode].map(lambda x: x.unsqueeze(0))
+        about = {
+            **_seconds(stage, "model", 0, first, every * dt),
+            "steps": steps,
+            "every": every,
+            "stored": steps // every + 1,
+            "left": _left(law.head, found.states),
+            "bad": found.first_bad.tolist(),
+            "said": [_at(first * every, each.text) for each in found.findings],
+            "backend": found.backend,
+            "energy": _energies(stage, law, one, asked.episode),
+            "ms": round(1000 * (time.perf_counter() - began), 1),
+        }
+        yield Piece(about, stage.view.place(found.states.q))
+
+
+def _truth(
+    stage: Stage,
+    asked: Asked,
+    start: PhaseState,
+    params: Parameters,
+    seconds: float,
+    between: float,
+    kept: _Kept,
+) -> Iterator[Piece]:
+    """The reference by its own step, stored as near to the model's instants as that allows."""
+    scene = stage.scene
+    assert scene is not None
+    untold = [x for x in asked.factors if asked.factors[x] != 1 and not _is_told(stage, x)]
+    if untold:
+        said = f"the truth is not known with another {', '.join(untold)}"
+        yield Piece({"role": "truth", "said": [said]})
+        return
+    every = max(1, round(between / scene.dt))
+    steps = max(1, round(seconds / scene.dt / every)) * every
+
+    def roll(state: PhaseState, law: Parameters, count: int) -> Rollout:
+        return scene.simulate(state, law, count, every)
+
+    start, params = start.map(torch.Tensor.double), params.map(torch.Tensor.double)
+    for first, found in in_pieces(roll, start, params, steps, every):
+        kept.states.append(found.states)
+        one = found.states[asked.episode].map(lambda x: x.unsqueeze(0))
+        told = params[asked.episode : asked.episode + 1]
+        energy = {"true": _numbers(scene.energy(one, told)[0])}
+        about = _seconds(stage, "truth", 0, first, every * scene.dt)
+        yield Piece({**about, "energy": energy}, stage.view.place(found.states.q))
+
+
+def _is_told(stage: Stage, name: str) -> bool:
+    """Whether a number is one that the truth is told as well."""
+    return name.startswith("mass") or name in stage.params.scalars
+
+
+def _twin(
+    stage: Stage, asked: Asked, start: PhaseState, params: Parameters, seconds: float
+) -> Iterator[Piece]:
+    """Of the episode that is looked at, and of some beside it, which cost nothing."""
+    assert stage.twin is not None
+    head, dt = stage.twin
+    begin = max(0, min(asked.episode, stage.episodes - FEW))
+    some = slice(begin, begin + FEW)
+    steps = max(1, round(seconds / dt))
+    every = max(1, steps // STORED)
+    steps -= steps % every
+
+    def roll(state: PhaseState, law: Parameters, count: int) -> Rollout:
+        return rollout(head, state, law, count, dt, every)
+
+    try:
+        for first, found in in_pieces(roll, start[some], params[some], steps, every):
+            about = _seconds(stage, "twin", begin, first, every * dt)
+            yield Piece(
+                {**about, "bad": found.first_bad.tolist()}, stage.view.place(found.states.q)
+            )
+    except ValueError as error:
+        yield Piece({"role": "twin", "said": [str(error)]})
+
+
+def _held(
+    stage: Stage, head: Head, asked: Asked, how: tuple[int, float, int, bool]
+) -> Iterator[Piece]:
+    """What the model says of the law that held, from where it was, to see a change beside."""
+    steps, dt, every, once = how
+
+    def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
+        return rollout(head, state, params, count, dt, every, seed=0)
+
+    for first, found in in_pieces(roll, stage.start, stage.params, steps, every, once):
+        about = _seconds(stage, "held", 0, first, every * dt)
+        yield Piece(about, stage.view.place(found.states.q))
+
+
+def in_pieces(
+    roll: Roll,
+    start: PhaseState,
+    params: Parameters,
+    steps: int,
+    every: int,
+    once: bool = False,
+) -> Iterator[tuple[int, Rollout]]:
+    """Rollouts one after the other, each with the number of its first stored state.
+
+    Each goes on for about :data:`WAIT`, unless all are done at once. Episodes that are no longer
+    finite stay behind, as NaN.
+    """
+    everyone, first, left = len(start.q), 0, steps
+    alive, state, size = torch.arange(everyone), start, steps if once else every
+    while left and len(alive):
+        began, size = time.perf_counter(), min(size, left)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DynamicsWarning)  # they come with the result
+            found = roll(state[alive], params[alive], size)
+        new = found.states if first == 0 else found.states.map(lambda x: x[:, 1:])
+        whole = new.map(partial(_spread, alive=alive, everyone=everyone))
+        bad = first_bad_step(whole)
+        yield first, Rollout(whole, params, found.dt, bad, None, found.findings, 0, found.backend)
+        first += new.q.shape[1]
+        state = whole.map(lambda x: x[:, -1])
+        alive = torch.isfinite(state.flat).all(-1).nonzero().squeeze(-1)
+        left -= size
+        spent = max(time.perf_counter() - began, 1e-6)
+        size = max(1, round(min(4.0, WAIT / spent) * size / every)) * every
+
+
+def _spread(x: Tensor, alive: Tensor, everyone: int) -> Tensor:
+    if len(alive) == everyone:
+        return x
+    return x.new_full((everyone, *x.shape[1:]), torch.nan).index_copy(0, alive, x)
+
+
+def _left(head: Head, states: PhaseState) -> list[int]:
+    """Of each episode the first stored state far from all of the training, or -1."""
+    known = dict(zip(EXTENTS, head.domain.tolist(), strict=True))
+    watched = [name for name in head.depends_on if math.isfinite(known[name])]
+    if not watched:
+        return [-1] * len(states.q)
+    reached = extents(states, head.box)
+    far = torch.stack(
+        [reached[..., EXTENTS.index(name)] > FAR * known[name] for name in watched], -1
+    ).any(-1)
+    return torch.where(far.any(-1), far.int().argmax(-1), -1).tolist()
+
+
+def _energies(stage: Stage, law: Law, states: PhaseState, episode: int) -> dict[str, Any]:
+    """By the true law along the model's way, and by the model itself, where they are."""
+    told, found = law.params[episode : episode + 1], {}
+    with torch.no_grad():
+        if stage.scene is not None:
+            found["true"] = _numbers(stage.scene.energy(states, told)[0])
+        if hasattr(law.head, "energy"):
+            wide = told.map(lambda x: x.unsqueeze(1))
+            found["own"] = _numbers(cast(Any, law.head).energy(states, wide)[0])
+    return found
+
+
+def _table(stage: Stage, params: Parameters, model: _Kept, truth: _Kept, between: float) -> Piece:
+    """Of each episode: how far it ended from the truth, how near bodies came, how energy drifts."""
+    mine, rows = model.whole, {}
+    closest = _closest(mine.q)
+    if truth.states:
+        assert stage.scene is not None
+        real = truth.whole
+        both = min(mine.q.shape[1], real.q.shape[1])
+        apart = (mine.q[:, :both].double() - real.q[:, :both]).norm(dim=-1).mean(-1)
+        rows["error"] = _numbers(stage.view.length * apart.mean(1))
+        rows["end"] = _numbers(stage.view.length * apart[:, -1])
+        closest = _closest(real.q)
+        energy = stage.scene.energy(mine, params)
+        scale = stage.scene.energy_scale(mine.map(lambda x: x[:, 0]), params)
+        rows["drift"] = _numbers((energy - energy[:, :1]).abs().amax(1) / scale)
+    rows["closest"] = _numbers(stage.view.length * closest)
+    rows["coupling"] = _numbers(params.coupling)
+    return Piece({"role": "table", "seconds": between * (mine.q.shape[1] - 1), "rows": rows})
+
+
+def _closest(q: Tensor) -> Tensor:
+    if q.shape[-2] < 2:
+        return q.new_full(q.shape[:1], torch.inf)
+    i, j = torch.triu_indices(q.shape[-2], q.shape[-2], offset=1)
+    apart = (q[..., i, :] - q[..., j, :]).norm(dim=-1)
+    return apart.nan_to_num(torch.inf).amin((-2, -1))
+
+
+def _seconds(stage: Stage, role: str, episode: int, first: int, between: float) -> dict[str, Any]:
+    dt = between * stage.view.seconds
+    return {"role": role, "episode": episode, "first": first, "dt": dt}
+
+
+def _numbers(x: Tensor) -> list[float | None]:
+    return [v if math.isfinite(v) else None for v in x.double().tolist()]
+
+
+def _at(step: int, text: str) -> str:
+    return f"counted from step {step}: {text}" if step else text
