@@ -126,7 +126,7 @@ class Basis:
         centred = seen.centred(train, test)
         self.values, self.vectors, self.across = centred.values, centred.vectors, centred.across
         self.strengths = STRENGTHS * max(self.values.sum() / len(train), 1e-300)
-        self.blocks = [self._blocks(strength, clips[train]) for strength in self.strengths]
+        self.blocks = list(self._blocks(clips[train]))
 
     def fit(self, targets: Sequence[np.ndarray]) -> list[Fitted]:
         """The readouts of targets ``(n, m)`` each, under one strength for all of its columns."""
@@ -150,20 +150,29 @@ class Basis:
         shrunk = (self.values / (self.values + self.strengths[number]))[:, None] * rotated
         plain = centred - self.vectors @ shrunk
         found = np.empty_like(plain)
-        for index, inverse in self.blocks[number]:
-            found[index] = inverse @ plain[index]
+        for index, inverses in self.blocks:
+            found[index] = inverses[number] @ plain[index]
         return found
 
-    def _blocks(self, strength: float, clips: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For clips of equally many examples: their numbers ``(g, q)``, and ``(I - H)^-1``."""
-        weight = np.sqrt(self.values / (self.values + strength))
-        shrunk, count = self.vectors * weight, len(clips)
-        found = []
+    def _blocks(self, clips: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """For clips of equally many examples: their numbers ``(g, q)``, and ``(I - H)^-1``.
+
+        The latter under every strength, ``(strengths, g, q, q)``.
+        """
+        kept = self.values / (self.values + self.strengths[:, None])
         for index in _alike(clips):
-            rows = shrunk[index]
-            hat = rows @ rows.transpose(0, 2, 1) + 1 / count
-            found.append((index, np.linalg.pinv(np.eye(index.shape[1]) - hat, hermitian=True)))
-        return found
+            rows = self.vectors[index]
+            hats = np.stack([(rows * each) @ rows.transpose(0, 2, 1) for each in kept])
+            hats += 1 / len(clips)
+            yield index, _inverses(np.eye(index.shape[1]) - hats)
+
+
+def _inverses(matrices: np.ndarray) -> np.ndarray:
+    """Of symmetric matrices, without the directions in which they vanish."""
+    values, vectors = np.linalg.eigh(matrices)
+    large = values > 1e-15 * np.abs(values).max(-1, keepdims=True)
+    values = np.divide(1.0, values, out=np.zeros_like(values), where=large)
+    return (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
 
 
 def _alike(clips: np.ndarray) -> Iterator[np.ndarray]:
