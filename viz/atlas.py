@@ -13,6 +13,7 @@ from viz.page import Drawn, inline_svg, write_page
 
 START = "control/"
 FORM = "form/"
+KEPT = "kept/"
 ENDS = ("_low", "_high")
 MAP = "Columns are layers from the first to the last, rows are targets."
 COST = "The line is the front: nothing on it is beaten in both; dotted is what pixels give."
@@ -35,7 +36,8 @@ def write_atlas(run: Path) -> Path:
     layers, spots = read_rows(records)
     fronts = {c["target"]: [tuple(each) for each in c["front"]] for c in said["choices"]}
     best = {c["target"]: (c["encoder"], c["layer"]) for c in said["choices"]}
-    names = _controls(spots)
+    names = _named(START, spots)
+    kept = _named(KEPT, spots)
     told = {
         "title": "What each layer knows",
         "lead": _lead(about["settings"], said, records),
@@ -44,8 +46,8 @@ def write_atlas(run: Path) -> Path:
         "choices": said["choices"],
         "depths": said["depths"],
         "skipped": about["skipped"],
-        "columns": ("target", "encoder", "layer", "read by", "score", "selectivity", *names),
-        "rows": [_row(spot, names) for spot in sorted(spots, key=_in_order)],
+        "columns": ("target", "encoder", "layer", "read by", "score", "selectivity", *names, *kept),
+        "rows": [_row(spot, names, kept) for spot in sorted(spots, key=_in_order)],
     }
     return write_page(run, "atlas.html", told)
 
@@ -100,21 +102,24 @@ def _drawn(run: Path, name: str, figure: Any, caption: str) -> Drawn:
     return inline_svg(path.read_text(encoding="utf-8"), name, caption)
 
 
-def _controls(spots: Sequence[Spot]) -> list[str]:
+def _named(start: str, spots: Sequence[Spot]) -> list[str]:
     metrics = dict.fromkeys(metric for spot in spots for metric in spot.numbers)
-    mine = [m for m in metrics if m.startswith(START) and not m.endswith(ENDS)]
-    return [metric.removeprefix(START) for metric in mine]
+    mine = [m for m in metrics if m.startswith(start) and not m.endswith(ENDS)]
+    return [metric.removeprefix(start) for metric in mine]
 
 
 def _in_order(spot: Spot) -> tuple[str, str, float]:
     return spot.target, spot.encoder, spot.numbers["depth"]
 
 
-def _row(spot: Spot, names: Sequence[str]) -> dict[str, Any]:
+def _row(spot: Spot, names: Sequence[str], kept: Sequence[str]) -> dict[str, Any]:
     cells = [_interval(spot, "score"), _interval(spot, "selectivity")]
     for name in names:
         value = spot.numbers.get(f"{START}{name}")
         cells.append("" if value is None else f"{value:.2f}")
+    for name in kept:
+        bytes_each = spot.numbers.get(f"bytes/{name}")
+        cells.append("" if bytes_each is None else f"{spot.numbers[KEPT + name]:+.3f}")
     return {"words": (spot.target, spot.encoder, spot.layer, _form(spot)), "cells": cells}
 
 

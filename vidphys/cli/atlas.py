@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -47,6 +47,8 @@ class AtlasConfig:
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested, each by a readout that has not seen it.
+        kept: also ask what cheaper ways to keep features cost in accuracy: int8, 4x4 (cells), or
+            4x4-int8.
         store: folder of the feature store; what is missing in it is extracted.
         weights: folder of encoders' weights; else VIDPHYS_WEIGHTS, else the user's cache.
         seed: the first seed, of folds, random weights and draws. Those below 100 are for
@@ -72,6 +74,7 @@ class AtlasConfig:
     each: int = 2
     grid: int = 8
     folds: int = 5
+    kept: tuple[Literal["int8", "4x4", "4x4-int8"], ...] = ()
     store: Path = Path("features")
     weights: Path | None = None
     seed: int = 0
@@ -160,6 +163,7 @@ def _settings(config: AtlasConfig) -> AtlasSettings:
         each=config.each,
         grid=config.grid,
         folds=config.folds,
+        kept=config.kept,
         store=config.store.resolve(),
         weights=config.weights,
         hashes=tuple(dataset.hashes[name] for name in sorted(dataset.hashes)),

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ TIMED_CLIPS, TIMED_ROUNDS = 2, 3
 SCORE, SELECTIVITY, COST = "score", "selectivity", "ms_per_clip"
 ERROR, CHANCE = "error", "chance"  # of each clip
 CALIBRATION, MISCALIBRATION = "calibration", "miscalibration"
+KEPT_AS = "kept/"  # and the way: what the score gains by it
 FORM = "form/"  # and its name: the share of folds in which the readout took it
 MAKERS = ("vidphys.probing.atlas",)
 
@@ -61,6 +62,7 @@ class AtlasSettings:
         each: frames of each clip that are read.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
+        kept: cheaper ways to keep features, whose cost is measured.
         store: folder of the features.
         weights: where those of encoders lie.
         hashes: of the files in ``data``.
@@ -75,14 +77,21 @@ class AtlasSettings:
     each: int
     grid: int
     folds: int
+    kept: tuple[str, ...]
     store: Path
     weights: Path | None
     hashes: tuple[str, ...]
 
     @property
     def shown(self) -> Folder:
-        """The clips."""
-        return Folder(self.data, self.selection, self.each)
+        """The clips, which the units that a process does one after the other decode once."""
+        return _shown(self.data, self.selection, self.each, self.hashes)
+
+
+@lru_cache(1)
+def _shown(data: Path, selection: ClipSelection, each: int, hashes: tuple[str, ...]) -> Folder:
+    # hashes: so that clips which have changed are decoded anew
+    return Folder(data, selection, each)
 
 
 @dataclass(frozen=True)
@@ -121,7 +130,7 @@ def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) 
     if not labels:
         raise InputError(f"{settings.data}: nothing can be learned: {skipped}")
     clips = np.arange(shown.count).repeat(settings.each)
-    asked = Asked(labels, clips, unit.seed, settings.folds, readout)
+    asked = Asked(labels, clips, unit.seed, settings.folds, readout, settings.kept)
     report(f"{unit.part}: pixels", 0, 1)
     pixels = asked.sums(asked.read(pixels_of(shown)))
     views = _views(shown, encoder, unit, settings, report)
@@ -188,6 +197,9 @@ def _record(recorder: Recorder, unit: AtlasUnit, finding: Finding) -> None:
             one.add_value(metric, value)
     for form, folds in finding.forms.items():
         one.add_value(f"{FORM}{form}", folds / sum(finding.forms.values()))
+    for name, (gain, bytes_each) in finding.kept.items():
+        _interval(one, f"{KEPT_AS}{name}", gain)
+        one.add_value(f"bytes/{name}", bytes_each)
     one.add_episodes(ERROR, torch.from_numpy(finding.sums.error))
     one.add_episodes(CHANCE, torch.from_numpy(finding.sums.chance))
 
@@ -235,6 +247,7 @@ def settings_of(
         "each": settings.each,
         "grid": settings.grid,
         "folds": settings.folds,
+        "kept": list(settings.kept),
         "sha256": list(settings.hashes),
         "sources": ENCODERS.sources(*encoders),
     }

@@ -95,12 +95,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Depth:
-    """Whether a target is known in the middle of an encoder, and less before and after.
+    """Whether a target is known in the middle of an encoder, and neither before nor after.
 
     Args:
         target, encoder: of which.
         difference: the best score in the middle third less the best outside of it.
-        verdict: shown, refuted or not decided.
+        verdict: refuted where a layer outside of the middle surely knows it, above every rival;
+            shown where none does, and the middle does and is surely better; else not decided.
         sentence: in words.
     """
 
@@ -268,15 +269,17 @@ def _depth(inside: Sequence[Place], outside: Sequence[Place]) -> Depth:
     middle, rest = (
         np.max([draws.draws(place.sums) for place in some], 0) for some in (inside, outside)
     )
-    best, other = (max(some, key=lambda p: p.score.value) for some in (inside, outside))
+    best = max(inside, key=lambda p: p.score.value)
+    known = [p for p in outside if p.sure]
+    other = max(known or outside, key=lambda p: p.score.value)
     low, high = np.percentile(middle - rest, [(100 - LEVEL) / 2, (100 + LEVEL) / 2])
-    difference = Score(best.score.value - other.score.value, float(low), float(high))
-    refuted = high < 0 and other.score.low > 0
-    verdict = SHOWN if low > 0 and best.sure else REFUTED if refuted else OPEN
+    most = max(p.score.value for p in outside)
+    difference = Score(best.score.value - most, float(low), float(high))
+    verdict = REFUTED if known else SHOWN if low > 0 and best.sure else OPEN
     sentence = (
         f"{best.target} in the middle of {best.encoder} alone: {verdict} (layer {best.layer} "
-        f"{best.score.value:.2f}, elsewhere at best {other.score.value:.2f} at layer "
-        f"{other.layer}; difference {difference})"
+        f"{best.score.value:.2f}, selectivity {best.selectivity}; elsewhere layer {other.layer} "
+        f"{other.score.value:.2f}, selectivity {other.selectivity}; difference {difference})"
     )
     return Depth(best.target, best.encoder, difference, verdict, sentence)
 

@@ -12,6 +12,7 @@ from vidphys.probing.coding import coded, decoded
 from vidphys.probing.confidence import calibration_error
 from vidphys.probing.controls import CONSTANT, CONTROLS, PERMUTED
 from vidphys.probing.folds import CrossValidation, Predictions, Question, fold_of
+from vidphys.probing.keeping import KEPT
 from vidphys.probing.readouts import Readout
 from vidphys.probing.scores import Bootstrap, Score, Sums, sums_of
 from vidphys.probing.targets import Labels
@@ -35,6 +36,8 @@ class Finding:
             ``None`` of others.
         forms: of the features, and in how many folds the readout took each.
         sums: of the score, for further comparisons.
+        kept: by the cheaper way to keep the features, what the score gains by it (mostly less
+            than zero), and the bytes an example takes; see :mod:`vidphys.probing.keeping`.
     """
 
     layer: str
@@ -48,6 +51,7 @@ class Finding:
     miscalibration: float | None
     forms: Mapping[str, int]
     sums: Sums
+    kept: Mapping[str, tuple[Score, int]]
 
     @property
     def form(self) -> str:
@@ -65,6 +69,7 @@ class Asked:
         seed: of the folds and all draws.
         folds: in which all clips are tested.
         readout: of maps; see :data:`READOUTS`.
+        kept: of :data:`KEPT`, whose cost is measured.
     """
 
     targets: Sequence[Labels]
@@ -72,6 +77,7 @@ class Asked:
     seed: int
     folds: int
     readout: Readout
+    kept: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -121,6 +127,8 @@ def findings_of(
         name: own if other is maps else asked.sums(asked.read(other))
         for name, other in others.items()
     }
+    cheaper = {name: asked.sums(asked.read(KEPT[name].keep(maps))) for name in asked.kept}
+    shape = maps.shape[1], maps.shape[2], maps.shape[3]
     controls |= {name: list(sums) for name, sums in given.items()}
     controls |= {name: asked.sums(said, name) for name in (PERMUTED, CONSTANT)}
     draws, found = Bootstrap(asked.count, asked.seed), []
@@ -140,6 +148,10 @@ def findings_of(
                 _miscalibration(labels, said[k]),
                 said[k].forms,
                 own[k],
+                {
+                    name: (draws.difference(sums[k], own[k]), KEPT[name].bytes(*shape))
+                    for name, sums in cheaper.items()
+                },
             )
         )
     return found

@@ -115,9 +115,7 @@ class CrossValidation:
     @cached_property
     def found(self) -> list[Predictions]:
         """The answers, which are filled in fold by fold."""
-        return [
-            Predictions(*(np.zeros(each.values.shape) for _ in range(4))) for each in self.questions
-        ]
+        return [Predictions.like(each.values) for each in self.questions]
 
     def each_fold(self) -> Iterator[Fold]:
         """All folds; what is said without looking is filled in.

@@ -27,7 +27,8 @@ def clips(tmp_path_factory):
 
 
 def run_atlas(clips, out, *encoders):
-    config = AtlasConfig(clips, out=out, store=out.with_name("features"), targets=TARGETS)
+    features = out.with_name("features")
+    config = AtlasConfig(clips, out=out, store=features, targets=TARGETS, kept=("int8",))
     settings = _settings(config)
     reports = []
     run = RunFolder.open(out, settings_of(settings, encoders, [0]))
@@ -52,6 +53,7 @@ def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells, monkeypatc
     rows = pq.read_table(run.path / "records.parquet").to_pylist()
     metrics = {r["metric"] for r in rows if r["cell"].startswith("others/4/position")}
     assert {"score", "score_low", "selectivity_high", "depth", "calibration"} <= metrics
+    assert {"kept/int8", "kept/int8_high", "bytes/int8"} <= metrics
     assert metrics & {"form/cells", "form/pooled", "form/softmax"}
     controls = {m for m in metrics if m.startswith("control/") and not m.endswith(("low", "high"))}
     assert len(controls) == 7
@@ -77,6 +79,8 @@ def test_features_come_from_the_store_the_second_time(clips, tmp_path, cells):  
     run_atlas(clips, tmp_path / "one", "cells")
     _, reports = run_atlas(clips, tmp_path / "two", "cells")
     assert not [name for name, _, _ in reports if name.endswith(("clips", "random-weights"))]
+    clips_of = _settings(AtlasConfig(clips, out=tmp_path / "one")).shown
+    assert clips_of is _settings(AtlasConfig(clips, out=tmp_path / "two")).shown
     tables = [
         pq.read_table(tmp_path / name / "parts" / "cells-s0.episodes.parquet")
         for name in ("one", "two")

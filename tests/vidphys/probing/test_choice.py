@@ -66,15 +66,20 @@ def test_the_front_has_what_nothing_beats():
 
 @pytest.mark.parametrize(
     ("scores", "verdict"),
-    [((0.2, 0.8, 0.3), "shown"), ((0.2, 0.5, 0.9), "refuted"), ((0.2, 0.55, 0.54), "not decided")],
+    [((0.2, 0.8, 0.3), "shown"), ((0.2, 0.5, 0.9), "refuted"), ((0.2, 0.8, 0.6), "refuted")],
 )
-def test_the_middle_is_judged_by_the_interval_of_the_difference(scores, verdict):
+def test_the_middle_is_alone_where_no_other_layer_surely_knows_it(scores, verdict):
     layers = [
         place(str(k) * (k + 1), score, depth=k / 2, noise=0.3) for k, score in enumerate(scores)
     ]
     (found,) = depths_of(layers)
     assert found.verdict == verdict and verdict in found.sentence
     assert found.difference.low <= found.difference.value <= found.difference.high
+
+
+def test_a_middle_that_is_hardly_better_is_not_alone():
+    layers = [place("1", 0.1), place("22", 0.31, 0.5, noise=0.5), place("3", 0.3, 1.0, noise=0.5)]
+    assert depths_of(layers)[0].verdict == "not decided"
 
 
 def test_a_middle_that_is_not_above_its_controls_shows_nothing():

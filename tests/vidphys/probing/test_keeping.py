@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+import torch
+
+from vidphys.probing.findings import Asked, findings_of
+from vidphys.probing.keeping import KEPT
+from vidphys.probing.readouts import Linear
+from vidphys.probing.targets import Labels
+
+
+def maps_of(count=80, side=8):
+    return torch.randn(count, 3, side, side, generator=torch.Generator().manual_seed(0))
+
+
+@pytest.mark.parametrize("loud", [1e-3, 1.0, 100.0])
+def test_eight_bits_err_by_half_a_step_of_each_channel(loud):
+    maps = maps_of() * torch.tensor([1.0, 50.0, 1e-3]).reshape(1, 3, 1, 1) * loud
+    step = maps.abs().amax((-2, -1), keepdim=True) / 127
+    error = (KEPT["int8"].keep(maps.half()) - maps.half().float()).abs()
+    loud_enough = step > 1e-4  # of what a float16 holds in full
+    assert (error <= 0.51 * step)[loud_enough.expand_as(error)].all()
+    assert (error > 0.4 * step)[loud_enough.expand_as(error)].any()
+
+
+def test_a_silent_channel_stays_silent():
+    assert KEPT["int8"].keep(torch.zeros(1, 2, 3, 3)).eq(0).all()
+
+
+def test_what_is_kept_takes_as_many_bytes_as_said():
+    maps = maps_of()
+    cells = KEPT["4x4"].keep(maps)
+    assert cells.shape == (80, 3, 4, 4)
+    assert cells[0, 0, 0, 1] == pytest.approx(float(maps[0, 0, :2, 2:4].mean()), abs=1e-6)
+    bytes_of = {name: keeping.bytes(3, 8, 8) for name, keeping in KEPT.items()}
+    assert bytes_of == {"int8": 3 * 66, "4x4": 3 * 16 * 2, "4x4-int8": 3 * 18}
+    assert KEPT["4x4"].bytes(3, 2, 8) == 2 * 3 * 2 * 4
+
+
+def test_the_cost_of_each_is_measured_where_it_lies():
+    """One number stands in a single cell, another in all cells of a quarter."""
+    maps = maps_of()
+    fine, coarse = maps[:, 0, 3, 5], maps[:, 1, :4, :4].mean((-2, -1))
+    values = [part.double().numpy()[:, None] for part in (fine, coarse)]
+    targets = [Labels(n, "regression", "frame", v) for n, v in zip("fc", values, strict=True)]
+    asked = Asked(targets, np.arange(80), 0, 4, Linear(("cells",)), tuple(KEPT))
+    one, other = findings_of("1", 0.0, 10 * maps, {}, {}, asked)
+    assert one.kept["4x4"][0].high < -0.1 and abs(one.kept["int8"][0].value) < 0.02
+    assert other.kept["4x4"][0].low > -0.02
+    assert {name: bytes_each for name, (_, bytes_each) in one.kept.items()} == {
+        name: keeping.bytes(3, 8, 8) for name, keeping in KEPT.items()
+    }
