@@ -3,7 +3,7 @@
 ::
 
     STORE/shards/<name>/000012/entries.bin      tensors of the twelfth part, as in any shard
-    STORE/shards/<name>/000012/manifest.json    what is in it, under a seal
+    STORE/shards/<name>/000012/manifest.jsonl   what is in it: a head with a hash of the rest, rows
     STORE/shards/<name>.sqlite                  the index of all parts; with it they can be read
 
 A part comes into its place by renaming a folder that is whole, which fails where one is there: the
@@ -13,6 +13,7 @@ their order, so that it is the same whoever builds it.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -32,9 +33,8 @@ from encoders.manifests import FeatureRequest, StaleFeatures
 from encoders.placing import place, placed
 from encoders.shards import ENTRIES, aligned
 from encoders.store import FeatureStore
-from registry.seal import is_sealed, sealed
 
-MANIFEST = "manifest.json"
+MANIFEST = "manifest.jsonl"
 SCHEMA_VERSION = 1
 HELD = 2**24  # bytes of an entry that is being filled, beyond which it is a temporary file
 COPIED = 2**20  # bytes at once
@@ -56,7 +56,7 @@ class Part:
 
     def __init__(self, store: FeatureStore, folder: Path) -> None:
         self.store, self.folder = store, folder
-        self._rows: dict[str, dict[str, Any]] = {}
+        self._rows: dict[str, tuple[str | int, ...]] = {}
 
     def __enter__(self) -> Part:
         self.folder.mkdir(parents=True)
@@ -102,7 +102,8 @@ class Part:
                 entry.file.seek(0)
                 begun = aligned(self._file)
                 shutil.copyfileobj(entry.file, self._file, COPIED)
-                self._rows[request.key] = {"place": begun, "manifest": manifest}
+                row = as_row(request.key, 0, begun, manifest["bytes"], manifest)
+                self._rows[request.key] = row
 
         return Entries(files, keep, stack.close)
 
@@ -113,10 +114,10 @@ class Part:
             to: its folder there.
             about: what else its manifest is to say.
         """
-        entries = [{"key": key, **row} for key, row in self._rows.items()]
-        said = sealed({"schema_version": SCHEMA_VERSION, "about": dict(about), "entries": entries})
+        rows = "".join(json.dumps(row) + "\n" for row in self._rows.values()).encode()
+        head = {"schema_version": SCHEMA_VERSION, "about": dict(about), "sha256": _hash(rows)}
         with placed(self.folder / MANIFEST) as partial:
-            partial.write_text(json.dumps(said), encoding="utf-8")
+            partial.write_bytes(json.dumps(head).encode() + b"\n" + rows)
         self._file.flush()
         os.fsync(self._file.fileno())
         try:
@@ -128,23 +129,23 @@ class Part:
         return True
 
 
-def read_part(folder: Path) -> dict[str, Any]:
-    """What the manifest of a part says: ``about`` and ``entries``.
+def read_part(folder: Path) -> tuple[dict[str, Any], list[Any]]:
+    """What the manifest of a part says about it, and its rows.
 
     Raises:
         StaleFeatures: it is damaged.
     """
     path = folder / MANIFEST
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-        good = said["schema_version"] == SCHEMA_VERSION and is_sealed(said, must=True)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        good = False
-    if not good:
+        first, _, rows = path.read_bytes().partition(b"\n")
+        head = json.loads(first)
+        if head["schema_version"] != SCHEMA_VERSION or head["sha256"] != _hash(rows):
+            raise ValueError("it does not fit its hash")
+        return head["about"], [json.loads(row) for row in rows.splitlines()]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StaleFeatures(
-            f"feature store: {path} is damaged or was edited; delete {folder} to extract it again"
-        )
-    return said
+            f"feature store: {path} is damaged ({error}); delete {folder} to extract it again"
+        ) from error
 
 
 def join(folder: Path, parts: int, scratch: Path) -> Iterator[Mapping[str, Any]]:
@@ -166,16 +167,15 @@ def join(folder: Path, parts: int, scratch: Path) -> Iterator[Mapping[str, Any]]
     with closing(sqlite3.connect(address, uri=True)) as database:
         database.executescript(f"PRAGMA journal_mode=OFF; PRAGMA synchronous=OFF; {TABLE}")
         for number in range(parts):
-            said = read_part(folder / f"{number:06d}")
-            database.executemany(PUT, (_row(number, entry) for entry in said["entries"]))
+            about, rows = read_part(folder / f"{number:06d}")
+            database.executemany(PUT, ((key, number, *rest) for key, _, *rest in rows))
             database.commit()
-            yield said["about"]
+            yield about
         database.execute(ONCE)
         database.commit()
         database.executescript(LOOKED_UP)
     place({scratch: folder.with_name(f"{folder.name}.sqlite")})
 
 
-def _row(number: int, entry: dict[str, Any]) -> tuple[str | int, ...]:
-    manifest = entry["manifest"]
-    return as_row(entry["key"], number, entry["place"], manifest["bytes"], manifest)
+def _hash(rows: bytes) -> str:
+    return hashlib.sha256(rows).hexdigest()

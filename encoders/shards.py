@@ -108,7 +108,7 @@ class Shards:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         count = 0
-        with self._alone(), closing(self._open(self._index(OWN))) as database:
+        with self.alone(), closing(self._open(self._index(OWN))) as database:
             database.executescript(TABLE + LOOKED_UP)
             number, file = self._last()
             try:
@@ -168,6 +168,13 @@ class Shards:
         values, times = (_tensor(whole[begin:], about[name]) for name in ("values", "times"))
         return values, times
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """While no other process changes what is here."""
+        with (self.folder / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
     def _indexes(self) -> list[Index]:
         """The own one first; looked for again whenever a name in the folder changed."""
         try:
@@ -193,7 +200,7 @@ class Shards:
         gone = 0
         if not self._indexes():
             return 0
-        with self._alone():
+        with self.alone():
             for index in self._indexes():
                 if not index.frozen:
                     gone += self._deleted(index.path, which, values)
@@ -241,13 +248,6 @@ class Shards:
         """The shard that is appended to."""
         number = max((int(file.stem) for file in self.folder.glob("*.bin")), default=0)
         return number, self._shard(number).open("ab")
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """While no other process changes what is here."""
-        with (self.folder / "lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
 
 
 def aligned(file: BinaryIO) -> int:

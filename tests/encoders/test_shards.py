@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import multiprocessing
 import os
 import sqlite3
@@ -12,30 +11,9 @@ import pytest
 import torch
 
 from encoders import shards as module
-from encoders.features import FeatureMap
-from encoders.identity import EncoderIdentity
-from encoders.store import FeatureRequest, FeatureStore, StaleFeatures
+from encoders.store import FeatureStore, StaleFeatures
+from tests.shared.stored import TIMES, fill, made, request
 from vidphys.cli import main
-
-IDENTITY = EncoderIdentity("fake", 1, "a" * 64, "none", "8", 128, "float32")
-TIMES = torch.tensor([0.0, 0.1], dtype=torch.float64)
-
-
-def request(number, dtype="float32", **identity):
-    encoder = dataclasses.replace(IDENTITY, **identity)
-    return FeatureRequest(encoder, f"{number:064x}", (0, 1), (0.0, 0.1), (48, 32), dtype)
-
-
-def made(number):
-    rng = torch.Generator().manual_seed(number)
-    return FeatureMap(torch.randn(1, 2, 5, 4, 2, generator=rng), (12.0, 16.0), TIMES)
-
-
-def fill(folder, numbers, **identity):
-    store = FeatureStore(folder)
-    for number in numbers:
-        store.write(request(number, **identity), "clip.mp4", made(number))
-    return store
 
 
 def files(store):
@@ -208,5 +186,10 @@ def test_the_verb(tmp_path, capsys):
     assert main(["store", "delete", str(tmp_path / "s")]) == 2
     assert main(["store", "list", str(tmp_path / "none")]) == 2
     assert "is no feature store" in capsys.readouterr().err
+    key = request(1).key
+    assert main(["store", "delete", str(tmp_path / "s"), "--key", key]) == 0
+    assert not FeatureStore(tmp_path / "s").has(request(1))
+    assert main(["store", "delete", str(tmp_path / "s"), "--key", key]) == 2
+    assert "no entry" in capsys.readouterr().err
     assert main(["store", "delete", str(tmp_path / "s"), "--encoder", "fake"]) == 0
-    assert "3 entries of fake were deleted" in capsys.readouterr().out
+    assert "2 entries of fake were deleted" in capsys.readouterr().out

@@ -1,39 +1,48 @@
-"""``vidphys store``: what a feature store holds; pack it, check it, take an encoder out of it."""
+"""``vidphys store``: what a feature store holds; pack, check, thin out and copy it."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from encoders.store import FeatureStore
 from vidphys.errors import InputError
 
+if TYPE_CHECKING:
+    from encoders.remote import Remote
+
 
 @dataclass(frozen=True)
 class StoreConfig:
-    """List, pack, check or thin out a feature store.
+    """List, pack, check, thin out or copy a feature store.
 
     Example: vidphys store list features
 
     Args:
         action: list what is there by encoder and layer; pack entries that are files of their own
             into shards, which also brings older stores to the present layout; check all hashes;
-            delete what an encoder made, or one entry, so that the next extraction makes it again.
+            delete what an encoder made, or one entry, so that the next extraction makes it again;
+            push to a URL what is not there yet, or pull from it what is not here.
         folder: of the store.
         encoder: with delete: whose entries.
         layer: with delete: of this layer only.
         key: with delete: this entry only, as a check names it.
+        url: with push and pull: a folder of an object store (s3://bucket/features, for which the
+            extra s3 is installed), or any other that fsspec knows.
     """
 
-    action: Annotated[Literal["list", "pack", "check", "delete"], tyro.conf.Positional]
+    action: Annotated[
+        Literal["list", "pack", "check", "delete", "push", "pull"], tyro.conf.Positional
+    ]
     folder: Annotated[Path, tyro.conf.Positional]
     encoder: str | None = None
     layer: str | None = None
     key: str | None = None
+    url: str | None = None
 
 
 def store(config: StoreConfig) -> int:
@@ -42,7 +51,11 @@ def store(config: StoreConfig) -> int:
     Raises:
         InputError: no store there, an encoder to delete that is not named, or a damaged entry.
     """
-    if not any((config.folder / part).is_dir() for part in ("entries", "shards")):
+    if (config.url is not None) != (config.action in ("push", "pull")):
+        raise InputError("store: --url goes with push and pull, which need it")
+    if config.action != "pull" and not any(
+        (config.folder / part).is_dir() for part in ("entries", "shards")
+    ):
         raise InputError(f"store: {config.folder} is no feature store; `vidphys extract` makes one")
     asked = (config.encoder is not None) + (config.key is not None)
     if asked != (config.action == "delete"):
@@ -91,4 +104,30 @@ def _delete(kept: FeatureStore, config: StoreConfig) -> int:
     return 0
 
 
-_ACTIONS = {"list": _list, "pack": _pack, "check": _check, "delete": _delete}
+def _push(kept: FeatureStore, config: StoreConfig) -> int:
+    copied = _remote(config).push(kept)
+    print(f"{copied / 2**20:.3g} MiB of {config.folder} were copied to {config.url}")
+    return 0
+
+
+def _pull(kept: FeatureStore, config: StoreConfig) -> int:
+    copied = _remote(config).pull(kept)
+    print(f"{copied / 2**20:.3g} MiB of {config.url} were copied to {config.folder}")
+    return 0
+
+
+def _remote(config: StoreConfig) -> Remote:
+    from encoders.remote import Remote
+
+    assert config.url is not None
+    return Remote(config.url)
+
+
+_ACTIONS = {
+    "list": _list,
+    "pack": _pack,
+    "check": _check,
+    "delete": _delete,
+    "push": _push,
+    "pull": _pull,
+}

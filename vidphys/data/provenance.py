@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,17 @@ def decoder_of(path: Path) -> str:
         return next((f"{name} data set" for name, each in SETS.items() if each is kind), "")
     clip = format_of(path, ClipFormat) or VIDEO
     if clip is VIDEO:
-        found = (name for name in ("opencv-python-headless", "opencv-python") if _installed(name))
-        name = next(found, "")
-        return f"OpenCV {importlib.metadata.version(name) if name else ''}".strip()
+        return _opencv()
     name = next(name for name, each in FORMATS.items() if each is clip)
     return f"{name} ({FORMATS.source(name)})"
+
+
+@cache
+def _opencv() -> str:
+    """Looking up a version reads files, for each of a million clips."""
+    found = (name for name in ("opencv-python-headless", "opencv-python") if _installed(name))
+    name = next(found, "")
+    return f"OpenCV {importlib.metadata.version(name) if name else ''}".strip()
 
 
 def _installed(distribution: str) -> bool:
