@@ -38,3 +38,26 @@ def test_a_law_is_believed_by_its_share_and_by_what_it_foretells(
 def test_what_is_left_counts_as_noise_only_where_the_law_has_all_of_the_motion() -> None:
     assert judge(0.995, 0.1, 0.5, tail(0.25)).horizon == pytest.approx(TIMES[-1])
     assert judge(0.95, 0.1, 0.5, tail(0.25)).horizon == 0.0
+
+
+@pytest.mark.parametrize(
+    ("off", "status"),
+    [
+        ([(4, 7, 0.22)], MOSTLY),  # beyond a tenth of the spread in three frames of forty
+        ([(4, 9, 0.22)], NOT),  # in five
+        ([(2, 7, 0.12), (38, 40, 0.22)], NOT),  # in three, with the last: does it come back?
+    ],
+)
+def test_a_law_that_is_off_for_a_few_frames_and_comes_back_is_mostly_right(off, status) -> None:
+    held = tail(0.0)
+    model = held.forecasts["model"].copy()
+    for first, stop, by in off:
+        model[first:stop, :, 0] += by
+    forecasts = {**held.forecasts, "model": model}
+    found = judge(
+        0.9999,
+        0.001,
+        1.0,
+        Validation(held.times, held.seen, forecasts, {**held.errors, "model": 0.1}),
+    )
+    assert found.status == status and found.horizon < TIMES[-1] / 3

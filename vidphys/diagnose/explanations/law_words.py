@@ -22,6 +22,7 @@ BY = {
     "trap": "about a place that it is pulled back to, as a spring does",
     "pendulum": "as a pendulum",
     "chain": "as two rods that hang end on end",
+    "centre": "a fixed place pushes it away, by a power of the distance",
 }
 LOSES = {
     "linear": "friction goes with its speed",
@@ -34,6 +35,7 @@ SHORT = {
     "dry": "dry friction",
     "uniform": "constant acceleration",
     "trap": "spring to a place",
+    "centre": "a fixed place that pushes or pulls",
 }
 CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
 
@@ -51,6 +53,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     who = " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
     moves = _where(fit) if len(named) == 1 else _plural(_where(fit))
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
+    if fit.numbers.get("strength", (0.0, 0.0))[0] < 0:
+        how[0] = how[0].replace("pushes it away", "pulls it")
     if fit.driven:
         how[1] = "something drives it"
     if law.inputs and fit.clips[0].inputs is not None:
@@ -58,6 +62,7 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     if law.walls:
         it = "they bounce" if len(group.bodies) > 1 else "it bounces"
         how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")
+        how += ["it spins, and is gripped there"] if law.spins else []
     if law.coupled:
         how.append("springs hold the bodies together")
     if "collision" in law.kinds:

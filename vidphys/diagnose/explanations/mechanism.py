@@ -13,7 +13,7 @@ from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
 from vidphys.diagnose.explanations.law_words import CLEAR, rivals, told, what_is_left
 from vidphys.diagnose.explanations.scene import as_scene
-from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict, judge
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NEAR, NOT, Verdict, judge
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
@@ -97,10 +97,12 @@ class ByMechanism(Explanation):
     @cached_property
     def verdict(self) -> Verdict:
         found = self.mechanism
+        tail = self.forecast()
         straight = found.kinds == {"collision"}
-        judged = judge(
-            found.share, found.left, found.spread, self.forecast(), self._period, straight
-        )
+        if "centre" in found.kinds and tail is not None:  # far from the place it goes straight on
+            apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
+            straight = bool(np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread)
+        judged = judge(found.share, found.left, found.spread, tail, self._period, straight)
         return replace(judged, status=NOT) if self.impossible else judged
 
     @property
@@ -131,6 +133,8 @@ class ByMechanism(Explanation):
             out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:
             out.append("No model of it is written: give the body next to the pivot first.")
+        if "centre" in self.mechanism.kinds:
+            out.append("No model of it is written: no term has a fixed place that pushes or pulls.")
         return out
 
     @property
@@ -185,6 +189,9 @@ class ByMechanism(Explanation):
         if isinstance(chart, Arc):
             pivot = chart.pivot(fit.geometry[0])
             held["pivot"] = [self.told_in.told(float(x), 1) for x in pivot]
+        if fit.model.law.restoring == "centre":
+            place = [fit.numbers[f"centre {i + 1}"][0] for i in range(chart.size)]
+            held["centre"] = [self.told_in.told(x, 1) for x in fit.shown(np.array([place]))[0, 0]]
         return held
 
     def numbers(self) -> dict[str, float]:
@@ -216,10 +223,11 @@ class ByMechanism(Explanation):
         """Each law that may be asked for, from the last fitted frame on."""
         times = self.motion.times[-1]
         stop, last = times[min(self.end, len(times)) - 1], times[-1]
-        out = {}
+        out, spins = {}, any(group.fit.model.law.spins for group in self.mechanism.groups)
         for name, factor in asked_of(self.mechanism).items():
-            # What collisions do with other masses is seen from before they happen.
-            again = any(key.startswith("mass") for key in factor)
+            # What collisions do with other masses is seen from before they happen, and a spin is
+            # known at the beginning.
+            again = spins or any(key.startswith("mass") for key in factor)
             start = times[self.mechanism.first] if again else stop
             since = np.linspace(0, last - start + 0.3 * (stop - times[0]), SAMPLES)
             parts = {}
@@ -238,7 +246,7 @@ class ByMechanism(Explanation):
     def specification(self) -> dict[str, Any] | None:
         return (
             None
-            if self._from_below
+            if self._from_below or "centre" in self.mechanism.kinds
             else as_scene(self.whole, self.motion.interval, self.verdict, self.motion.space)
         )
 

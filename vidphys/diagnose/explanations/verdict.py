@@ -15,6 +15,7 @@ ALL, MOST = 0.99, 0.9  # shares of the fitted motion
 LONG = 1 / 3  # of the frames held out, that must be foretold
 AS_GOOD = 1.2  # times the best simple forecast's error; a constant pull is one of those
 SWINGS = 2.0  # or so many, where motion is chaotic
+FOUND_AGAIN = 0.9  # or more of those frames, with the last ones: beside a bounce that comes early
 AVERAGED = 5  # frames, over which a forecast's error is taken
 
 
@@ -29,6 +30,7 @@ class Verdict:
         horizon: seconds of the held-out frames that are foretold; ``None`` where none were held
             out.
         held_out: seconds of them.
+        missed: share of the held-out frames that show bodies and are not foretold.
     """
 
     status: str
@@ -36,6 +38,7 @@ class Verdict:
     left: float
     horizon: float | None
     held_out: float
+    missed: float = 0.0
 
 
 def judge(
@@ -69,6 +72,8 @@ def judge(
     lost = np.flatnonzero(miss > near)
     held_out = float(tail.times[-1] - tail.times[0])
     horizon = float(tail.times[lost[0]] - tail.times[0]) if len(lost) else held_out
+    missed = float((miss[bodies > 0] > near).sum() / max((bodies > 0).sum(), 1))
+    again = missed < 1 - FOUND_AGAIN and not (miss[-AVERAGED:] > near).any()
     upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
     rivals = {"persistence"} if straight else tail.forecasts.keys() - {"model"}
     own = _rms(tail.forecasts["model"][:upto] - tail.seen[:upto])
@@ -76,14 +81,14 @@ def judge(
     better = own < max(AS_GOOD * min(others), enough)
     best = min(tail.errors[name] for name in rivals)
     to_the_end = tail.errors["model"] < max(AS_GOOD * best, enough)
-    far = to_the_end and horizon >= LONG * held_out
+    far = to_the_end and (again or horizon >= LONG * held_out)
     if share >= ALL and horizon >= held_out and better:
         status = EXPLAINED
     elif share >= MOST and better and (far or horizon >= SWINGS * period):
         status = MOSTLY
     else:
         status = NOT
-    return Verdict(status, share, left, horizon, held_out)
+    return Verdict(status, share, left, horizon, held_out, missed)
 
 
 def _rms(miss: np.ndarray) -> float:

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import FRICTIONS
+from vidphys.diagnose.mechanisms.spin import spun
 from vidphys.diagnose.mechanisms.walled import walled
 
 FAR = 100.0  # of log likelihood: a base that is so much worse than the best has no friction tried
@@ -59,7 +61,14 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
             found += [started, *_variants(clips, started, camera)]
         else:
             found.append(base)
-    return ranked(_near_surely([x for x in found if makes_sense(x)]))
+    sensible = ranked(_near_surely([x for x in found if makes_sense(x)]))
+    if not sensible:
+        return []
+    spinning = spun(clips, sensible[0])
+    others = [spinning] if spinning is not None and makes_sense(spinning) else []
+    if not angles and sensible[0].errors.smooth > sensible[0].errors.white:  # something is left
+        others += [pictured(clips, x) if camera else x for x in centred(clips)]
+    return ranked([*sensible, *others])
 
 
 def pictured(clips: Sequence[Frames], base: Fit) -> Fit:
@@ -173,6 +182,8 @@ def makes_sense(found: Fit) -> bool:
             return False
         if name.startswith("restitution") and not (0 <= value < 1 + 2 * error and error < VAGUE):
             return False
+        if name.startswith("grip") and not abs(value) < 1 + 2 * error:
+            return False
         if name == "linear" and value < 0:  # a drive, which the menu tells of
             return False
-    return _pulls_back(found)
+    return _pulls_back(found) and told(found)

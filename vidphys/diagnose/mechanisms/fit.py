@@ -22,6 +22,7 @@ BEHIND = 25.0  # times the best law's cost, from which another one is dropped
 HELD = 0.003  # of the spread: what moving a wall by a spread costs, or a view by what is usual
 TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is dropped
 MOST = 1e6  # times the spread, by which a law that flew apart counts as missing a frame
+PURE = ("restitution", "along", "grip", "spin", "turn", "mass", "rub", "steeper")  # of no unit
 SOFT = 0.03  # of the spread: errors beyond count by their size while a fit begins
 
 
@@ -93,7 +94,7 @@ def _held(model: Model, count: int, scale: float) -> np.ndarray:
     for i, name in enumerate(model.law.names):
         if name.startswith(("wall", "reach")):
             held[i] = HELD / (1.0 if model.charts[0].name in ("arc", "angle") else scale)
-        elif name.startswith(("restitution", "along", "turn", "mass", "rub")):
+        elif name.startswith(PURE):
             held[i] = HELD
         elif name in view.NAMES:
             held[i] = HELD / view.USUAL[view.NAMES.index(name)]

@@ -12,9 +12,10 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.recordings.inputs import Signal
 
-RESTORING = ("none", "uniform", "trap", "pendulum", "chain")
+RESTORING = ("none", "uniform", "trap", "pendulum", "chain", "centre")
 FRICTIONS = ("none", "linear", "square", "dry", "linear+dry", "linear+square")
 RATES = ("linear", "square", "dry")  # the order in which the kernel takes them
+COULOMB = 2.0  # the power of the distance, as of gravity
 FINE = 0.15  # radians of the fastest motion that one step turns at most
 NEAREST = 0.02  # of its first distance, that a body comes to the camera at most
 STEPS = (1, 64)  # in a frame, at least and at most
@@ -48,12 +49,16 @@ class Law:
     Args:
         coordinates: k.
         restoring: of :data:`RESTORING`; a uniform field, a trap about any centre, what an angle
-            hangs in, or two rods that hang end on end, by their angles.
+            hangs in, two rods that hang end on end, by their angles, or a fixed place that pushes
+            or pulls by a power of the distance.
         friction: of :data:`FRICTIONS`.
         apart: each coordinate has its own trap, or swing, and its own friction.
         coupled: springs between all pairs of coordinates, where they are apart.
         inputs: how many are known that push the one coordinate, each by a gain times its value.
         walls: that there are.
+        turned_at: where a fixed place that pushes or pulls has its strength, ``(k,)``.
+        spins: the body is a ball that walls may grip, in the plane; its spin at first is told as
+            the speed of its surface over that of its middle.
         nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
             distance from the middle grows as 1 / (1 - nearing t).
         pictured: a camera sees the plane of motion slightly askew; see :mod:`.view`.
@@ -66,6 +71,8 @@ class Law:
     coupled: bool = False
     inputs: int = 0
     walls: tuple[Wall, ...] = ()
+    turned_at: tuple[float, ...] = ()
+    spins: bool = False
     nears: bool = False
     pictured: bool = False
 
@@ -83,6 +90,8 @@ class Law:
             names += [f"swing{x}" for x in each]
         if self.restoring == "chain":
             names += ["link", "inertia"]
+        if self.restoring == "centre":
+            names += ["strength", "steeper", *(f"centre {i + 1}" for i in range(k))]
         if self.coupled:
             names += [f"coupling {i + 1}" for i in range(k)]
         if self.friction != "none":
@@ -91,10 +100,17 @@ class Law:
         names += ["nearing"] if self.nears else []
         for number, wall in enumerate(self.walls, 1):
             names += [f"wall {number}", f"restitution {number}"]
-            names += [f"along {number}"] if len(wall.normal) > 1 else []
+            names += self._along(number)
             names += [f"turn {number}"] if wall.turns else []
+        names += ["spin"] if self.spins else []
         names += view.NAMES if self.pictured else []
         return tuple(names)
+
+    def _along(self, number: int) -> list[str]:
+        """What a wall does to the speed along it."""
+        if self.coordinates < 2:
+            return []
+        return [f"grip {number}" if self.spins else f"along {number}"]
 
     @property
     def frictions(self) -> tuple[str, ...]:
@@ -113,7 +129,23 @@ class Law:
         """The fastest rate of its motion, radians per second; 0 where nothing swings."""
         stiff = [abs(x) for name, x in numbers.items() if name.startswith(("stiff", "swing"))]
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
-        return float(np.sqrt(sum(stiff)))
+        if self.restoring == "centre":
+            near = float(self._centre(numbers)[-1])
+            stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
+        return float(np.sqrt(max(sum(stiff), 0.0)))
+
+    @staticmethod
+    def power(numbers: Mapping[str, float]) -> float:
+        """Of the distance, by which a fixed place pushes less; its number counts from Coulomb's."""
+        return COULOMB + numbers["steeper"]
+
+    def _centre(self, numbers: Mapping[str, float]) -> np.ndarray:
+        """As the kernel takes it; empty where there is none."""
+        if self.restoring != "centre":
+            return np.empty(0)
+        place = np.array([numbers[f"centre {i + 1}"] for i in range(self.coordinates)])
+        near = max(float(np.linalg.norm(place - self.turned_at)), np.finfo(float).tiny)
+        return np.array([*place, numbers["strength"], self.power(numbers), near])
 
     def roll(
         self,
@@ -145,6 +177,8 @@ class Law:
                 apart=self.apart,
                 rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
                 pushed=self._pushed(numbers, inputs),
+                centre=self._centre(numbers),
+                spin=numbers["spin"] * float(np.linalg.norm(start[1])) if self.spins else None,
             )
             if self.nears:
                 out[:, 0] /= np.maximum(1 - numbers["nearing"] * (times - times[0]), NEAREST)[
@@ -186,6 +220,6 @@ class Law:
             row[k:] = (
                 numbers[f"wall {number}"],
                 numbers[f"restitution {number}"],
-                numbers.get(f"along {number}", 1.0),
+                *([numbers[name] for name in self._along(number)] or [1.0]),
             )
         return walls

@@ -9,10 +9,13 @@ or, of two rods that hang end on end, with link b, inertia a and d = s_1 - s_2,
     dv_1/dt + b (cos d dv_2/dt + sin d v_2^2) = -swing_1 sin s_1 - friction
     a dv_2/dt + b (cos d dv_1/dt - sin d v_1^2) = -swing_2 sin s_2 - friction
 
-What is known to push adds an acceleration of its own, straight between the times at which it was
-recorded. There are walls n.s = place, at which the speed across them turns round
-and shrinks. Steps are
-fourth-order Runge-Kutta; the step that meets a wall ends there.
+A fixed place c may push with strength (near / r)^power along s - c, r = |s - c|; what pulls has a
+strength below zero. What is known to push adds an acceleration of its own, straight between the
+times at which it was recorded. There are walls n.s = place, at which the speed across them turns
+round and shrinks. A solid ball that spins in the plane slips at a wall with u = v.t + w, where t is
+the normal turned by a right angle and w the speed of its surface; what grips it turns u to -e u,
+and what that takes from v.t is what it gives to the spin, 2/5 w (Garwin 1969, Am. J. Phys. 37).
+Steps are fourth-order Runge-Kutta; the step that meets a wall ends there.
 """
 
 from __future__ import annotations
@@ -24,6 +27,20 @@ from loops import kernel
 
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
 HALVINGS = 40
+NONE = np.empty(0)
+CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that pulls stays finite
+SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
+
+
+@kernel
+def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
+    """Acceleration away from a fixed place, over the distance."""
+    size, squared = len(s), 0.0
+    for i in range(size):
+        squared += (s[i] - centre[i]) ** 2
+    strength, power, near = centre[size], centre[size + 1], centre[size + 2]
+    far = np.sqrt(squared) / near + CLOSEST
+    return strength / near * far ** (-power - 1.0)
 
 
 @kernel
@@ -36,6 +53,7 @@ def _accelerate(
     friction: np.ndarray,
     apart: bool,
     rods: np.ndarray,
+    centre: np.ndarray,
     out: np.ndarray,
 ) -> None:
     size = len(s)
@@ -52,6 +70,10 @@ def _accelerate(
         for j in range(size):
             total -= stiffness[i, j] * s[j]
         out[i] = total
+    if len(centre) > 0:
+        away = _from_centre(s, centre)
+        for i in range(size):
+            out[i] += away * (s[i] - centre[i])
     if rods[1] > 0.0:
         d = s[0] - s[1]
         across, link = np.sin(d) * rods[0], np.cos(d) * rods[0]
@@ -68,13 +90,18 @@ def _holds(
     stiffness: np.ndarray,
     swing: np.ndarray,
     dry: float,
+    centre: np.ndarray,
 ) -> bool:
     """Whether dry friction holds what stands at ``s``."""
-    pull = 0.0
+    pull, away = 0.0, 0.0
+    if len(centre) > 0:
+        away = _from_centre(s, centre)
     for i in range(len(s)):
         total = force[i] - swing[i] * np.sin(s[i])
         for j in range(len(s)):
             total -= stiffness[i, j] * s[j]
+        if len(centre) > 0:
+            total += away * (s[i] - centre[i])
         pull += total * total
     return pull <= dry * dry
 
@@ -88,28 +115,28 @@ def _step(
     work: np.ndarray,
 ) -> None:
     """One Runge-Kutta step from ``s``, ``v`` into ``work[8]``, ``work[9]``."""
-    steady, ramp, stiffness, swing, friction, apart, rods = law
+    steady, ramp, stiffness, swing, friction, apart, rods, centre = law
     force = work[10]
     for i in range(len(s)):
         force[i] = steady[i]
     a1, a2, a3, a4 = work[0], work[1], work[2], work[3]
     s2, v2, v3 = work[4], work[5], work[6]
-    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, a1)
+    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, centre, a1)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v[i]
         v2[i] = v[i] + 0.5 * h * a1[i]
         force[i] = steady[i] + 0.5 * h * ramp[i]
-    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, a2)
+    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, centre, a2)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v2[i]
         v3[i] = v[i] + 0.5 * h * a2[i]
-    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, a3)
+    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, centre, a3)
     v4 = work[7]
     for i in range(len(s)):
         s2[i] = s[i] + h * v3[i]
         v4[i] = v[i] + h * a3[i]
         force[i] = steady[i] + h * ramp[i]
-    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, a4)
+    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, centre, a4)
     for i in range(len(s)):
         work[8, i] = s[i] + h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i])
         work[9, i] = v[i] + h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
@@ -131,13 +158,21 @@ def _bounce(
     s: np.ndarray,
     v: np.ndarray,
     wall: np.ndarray,
+    spin: np.ndarray,
 ) -> None:
-    """Turn the speed across a wall round; what is along it keeps a share of its own."""
+    """Turn the speed across a wall round; what is along it keeps a share of its own, or spins."""
     size = len(s)
     across, depth = 0.0, _beyond(s, wall)
     for i in range(size):
         across += wall[i] * v[i]
     restitution, along = wall[size + 1], wall[size + 2]
+    if len(spin) > 0:
+        slip = v[1] * wall[0] - v[0] * wall[1] + spin[0]
+        change = -(1 + along) * slip * SOLID / (1 + SOLID)
+        spin[0] += change / SOLID
+        v[0] -= change * wall[1]
+        v[1] += change * wall[0]
+        along = 1.0
     for i in range(size):
         s[i] -= depth * wall[i]
         v[i] = along * (v[i] - across * wall[i]) - restitution * across * wall[i]
@@ -152,10 +187,11 @@ def _rolled(
     most: float,
     when: np.ndarray,
     pushed: np.ndarray,
+    spin: np.ndarray,
     out: np.ndarray,
 ) -> None:
     size = start.shape[1]
-    force, ramp, stiffness, swing, friction, _apart, _rods = law
+    force, ramp, stiffness, swing, friction, _apart, _rods, centre = law
     steady, at = force.copy(), 0
     work = np.zeros((11, size))
     s, v = start[0].copy(), start[1].copy()
@@ -200,7 +236,7 @@ def _rolled(
                 if hit < 0:
                     break
                 s[:], v[:] = work[8], work[9]
-                _bounce(s, v, walls[hit])
+                _bounce(s, v, walls[hit], spin)
                 for i in range(size):
                     force[i] += moment * ramp[i]
                 left -= moment
@@ -225,7 +261,7 @@ def _rolled(
             if (
                 friction[2] > 0.0
                 and turned <= 0.0
-                and _holds(s, force, stiffness, swing, friction[2])
+                and _holds(s, force, stiffness, swing, friction[2], centre)
             ):
                 v[:] = 0.0
                 stuck = True
@@ -244,6 +280,8 @@ def rolled(
     apart: bool = False,
     rods: tuple[float, float] = (0.0, 0.0),
     pushed: tuple[np.ndarray, np.ndarray] | None = None,
+    spin: float | None = None,
+    centre: Float[np.ndarray, " _"] = NONE,
 ) -> Float[np.ndarray, "t 2 k"]:
     """Coordinates and their rates at each time.
 
@@ -253,15 +291,21 @@ def rolled(
         force, stiffness, swing: accelerations, see the module.
         friction: the linear rate, the square one, and the dry deceleration.
         walls: of each its normal ``(k,)``, place, restitution, and the share of the speed along it
-            that a bounce leaves.
+            that a bounce leaves; of a ball that spins the restitution along it, -1 where it slips
+            freely and 1 where it grips without loss.
         most: seconds of a step at most.
         rods: link and inertia of two rods that hang end on end; no inertia: there are none.
         pushed: times in seconds, two or more, and what is known to push then, accelerations
             ``(u, k)``.
+        spin: of a ball in the plane, the speed of its surface at the start; ``None``: none spins.
+        centre: a place that pushes, its strength, its power and the distance at which it has that
+            strength, ``(k + 3,)``; empty: there is none.
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
     out = np.empty((len(times), *start.shape))
-    law = (force.copy(), np.zeros(len(force)), stiffness, swing, friction, apart, np.array(rods))
+    steady, ramp = force.copy(), np.zeros(len(force))
+    law = (steady, ramp, stiffness, swing, friction, apart, np.array(rods), centre)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
-    _rolled(times, start, law, walls, most, when, known, out)
+    spins = np.empty(0) if spin is None else np.array([spin])
+    _rolled(times, start, law, walls, most, when, known, spins, out)
     return out

@@ -8,12 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.centre import nearest
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.law import COULOMB
 from vidphys.diagnose.mechanisms.rods import RodsFit
 
 NUDGE = 1e-5
 ASKEW = 0.015  # of a length, that a plane shows it shorter by which is turned by ten degrees
+
+ALONG = {  # of walls
+    "restitution": "restitution",
+    "along": "speed kept along the wall",
+    "grip": "tangential restitution",
+}
 
 
 @dataclass(frozen=True)
@@ -94,13 +102,15 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             yield f"distance at contact{several}", number(name), 1, 0
         elif root == "rub":
             yield "speed across lost at contact", number(name), 0, 0
-        elif root in ("restitution", "along"):
-            said = root if root == "restitution" else "speed kept along the wall"
+        elif root in ALONG:
+            said = ALONG[root]
             if "mass 2" in law.names:
                 which = f"at wall {which}" if which else ""
             elif len(law.walls) < 2:
                 which = ""
             yield f"{said} {which}".strip(), number(name), 0, 0
+        elif root == "spin":
+            yield "surface's speed over the ball's, at first", number(name), 0, 0
         elif root == "gain":
             signal = fit.clips[0].inputs
             assert signal is not None
@@ -108,6 +118,15 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             yield f"acceleration by one {signal.names[int(which) - 1]}", number(name), length, -2
         elif root == "nearing":
             yield "nearing", number(name), 0, -1
+    if law.restoring == "centre":
+        yield "acceleration where it turns most", number("strength"), 1, -2
+        yield (
+            "power of the distance",
+            lambda values, _: COULOMB + float(values[at["steeper"]]),
+            0,
+            0,
+        )
+        yield "nearest distance", lambda values, _: nearest(replace(fit, values=values)), 1, 0
     if law.restoring == "uniform":
         forces = [at[f"force {i + 1}"] for i in range(law.coordinates)]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2

@@ -21,6 +21,7 @@ from vidphys.diagnose.weak.regression import gram_inverse
 
 NUDGE = 1e-6  # over the size of a number, for derivatives
 FLOWN = 1e6  # times the spread, from which a law flew apart
+USUAL = {"spin": 0.3, "steeper": 2.0}  # standard deviations, of what few frames may not tell
 SWEEPS = 2  # of Gauss and Newton
 
 
@@ -132,8 +133,10 @@ def _under(
 
 
 def _prior(model: Model, count: int) -> np.ndarray:
-    """Precision of each number before anything is seen; 0 but for the camera's view."""
+    """Precision of each number before anything is seen; 0 but for ``USUAL`` and the view."""
     prior = np.zeros(count)
+    for name in USUAL.keys() & set(model.law.names):
+        prior[model.law.names.index(name)] = 1 / USUAL[name] ** 2
     if model.law.pictured:
         end = len(model.law.names)
         prior[end - len(view.USUAL) : end] = 1 / np.array(view.USUAL) ** 2

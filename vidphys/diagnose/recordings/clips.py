@@ -14,6 +14,7 @@ from vidphys.data.cuts import liveliest, parts
 from vidphys.data.sets import is_in_set
 from vidphys.data.video import ClipSelection, Video, open_video, require_frames
 from vidphys.diagnose.recordings.broken import Mended, mend
+from vidphys.diagnose.recordings.leaps import without_leaps
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.used import Used, counted
 from vidphys.errors import InputError
@@ -67,6 +68,7 @@ def follow_clip(path: Path, selection: ClipSelection, binder: Binder) -> Followe
         video.times[first:stop],
         video.frames[first:stop],
     )
+    mended = replace(mended, positions=without_leaps(mended.positions, mended.times))
     motion = _placed(mended, video.times, first, stop)
     used = _used(mended, selection, len(video.frames), (first, stop), cut)
     return Followed(motion, video, used, (*video.notes, *_notes(bound, unseen, binder)))

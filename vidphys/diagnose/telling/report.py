@@ -9,7 +9,7 @@ import numpy as np
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.menu import ASKED, specification
-from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
+from vidphys.diagnose.explanations.verdict import EXPLAINED, FOUND_AGAIN, LONG, MOSTLY, NOT, Verdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.recordings.identity import Identity
 from vidphys.diagnose.recordings.noise import Noise
@@ -55,6 +55,12 @@ def _verdict(verdict: Verdict) -> str:
         return text + "; nothing was held out that it could foretell."
     if verdict.horizon >= verdict.held_out:
         return text + f" and foretells all of the {verdict.held_out:.3g} s held out."
+    again = verdict.status == MOSTLY and verdict.missed < 1 - FOUND_AGAIN
+    if again and verdict.horizon < LONG * verdict.held_out:
+        return text + (
+            f" and foretells {1 - verdict.missed:.0%} of the {verdict.held_out:.3g} s held out; it "
+            f"is off for a while after {verdict.horizon:.3g} s."
+        )
     return text + (
         f" and foretells {verdict.horizon:.3g} s of the {verdict.held_out:.3g} s held out."
     )

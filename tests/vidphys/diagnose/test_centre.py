@@ -1,0 +1,69 @@
+"""A body that a fixed place pushes or pulls: the place is found, though nothing is seen there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vidphys.diagnose.mechanisms.centre import centred
+from vidphys.diagnose.mechanisms.choose import fits_of
+from vidphys.diagnose.mechanisms.frames import frames_of
+from vidphys.diagnose.mechanisms.motion_kernel import rolled
+from vidphys.diagnose.recordings.motion import motion_of
+
+STEP, FRAMES = 0.04, 60
+PLACE = np.array([0.25, -0.35])
+
+
+def passing(strength, power, start=(-1.2, 0.1), rate=(1.1, -0.05), frames=FRAMES):
+    """Places of a body that a fixed place pushes with ``strength`` at a distance of one."""
+
+    def slope(_, state):
+        away = state[:2] - PLACE
+        return [*state[2:], *(strength * away / np.linalg.norm(away) ** (power + 1))]
+
+    times = np.arange(frames) * STEP
+    span = (0.0, times[-1])
+    return solve_ivp(slope, span, [*start, *rate], t_eval=times, rtol=1e-10, atol=1e-12).y[:2].T
+
+
+def clips(path, seed, noise=0.002):
+    noisy = path + noise * np.random.default_rng(seed).standard_normal(path.shape)
+    return frames_of(motion_of(noisy[None, :, None], STEP))
+
+
+@pytest.mark.parametrize("strength, power", [(0.3, 2.0), (0.05, 4.0), (-0.4, 2.0)])
+def test_the_steps_are_those_of_another_integrator(strength, power):
+    path = passing(strength, power)
+    two, times = np.zeros(2), np.arange(FRAMES) * STEP
+    start = np.array([[-1.2, 0.1], [1.1, -0.05]])
+    centre = np.array([*PLACE, strength, power, 1.0])
+    walls = np.zeros((0, 5))
+    out = rolled(times, start, two, np.zeros((2, 2)), two, np.zeros(3), walls, 1e-3, centre=centre)
+    np.testing.assert_allclose(out[:, 0], path, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "strength, power, seed", [(0.3, 2.0, 41), (0.04, 4.0, 42), (-0.4, 2.0, 43)]
+)
+def test_a_fixed_place_is_found_with_its_power(strength, power, seed):
+    best = fits_of(clips(passing(strength, power), seed), angles=False)[0]
+    assert best.kinds == {"centre"}
+    numbers = best.numbers
+    for i in (0, 1):
+        value, error = numbers[f"centre {i + 1}"]
+        assert abs(value - PLACE[i]) < 3.5 * error and error < 0.1
+    value, error = numbers["steeper"]
+    assert abs(2 + value - power) < 3.5 * error
+    assert np.sign(numbers["strength"][0]) == np.sign(strength)
+
+
+@pytest.mark.parametrize("seed", [44, 45])
+def test_no_fixed_place_is_told_of_a_flight_or_of_what_coasts(seed):
+    times = np.arange(FRAMES) * STEP
+    flight = np.stack([1.1 * times, 2 * times - 4.9 * times**2], -1)
+    straight = np.stack([1.1 * times, 0.3 * times], -1)
+    assert fits_of(clips(flight, seed), angles=False)[0].kinds == {"uniform"}
+    assert fits_of(clips(straight, seed), angles=False)[0].kinds == frozenset()
+    assert centred(clips(straight, seed)) == []

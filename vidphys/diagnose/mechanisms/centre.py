@@ -1,0 +1,113 @@
+"""A body that a fixed place pushes or pulls, by a power of the distance: where fits begin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.charts import Plane
+from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.guesses import HALVES, Local, local
+from vidphys.diagnose.mechanisms.law import COULOMB, Law
+
+STEEPER = (0.0, 2.0)  # than Coulomb's law, that fits begin with; the second is of two dipoles
+ASIDE = (0.1, 0.2, 0.4, 0.8)  # of the path's extent, that a place may lie off where a body turns
+FLAT = 2  # dimensions of the plane
+VAGUE = 0.3  # of the nearest distance, or of the strength: a standard error from which none is seen
+LEAST, MOST = 0.25, 12.0  # powers of the distance; beyond, what pushes is as good as a wall
+NEAREST = 0.02  # of the extent, that a body comes to the place at most
+BENT = 0.3  # radians, by which a place must turn a body round it
+
+
+def centred(clips: Sequence[Frames]) -> list[Fit]:
+    """Laws of a body that a fixed place pushes or pulls, best first.
+
+    Args:
+        clips: of the body.
+    """
+    stretch = clips[0].stretches[0]
+    if len(clips) > 1 or stretch.places.shape[1] != FLAT or clips[0].inputs is not None:
+        return []
+    runners = _begun(stretch.times, stretch.places)
+    found = race(clips, runners, [len(clips[0].times)]) if runners else []
+    best = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
+    if best is None:
+        return []
+    law = replace(best.model.law, friction="linear")
+    at = law.names.index("linear")
+    lossy = fit(clips, Model(law, best.model.charts), np.insert(best.values, at, 0.0))
+    return [best, *([lossy] if lossy is not None and told(lossy) else [])]
+
+
+def told(found: Fit) -> bool:
+    """Whether what was seen tells of a fixed place: where it is, and how strong."""
+    law = found.model.law
+    if law.restoring != "centre":
+        return True
+    numbers, near = found.numbers, nearest(found)
+    strength, error = numbers["strength"]
+    vague = max(numbers[f"centre {i + 1}"][1] for i in range(law.coordinates))
+    power = law.power({name: value for name, (value, _) in numbers.items()})
+    return bool(
+        error < VAGUE * abs(strength)
+        and vague < VAGUE * near
+        and LEAST < power < MOST
+        and near > NEAREST * found.spread
+        and _round(found) > BENT
+    )
+
+
+def nearest(found: Fit) -> float:
+    """Distance at which the body passes the fixed place."""
+    return float(np.linalg.norm(_away(found), axis=-1).min())
+
+
+def _away(found: Fit) -> np.ndarray:
+    """From the fixed place to the body ``(t, k)``."""
+    k = found.model.law.coordinates
+    place = np.array([found.numbers[f"centre {i + 1}"][0] for i in range(k)])
+    return found.model.coordinates(found.values, found.clips)[0][:, 0] - place
+
+
+def _round(found: Fit) -> float:
+    """Radians through which the body is seen from the fixed place."""
+    away = _away(found)
+    return float(np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0]))))
+
+
+def _begun(times: np.ndarray, places: np.ndarray) -> list[tuple[Model, list[np.ndarray]]]:
+    """Laws with numbers and starts, by speeds and accelerations over more and more frames."""
+    extent, out = float(np.sqrt(places.var(0).sum())), []
+    for half in HALVES[1:]:
+        if 2 * half + 1 > max(len(times) // 2, 5):
+            break
+        seen = local(times, places, half)
+        turned_at = seen.s[int(np.linalg.norm(seen.a, axis=1).argmax())]
+        start = [*(seen.s[0] - seen.v[0] * times[0]), *seen.v[0]]
+        guesses = []
+        for place in _places(seen, turned_at, extent):
+            away = seen.s - place
+            r, near = np.linalg.norm(away, axis=1), float(np.linalg.norm(turned_at - place))
+            if r.min() < NEAREST * extent:
+                continue
+            for steeper in STEEPER:
+                push = (near / r) ** (COULOMB + steeper)
+                strength = float((push @ ((seen.a * away).sum(1) / r)) / (push @ push))
+                guesses.append(np.array([strength, steeper, *place, *start]))
+        law = Law(FLAT, "centre", turned_at=tuple(turned_at.tolist()))
+        out += [(Model(law, (Plane(FLAT),)), guesses)] if guesses else []
+    return out
+
+
+def _places(seen: Local, turned_at: np.ndarray, extent: float) -> list[np.ndarray]:
+    """Where accelerations point to or from, and off the place where the body turns most."""
+    normal = np.column_stack([seen.a[:, 1], -seen.a[:, 0]])
+    crossed = (normal * seen.s).sum(1)
+    found = [np.linalg.lstsq(normal, crossed, rcond=None)[0]]
+    way = seen.a[int(np.linalg.norm(seen.a, axis=1).argmax())]
+    way = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+    return found + [turned_at - sign * x * extent * way for x in ASIDE for sign in (1.0, -1.0)]
