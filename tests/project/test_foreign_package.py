@@ -22,7 +22,7 @@ import pytest
 
 from dynamics import HEADS, to_config
 from encoders.frozen import ENCODERS, load_encoder
-from tests.shared.small_studies import TINY
+from tests.shared.small_studies import TINY, with_short_lyapunov_times
 from vidphys.cli import main
 from vidphys.data.formats import FORMATS, ClipFormat, format_of
 from vidphys.data.video import ClipSelection, open_video
@@ -189,6 +189,7 @@ def test_ladder(
 ) -> None:
     """Encoder, term and scene."""
     monkeypatch.setitem(PRESETS, "quick", TINY)
+    with_short_lyapunov_times(monkeypatch)
     run = tmp_path / "run"
     assert main(["ladder", "--cells", *cells, "--out", str(run), *QUICK]) == 0
     assert settings(run)["sources"] == sources

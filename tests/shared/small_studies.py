@@ -1,6 +1,12 @@
 """Sizes of a study that a test can wait for."""
 
+from functools import partial
+
+import pytest
+
+from vidphys.experiments.core import scoring
 from vidphys.presets import OracleSizes, PixelSizes, Preset
+from vidphys.scenes import lyapunov_time
 
 TINY = Preset(
     seeds=1,
@@ -16,3 +22,9 @@ TINY = Preset(
         held_out=4,
     ),
 )
+ROUNDS, STEPS = 4, 25  # of a Lyapunov time; 100 of 100 steps cost more than all else here
+
+
+def with_short_lyapunov_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    short = partial(lyapunov_time, rounds=ROUNDS, steps=STEPS)
+    monkeypatch.setattr(scoring, "lyapunov_time", short)

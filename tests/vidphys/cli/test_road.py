@@ -152,7 +152,7 @@ def test_a_heat_bath_is_learned_and_foretold_by_the_mean_of_its_paths(tmp_path):
     law = Parameters(torch.ones(1), torch.ones(1, 1)).with_scalar("temperature", 0.3)
     bath = terms.Hamiltonian(potentials=(terms.Trap(4.0),), ports=(terms.ConstantBath(0.8),))
     start = PhaseState(torch.zeros(1, 1, 2), torch.zeros(1, 1, 2))
-    path = rollout(build(bath, 1, 0.02), start, law, 12_000, 0.02, every=5, seed=3).states.q.numpy()
+    path = rollout(build(bath, 1, 0.02), start, law, 6000, 0.02, every=5, seed=3).states.q.numpy()
     write_tracks(tmp_path / "t.csv", motion_of(path[:, 100:].astype(float) + 5.0, 0.1))
     rough = bath.throughout(rate=2.0)
     numbers = {"bath: temperature": (1.0, float("nan"))}
