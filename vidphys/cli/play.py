@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from vidphys.play import Source, Stage
 
 OPEN, ROLL = "open", "roll"
+SWITCH = 5e-4  # seconds after which a thread that computes lets one that answers come in
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ def play(config: PlayConfig) -> None:
         print("Ctrl-C ends it", flush=True)
         if config.open:
             webbrowser.open(address)
+        sys.setswitchinterval(SWITCH)
         stack.enter_context(held_to(1))  # operations here are small: threads would wait for another
         desk.work(Player(source).answers)
 

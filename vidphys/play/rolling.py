@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -23,7 +23,7 @@ from vidphys.play.stage import Stage
 from vidphys.reading.laws import Law
 
 STORED = 200  # states that are kept of a rollout, about
-WAIT = 0.015  # seconds that a piece of a rollout may take: for so long a new change waits
+WAIT = 0.008  # seconds that a piece of a rollout may take: for so long a new change waits
 FEW = 8  # episodes of the twin; fewer do not roll in fused loops
 Roll = Callable[[PhaseState, Parameters, int], Rollout]
 
@@ -254,9 +254,11 @@ def _energies(stage: Stage, law: Law, states: PhaseState, episode: int) -> dict[
     with torch.no_grad():
         if stage.scene is not None:
             found["true"] = _numbers(stage.scene.energy(states, told)[0])
-        if hasattr(law.head, "energy"):
+        # Of few states a network is sooner asked than its spline, and it is what was trained.
+        own: Any = stage.head if isinstance(law.head, CompiledHead) else law.head
+        if hasattr(own, "energy"):
             wide = told.map(lambda x: x.unsqueeze(1))
-            found["own"] = _numbers(cast(Any, law.head).energy(states, wide)[0])
+            found["own"] = _numbers(own.energy(states, wide)[0])
     return found
 
 

@@ -74,7 +74,8 @@
       head.ms = about.ms;
       for (const name of ["left", "bad"]) head[name] = head[name].map((x, k) => x >= 0 ? x : about[name][k] >= 0 ? about.first + about[name][k] : -1);
     }
-    show(fresh ? began : 0);
+    if (about.role === "model") stale = true;
+    if (fresh) show(began); else showLater();
   }
 
   // --- places ------------------------------------------------------------------------------------
@@ -117,23 +118,25 @@
 
   // --- pictures ----------------------------------------------------------------------------------
   const tone = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  let due = 0, timed = 0;
-  function show(began) {
+  const CALM = 60;  // milliseconds between pictures of what comes after the model's answer
+  let due = 0, later = 0, timed = 0, stale = true;
+  const show = (began) => {
     if (began) timed = began;
     if (!due) due = requestAnimationFrame(draw);
-  }
+  };
+  const showLater = () => { if (!later) later = setTimeout(() => { later = 0; show(0); }, CALM); };
   function draw() {
     due = 0;
     const model = ways.model;
     if (!model) return;
     if (!dragging) view = frame(model, asked.episode, 4);
-    drawStage(model); drawEnergy(); drawSheet(model); tell();
+    drawStage(model); drawEnergy(); tell();
+    if (stale) { stale = false; drawSheet(model); }
     if (timed) {
       const began = timed; timed = 0;
       requestAnimationFrame(() => {  // the frame has been handed over when the next one begins
         const ms = performance.now() - began;
         spent.push(ms); stage.dataset.ms = ms.toFixed(1); stage.dataset.drawn = spent.length;
-        stage.dataset.all = spent.slice(-40).map((x) => x.toFixed(1)).join(" ");
         tell();
       });
     }
