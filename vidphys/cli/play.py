@@ -34,14 +34,15 @@ class PlayConfig:
 
     Args:
         run: folder of a ladder, a fit, a diagnosis or a training, or the name of a scene.
-        clip: that a training rolls on from its last frame.
+        input: what is rolled on from its last frame: a clip, for a training; a table, for a
+            diagnosis of one, which keeps no copy.
         port: where the page is served; 0 takes any that is free.
         open: show the page in a browser; --no-open only prints its address.
         weights: file or folder of the encoder's weights of a training; else VIDPHYS_WEIGHTS.
     """
 
     run: Annotated[str, tyro.conf.Positional]
-    clip: Annotated[Path | None, tyro.conf.Positional] = None
+    input: Annotated[Path | None, tyro.conf.Positional] = None
     port: int = 0
     open: bool = True
     weights: Path | None = None
@@ -59,7 +60,7 @@ def play(config: PlayConfig) -> None:
 
     if not 0 <= config.port < 2**16:
         raise InputError(f"--port {config.port}: must be from 0 to 65535")
-    source = source_of(config.run, config.clip, config.weights)
+    source = source_of(config.run, config.input, config.weights)
     told = {"title": "Play", "folder": Path(config.run).resolve().name, "cells": source.names}
     with ExitStack() as stack:
         try:

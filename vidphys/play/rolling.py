@@ -21,9 +21,11 @@ from vidphys.errors import InputError
 from vidphys.play.asked import Asked
 from vidphys.play.stage import Stage
 from vidphys.reading.laws import Law
+from vidphys.reading.seen import BEYOND
 
 STORED = 200  # states that are kept of a rollout, about
-WAIT = 0.008  # seconds that a piece of a rollout may take: for so long a new change waits
+WAIT = 0.008  # seconds that a piece of a rollout should take: for so long a new change waits
+MOST_PIECES = 20  # of a rollout, whose checks each piece repeats
 FEW = 8  # episodes of the twin; fewer do not roll in fused loops
 Roll = Callable[[PhaseState, Parameters, int], Rollout]
 
@@ -101,23 +103,26 @@ def _model(
     def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
         return rollout(law.head, state, params, count, dt, every, seed=0)
 
-    began = time.perf_counter()
+    began, told = time.perf_counter(), set()
     for first, found in in_pieces(roll, start, law.params, steps, every, once):
         kept.states.append(found.states)
+        places = stage.view.place(found.states.q)
+        new = [each for each in found.findings if each.kind not in told]
+        told |= {each.kind for each in new}
         one = found.states[asked.episode].map(lambda x: x.unsqueeze(0))
         about = {
             **_seconds(stage, "model", 0, first, every * dt),
             "steps": steps,
             "every": every,
             "stored": steps // every + 1,
-            "left": _left(law.head, found.states),
+            "left": _left(stage, law.head, found.states, places),
             "bad": found.first_bad.tolist(),
-            "said": [_at(first * every, each.text) for each in found.findings],
+            "said": [_at(first * every, each.text) for each in new],
             "backend": found.backend,
             "energy": _energies(stage, law, one, asked.episode),
             "ms": round(1000 * (time.perf_counter() - began), 1),
         }
-        yield Piece(about, stage.view.place(found.states.q))
+        yield Piece(about, places)
 
 
 def _truth(
@@ -211,7 +216,8 @@ def in_pieces(
     finite stay behind, as NaN.
     """
     everyone, first, left = len(start.q), 0, steps
-    alive, state, size = torch.arange(everyone), start, steps if once else every
+    least = -(-steps // MOST_PIECES // every) * every
+    alive, state, size = torch.arange(everyone), start, steps if once else least
     while left and len(alive):
         began, size = time.perf_counter(), min(size, left)
         with warnings.catch_warnings():
@@ -226,7 +232,7 @@ def in_pieces(
         alive = torch.isfinite(state.flat).all(-1).nonzero().squeeze(-1)
         left -= size
         spent = max(time.perf_counter() - began, 1e-6)
-        size = max(1, round(min(4.0, WAIT / spent) * size / every)) * every
+        size = max(least, round(min(4.0, WAIT / spent) * size / every) * every)
 
 
 def _spread(x: Tensor, alive: Tensor, everyone: int) -> Tensor:
@@ -235,8 +241,11 @@ def _spread(x: Tensor, alive: Tensor, everyone: int) -> Tensor:
     return x.new_full((everyone, *x.shape[1:]), torch.nan).index_copy(0, alive, x)
 
 
-def _left(head: Head, states: PhaseState) -> list[int]:
-    """Of each episode the first stored state far from all of the training, or -1."""
+def _left(stage: Stage, head: Head, states: PhaseState, places: Tensor) -> list[int]:
+    """Of each episode the first stored state far from the training or the recording, or -1."""
+    if stage.seen is not None:
+        far = torch.from_numpy(stage.seen.reach(places.numpy()) > BEYOND).any(-1).any(-1)
+        return torch.where(far.any(-1), far.int().argmax(-1), -1).tolist()
     known = dict(zip(EXTENTS, head.domain.tolist(), strict=True))
     watched = [name for name in head.depends_on if math.isfinite(known[name])]
     if not watched:
@@ -300,4 +309,4 @@ def _numbers(x: Tensor) -> list[float | None]:
 
 
 def _at(step: int, text: str) -> str:
-    return f"counted from step {step}: {text}" if step else text
+    return f"{text} (steps counted from {step})" if step else text

@@ -126,6 +126,7 @@ class FitSource:
     """A fit, or what a diagnosis specified, rolled on from the end of its tracks."""
 
     path: Path
+    table: Path
     names: list[str] = field(default_factory=lambda: ["tracks/specified"])
 
     def stage(self, name: str) -> Stage:
@@ -135,9 +136,11 @@ class FitSource:
         from vidphys.shooting.step import model_step
 
         _known(name, self.names)
-        if not (self.path / TRACKS).is_file():
-            raise InputError(f"play: {self.path} kept no tracks to start from")
-        motion = read_tracks(self.path / TRACKS).motion
+        if not self.table.is_file():
+            raise InputError(
+                f"play: {self.path} kept no tracks to start from; give the table as well"
+            )
+        motion = read_tracks(self.table).motion
         fitted = load_fitted(self.path) if (self.path / FITTED).is_file() else None
         if fitted is None:
             from vidphys.diagnose.explanations.specification import read_specification
@@ -164,6 +167,7 @@ class FitSource:
             quick=compiled,
             view=view,
             coupled=coupled,
+            seen=fitted.seen,
             notes=(told, *notes),
         )
 
@@ -224,13 +228,13 @@ class TrainingSource:
         )
 
 
-def source_of(what: str, clip: Path | None = None, weights: Path | None = None) -> Source:
+def source_of(what: str, given: Path | None = None, weights: Path | None = None) -> Source:
     """What can be played with under a name or in a folder.
 
     Args:
         what: the folder of a run, or the name of a scene.
-        clip: that a training rolls on.
-        weights: of its encoder.
+        given: the clip that a training rolls on, or the table of a diagnosis that kept no tracks.
+        weights: of a training's encoder.
 
     Raises:
         InputError: there is no such folder or scene, or nothing in it to roll.
@@ -238,8 +242,7 @@ def source_of(what: str, clip: Path | None = None, weights: Path | None = None) 
     path = Path(what)
     if not path.exists():
         if what in SCENES:
-            if clip is not None:
-                raise InputError(f"play: {clip}: only a training rolls clips")
+            _nothing(given)
             return SceneSource([what])
         near = difflib.get_close_matches(what, list(SCENES), n=1)
         guess = f"; did you mean the scene {near[0]}?" if near else ""
@@ -249,13 +252,19 @@ def source_of(what: str, clip: Path | None = None, weights: Path | None = None) 
     if path.name == SPECIFICATION:
         path = path.parent
     run = open_run(path)
-    if clip is not None and not run.has_pipeline:
-        raise InputError(f"play: {clip}: only a training rolls clips")
     if run.has_pipeline:
-        return TrainingSource.of(run, clip, weights)
+        return TrainingSource.of(run, given, weights)
     if (path / FITTED).is_file() or (path / SPECIFICATION).is_file():
-        return FitSource(path)
+        return FitSource(path, given or path / TRACKS)
+    _nothing(given)
     return LadderSource.of(run)
+
+
+def _nothing(given: Path | None) -> None:
+    if given is not None:
+        raise InputError(
+            f"play: {given}: only a training, a fit or a diagnosis goes on from a file"
+        )
 
 
 def _starts(scene: Scene, episodes: int, seed: int) -> tuple[PhaseState, Parameters]:

@@ -16,6 +16,7 @@ from vidphys.data.charts import Chart
 from vidphys.errors import InputError
 from vidphys.play.asked import Asked
 from vidphys.reading.laws import MASS, PAIR, SIGNED, Law
+from vidphys.reading.seen import Seen
 from vidphys.scenes import Scene
 
 MOST_MASSES = 6  # bodies whose masses have a slider each
@@ -69,6 +70,7 @@ class Stage:
         twin: the model without structure that was trained beside it, with its step.
         view: how it is drawn.
         coupled: whether the law has a coupling.
+        seen: how far the recording reached that the model is of, as it is drawn.
         notes: what must be said of it.
         kept: of integrators, the model with that one.
     """
@@ -83,6 +85,7 @@ class Stage:
     twin: tuple[Head, float] | None = None
     view: View = View()
     coupled: bool = True
+    seen: Seen | None = None
     notes: tuple[str, ...] = ()
     kept: dict[str, Head] = field(default_factory=dict, repr=False, compare=False)
 

@@ -29,6 +29,14 @@ class Seen:
         low, high = np.nanmin(positions, axis=(0, 1)), np.nanmax(positions, axis=(0, 1))
         return cls(tuple(low.tolist()), tuple(high.tolist()), _fastest(positions, times))
 
+    def reach(self, positions: np.ndarray) -> np.ndarray:
+        """How many times as far from the middle as what was seen, ``(..., d)`` as the positions."""
+        low, high = np.asarray(self.low), np.asarray(self.high)
+        middle, half = (low + high) / 2, (high - low) / 2
+        # along an axis on which nothing moved, a hundredth of the others' way is no leaving
+        half = np.maximum(half, max(0.01 * half.max(), np.finfo(float).tiny))
+        return np.abs(positions - middle) / half
+
     def left(self, times: np.ndarray, positions: np.ndarray) -> str | None:
         """In words how a path leaves what was seen; ``None`` where it does not.
 
@@ -36,13 +44,8 @@ class Seen:
             times: seconds ``(t,)``.
             positions: ``(t, n, d)``.
         """
-        low, high = np.asarray(self.low), np.asarray(self.high)
-        middle, half = (low + high) / 2, (high - low) / 2
-        # along an axis on which nothing moved, a hundredth of the others' way is no leaving
-        half = np.maximum(half, max(0.01 * half.max(), np.finfo(float).tiny))
-        reach = (np.abs(positions - middle) / half).max((0, 1))
         said = []
-        for axis, times_as_far in zip("xyz", reach, strict=False):
+        for axis, times_as_far in zip("xyz", self.reach(positions).max((0, 1)), strict=False):
             if times_as_far > BEYOND:
                 said.append(f"{times_as_far:.3g} times as far in {axis}")
         faster = _fastest(positions, times) / self.speed if self.speed > 0 else 1.0

@@ -93,7 +93,7 @@ def test_it_says_where_it_is_and_ends_when_it_is_told():
     [
         (["nowhere"], "no such folder"),
         (["springs", "--port", "99999"], "--port 99999"),
-        (["springs", "clip.avi"], "only a training rolls clips"),
+        (["springs", "clip.avi"], "only a training, a fit or a diagnosis"),
     ],
 )
 def test_what_cannot_be_played_is_one_line(wrong, said, capsys):
