@@ -33,14 +33,18 @@ class Costs:
 
     @classmethod
     def ours(cls) -> Costs:
-        """Those that come with vidphys: of the preset quick, on one core."""
+        """Those that come with vidphys, on one core: all of quick, some of standard."""
         read = tomllib.loads(OURS.read_text(encoding="utf-8"))
-        cells = {
-            f"{table}/{cell}": Cost(seconds)
-            for table, cells in read["cells"].items()
-            for cell, seconds in cells.items()
-        }
-        return cls({read["preset"]: cells})
+        return cls(
+            {
+                preset: {
+                    f"{table}/{cell}": Cost(seconds)
+                    for table, cells in tables.items()
+                    for cell, seconds in cells.items()
+                }
+                for preset, tables in read.items()
+            }
+        )
 
     @classmethod
     def of_runs(cls, folders: Sequence[Path], device: str = CPU) -> Costs:
@@ -89,9 +93,9 @@ class Costs:
             return self.known[preset][name], MEASURED
         for other, cells in self.known.items():
             if name in cells and other in PRESETS:
-                return _times(cells[name], growth(PRESETS[other], sizes, _sees(name))), SCALED
+                return _times(cells[name], self._growth(other, preset, sizes, name)), SCALED
         alike = [
-            _times(cost, growth(PRESETS[other], sizes, _sees(key)))
+            _times(cost, self._growth(other, preset, sizes, key))
             for other, cells in self.known.items()
             if other in PRESETS
             for key, cost in cells.items()
@@ -100,6 +104,15 @@ class Costs:
         if not alike:
             return None
         return Cost(median(cost.seconds for cost in alike)), GUESSED
+
+    def _growth(self, old: str, new: str, sizes: Preset, name: str) -> float:
+        """How many times more a cell takes: by cells of its table known at both, else by sizes."""
+        table, before, after = name.partition("/")[0], self.known[old], self.known.get(new, {})
+        both = [key for key in before if key in after and key.startswith(f"{table}/")]
+        seen = [
+            after[key].seconds / before[key].seconds for key in both if _sees(key) == _sees(name)
+        ]
+        return median(seen) if seen else growth(PRESETS[old], sizes, _sees(name))
 
 
 def known_costs(folders: Sequence[Path] = (), device: str = CPU) -> Costs:

@@ -77,6 +77,20 @@ def test_other_sizes_are_scaled_by_the_part_that_grows_most():
     assert Costs().of(other, "quick", quick) is None
 
 
+def test_what_is_known_of_both_sizes_tells_how_others_grow():
+    known = Costs(
+        {
+            "quick": {f"ladder/{c}/factored": Cost(10.0) for c in ("renderer", "jepa", "oracle")},
+            "standard": {"ladder/renderer/factored": Cost(70.0)},
+        }
+    )
+    sizes = PRESETS["standard"]
+    (jepa,), (oracle,) = units("jepa/factored"), units("oracle/factored")
+    assert known.of(jepa, "standard", sizes) == (Cost(70.0), "scaled")
+    by_sizes = 10 * growth(PRESETS["quick"], sizes, False)  # no other cell of true states is known
+    assert known.of(oracle, "standard", sizes) == (Cost(by_sizes), "scaled")
+
+
 def test_a_plan_is_printed_and_nothing_is_run(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["plan", "reproduce", "stability", "--workers", "3", "--units"]) == 0
