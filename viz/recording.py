@@ -27,6 +27,8 @@ from viz.showcase import (
     scalar,
     zoom_extent,
 )
+from viz.story import ROLLED
+from viz.story import marks as happenings
 from viz.whole import whole
 
 if TYPE_CHECKING:
@@ -76,7 +78,8 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
     times = np.asarray(showcase["times"], np.float64)
     extent, zoom = half_extent(showcase), zoom_extent(showcase)
     dt = scalar(showcase, "dt") if "dt" in showcase else float(np.median(np.diff(times)))
-    tape = _Tape(meta, dt, laws_of(meta))
+    names = laws_of(meta)
+    tape = _Tape(meta, dt, names, {f"world/{role}": names[role] for role in ROLES})
     tape.turn_upright("world")
     since, past = context(showcase)
     if len(since):  # it disappears with the first instant of the rollout
@@ -95,10 +98,11 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
         track = world_to_pixel(showcase["track"], (height, width), extent) / factor
         radius = 0.012 * max(height, width) / factor
         tape.bodies("camera/track", stamps, track, BODY_COLOURS, radius)
-    marks = {float(since[0]): "observed", 0.0: "rolled out"} if len(since) else {0.0: "rolled out"}
+    marks = {float(since[0]): "observed", 0.0: ROLLED} if len(since) else {0.0: ROLLED}
+    marks |= happenings(showcase)
     if "energy_long" in showcase and showcase["long_times"][-1] > times[-1]:
         marks[float(times[-1])] = "long rollout: energy only"
-    tape.phases(marks)
+    tape.phases(dict(sorted(marks.items())))
     tape.save(path, showcase_layout(showcase))
 
 
@@ -122,7 +126,9 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     stamps = np.asarray(video["frame_times"], np.float64)
     interval = float(np.median(np.diff(stamps)))
     height, width = video["frames"].shape[1:3]
-    tape = _Tape(meta, interval, {"rollout": "the law that held", "changed": other_law(meta)})
+    names = {"rollout": "the law that held", "changed": other_law(meta)}
+    shown = {f"video/{role}": names[role] for role in names if role in video}
+    tape = _Tape(meta, interval, names, shown)
     factor = tape.pictures("video/image", stamps, video["frames"])
     radius = 0.014 * max(height, width) / factor
     after = np.array([stamps[-1] + interval])
@@ -157,7 +163,14 @@ def other_law(meta: Mapping[str, str]) -> str:
 class _Tape:
     """A recording in memory that knows the timelines and how each kind of array is stored."""
 
-    def __init__(self, meta: Mapping[str, str], step: float, names: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        meta: Mapping[str, str],
+        step: float,
+        names: Mapping[str, str],
+        shown: Mapping[str, str],
+    ) -> None:
+        """``names`` of roles, and ``shown`` entities in words, to which *About* leads."""
         import rerun as rr
 
         self.names = names  # of roles, in the words of their laws
@@ -171,7 +184,8 @@ class _Tape:
         self.stream.set_log_tick_enabled(False)
         self.stream.send_recording_name(name)
         lines = [f"- **{key}**: {value}" for key, value in meta.items()]
-        text = "\n".join([f"# {name}", "", *lines])
+        links = [f"[{text}](recording://{entity})" for entity, text in shown.items()]
+        text = "\n".join([f"# {name}", "", *lines, "", " · ".join(links)])
         about = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
         self.stream.log("about", about, static=True)
 

@@ -31,7 +31,8 @@ from viz.overlay import contact_sheet, energy_range, world_to_pixel
 from viz.recording import write_overlay_recording, write_recording
 from viz.report import read_run, write_report
 from viz.showcase import ROLES
-from viz.summary import Records, one_sided_p, paired, summarise
+from viz.story import marks, story
+from viz.summary import Line, Records, one_sided_p, paired, summarise
 from viz.tables import couplings_table, other_table, verdict_table
 
 COUPLINGS = (-0.5, -1.0, -1.5)
@@ -422,6 +423,37 @@ def test_a_small_drift_is_drawn_on_a_wide_axis():
     panel = next(a for part in sheet.subfigs for a in part.axes if a.get_title() == "Energy")
     low, high = panel.get_ylim()
     assert high - low >= 0.19 * 5
+
+
+def test_beside_a_recording_stands_what_was_asked_and_how_it_went(tmp_path):
+    run = make_run(tmp_path / "run", 3)
+    told = story(run, {"cell": "oracle/factored", "seed": "0", "coupling": "0.78"})
+    records = Records(make_rows(3))
+    line = Line("oracle", "none", "factored")
+    error = records.pick(line, "inversion_nmse", coupling=records.coupling)
+    assert told["trained on"] == "G > 0 only" and "G = 0.78" in told["asked"]
+    assert told["error under G = −1 (nMSE)"] == number(error.mean)
+    assert told["verdict"].startswith("holds") and "without any force" in told["skill"]
+    assert story(tmp_path, {"cell": "x"}) == {"cell": "x"}
+    write_recording(make_showcase(), told, tmp_path / "x.rrd")
+    about = str(read_back(tmp_path / "x.rrd")["/about"])
+    assert "holds" in about and "recording://world/counterfactual" in about
+
+
+def test_what_happens_to_bodies_is_marked():
+    showcase = make_showcase()
+    times = showcase["times"]
+    first = int(np.flatnonzero(times > 0)[0])
+    for role in ("truth", "prediction", "counterfactual"):
+        showcase[role] = np.zeros_like(showcase[role])
+        showcase[role][:, 1], showcase[role][:, 2] = [3.0, 0.0], [0.0, 3.0]
+    showcase["truth"][first + 20, 1] = [0.5, 0.0]
+    showcase["counterfactual"][first + 30 :, 0] = np.nan
+    found = marks(showcase)
+    assert found[times[first + 20]] == "closest approach, 0.5"
+    assert found[times[first + 21]] == "rolled out"
+    assert found[times[first + 30]] == "the model, flipped is not finite"
+    assert len(found) == 3
 
 
 def test_laws_are_called_by_their_words(tmp_path):

@@ -80,11 +80,13 @@ def publish(run: RunFolder, console: Console) -> Path:
     from viz.recording import write_recording
     from viz.report import write_report
     from viz.showcase import read_showcase
+    from viz.story import story
 
     for file in sorted((run.path / "showcase").glob("*.safetensors")):
         with console.drawing(f"the recording of {file.stem}"):
             arrays, meta = read_showcase(file)
-            write_recording(arrays, meta, run.path / "recordings" / f"{file.stem}.rrd")
+            path = run.path / "recordings" / f"{file.stem}.rrd"
+            write_recording(arrays, story(run.path, meta), path)
     with console.drawing("the law to play with"):
         write_play(run.path)
     return write_report(run.path)

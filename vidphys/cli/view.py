@@ -156,13 +156,14 @@ def _recording(run: Path, file: Path) -> Path:
         return file
     from viz.recording import write_recording
     from viz.showcase import read_showcase
+    from viz.story import story
 
     path = run / "recordings" / f"{file.stem}.rrd"
     try:
         showcase, about = read_showcase(file)
     except ValueError as error:
         raise InputError(f"view: {error}") from error
-    write_recording(showcase, about, path)
+    write_recording(showcase, story(run, about), path)
     return path
 
 
