@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from viz import figures, tables
+from viz import facts, figures, sections, tables
 from viz.cells import NOT_MEASURED, Cell, chosen_cell, mean_cell, number
 from viz.explain import how_to_read, what_spread_means
 from viz.headline import headline
 from viz.moving import moving_pair
-from viz.overlay import contact_sheet
-from viz.page import Drawn, inline_png, inline_svg, write_page
+from viz.page import write_page
 from viz.paths import typed
-from viz.roles import by_role, looked_at, named
-from viz.sentences import asked, fails, holds, law, verdicts
-from viz.showcase import read_showcase
+from viz.roles import by_role
+from viz.sentences import asked, fails, holds, law
 from viz.summary import TWIN, Line, Records, median
-
-SHEET_BYTES = 400_000  # of pictures that the page holds; all of them lie in figures/
-SHEET_HEADS = ("factored", TWIN)  # whose showcases are drawn in the report
-TONES = {"ok": "good", "skipped": "dull", "gate not passed": "dull"}
 
 
 def write_report(run: Path) -> Path:
@@ -46,15 +39,17 @@ def write_report(run: Path) -> Path:
     ladder = bool(records.couplings)
     references = settings.get("tables", {}).get("ladder", {}).get("references") or {}
     parts = [
-        _ladder(run, records, references),
+        sections.ladder(run, records, references),
         {"id": "read", "title": "How to read this", "texts": how_to_read()},
-        _force(run, records),
-        _couplings(records, episodes),
-        _drift(run, records),
-        _tabled("perception", "What was perceived", tables.perception_table(records), PERCEIVED),
-        _tabled("others", "Other numbers", tables.other_table(records)),
-        _sheets(run, records),
-        _development(older),
+        sections.force(run, records),
+        sections.couplings(records, episodes),
+        sections.drift(run, records),
+        sections.tabled(
+            "perception", "What was perceived", tables.perception_table(records), PERCEIVED
+        ),
+        sections.tabled("others", "Other numbers", tables.other_table(records)),
+        sections.sheets(run, records),
+        sections.development(older),
     ]
     told = {
         "title": "The grounding ladder" if experiment == "ladder" else experiment,
@@ -66,14 +61,14 @@ def write_report(run: Path) -> Path:
         "error": f"error at {law(records.coupling)}",
         "drift": "energy drift" if records.horizon is None else f"drift, {records.horizon:,} steps",
         "spread": what_spread_means(records),
-        "tally": _tally(records),
-        "facts": _facts(about, every),
-        "missing": _missing(about, records),
-        "negative": _negative(records) if ladder else None,
+        "tally": facts.tally(records),
+        "facts": facts.of_run(about, every),
+        "missing": facts.missing(about, records),
+        "negative": facts.negative(records) if ladder else None,
         "verdicts": tables.verdict_table(records) if ladder else None,
         "parts": [{**EMPTY, **part} for part in parts if part],
-        "kept": _kept(every),
-        "settings": _settings(about),
+        "kept": facts.kept(every),
+        "settings": facts.settings(about),
         "episodes": _episodes(raw) if raw else {},
     }
     return write_page(run, "ladder.html", told)
@@ -195,236 +190,3 @@ def _episodes(raw: Records) -> dict[str, str]:
         ]
         told[key] = "; ".join(words) + f" ({len(values)} episodes)."
     return told
-
-
-def _tally(records: Records) -> list[tuple[str, str]]:
-    """How many numbers have which status."""
-    status = Counter(str(row["status"]) for row in records.rows)
-    return [
-        (f"{count:,} numbers {name}", TONES.get(name, "bad"))
-        for name, count in status.most_common()
-    ]
-
-
-def _facts(about: Mapping[str, Any], records: Records) -> dict[str, str]:
-    settings = _flat(about.get("settings") or {})
-    old = sum(bool(row.get("stale")) for row in records.rows)
-    return {
-        "preset": _fact(about, settings, "preset"),
-        "seeds": named(records),
-        "generator": _fact(about, settings, "generator"),
-        "device": _fact(about, settings, "device") or _said(records, "device"),
-        "dtype": _fact(about, settings, "dtype") or _said(records, "dtype"),
-        "code version": _fact(about, settings, "code_version"),
-        "stale": f"{old:,} of {len(records.rows):,} numbers: their code has changed since"
-        if old
-        else "nothing",
-        "started": _fact(about, settings, "created").replace("T", " "),
-    }
-
-
-def _missing(about: Mapping[str, Any], records: Records) -> list[dict[str, Any]]:
-    """Everything without a number that counts."""
-    found: list[dict[str, Any]] = [
-        {
-            "mark": ("skipped", "dull"),
-            "name": str(entry.get("cell")),
-            "more": "",
-            "why": str(entry.get("reason") or "no reason recorded"),
-        }
-        for entry in about.get("skipped") or []
-    ]
-    for line in records.lines:
-        for status, metrics in sorted(records.troubles(line).items()):
-            words = _which(records, line, metrics)
-            found.append({**_item((status, "bad"), line), "why": words})
-    return found
-
-
-def _negative(records: Records) -> list[dict[str, Any]]:
-    """Every claim that did not hold."""
-    return [
-        {**_item((word, tables.TONES[word]), line), "why": why}
-        for line, word, why in verdicts(records)
-        if word != tables.HOLDS
-    ]
-
-
-def _item(mark: tuple[str, str], line: Line) -> dict[str, Any]:
-    return {"mark": mark, "name": line.rung, "more": f"with {line.head}"}
-
-
-def _which(records: Records, line: Line, metrics: Mapping[str, list[int]]) -> str:
-    """Metrics and seeds in words, short where it is all of them."""
-    seeds = sorted({seed for found in metrics.values() for seed in found})
-    every = seeds == records.seeds(line)
-    told = "every seed" if every else f"seed {', '.join(map(str, seeds))}"
-    everything = all(m in metrics for m in records.metrics if records.pick(line, m))
-    return f"{'every metric' if everything else ', '.join(sorted(metrics))} ({told})"
-
-
-def _ladder(run: Path, records: Records, references: Mapping[str, float]) -> dict[str, Any] | None:
-    if not records.couplings:
-        return None
-    picture = _drawn(
-        run,
-        "ladder",
-        figures.ladder_figure(records, references),
-        "Error under the flipped coupling by rung and head",
-        "Large mark: mean over seeds; small marks: seeds. Left is better. A mark right of the "
-        "dotted line is worse than assuming that no force acts at all.",
-    )
-    return {
-        "id": "ladder",
-        "title": "The ladder, every head and reading",
-        "texts": [what_spread_means(records)],
-        "figure": picture,
-        "table": tables.ladder_table(records),
-    }
-
-
-def _force(run: Path, records: Records) -> dict[str, Any] | None:
-    if "force_cosine" not in records.metrics:
-        return None
-    picture = _drawn(
-        run,
-        "force_cosine",
-        figures.force_figure(records),
-        "Force cosine by rung and head",
-        "Large mark: mean over seeds; small marks: seeds. A head far from 1 does not know the "
-        "force, whatever its error over a short rollout says.",
-    )
-    return {"id": "force", "title": "Which force was learned", "figure": picture}
-
-
-def _couplings(records: Records, episodes: Records | None) -> dict[str, Any] | None:
-    if not records.couplings:
-        return None
-    apart = []
-    for g in records.couplings:
-        found = [records.pick(line, "truth_distance", coupling=g) for line in records.lines]
-        values = [value for one in found if one for value in one.values]
-        if values:
-            apart.append(f"{number(sum(values) / len(values))} at {law(g)}")
-    text = (
-        f"The two truths, changed law and old law, are themselves apart by an nMSE of "
-        f"{', '.join(apart)} (mean over all rows): an error near that says that the change was "
-        "missed."
-    )
-    return {
-        "id": "couplings",
-        "title": "All couplings",
-        "texts": [text] if apart else [],
-        "table": tables.couplings_table(records, episodes),
-    }
-
-
-def _drift(run: Path, records: Records) -> dict[str, Any] | None:
-    if not records.horizons:
-        return None
-    picture = _drawn(
-        run,
-        "drift",
-        figures.drift_figure(records),
-        "Energy drift against simulation steps by rung and head",
-        "Line: median episode; band: up to the worst episode of any seed. At the dotted line the "
-        f"error is as large as the energy itself. Drifts above {figures.DRIFT_CAP:,.0f} are drawn "
-        "there.",
-    )
-    table = tables.drift_table(records)
-    return {"id": "drift", "title": "Does the energy hold", "figure": picture, "table": table}
-
-
-def _tabled(
-    name: str, title: str, table: tables.Table | None, text: str = ""
-) -> dict[str, Any] | None:
-    if table is None:
-        return None
-    return {"id": name, "title": title, "texts": [text] if text else [], "table": table}
-
-
-def _sheets(run: Path, records: Records) -> dict[str, Any] | None:
-    """The showcase episodes of the factored heads and of their twins."""
-    sheets: list[tuple[str, Drawn]] = []
-    taken = left = 0
-    cells = [f"{x.grounding}/{x.head}" for x in records.lines if x.head in SHEET_HEADS]
-    for cell in dict.fromkeys(cells):
-        stem = cell.replace("/", "-")
-        file = run / "showcase" / f"{stem}.safetensors"
-        if not file.is_file():
-            continue
-        path = run / "figures" / f"showcase-{stem}.png"
-        showcase, meta = read_showcase(file)
-        figures.save_png(contact_sheet(showcase, {"cell": cell, **meta}), path, dots_per_inch=90)
-        picture = path.read_bytes()
-        taken += len(picture)
-        if sheets and taken > SHEET_BYTES:
-            left += 1
-        else:
-            sheets.append((cell, inline_png(picture, f"One episode of {cell}")))
-    text = (
-        "One test episode of each cell: what was observed, then both laws rolled forward. "
-        "The command vidphys view shows it in time."
-    )
-    if left:
-        text += f" {left} more lie in figures/, so that this page stays small."
-    if not sheets:
-        return None
-    return {"id": "episodes", "title": "One episode, seen", "texts": [text], "sheets": sheets}
-
-
-def _development(older: Records | None) -> dict[str, Any] | None:
-    """The ladder on the seeds that were looked at while tuning, greyed."""
-    if older is None or not older.couplings:
-        return None
-    return {
-        "id": "development",
-        "title": "Development seeds",
-        "texts": [looked_at(older)],
-        "table": tables.ladder_table(older),
-        "grey": True,
-    }
-
-
-def _kept(records: Records) -> str:
-    return (
-        f"{len(records.rows):,} records: {', '.join(records.metrics)}. Each of them stands in "
-        "records.parquet; episodes.parquet has the raw numbers of every episode, run.json all "
-        "settings, recordings/ one recording a cell."
-    )
-
-
-def _settings(about: Mapping[str, Any]) -> dict[str, Any]:
-    versions = {f"version of {k}": v for k, v in (about.get("versions") or {}).items()}
-    rest = {k: about[k] for k in ("schema_version",) if k in about}
-    return {**_flat(about.get("settings") or {}), **versions, **rest}
-
-
-def _drawn(run: Path, name: str, figure: Any, label: str, caption: str) -> Drawn:
-    """Keep a figure in ``figures/`` as vectors and pixels, and return it for the page."""
-    path = run / "figures" / f"{name}.svg"
-    figures.save_svg(figure, path)
-    figures.save_png(figure, path.with_suffix(".png"))
-    return inline_svg(path.read_text(encoding="utf-8"), label, caption)
-
-
-def _fact(about: Mapping[str, Any], settings: Mapping[str, Any], name: str) -> str:
-    """A fact of ``run.json``, or of its settings at any depth."""
-    if about.get(name) is not None:
-        return str(about[name])
-    found = [str(v) for k, v in settings.items() if k.split(".")[-1] == name]
-    return ", ".join(dict.fromkeys(found))
-
-
-def _said(records: Records, column: str) -> str:
-    return ", ".join(sorted({str(row[column]) for row in records.rows if row.get(column)}))
-
-
-def _flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat

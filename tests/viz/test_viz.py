@@ -813,7 +813,7 @@ def test_a_page_stays_small_however_many_episodes_there_are(tmp_path, monkeypatc
     arrays = {k: np.ascontiguousarray(v) for k, v in make_showcase(pictures=False).items()}
     for head in HEADS:
         save_file(arrays, run / "showcase" / f"oracle-{head}.safetensors", {"seed": "0"})
-    monkeypatch.setattr("viz.report.SHEET_BYTES", 1)
+    monkeypatch.setattr("viz.sections.SHEET_BYTES", 1)
     page = write_report(run).read_text(encoding="utf-8")
     assert page.count("data:image/png") == 1 and "1 more lie in figures/" in page
     assert (run / "figures" / "showcase-oracle-unstructured.png").is_file()
