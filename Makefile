@@ -38,7 +38,6 @@ check: $(READY)
 
 # The site, into build/site, with no broken link; read by opening its index.html.
 docs: $(READY)
-	$(VENV)/bin/uv pip install --quiet --python $(VENV)/bin/python --editable ".[docs]"
 	$(VENV)/bin/mkdocs build --strict
 
 # Thousands of hurt files of every kind that is read: each is read, or refused in one line.
