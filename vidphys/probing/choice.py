@@ -67,6 +67,8 @@ class Place:
 class Choice:
     """For one target, the best layer of all encoders, and the cheapest that is hardly worse.
 
+    Layers that are surely above their controls go before all others.
+
     Args:
         target: what was asked.
         encoder, layer, form: that knows most of it, and how it is read there.
@@ -175,7 +177,9 @@ def choices_of(places: Sequence[Place]) -> list[Choice]:
 
 
 def _choice(places: Sequence[Place]) -> Choice:
-    best = max(places, key=lambda place: place.score.value)
+    # a layer that random weights or pixels equal is no reason to pass over one that they do not
+    sure = [place for place in places if place.sure]
+    best = max(sure or places, key=lambda place: place.score.value)
     draws = Bootstrap(len(best.sums.error))
     level = [
         place

@@ -41,6 +41,12 @@ def test_nothing_is_recommended_that_is_not_above_its_controls():
     assert "take" not in choice.sentence
 
 
+def test_a_layer_that_is_above_its_controls_goes_before_a_better_one_that_is_not():
+    (choice,) = choices_of([place("1", 0.8, sure=False), place("2", 0.7)])
+    assert (choice.layer, choice.selectivity.value) == ("2", pytest.approx(0.5))
+    assert choice.sentence.startswith("for speed take net at layer 2")
+
+
 def test_what_is_above_its_controls_but_not_above_chance_is_not_known():
     weak = place("1", 0.04, pixels=-0.3)
     assert weak.selectivity.low > 0 > weak.score.low
