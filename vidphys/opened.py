@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from vidphys.runs.recordings import recordings_of
 from vidphys.runs.records import read_table
 from vidphys.shooting.step import HEAD_DT
 
+SHOWN = 720  # pixels of a notebook
 SHOOTING = "shooting"  # of the two readouts of a ladder's cell, the better one
 FITTED = "tracks/specified"
 TRUE_STATES = "oracle"  # the grounding whose heads step by the scene's own step
@@ -158,6 +160,20 @@ class Run:
             ValueError: the encoder's weights are missing or wrong.
         """
         return pipeline.load_pipeline(self.path, weights, device)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the run's report, its settings where there is none yet."""
+        report = self.path / "report.html"
+        if report.is_file():
+            page = escape(report.read_text(encoding="utf-8"))
+            style = f"width: 100%; height: {SHOWN}px; border: 0"
+            return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{page}"></iframe>'
+        rows = (
+            f"<tr><th>{escape(str(name))}</th><td>{escape(str(value))}</td></tr>"
+            for name, value in self.settings.items()
+        )
+        name = escape(self.path.name)
+        return f"<p>A run without a report yet: {name}</p><table>{''.join(rows)}</table>"
 
     def _table(self, kind: str) -> pa.Table:
         file = self.path / f"{kind}.parquet"

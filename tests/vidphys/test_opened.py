@@ -1,5 +1,8 @@
 """A run folder as an object: everything that was kept, and one line where something was not."""
 
+import re
+from html import unescape
+
 import pytest
 import torch
 from safetensors.torch import save_file
@@ -114,3 +117,16 @@ def test_nothing_is_written(folder):
     run.head("oracle/unstructured")
     _ = run.parts, run.recordings, run.skipped
     assert before == sorted((p, p.stat().st_mtime_ns) for p in folder.path.rglob("*"))
+
+
+def test_a_notebook_shows_the_report_and_before_it_the_settings(folder):
+    run = open_run(folder.path)
+    shown = run._repr_html_()
+    assert "<th>seeds</th><td>[0]</td>" in shown and "iframe" not in shown
+    page = '<p title="a">nMSE &lt; 0.5</p><script>parent.x = 1</script>'
+    (folder.path / "report.html").write_text(page, encoding="utf-8")
+    shown = run._repr_html_()
+    held = re.fullmatch(
+        r'<iframe sandbox="allow-scripts" style="[^"]*" srcdoc="([^"]*)"></iframe>', shown
+    )
+    assert unescape(held[1]) == page

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from vidphys.diagnose.explanations.forecast import Validation
+from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, judge
 
 TIMES = np.arange(40) * 0.05
@@ -61,3 +64,23 @@ def test_a_law_that_is_off_for_a_few_frames_and_comes_back_is_mostly_right(off, 
         Validation(held.times, held.seen, forecasts, {**held.errors, "model": 0.1}),
     )
     assert found.status == status and found.horizon < TIMES[-1] / 3
+
+
+@pytest.mark.parametrize(
+    ("kinds", "miss", "status"),
+    [
+        ({"centre"}, 0.02, EXPLAINED),
+        ({"centre"}, 0.17, NOT),  # the same miss is enough where less can be bent
+        ({"arc"}, 0.17, MOSTLY),
+    ],
+)
+def test_a_place_that_nobody_sees_has_to_foretell_everything(
+    kinds: set[str], miss: float, status: str
+) -> None:
+    late = tail(0.0)
+    late.forecasts["model"][25:] += miss
+    found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
+    law = SimpleNamespace(mechanism=found, forecast=lambda: late, _period=np.inf, impossible="")
+    for held in (late.forecasts, late.errors):
+        held["constant velocity"] = held["persistence"]
+    assert ByMechanism.verdict.func(law).status == status

@@ -103,7 +103,9 @@ class ByMechanism(Explanation):
             apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
             straight = bool(np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread)
         judged = judge(found.share, found.left, found.spread, tail, self._period, straight)
-        return replace(judged, status=NOT) if self.impossible else judged
+        # A power of the distance to a place that nobody sees bends to much: it has to foretell all.
+        bent = "centre" in found.kinds and judged.status != EXPLAINED
+        return replace(judged, status=NOT) if self.impossible or bent else judged
 
     @property
     def _period(self) -> float:
