@@ -25,7 +25,7 @@ from vidphys.reading.seen import BEYOND
 
 STORED = 200  # states that are kept of a rollout, about
 WAIT = 0.008  # seconds that a piece of a rollout should take: for so long a new change waits
-MOST_PIECES = 20  # of a rollout, whose checks each piece repeats
+MOST_PIECES = 40  # of a rollout, whose checks each piece repeats
 FEW = 8  # episodes of the twin; fewer do not roll in fused loops
 Roll = Callable[[PhaseState, Parameters, int], Rollout]
 
