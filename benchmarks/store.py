@@ -11,6 +11,7 @@ import json
 import resource
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -24,6 +25,7 @@ from encoders import shards
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.manifests import KEYED, SCHEMA_VERSION, FeatureRequest
+from encoders.parts import Part
 from encoders.shards import Loose
 from encoders.store import FeatureStore
 from registry.seal import SEAL
@@ -31,6 +33,7 @@ from registry.seal import SEAL
 WHO = EncoderIdentity("made", 1, "f" * 64, "none", "1", 32, "float32")
 TIMES = torch.tensor([0.0, 0.1], dtype=torch.float64)
 TRIES = 200
+TOGETHER = 256  # entries of a part that a worker adds
 
 
 def request(number: int) -> FeatureRequest:
@@ -84,6 +87,15 @@ def main(folder: Path, count: int) -> None:
         adds.append(_timed(lambda new=new: store.write(new, "new.mp4", made)))
     for what, seconds in (("look up", looks), ("read", reads), ("add", adds)):
         print(f"{what}: {1000 * statistics.median(seconds):.3f} ms")
+    begun = time.perf_counter()
+    with Part(store, folder / "work") as part:
+        for number in range(2 * count, 2 * count + TOGETHER):
+            each = request(number)
+            with part.begin([each], "new.mp4", (32, 32), TIMES) as filled:
+                filled.add([made.values[0]])
+        part.commit(Path(tempfile.mkdtemp(dir=folder)), {})
+    seconds = time.perf_counter() - begun
+    print(f"add, {TOGETHER} at one stroke: {1000 * seconds / TOGETHER:.3f} ms each")
     begun = time.perf_counter()
     print(f"packed {store.pack()} in {time.perf_counter() - begun:.2f} s")
     print(f"memory at most: {_memory()} MiB")

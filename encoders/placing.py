@@ -6,12 +6,10 @@ import os
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 STALE_SECONDS = 3600.0  # without a change, after which a partial file is nobody's
-AT_ONCE = 16  # files that are synced together
 
 
 def partial_of(path: Path) -> Path:
@@ -21,13 +19,13 @@ def partial_of(path: Path) -> Path:
 
 
 def place(files: Mapping[Path, Path]) -> None:
-    """Sync files at once, which takes the disk little longer than one, then rename them in order.
+    """Sync all files, then rename them in order.
 
     Args:
         files: each with its place.
     """
-    with ThreadPoolExecutor(min(AT_ONCE, len(files))) as pool:
-        list(pool.map(_sync, files))
+    for file in files:
+        _sync(file)
     for file, path in files.items():
         file.replace(path)
 

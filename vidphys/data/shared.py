@@ -99,8 +99,10 @@ class Extraction:
                 for claim in claims.each(range(len(self.units)), self._is_done):
                     try:
                         made = self._make(claim, claims.worker, opened)
-                    except ClaimLost:
-                        continue
+                    except (ClaimLost, FileNotFoundError):
+                        if claim.held() and not self._is_done(claim.unit):
+                            raise
+                        continue  # others are done with it, and have tidied up perhaps
                     if made:
                         here += 1
                         told(claim.unit)

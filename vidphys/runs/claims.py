@@ -110,10 +110,13 @@ class Claims:
             last += 1
         if last and not self._left(self._named(unit, last)):
             return None
-        if not self._runs():
-            self._renew()
-        lost = self._lost
-        if not self._create(self._named(unit, last + 1)):
+        try:
+            if not self._runs():
+                self._renew()
+            lost = self._lost
+            if not self._create(self._named(unit, last + 1)):
+                return None
+        except FileNotFoundError:  # another found that all is done, and tidied up
             return None
         return Claim(unit, last + 1, lambda: self._runs() and self._lost == lost)
 
@@ -122,7 +125,10 @@ class Claims:
 
         Args:
             units: their numbers. Every worker begins at another one.
-            done: whether a unit is.
+            done: whether a unit is. Once all are, the folder may be deleted.
+
+        Raises:
+            InputError: the folder was deleted before.
         """
         first = int(self.worker, 16) % max(1, len(units))
         open_ = [*units[first:], *units[:first]]
@@ -134,6 +140,8 @@ class Claims:
                 claim = self.take(unit)
                 if claim is not None:
                     yield claim
+                elif not self._own.exists() and not done(unit):
+                    raise InputError(f"{self.folder}: was deleted while units were being made")
                 left += [] if done(unit) else [unit]
             if len(left) == len(open_):
                 time.sleep(min(self.lease / LOOKS, MOST_POLL))

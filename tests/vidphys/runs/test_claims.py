@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import time
 
@@ -128,3 +129,16 @@ def test_each_unit_comes_once_and_those_of_others_when_they_are_left(tmp_path):
             assert done == {0, 1, 3, 4}
         done.add(next(coming).unit)
         assert [*coming] == [] and done == set(range(5))
+
+
+def test_a_folder_that_is_gone_ends_the_wait(tmp_path):
+    done = set()
+    with Claims(tmp_path / "work", LEASE) as claims:
+        coming = claims.each(range(2), done.__contains__)
+        done.add(next(coming).unit)
+        shutil.rmtree(tmp_path / "work")
+        assert claims.take(7) is None
+        with pytest.raises(InputError, match="was deleted"):
+            next(coming)
+        done.update(range(2))
+        assert [*claims.each(range(2), done.__contains__)] == []
