@@ -94,8 +94,8 @@ def main(folder: Path, count: int) -> None:
             with part.begin([each], "new.mp4", (32, 32), TIMES) as filled:
                 filled.add([made.values[0]])
         part.commit(Path(tempfile.mkdtemp(dir=folder)), {})
-    seconds = time.perf_counter() - begun
-    print(f"add, {TOGETHER} at one stroke: {1000 * seconds / TOGETHER:.3f} ms each")
+    each_took = (time.perf_counter() - begun) / TOGETHER
+    print(f"add, {TOGETHER} at one stroke: {1000 * each_took:.3f} ms each")
     begun = time.perf_counter()
     print(f"packed {store.pack()} in {time.perf_counter() - begun:.2f} s")
     print(f"memory at most: {_memory()} MiB")
