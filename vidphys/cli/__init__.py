@@ -45,6 +45,7 @@ VERBS = {
 # numpy's matrices here are small; its threads only wait for each other, and where something else
 # runs on the machine a diagnosis takes twenty times as long. Torch's are its own.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+SHOWING = ("view", "play")  # they have nothing that could go on
 OK, WRONG_INPUT = 0, 2
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops", "registry")
 
@@ -84,6 +85,8 @@ def main(arguments: list[str] | None = None, ending: Ending | None = None) -> in
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     if verb != "weights":  # which fetches where it is told to
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
+    if verb in SHOWING:
+        ending.said = "ended"
     try:
         ending.working = True
         code = _run(verb, rest)
