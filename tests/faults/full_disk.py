@@ -49,10 +49,13 @@ def said(work: Callable[[], int]) -> tuple[int, str]:
 
 
 def left(disk: Path) -> dict[str, bytes]:
-    """Tensors and labels: what must be the same bits however the work was cut."""
+    """Tensors and labels: what must be the same bits however the work was cut.
+
+    A checkpoint that is written once more at the same step is called so: that name is left out.
+    """
     kinds = (".safetensors", ".csv", ".avi")
-    files = sorted(path for path in disk.rglob("*") if path.is_file())
-    return {str(p.relative_to(disk)): content(p) for p in files if p.suffix in kinds}
+    files = sorted(path for path in disk.rglob("*") if path.is_file() and path.suffix in kinds)
+    return {str(p.relative_to(disk)).replace("-again.", "."): content(p) for p in files}
 
 
 def content(path: Path) -> bytes:
