@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -13,8 +14,8 @@ from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from vidphys.experiments.core.cell import Unit
-    from vidphys.experiments.costs import Costs
-    from vidphys.presets import Preset
+    from vidphys.experiments.forecast import Forecast
+    from vidphys.runs.cost import Cost
 
 CLUSTERS = (1, 2, 8, 64)  # workers that a plan is told for, beside those that are asked for
 
@@ -36,6 +37,7 @@ class PlanConfig(StudyOptions):
             where there is none. What was measured in another preset is scaled by the part of the
             work that grows most: an upper bound.
         units: print each unit, too.
+        json: print all of it as JSON, for a script: seconds, by the clock for so many workers.
     """
 
     verb: Annotated[Literal["ladder", "reproduce"], tyro.conf.Positional]
@@ -45,6 +47,7 @@ class PlanConfig(StudyOptions):
     scene: str = ""
     measured: tuple[Path, ...] = ()
     units: bool = False
+    json: bool = False
 
 
 def plan(config: PlanConfig) -> int:
@@ -66,16 +69,45 @@ def plan(config: PlanConfig) -> int:
         units = units_of(tables, seeds, cells)
     costs = known_costs(config.measured, config.device)
     found = forecast(units, config.preset, sizes, costs)
+    took = {unit: costs.of(unit, config.preset, sizes) for unit in units}
+    if config.json:
+        print(json.dumps(_as_data(took, found, config.workers)))
+        return 0
     if config.units:
-        for unit in units:
-            print(_line(unit, config.preset, sizes, costs))
+        for unit, cost in took.items():
+            print(_line(unit, cost))
     print(found.sentence(config.workers))
     if found.peak_bytes:
         print(f"memory: {found.peak_bytes / 2**30:.1f} GiB a worker at most")
-    for workers in sorted({*CLUSTERS, config.workers}):
-        if found.seconds:
-            print(f"{workers:>4} workers  {told_seconds(found.wall(workers))}")
+    for workers, seconds in _walls(found, config.workers).items():
+        print(f"{workers:>4} workers  {told_seconds(seconds)}")
     return 0
+
+
+def _walls(found: Forecast, workers: int) -> dict[int, float]:
+    """Seconds by the clock, for numbers of workers."""
+    return {n: found.wall(n) for n in sorted({*CLUSTERS, workers})} if found.seconds else {}
+
+
+def _as_data(
+    took: dict[Unit, tuple[Cost, str] | None], found: Forecast, workers: int
+) -> dict[str, Any]:
+    return {
+        "units": [
+            {
+                "table": unit.table,
+                "cells": unit.cells,
+                "seeds": unit.seeds,
+                "seconds": None if cost is None else cost[0].seconds,
+                "how": "not known" if cost is None else cost[1],
+            }
+            for unit, cost in took.items()
+        ],
+        "seconds": sum(found.seconds),
+        "unknown": found.unknown,
+        "peak_bytes": found.peak_bytes,
+        "wall": _walls(found, workers),
+    }
 
 
 def _asked(config: PlanConfig):  # noqa: ANN202 (tables and cells)
@@ -91,10 +123,9 @@ def _asked(config: PlanConfig):  # noqa: ANN202 (tables and cells)
         return choose(config.tables), config.cells
 
 
-def _line(unit: Unit, preset: str, sizes: Preset, costs: Costs) -> str:
+def _line(unit: Unit, found: tuple[Cost, str] | None) -> str:
     from vidphys.experiments.forecast import told_seconds
 
-    found = costs.of(unit, preset, sizes)
     cells = unit.cells[0] + (f" and {len(unit.cells) - 1} more" if len(unit.cells) > 1 else "")
     seeds = ",".join(map(str, unit.seeds))
     took = "not known" if found is None else f"{told_seconds(found[0].seconds)} ({found[1]})"

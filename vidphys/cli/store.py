@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from encoders.remote import Remote
+
+COLUMNS = ("encoder", "layer", "entries", "bytes")
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class StoreConfig:
         key: with delete: this entry only, as a check names it.
         url: with push and pull: a folder of an object store (s3://bucket/features, for which the
             extra s3 is installed), or any other that fsspec knows.
+        json: with list: print it as JSON, for a script.
     """
 
     action: Annotated[
@@ -43,6 +47,7 @@ class StoreConfig:
     layer: str | None = None
     key: str | None = None
     url: str | None = None
+    json: bool = False
 
 
 def store(config: StoreConfig) -> int:
@@ -53,6 +58,8 @@ def store(config: StoreConfig) -> int:
     """
     if (config.url is not None) != (config.action in ("push", "pull")):
         raise InputError("store: --url goes with push and pull, which need it")
+    if config.json and config.action != "list":
+        raise InputError("store: --json goes with list only")
     if config.action != "pull" and not any(
         (config.folder / part).is_dir() for part in ("entries", "shards")
     ):
@@ -67,14 +74,17 @@ def store(config: StoreConfig) -> int:
         raise InputError(str(error)) from error
 
 
-def _list(kept: FeatureStore, _config: StoreConfig) -> int:
+def _list(kept: FeatureStore, config: StoreConfig) -> int:
     counts: Counter[tuple[str, str]] = Counter()
     sizes: Counter[tuple[str, str]] = Counter()
     for name, layer, count, size in kept.counts():
         counts[name, layer] += count
         sizes[name, layer] += size
-    for name, layer in sorted(counts):
-        count, size = counts[name, layer], sizes[name, layer]
+    held = [(*which, counts[which], sizes[which]) for which in sorted(counts)]
+    if config.json:
+        print(json.dumps([dict(zip(COLUMNS, row, strict=True)) for row in held]))
+        return 0
+    for name, layer, count, size in held:
         print(f"{name}, layer {layer}: {count} entries, {size / 2**20:.3g} MiB")
     return 0
 

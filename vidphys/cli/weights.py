@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import dataclass
 from functools import partial
@@ -27,12 +28,14 @@ class WeightsConfig:
         names: encoders; all for list and check if none is named.
         weights: folder; else VIDPHYS_WEIGHTS, else the user's cache.
         lock: with check: accept the files as they are and write their hashes beside them.
+        json: with list: print it as JSON, for a script.
     """
 
     action: Annotated[Literal["list", "fetch", "check"], tyro.conf.Positional]
     names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     weights: Path | None = None
     lock: bool = False
+    json: bool = False
 
 
 def weights(config: WeightsConfig) -> None:
@@ -44,22 +47,37 @@ def weights(config: WeightsConfig) -> None:
     """
     if config.lock and config.action != "check":
         raise InputError("weights: --lock goes with check only")
+    if config.json and config.action != "list":
+        raise InputError("weights: --json goes with list only")
     if config.action == "fetch" and not config.names:
         raise InputError(f"weights fetch: name what to fetch; known are {', '.join(KNOWN)}")
     try:
         for name in config.names or KNOWN:
             entry(name)
+        if config.json:
+            print(json.dumps([_told(name, config) for name in config.names or KNOWN]))
+            return
         for name in config.names or KNOWN:
             print(_ACTIONS[config.action](name, config))
     except ValueError as error:
         raise InputError(str(error)) from error
 
 
+def _told(name: str, config: WeightsConfig) -> dict[str, str | None]:
+    known, path = entry(name), weights_path(name, config.weights)
+    return {
+        "name": name,
+        "about": known.about,
+        "licence": known.licence,
+        "path": str(path) if path.exists() else None,
+        "get it by": known.how_to_get(name),
+    }
+
+
 def _list(name: str, config: WeightsConfig) -> str:
-    known = entry(name)
-    path = weights_path(name, config.weights)
-    where = str(path) if path.exists() else f"not here, get it by {known.how_to_get(name)}"
-    return f"{name}: {known.about}; {known.licence}; {where}"
+    told = _told(name, config)
+    where = told["path"] or f"not here, get it by {told['get it by']}"
+    return f"{name}: {told['about']}; {told['licence']}; {where}"
 
 
 def _fetch(name: str, config: WeightsConfig) -> str:
