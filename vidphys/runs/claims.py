@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import threading
 import time
 import uuid
@@ -151,7 +150,7 @@ class Claims:
         return self.folder / "claims" / f"{unit:06d}.{take}"
 
     def _create(self, path: Path) -> bool:
-        about = {"worker": self.worker, "lease": self.lease, "host": socket.gethostname()}
+        about = {"worker": self.worker, "lease": self.lease}
         try:
             number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         except FileExistsError:
