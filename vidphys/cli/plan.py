@@ -34,8 +34,8 @@ class PlanConfig(StudyOptions):
         cells: as of the verb.
         heads, scene: as of the ladder.
         measured: run folders whose units' times are taken; ours, of the preset quick on one core,
-            where there is none. What was measured in another preset is scaled by the part of the
-            work that grows most: an upper bound.
+            where there is none. What was measured in another preset is scaled as cells are that are
+            known in both, else by the part of the work that grows most: an upper bound.
         units: print each unit, too.
         json: print all of it as JSON, for a script: seconds, by the clock for so many workers.
     """
@@ -69,13 +69,13 @@ def plan(config: PlanConfig) -> int:
         units = units_of(tables, seeds, cells)
     costs = known_costs(config.measured, config.device)
     found = forecast(units, config.preset, sizes, costs)
-    took = {unit: costs.of(unit, config.preset, sizes) for unit in units}
+    told = units if config.json or config.units else ()
+    took = {unit: costs.of(unit, config.preset, sizes) for unit in told}
     if config.json:
         print(json.dumps(_as_data(took, found, config.workers)))
         return 0
-    if config.units:
-        for unit, cost in took.items():
-            print(_line(unit, cost))
+    for unit, cost in took.items():
+        print(_line(unit, cost))
     print(found.sentence(config.workers))
     if found.peak_bytes:
         print(f"memory: {found.peak_bytes / 2**30:.1f} GiB a worker at most")

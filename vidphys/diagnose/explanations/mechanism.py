@@ -103,7 +103,7 @@ class ByMechanism(Explanation):
             apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
             straight = bool(np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread)
         judged = judge(found.share, found.left, found.spread, tail, self._period, straight)
-        # A power of the distance to a place that nobody sees bends to much: it has to foretell all.
+        # A free power of the distance to an unseen place fits too much: all must be foretold.
         bent = "centre" in found.kinds and judged.status != EXPLAINED
         return replace(judged, status=NOT) if self.impossible or bent else judged
 
