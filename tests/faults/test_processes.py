@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -50,10 +51,11 @@ def until(true, seconds: float = 90.0) -> None:
         time.sleep(0.02)
 
 
-def heeds(process: int, number: int) -> bool:
-    status = Path(f"/proc/{process}/status").read_text()
-    caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
-    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+def heeds(process: int, number: int, how: tuple[str, ...] = ("SigCgt",)) -> bool:
+    """Whether a process catches a signal (or, as ``how`` says, blocks or ignores it)."""
+    status = Path(f"/proc/{process}/status").read_text().splitlines()
+    masks = [int(line.split()[1], 16) for line in status if line.startswith(how)]
+    return any(mask >> (number - 1) & 1 for mask in masks)
 
 
 def below(process: int) -> list[int]:
@@ -228,6 +230,17 @@ def test_f6_no_worker_outlives_its_run(tmp_path, number, when):
         until(lambda: not any(map(is_alive, workers)), 15)
     else:
         ends_when_told(run, number, to_all=number == signal.SIGINT)
+
+
+def test_f6_no_process_can_be_told_to_end_before_it_knows_how(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    run = started(str(tmp_path / "script.py"), "waits", str(tmp_path))
+    until(lambda: heeds(run.pid, signal.SIGTERM))
+    while not (tmp_path / "b").exists():
+        for process in below(run.pid):
+            with suppress(OSError):  # Python itself catches SIGINT at first, never SIGTERM
+                assert heeds(process, signal.SIGTERM, ("SigBlk", "SigCgt", "SigIgn"))
+    ends_when_told(run, signal.SIGTERM)
 
 
 def test_a_unit_that_failed_and_then_succeeds_is_no_failure_of_the_run(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
@@ -42,7 +43,10 @@ class _Worker:
         self.task: int | None = None
         self.silent = self.idle = 0.0
         self.stage = "its start"
-        # A child begins with the same signals blocked, until it can heed them.
+        # A child begins with the same signals blocked, until it can heed them. Python's tracker of
+        # shared resources comes first: its start takes the block away.
+        with _safe_path():
+            resource_tracker.ensure_running()
         with _blocked_signals(), _safe_path():
             self.process: SpawnProcess = context.Process(target=serve, args=(theirs,), daemon=True)
             self.process.start()
