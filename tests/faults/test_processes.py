@@ -92,10 +92,10 @@ def ends_when_told(run: subprocess.Popen, number: int, to_all: bool = False) -> 
         os.kill(process, number)
     _, said = run.communicate(timeout=60)
     assert run.returncode == INTERRUPTED, said
-    assert time.monotonic() - began < 5
+    assert time.monotonic() - began < (5 if LONG else 10)  # a machine under test is busy
     assert "Traceback" not in said
     assert "the same command goes on from here" in said
-    until(lambda: not any(map(is_alive, workers)), 5)
+    until(lambda: not any(map(is_alive, workers)), 30)
     return said
 
 
@@ -227,7 +227,7 @@ def test_f6_no_worker_outlives_its_run(tmp_path, number, when):
     if number == signal.SIGKILL:
         run.kill()
         run.communicate()
-        until(lambda: not any(map(is_alive, workers)), 15)
+        until(lambda: not any(map(is_alive, workers)), 30)
     else:
         ends_when_told(run, number, to_all=number == signal.SIGINT)
 

@@ -31,7 +31,7 @@ def address(tmp_path) -> Iterator[str]:
 def asked(address: str, host: str | None = None, path: str | None = None, way: str = "GET",
           **headers: str) -> tuple[int, bytes, dict[str, str]]:  # fmt: skip
     parts = urlsplit(address)
-    line = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=10)
+    line = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=60)
     line.putrequest(way, path or parts.path, skip_host=True)
     line.putheader("Host", host or parts.netloc)
     for name, value in headers.items():

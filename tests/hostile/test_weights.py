@@ -68,7 +68,7 @@ def test_z03_a_million_tensors_are_refused_before_they_are_made(tmp_path):
     began = time.monotonic()
     with pytest.raises(ValueError, match=f"more than {MOST_TENSORS} tensors"):
         read_tensors(path)
-    assert time.monotonic() - began < 2
+    assert time.monotonic() - began < 10
 
 
 def test_z03_what_is_sound_is_read(tmp_path):

@@ -25,7 +25,7 @@ def test_parts_are_the_whole(threads, blocks):
 
 
 def test_threads_work_at_the_same_time_and_are_kept(threads):
-    together = threading.Barrier(threads, timeout=10)
+    together = threading.Barrier(threads, timeout=60)
 
     def part(which: tuple[int, int]) -> int:
         together.wait()

@@ -1070,7 +1070,7 @@ def test_an_interrupted_viewer_leaves_no_process_behind(tmp_path):
     finally:
         signal.signal(signal.SIGALRM, before)
     left = int(pid.read_text())
-    for _ in range(100):
+    for _ in range(1200):
         try:
             os.kill(left, 0)
         except ProcessLookupError:

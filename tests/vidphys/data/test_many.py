@@ -98,7 +98,7 @@ def test_what_is_asked_for_later_is_made_before_and_errors_come_at_their_turn():
         return 2
 
     found = ahead([lambda: 1, second, lambda: 1 / 0, lambda: 4], most=2)
-    assert next(found) == 1 and started.wait(5)
+    assert next(found) == 1 and started.wait(60)
     assert next(found) == 2
     with pytest.raises(ZeroDivisionError):
         next(found)

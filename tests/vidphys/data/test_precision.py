@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -11,21 +11,24 @@ import torch
 from encoders.features import FeatureMap
 from tests.shared.small_clips import write_clip
 from vidphys.cli import main
+from vidphys.data import precision
 from vidphys.data.precision import faster
 from vidphys.data.video import ClipSelection, open_video
 
 
 @pytest.mark.parametrize("slow", ["float32", "bfloat16"])
-def test_the_faster_one_is_taken_with_its_error(tmp_path, slow):
+def test_the_faster_one_is_taken_with_its_error(tmp_path, slow, monkeypatch):
     write_clip(tmp_path / "c.avi", 4, table=False)
     video = open_video(tmp_path / "c.avi", ClipSelection())
+    clock = [0.0]
+    monkeypatch.setattr(precision, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
 
     class Fake:
         def __init__(self, dtype):
             self.dtype = dtype
 
         def encode_layers(self, frames, times, layers):
-            time.sleep(0.2 if self.dtype == slow else 0.0)
+            clock[0] += 0.2 if self.dtype == slow else 0.1
             assert frames.shape[:3] == (1, 4, 3) and len(times) == 4
             off = {"1": 0.0, "2": 0.01 if self.dtype == "bfloat16" else 0.0}
             ones = torch.ones(1, 4, 2, 2, 2)

@@ -14,7 +14,7 @@ from vidphys.errors import InputError
 from vidphys.runs import claims as module
 from vidphys.runs.claims import ClaimLost, Claims
 
-LEASE = 0.6
+LEASE = 1.2
 fork = multiprocessing.get_context("fork")
 
 
