@@ -67,15 +67,13 @@ def plan(config: PlanConfig) -> int:
     tables, cells = _asked(config)
     with option("--cells"):
         units = units_of(tables, seeds, cells)
-    costs = known_costs(config.measured, config.device)
-    found = forecast(units, config.preset, sizes, costs)
-    told = units if config.json or config.units else ()
-    took = {unit: costs.of(unit, config.preset, sizes) for unit in told}
+    found = forecast(units, config.preset, sizes, known_costs(config.measured, config.device))
     if config.json:
-        print(json.dumps(_as_data(took, found, config.workers)))
+        print(json.dumps(_as_data(found, config.workers)))
         return 0
-    for unit, cost in took.items():
-        print(_line(unit, cost))
+    if config.units:
+        for unit, cost in found.units.items():
+            print(_line(unit, cost))
     print(found.sentence(config.workers))
     if found.peak_bytes:
         print(f"memory: {found.peak_bytes / 2**30:.1f} GiB a worker at most")
@@ -89,9 +87,7 @@ def _walls(found: Forecast, workers: int) -> dict[int, float]:
     return {n: found.wall(n) for n in sorted({*CLUSTERS, workers})} if found.seconds else {}
 
 
-def _as_data(
-    took: dict[Unit, tuple[Cost, str] | None], found: Forecast, workers: int
-) -> dict[str, Any]:
+def _as_data(found: Forecast, workers: int) -> dict[str, Any]:
     return {
         "units": [
             {
@@ -101,7 +97,7 @@ def _as_data(
                 "seconds": None if cost is None else cost[0].seconds,
                 "how": "not known" if cost is None else cost[1],
             }
-            for unit, cost in took.items()
+            for unit, cost in found.units.items()
         ],
         "seconds": sum(found.seconds),
         "unknown": found.unknown,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from vidphys.experiments.core.cell import Unit
-from vidphys.experiments.costs import Costs
+from vidphys.experiments.costs import Cost, Costs
 from vidphys.presets import Preset
 from vidphys.runs.schedule import makespan
 
@@ -20,16 +20,30 @@ class Forecast:
     """What units will take.
 
     Args:
-        seconds: of each unit that something is known of, in their order.
-        unknown: units of which nothing is.
-        how: how many units are known in which way.
-        peak_bytes: of the largest of them; 0 where no memory was looked at.
+        units: what each costs and how that is known, or ``None`` where nothing is known.
     """
 
-    seconds: tuple[float, ...]
-    unknown: int
-    how: Mapping[str, int]
-    peak_bytes: int
+    units: Mapping[Unit, tuple[Cost, str] | None]
+
+    @property
+    def known(self) -> list[tuple[Cost, str]]:
+        """Of the units that something is known of."""
+        return [found for found in self.units.values() if found is not None]
+
+    @property
+    def seconds(self) -> list[float]:
+        """Of each of these, in their order."""
+        return [cost.seconds for cost, _ in self.known]
+
+    @property
+    def unknown(self) -> int:
+        """How many units nothing is known of."""
+        return len(self.units) - len(self.known)
+
+    @property
+    def peak_bytes(self) -> int:
+        """Of the largest unit; 0 where no memory was looked at."""
+        return max((cost.peak_bytes for cost, _ in self.known), default=0)
 
     def wall(self, workers: int) -> float:
         """Seconds until all are done."""
@@ -38,10 +52,11 @@ class Forecast:
     def sentence(self, workers: int) -> str:
         """In words, for so many workers."""
         least = "at least " if self.unknown else ""
-        known = ", ".join(f"{count} {how}" for how, count in self.how.items())
+        ways = Counter(how for _, how in self.known)
+        known = ", ".join(f"{count} {how}" for how, count in ways.items())
         unknown = f"; nothing is known of {self.unknown}" if self.unknown else ""
         return (
-            f"{len(self.seconds) + self.unknown} units, {told_seconds(sum(self.seconds))} of work; "
+            f"{len(self.units)} units, {told_seconds(sum(self.seconds))} of work; "
             f"with {workers} worker{'s' * (workers > 1)} {least}{told_seconds(self.wall(workers))} "
             f"(unit times: {known or 'none'}{unknown})"
         )
@@ -49,12 +64,7 @@ class Forecast:
 
 def forecast(units: Sequence[Unit], preset: str, sizes: Preset, costs: Costs) -> Forecast:
     """What units will take, by what is known of each."""
-    each = [costs.of(unit, preset, sizes) for unit in units]
-    known = [found for found in each if found is not None]
-    how = Counter(way for _, way in known)
-    seconds = tuple(cost.seconds for cost, _ in known)
-    peak = max((cost.peak_bytes for cost, _ in known), default=0)
-    return Forecast(seconds, len(each) - len(known), how, peak)
+    return Forecast({unit: costs.of(unit, preset, sizes) for unit in units})
 
 
 def told_seconds(seconds: float) -> str:
