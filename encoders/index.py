@@ -6,9 +6,12 @@ import json
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from encoders.manifests import StaleFeatures
 
 WAIT = 60.0  # seconds for another process' commit
 # Rows lie in the order in which they came: keys are hashes, and rows in their order would be
@@ -22,6 +25,8 @@ LOOKED_UP = """
 CREATE UNIQUE INDEX IF NOT EXISTS keys ON entries (key);
 CREATE INDEX IF NOT EXISTS makers ON entries (encoder, layer, bytes);
 """
+# What sqlite says of others at work, or of a file that is gone by now: no damage.
+PASSING = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_CANTOPEN)
 PUT = "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?, ?)"
 
 
@@ -30,6 +35,7 @@ class Row:
     """Where an entry lies, and its manifest."""
 
     key: str
+    index: Path
     file: Path
     place: int
     bytes: int
@@ -55,8 +61,9 @@ class Index:
 
     def has(self, key: str) -> bool:
         """Whether there is such an entry."""
-        asked = self._database().execute("SELECT 1 FROM entries WHERE key = ?", (key,))
-        return asked.fetchone() is not None
+        with reading(self.path):
+            asked = self._database().execute("SELECT 1 FROM entries WHERE key = ?", (key,))
+            return asked.fetchone() is not None
 
     def rows(self) -> Iterator[Row]:
         """All of them."""
@@ -65,7 +72,8 @@ class Index:
     def counts(self) -> list[tuple[str, str, int, int]]:
         """Encoder, layer, entries and bytes."""
         grouped = "SELECT encoder, layer, COUNT(*), SUM(bytes) FROM entries GROUP BY encoder, layer"
-        return self._database().execute(grouped).fetchall()
+        with reading(self.path):
+            return self._database().execute(grouped).fetchall()
 
     def close(self) -> None:
         """Of this process."""
@@ -84,8 +92,32 @@ class Index:
 
     def _rows(self, which: str, *values: str) -> Iterator[Row]:
         wanted = f"SELECT key, shard, place, bytes, manifest FROM entries {which}"  # noqa: S608
-        for key, shard, place, size, manifest in self._database().execute(wanted, values):
-            yield Row(key, self.shard(shard), place, size, json.loads(manifest))
+        with reading(self.path):
+            for key, shard, place, size, manifest in self._database().execute(wanted, values):
+                where = self.path, self.shard(shard), int(place), int(size)
+                yield Row(key, *where, json.loads(manifest))
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Whatever sqlite says of a damaged index, as one line.
+
+    Raises:
+        StaleFeatures: it is damaged.
+    """
+    try:
+        yield
+    except (sqlite3.DatabaseError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        if isinstance(error, StaleFeatures) or _code(error) in PASSING:
+            raise
+        raise StaleFeatures(
+            f"feature store: {path} is damaged ({' '.join(str(error).split())}); restore it, or "
+            "delete it to extract again"
+        ) from error
+
+
+def _code(error: Exception) -> int:
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def as_row(

@@ -3,7 +3,7 @@
 ::
 
     STORE/shards/<name>/000012/entries.bin      tensors of the twelfth part, as in any shard
-    STORE/shards/<name>/000012/manifest.jsonl   what is in it: a head with a hash of the rest, rows
+    STORE/shards/<name>/000012/manifest.jsonl   what is in it: a head with a hash of all, rows
     STORE/shards/<name>.sqlite                  the index of all parts; with it they can be read
 
 A part comes into its place by renaming a folder that is whole, which fails where one is there: the
@@ -35,7 +35,7 @@ from encoders.shards import ENTRIES, aligned
 from encoders.store import FeatureStore
 
 MANIFEST = "manifest.jsonl"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2  # from which on the hash is of all that is said, too
 HELD = 2**24  # bytes of an entry that is being filled, beyond which it is a temporary file
 COPIED = 2**20  # bytes at once
 # The first part that has a key keeps it.
@@ -115,7 +115,8 @@ class Part:
             about: what else its manifest is to say.
         """
         rows = "".join(json.dumps(row) + "\n" for row in self._rows.values()).encode()
-        head = {"schema_version": SCHEMA_VERSION, "about": dict(about), "sha256": _hash(rows)}
+        said = json.loads(json.dumps(dict(about)))
+        head = {"schema_version": SCHEMA_VERSION, "about": said, "sha256": _hash(said, rows)}
         with placed(self.folder / MANIFEST) as partial:
             partial.write_bytes(json.dumps(head).encode() + b"\n" + rows)
         self._file.flush()
@@ -139,8 +140,8 @@ def read_part(folder: Path) -> tuple[dict[str, Any], list[Any]]:
     try:
         first, _, rows = path.read_bytes().partition(b"\n")
         head = json.loads(first)
-        if head["schema_version"] != SCHEMA_VERSION or head["sha256"] != _hash(rows):
-            raise ValueError("it does not fit its hash")
+        if head["schema_version"] != SCHEMA_VERSION or head["sha256"] != _hash(head["about"], rows):
+            raise ValueError("of another version, or it does not fit its hash")
         return head["about"], [json.loads(row) for row in rows.splitlines()]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StaleFeatures(
@@ -177,5 +178,5 @@ def join(folder: Path, parts: int, scratch: Path) -> Iterator[Mapping[str, Any]]
     place({scratch: folder.with_name(f"{folder.name}.sqlite")})
 
 
-def _hash(rows: bytes) -> str:
-    return hashlib.sha256(rows).hexdigest()
+def _hash(about: Any, rows: bytes) -> str:
+    return hashlib.sha256(json.dumps(about, sort_keys=True).encode() + b"\n" + rows).hexdigest()

@@ -31,7 +31,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from encoders.index import LOOKED_UP, PUT, TABLE, WAIT, Index, Row, as_row
+from encoders.index import LOOKED_UP, PUT, TABLE, WAIT, Index, Row, as_row, reading
 from encoders.placing import placed
 
 OWN = "index"  # the index of what is appended here
@@ -213,13 +213,13 @@ class Shards:
         return gone
 
     def _deleted(self, path: Path, which: str, values: tuple[str | None, ...]) -> int:
-        with closing(self._open(path)) as database, database:
+        with reading(path), closing(self._open(path)) as database, database:
             done = database.execute(f"DELETE FROM entries WHERE {which}", values)  # noqa: S608
             return done.rowcount
 
     def _clear(self, path: Path) -> None:
         """Delete the shards of which an index has nothing."""
-        with closing(self._open(path)) as database:
+        with reading(path), closing(self._open(path)) as database:
             used = {number for (number,) in database.execute("SELECT DISTINCT shard FROM entries")}
         if path.stem == OWN:
             for shard in self.folder.glob("*.bin"):
@@ -231,7 +231,7 @@ class Shards:
                 shutil.rmtree(part)
 
     def _counted(self, path: Path, which: str, values: tuple[str | None, ...]) -> int:
-        with closing(self._open(path)) as database:
+        with reading(path), closing(self._open(path)) as database:
             counted = f"SELECT COUNT(*) FROM entries WHERE {which}"  # noqa: S608
             return int(database.execute(counted, values).fetchone()[0])
 

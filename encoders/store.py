@@ -295,10 +295,13 @@ class FeatureStore:
         if manifest is not None:
             return manifest, partial(self.loose.open, key, manifest)
         row = self.shards.row(key)
-        return None if row is None else (row.manifest, partial(self._of_shard, row))
+        if row is None:
+            return None
+        require_sealed(f"{row.index}, entry {row.key[:12]}", row.manifest)
+        return row.manifest, partial(self._of_shard, row)
 
     def _of_shard(self, row: Row) -> FeatureMap:
-        require_sealed(f"{self.shards.folder}, entry {row.key[:12]}", row.manifest)
+        require_sealed(f"{row.index}, entry {row.key[:12]}", row.manifest)
         try:
             values, times = self.shards.tensors(row)
         except DamagedShard as error:

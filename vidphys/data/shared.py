@@ -8,7 +8,6 @@ dies: work of a dead worker is made anew by another, after its lease.
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -26,10 +25,12 @@ from vidphys.data.many import Wanted, extract_many
 from vidphys.data.units import Units, write_units
 from vidphys.data.video import Video
 from vidphys.runs.claims import LEASE, Claim, ClaimLost, Claims
+from vidphys.runs.sealed import read_sealed, write_sealed
 
 UNITS = "units.jsonl"
 WORK = "work"  # claims, and parts that are not whole; gone at the end
 ABOUT = "about.json"
+SCHEMA, SAID = 1, ("clips", "entries", "failed")  # of it
 
 
 @dataclass(frozen=True)
@@ -110,9 +111,14 @@ class Extraction:
                     with suppress(ClaimLost):
                         self._join(claim, claims.worker)
         shutil.rmtree(self.folder / WORK, ignore_errors=True)
-        about = json.loads((self.folder / ABOUT).read_text(encoding="utf-8"))
+        about = self._said()
         failed = tuple((path, why) for path, why in about["failed"])
         return Outcome(len(self.units), here, about["clips"], about["entries"], failed)
+
+    def _said(self) -> dict[str, Any]:
+        path = self.folder / ABOUT
+        todo = f"move {self.folder}.sqlite away, and extract again"
+        return read_sealed(path, "what a shared extraction did", todo, SCHEMA, (*SAID,))
 
     def _is_done(self, unit: int) -> bool:
         return self.part(unit).is_dir() or self.joined
@@ -140,7 +146,7 @@ class Extraction:
             if number == len(self.units):  # before the index, which says that all is done
                 said = {"clips": clips, "entries": entries, "failed": failed}
                 beside = scratch.with_suffix(".json")
-                beside.write_text(json.dumps(said), encoding="utf-8")
+                write_sealed(beside, said, SCHEMA)
                 place({beside: self.folder / ABOUT})
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import zlib
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -29,10 +31,11 @@ class Units:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self._places = path, array("q", [0])
+        self.path, self._places, self._sums = path, array("q", [0]), array("L")
         with path.open("rb") as file:
             for line in file:
                 self._places.append(self._places[-1] + len(line))
+                self._sums.append(zlib.crc32(line))
 
     def __len__(self) -> int:
         return len(self._places) - 1
@@ -42,12 +45,16 @@ class Units:
 
         Raises:
             InputError: the shard is gone or damaged.
+            OSError: the file was damaged meanwhile.
         """
         if not 0 <= number < len(self):
             raise IndexError(f"unit {number} of {len(self)}")
         with self.path.open("rb") as file:
             file.seek(self._places[number])
-            clips = [Path(name) for name in json.loads(file.readline())]
+            line = file.readline()
+        if zlib.crc32(line) != self._sums[number]:
+            raise OSError(errno.EIO, "damaged since this work began", str(self.path))
+        clips = [Path(name) for name in json.loads(line)]
         return clips_of(clips[0]) if _is_shard(clips[0]) else clips
 
 

@@ -179,8 +179,9 @@ class Claims:
         """The worker that a claim names and its lease; no name where it died while writing it."""
         try:
             about = json.loads(claim.read_text(encoding="utf-8"))
-            return str(about["worker"]), float(about["lease"])
-        except (OSError, ValueError, KeyError, TypeError):
+            worker, lease = about["worker"], float(about["lease"])
+            return (worker, lease) if worker.isalnum() else ("", self.lease)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return "", self.lease
 
     def _beat(self) -> None:
