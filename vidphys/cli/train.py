@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.from_atlas import with_atlas
+from vidphys.cli.from_atlas import AUTO, with_atlas
 from vidphys.cli.options import MOTION, given_columns, make_binder, option, refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
@@ -63,7 +63,8 @@ class TrainConfig(WhoOptions, SeeingOptions):
         out: the run folder.
         readout: what reads positions from features: refined (attention says about where, several
             readers of the cells around it say where exactly, and how sure that is), attention
-            alone, pooled, or package.module:name. An option that it does not take is refused.
+            alone, pooled, or package.module:name; auto is refined, or with --from-atlas what reads
+            the form that was best there. An option that it does not take is refused.
         layers: of the encoder that are read, its own default if none is named. Every combination
             of layer, width, readers, learning rate and seed is trained beside a pooled control of
             as many parameters, and the best on what is held out is kept.
@@ -96,7 +97,8 @@ class TrainConfig(WhoOptions, SeeingOptions):
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         on_nan: what a loss or gradient that is not finite does: stop ends the training at the
             checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
-        from_atlas: run folder of `vidphys atlas`, whose encoder and layer for positions are taken.
+        from_atlas: run folder of `vidphys atlas`, whose encoder, layer and readout for positions are
+            taken.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
@@ -106,7 +108,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
     columns: tuple[str, ...] = ()
     store: Path = Path("features")
     out: Path = Path("runs/clip")
-    readout: str = "refined"
+    readout: str = AUTO
     layers: tuple[int | str, ...] = ()
     widths: tuple[int, ...] = ()
     readers: tuple[int, ...] = ()

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
@@ -13,7 +14,7 @@ from vidphys.data.rendered import RenderSettings, render_folder
 from vidphys.errors import InputError
 from vidphys.probing.atlas import AtlasUnit, run_unit, settings_of
 from vidphys.runs.folder import RunFolder
-from vidphys.runs.sealed import read_sealed
+from vidphys.runs.sealed import read_sealed, write_sealed
 
 TARGETS = ("position", "direction", "contact")
 
@@ -63,6 +64,14 @@ def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells, monkeypatc
     chosen = with_atlas(TrainConfig(clips, from_atlas=run.path, quiet=True))
     best = next(c for c in said["choices"] if c["target"] == "position")
     assert (chosen.encoder, chosen.layers) == (best["encoder"], (best["layer"],))
+    for form, readout in (("cells", "refined"), ("pooled", "pooled"), ("softmax", "attention")):
+        choices = [{**best, "form": form}]
+        (tmp_path / form).mkdir()
+        write_sealed(tmp_path / form / "atlas.json", {"choices": choices}, 1)
+        given = TrainConfig(clips, from_atlas=tmp_path / form, quiet=True)
+        assert with_atlas(given).readout == readout
+        assert with_atlas(replace(given, readout="refined")).readout == "refined"
+    assert with_atlas(TrainConfig(clips)).readout == "refined"
     with pytest.raises(InputError, match="--layers: would have no effect: the atlas chooses"):
         with_atlas(TrainConfig(clips, from_atlas=run.path, layers=(1,)))
     with pytest.raises(InputError, match="--encoder hiera: would have no effect"):
