@@ -22,6 +22,7 @@ import torch
 from safetensors.torch import save
 
 from encoders import shards
+from encoders.entry import Origin
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.manifests import KEYED, SCHEMA_VERSION, FeatureRequest
@@ -91,7 +92,7 @@ def main(folder: Path, count: int) -> None:
     with Part(store, folder / "work") as part:
         for number in range(2 * count, 2 * count + TOGETHER):
             each = request(number)
-            with part.begin([each], "new.mp4", (32, 32), TIMES) as filled:
+            with part.begin([each], Origin("new.mp4", (32, 32), TIMES)) as filled:
                 filled.add([made.values[0]])
         part.commit(Path(tempfile.mkdtemp(dir=folder)), {})
     each_took = (time.perf_counter() - begun) / TOGETHER

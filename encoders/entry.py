@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from types import TracebackType
 from typing import Any, BinaryIO
 
@@ -29,18 +29,34 @@ NAMES = {
 ALIGNED = 8  # bytes, of which the header has a multiple
 
 
+@dataclass(frozen=True)
+class Origin:
+    """What entries are of that are filled together.
+
+    Args:
+        source: label of the clip for people (a path).
+        size: of the frames in pixels, (height, width).
+        times: of the feature frames, seconds.
+        made: what else is known of how they were made, for the manifest.
+    """
+
+    source: str
+    size: tuple[int | float, int | float]
+    times: Tensor
+    made: Mapping[str, Any] = field(default_factory=dict)
+
+
 class EntryFile:
     """A safetensors file of ``times (t,)`` and ``values (t, c, h, w)``, filled piece by piece.
 
     Args:
         file: empty.
-        times: of each feature frame.
+        origin: of the features.
         dtype: of the values.
-        source: of which they are, in words.
     """
 
-    def __init__(self, file: BinaryIO, times: Tensor, dtype: torch.dtype, source: str) -> None:
-        self.times, self.dtype, self.source = times.cpu().contiguous(), dtype, source
+    def __init__(self, file: BinaryIO, origin: Origin, dtype: torch.dtype) -> None:
+        self.origin, self.times, self.dtype = origin, origin.times.cpu().contiguous(), dtype
         self.grid: tuple[int, ...] = ()
         self.file, self._hash, self._frames, self._bytes = file, hashlib.sha256(), 0, 0
 
@@ -53,7 +69,7 @@ class EntryFile:
         values = piece.to("cpu", self.dtype).contiguous()
         if not bool(torch.isfinite(values).all()):
             raise ValueError(
-                f"feature store: features of {self.source} are not finite in "
+                f"feature store: features of {self.origin.source} are not finite in "
                 f"{str(self.dtype).removeprefix('torch.')}; use float32"
             )
         if not self.grid:
@@ -71,8 +87,8 @@ class EntryFile:
         """
         if self._frames != len(self.times):
             raise ValueError(
-                f"feature store: {self._frames} feature frames of {self.source} came in, and "
-                f"{len(self.times)} times"
+                f"feature store: {self._frames} feature frames of {self.origin.source} came in, "
+                f"and {len(self.times)} times"
             )
         return {
             "shape": [self._frames, *self.grid],
@@ -104,20 +120,14 @@ def _bytes(tensor: Tensor) -> bytes:
     return raw
 
 
-def manifest_of(
-    request: FeatureRequest,
-    source: str,
-    size: tuple[int | float, int | float],
-    file: EntryFile,
-    made: Mapping[str, Any],
-) -> dict[str, Any]:
+def manifest_of(request: FeatureRequest, file: EntryFile) -> dict[str, Any]:
     """What a store says of an entry; see :meth:`encoders.FeatureStore.begin`."""
     manifest = {
         "schema_version": SCHEMA_VERSION,
-        "source": source,
+        "source": file.origin.source,
         "request": asdict(request),
-        "made": dict(made),
-        "stride": list(stride_of(size, file.grid)),
+        "made": dict(file.origin.made),
+        "stride": list(stride_of(file.origin.size, file.grid)),
         **file.about(),
     }
     return sealed(manifest)

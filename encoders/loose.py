@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor
-
-from encoders.entry import DTYPES, Entries, EntryFile, manifest_of
+from encoders.entry import DTYPES, Entries, EntryFile, Origin, manifest_of
 from encoders.features import FeatureMap
 from encoders.manifests import FeatureRequest, StaleFeatures, load_manifest
 from encoders.placing import partial_of, place, sweep
@@ -103,14 +101,7 @@ class LooseEntries:
         stride = manifest["stride"]
         return FeatureMap(values[None], (stride[0], stride[1]), times)
 
-    def begin(
-        self,
-        requests: Sequence[FeatureRequest],
-        source: str,
-        size: tuple[int | float, int | float],
-        times: Tensor,
-        made: Mapping[str, Any],
-    ) -> Entries:
+    def begin(self, requests: Sequence[FeatureRequest], origin: Origin) -> Entries:
         """See :meth:`encoders.FeatureStore.begin`."""
         if not self._swept:
             sweep(self.folder)
@@ -121,13 +112,13 @@ class LooseEntries:
             for request, partial in partials.items():
                 opening.callback(partial.unlink, missing_ok=True)
                 file = opening.enter_context(partial.open("wb"))
-                files.append(EntryFile(file, times, DTYPES[request.dtype], source))
+                files.append(EntryFile(file, origin, DTYPES[request.dtype]))
             stack = opening.pop_all()
 
         def keep() -> None:
             data, manifests = {}, {}
             for (request, partial), entry in zip(partials.items(), files, strict=True):
-                text = json.dumps(manifest_of(request, source, size, entry, made), indent=2)
+                text = json.dumps(manifest_of(request, entry), indent=2)
                 said = partial_of(self.path(request.key))
                 stack.callback(said.unlink, missing_ok=True)
                 said.write_text(text, encoding="utf-8")

@@ -25,9 +25,7 @@ from tempfile import SpooledTemporaryFile
 from types import TracebackType
 from typing import Any, BinaryIO, cast
 
-from torch import Tensor
-
-from encoders.entry import DTYPES, Entries, EntryFile, manifest_of
+from encoders.entry import DTYPES, Entries, EntryFile, Origin, manifest_of
 from encoders.index import LOOKED_UP, PUT, TABLE, as_row
 from encoders.manifests import FeatureRequest, StaleFeatures
 from encoders.placing import place, placed
@@ -79,26 +77,19 @@ class Part:
         """Whether the store or this part has an entry of ``request``."""
         return request.key in self._rows or self.store.has(request)
 
-    def begin(
-        self,
-        requests: Sequence[FeatureRequest],
-        source: str,
-        size: tuple[int | float, int | float],
-        times: Tensor,
-        made: Mapping[str, Any] | None = None,
-    ) -> Entries:
+    def begin(self, requests: Sequence[FeatureRequest], origin: Origin) -> Entries:
         """See :meth:`encoders.FeatureStore.begin`."""
         with ExitStack() as opening:
             files = []
             for request in requests:
                 spool = opening.enter_context(SpooledTemporaryFile(HELD))
                 file = cast(BinaryIO, spool)
-                files.append(EntryFile(file, times, DTYPES[request.dtype], source))
+                files.append(EntryFile(file, origin, DTYPES[request.dtype]))
             stack = opening.pop_all()
 
         def keep() -> None:
             for request, entry in zip(requests, files, strict=True):
-                manifest = manifest_of(request, source, size, entry, made or {})
+                manifest = manifest_of(request, entry)
                 entry.file.seek(0)
                 begun = aligned(self._file)
                 shutil.copyfileobj(entry.file, self._file, COPIED)

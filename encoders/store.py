@@ -20,9 +20,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor
-
-from encoders.entry import DTYPES, Entries
+from encoders.entry import DTYPES, Entries, Origin
 from encoders.features import FeatureMap, FeatureStream, streamed
 from encoders.identity import EncoderIdentity
 from encoders.index import Row
@@ -267,27 +265,18 @@ class FeatureStore:
             ValueError: values that the dtype cannot hold.
         """
         chosen = [requests[layer] for layer in stream.layers]
-        with self.begin(chosen, source, stream.size, stream.times, made) as entries:
+        with self.begin(chosen, Origin(source, stream.size, stream.times, made or {})) as entries:
             for piece in stream.pieces:
                 entries.add(piece)
 
-    def begin(
-        self,
-        requests: Sequence[FeatureRequest],
-        source: str,
-        size: tuple[int | float, int | float],
-        times: Tensor,
-        made: Mapping[str, Any] | None = None,
-    ) -> Entries:
+    def begin(self, requests: Sequence[FeatureRequest], origin: Origin) -> Entries:
         """Entries to be filled piece by piece, which are there once all of them is.
 
         Args:
             requests: of layers with the same feature frames.
-            source, made: see :meth:`write_layers`.
-            size: of the frames in pixels, (height, width).
-            times: of the feature frames, seconds.
+            origin: of the features.
         """
-        return self.loose.begin(requests, source, size, times, made or {})
+        return self.loose.begin(requests, origin)
 
     def _found(self, key: str) -> tuple[dict[str, Any], Callable[[], FeatureMap]] | None:
         """An entry's manifest, and what opens its tensors."""

@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from encoders.entry import EntryFile
+from encoders.entry import EntryFile, Origin
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
@@ -22,7 +22,7 @@ def test_the_same_bytes(
     whole, pieces = tmp_path / "whole", tmp_path / "pieces"
     save_file({"values": values.to(dtype), "times": times}, whole)
     with pieces.open("wb") as file:
-        entry = EntryFile(file, times, dtype, "clip")
+        entry = EntryFile(file, Origin("clip", (8, 8), times), dtype)
         for piece in values.split(2):
             entry.add(piece)
     assert pieces.read_bytes() == whole.read_bytes()
@@ -35,7 +35,7 @@ def test_the_same_bytes(
 
 def test_what_does_not_fit(tmp_path: Path) -> None:
     with (tmp_path / "a").open("wb") as file:
-        entry = EntryFile(file, torch.arange(3.0), torch.float16, "clip.mp4")
+        entry = EntryFile(file, Origin("clip.mp4", (8, 8), torch.arange(3.0)), torch.float16)
         with pytest.raises(ValueError, match="clip.mp4 are not finite in float16; use float32"):
             entry.add(torch.full((1, 1, 1, 1), 1e6))
         entry.add(torch.ones(2, 1, 1, 1))

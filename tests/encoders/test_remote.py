@@ -75,6 +75,7 @@ def test_what_is_pushed_is_pulled(tmp_path, where):
 
 
 def test_what_many_made_together_is_copied_too(tmp_path, where):
+    from encoders.entry import Origin
     from encoders.parts import Part, join
 
     url, options = where
@@ -83,7 +84,7 @@ def test_what_many_made_together_is_copied_too(tmp_path, where):
     for unit in range(2):
         with Part(store, folder / "work") as part:
             one = request(7 + unit)
-            with part.begin([one], "clip.mp4", (48, 32), made(7).times) as entries:
+            with part.begin([one], Origin("clip.mp4", (48, 32), made(7).times)) as entries:
                 entries.add([made(7 + unit).values[0]])
             assert part.commit(folder / f"{unit:06d}", {"clips": 1})
     assert [about["clips"] for about in join(folder, 2, folder / "scratch")] == [1, 1]

@@ -1,4 +1,4 @@
-"""``--from-atlas RUN`` of ``train``: encoder, layer and readout that an atlas chose for positions."""
+"""``--from-atlas`` of ``train``: encoder, layer and readout that an atlas chose for positions."""
 
 from __future__ import annotations
 

@@ -97,8 +97,8 @@ class TrainConfig(WhoOptions, SeeingOptions):
         seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
         on_nan: what a loss or gradient that is not finite does: stop ends the training at the
             checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
-        from_atlas: run folder of `vidphys atlas`, whose encoder, layer and readout for positions are
-            taken.
+        from_atlas: run folder of `vidphys atlas`, whose encoder, layer and readout for positions
+            are taken.
         profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.

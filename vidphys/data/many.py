@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import torch
 
-from encoders.entry import Entries
+from encoders.entry import Entries, Origin
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.many import ComingClip, ManyClips
 from encoders.identity import LayeredEncoder, stream
@@ -26,14 +26,7 @@ class Kept(Protocol):
 
     def has(self, request: FeatureRequest) -> bool: ...
 
-    def begin(
-        self,
-        requests: Sequence[FeatureRequest],
-        source: str,
-        size: tuple[int | float, int | float],
-        times: torch.Tensor,
-        made: Mapping[str, Any] | None = None,
-    ) -> Entries: ...
+    def begin(self, requests: Sequence[FeatureRequest], origin: Origin) -> Entries: ...
 
 
 @dataclass(frozen=True)
@@ -127,7 +120,7 @@ def _begin(
 ) -> Entries:
     made = {**provenance(video), **(wanted.made or {})}
     chosen = [requests[layer] for layer in layers]
-    return wanted.store.begin(chosen, str(video.path), video.size, times, made)
+    return wanted.store.begin(chosen, Origin(str(video.path), video.size, times, made))
 
 
 def _chunks(video: Video) -> Iterator[torch.Tensor]:
