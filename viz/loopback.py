@@ -7,8 +7,10 @@ that it had point here. So a request must hold the token, and name this machine.
 from __future__ import annotations
 
 import secrets
+import sys
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 NAMES = ("127.0.0.1", "localhost")
 
@@ -27,6 +29,11 @@ class Loopback(ThreadingHTTPServer):
         self.token = secrets.token_urlsafe(24)
         super().__init__(("127.0.0.1", port), answer)
         self.hosts = {f"{name}:{self.server_port}" for name in NAMES}
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that is closed breaks its lines off: that is no trouble of ours."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
     @property
     def address(self) -> str:

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
+from viz.loopback import Loopback, LoopbackAnswer
 from viz.played import MOST_BYTES, Desk, Question, packed, play_page
 
 TOLD = {"title": "Play", "folder": "run", "cells": ["a/b"]}
@@ -123,6 +124,16 @@ def test_of_several_changes_only_the_newest_is_answered_to_its_end():
         pass
     assert rolled[-1] == (b"2", 99)
     assert sum(body == b"1" for body, _ in rolled) <= 2  # the one at work ends first
+
+
+@pytest.mark.parametrize(("error", "told"), [(ConnectionResetError, False), (KeyError, True)])
+def test_a_browser_that_is_closed_is_no_error(error, told, capsys):
+    with Loopback(0, LoopbackAnswer) as server:
+        try:
+            raise error
+        except error:
+            server.handle_error(None, ("127.0.0.1", 1))
+    assert bool(capsys.readouterr().err) == told
 
 
 def test_numbers_that_are_none_are_no_numbers_of_json():

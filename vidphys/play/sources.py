@@ -21,6 +21,7 @@ from vidphys.seeding import derive
 EPISODES = 64
 TWIN = "unstructured"
 PREFERRED = "oracle/factored"
+IN_LADDER = "ladder/"  # before the names of cells in the settings of a run
 FITTED = Path("checkpoints") / "heads" / "specified.json"
 SPECIFICATION, TRACKS = "specification.json", "tracks.csv"
 PATHS = 64  # of a heat bath, from one start
@@ -76,7 +77,7 @@ class LadderSource:
         settings, kept = run.settings, [part for part in run.parts if part.endswith("/head")]
         seeds, found = settings.get("seeds", []), {}
         for seed in seeds:
-            for cell in settings.get("cells", []):
+            for cell in (name.removeprefix(IN_LADDER) for name in settings.get("cells", [])):
                 if any(part.startswith(f"{cell.replace('/', '-')}-s{seed}/") for part in kept):
                     found[cell if len(seeds) == 1 else f"{cell}, seed {seed}"] = (cell, seed)
         if not found:

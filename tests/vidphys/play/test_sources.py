@@ -74,7 +74,7 @@ def test_a_diagnosis_that_kept_no_tracks_asks_for_its_table(diagnosed):
 def test_a_ladder_gives_its_heads_with_their_twins(tmp_path):
     settings = {
         "seeds": [0],
-        "cells": ["oracle/unstructured", "oracle/factored", "renderer/factored"],
+        "cells": ["ladder/oracle/unstructured", "oracle/factored", "ladder/renderer/factored"],
         "sizes": {"oracle": {"held_out": 4}},
         "scene": {"dt_seconds": 0.002},
     }
