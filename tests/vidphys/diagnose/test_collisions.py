@@ -136,6 +136,15 @@ def test_magnets_that_repel_at_a_distance_do_not_collide(strength, power, noise)
     assert not colliding(frames)
 
 
+def test_a_tracker_that_sets_near_bodies_apart_is_no_push_at_a_distance():
+    path = PUCKS.path(GLANCING, TIMES)
+    apart = path[:, 1] - path[:, 0]
+    distance = np.linalg.norm(apart, axis=-1, keepdims=True)
+    off = 0.004 * apart / distance * np.exp(-(distance - GLANCING[2]) / 0.1)
+    fits = colliding(frames_of(recorded(path + np.stack([-off, off], 1), 0.0005)))
+    assert fits and fits[0].numbers["mass 2"][0] == pytest.approx(2.2, rel=0.01)
+
+
 def test_bodies_that_pass_each_other_do_not_meet():
     straight = np.stack([[[t, 0.1], [1 - 0.8 * t, 0.0]] for t in 0.4 * TIMES])
     assert not meetings_of(frames_of(recorded(straight))[0])

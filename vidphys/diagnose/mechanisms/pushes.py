@@ -13,6 +13,7 @@ from vidphys.diagnose.mechanisms.uncertainty import slopes_of
 
 WIDTHS = (0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 14.0, 20.0)  # frames that a push lasts, tried
 AT_ONCE = 1.2  # frames of a push that is still at once
+PART = 0.2  # of the change of speed at a meeting, that must come before and after it, at least
 SURELY = 15.0  # of log likelihood, by which a push that lasts is likelier
 SUDDEN = 8.0  # times the usual acceleration over a step, from which a velocity jumps
 TINY = 1e-3  # of the fastest speed, that jumps at least
@@ -56,14 +57,15 @@ def collisions_of(found: Fit) -> list[Collision]:
 def lasts(found: Fit) -> bool:
     """Whether what a law leaves shows that bodies push each other before and after they meet.
 
-    A push that lasts rounds the corner off both paths, each by as much as its speed changes.
+    A push that lasts rounds the corner off both paths, each by as much as its speed changes. What
+    has that shape but is far smaller is a lens's or a tracker's error.
     """
     interval = float(np.median(np.concatenate([np.diff(c.times) for c in found.clips])))
     left, count = weighed(found), sum(r.size for r in found.residuals)
     slope = weighed_slopes(found, found.model, np.concatenate([found.values, *found.geometry]))
     basis = np.linalg.qr(slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-300))[0]
     collisions = collisions_of(found)
-    best, wide = 0.0, 0.0
+    best, wide, part = 0.0, 0.0, 0.0
     for width in WIDTHS:
         rounded = _rounded(found, collisions, width * interval)
         rounded = rounded - basis @ (basis.T @ rounded)
@@ -73,8 +75,8 @@ def lasts(found: Fit) -> bool:
         kept = max(1 - along**2 / (square * float(left @ left)), np.finfo(float).tiny)
         gain = -0.5 * count * float(np.log(kept))
         if gain > best:
-            best, wide = gain, width
-    return best > SURELY and wide > AT_ONCE
+            best, wide, part = gain, width, along / square
+    return best > SURELY and wide > AT_ONCE and part > PART
 
 
 def _rounded(found: Fit, collisions: list[Collision], width: float) -> np.ndarray:
