@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder paper test test-gpu check docs hostile lock locked audit sbom mutate faults setup
+.PHONY: ladder paper test test-gpu check docs docs-run hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -39,6 +39,10 @@ check: $(READY)
 # The site, into build/site, with no broken link; read by opening its index.html.
 docs: $(READY)
 	$(VENV)/bin/mkdocs build --strict
+
+# Every command of README and docs, at sizes that one can wait for; `make test` runs the short pages.
+docs-run: $(READY)
+	VIDPHYS_DOCS=whole $(VENV)/bin/python -m pytest tests/project/test_pages.py --durations 12
 
 # Thousands of hurt files of every kind that is read: each is read, or refused in one line.
 hostile: $(READY)
