@@ -65,7 +65,7 @@ audit: $(READY)
 sbom: $(READY)
 	$(VENV)/bin/cyclonedx-py environment $(VENV)/bin/python --output-file sbom.json
 
-# Whether the tests would notice: each tolerance of the physics' tests tightened, each sign turned.
+# Whether the tests would notice: tolerances tightened, signs and decisions turned round.
 mutate: $(READY)
 	$(VENV)/bin/python -m tests.mutation --out runs/mutation.json
 

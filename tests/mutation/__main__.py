@@ -1,9 +1,10 @@
-"""Mutation test of the physics: would the tests notice? ``python -m tests.mutation``.
+"""Mutation test of physics and judgement: would the tests see it? ``python -m tests.mutation``.
 
-Two kinds of mutants, in a copy of the tree: each tolerance of the physics' tests a hundredth as
+Three kinds of mutants, in a copy of the tree: each tolerance of the physics' tests a hundredth as
 large, which a test must no longer hold to, or it would not see a fault a hundred times as large as
-what it measures; and each force, energy and port term with its sign turned round. The same command
-again goes on where it was, as long as no source and no test has changed.
+what it measures; each force, energy and port term with its sign turned round; and each decision of
+metrics, verdicts, perception and readouts turned round. The same command again goes on where it
+was, as long as no source and no test has changed.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.mutation.equivalent import reason_of, stale
-from tests.mutation.rewrite import PROBE, Place, Signs, Tolerances, rewritten
+from tests.mutation.rewrite import PROBE, Decisions, Place, Signs, Tolerances, rewritten
 
 HOME = Path(__file__).resolve().parents[2]
 PACKAGES = (
@@ -59,33 +60,56 @@ COVERING = [
     "renderers/test_renderers.py",
     "vidphys/test_metrics.py",
 ]
+JUDGES = [
+    "vidphys/metrics.py",
+    "vidphys/statistics.py",
+    "vidphys/experiments/core/bars.py",
+    "vidphys/experiments/core/scoring.py",
+    "vidphys/perception",
+    "readouts",
+]
+JUDGED_BY = [
+    "vidphys/test_metrics.py",
+    "vidphys/test_statistics.py",
+    "vidphys/experiments/test_verdicts.py",
+    "vidphys/experiments/test_scoring.py",
+    "vidphys/experiments/test_tables.py",
+    "vidphys/perception",
+    "readouts",
+]
 HUNDREDTH = 2  # powers of ten
 LEAST = 0.95  # share of mutants that must be killed
 KILLED, SURVIVED, EQUIVALENT = "killed", "survived", "equivalent"
 
 
 def main() -> int:
-    """Run both kinds and print the survivors and the shares.
+    """Run each kind and print the survivors and the shares.
 
     Returns:
         0, or 1 if fewer than ``LEAST`` of all mutants are killed.
     """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/mutation.json"))
-    parser.add_argument("--only", choices=("tolerance", "sign"), help="one kind of mutants")
-    parser.add_argument("--tests", nargs="*", default=COVERING, help="files below tests/")
-    parser.add_argument("--sources", nargs="*", default=PHYSICS, help="whose signs are turned")
+    parser.add_argument("--only", choices=("tolerance", "sign", "decision"), help="one kind")
+    parser.add_argument("--tests", nargs="*", help="files below tests/, in place of the kind's")
+    parser.add_argument("--sources", nargs="*", help="what is turned round, in place of the kind's")
     told = parser.parse_args()
     told.out.parent.mkdir(parents=True, exist_ok=True)
-    files = [f"tests/{name}" for name in told.tests]
     rows = []
     kept = told.out.resolve()
-    if told.only != "sign":
-        rows += tolerances(files, kept.with_suffix(".tolerances.json"))
-    if told.only != "tolerance":
-        rows += signs(files, told.sources, kept.with_suffix(".signs.json"))
+    if told.only in (None, Tolerances.kind):
+        rows += tolerances(of(told.tests, COVERING), kept.with_suffix(".tolerances.json"))
+    for kind, sources, tests in ((Signs, PHYSICS, COVERING), (Decisions, JUDGES, JUDGED_BY)):
+        if told.only in (None, kind.kind):
+            file = kept.with_suffix(f".{kind.kind}s.json")
+            rows += turned(kind, of(told.tests, tests), told.sources or sources, file)
     told.out.write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return 0 if report(rows) >= LEAST else 1
+
+
+def of(told: list[str] | None, usual: list[str]) -> list[str]:
+    """The files of tests, as pytest takes them."""
+    return [f"tests/{name}" for name in told or usual]
 
 
 def tolerances(files: list[str], kept: Path) -> list[dict[str, Any]]:
@@ -107,29 +131,31 @@ def tolerances(files: list[str], kept: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def signs(files: list[str], sources: list[str], kept: Path) -> list[dict[str, Any]]:
-    """Each sign of a term, a row each; they are in ``kept`` as soon as they are known.
+def turned(
+    kind: type[Signs | Decisions], files: list[str], sources: list[str], kept: Path
+) -> list[dict[str, Any]]:
+    """Each place turned round, a row each; they are in ``kept`` as soon as they are known.
 
     Raises:
-        SystemExit: a sign that is said to be equivalent is not there, or a test sees it.
+        SystemExit: a place that is said to be equivalent is not there, or a test sees it.
     """
     with tempfile.TemporaryDirectory() as folder:
         copy, told = Path(folder), Path(folder) / "places.json"
-        places, code = copied(copy, Signs, sources)
+        places, code = copied(copy, kind, sources)
         if gone := stale(places, sources):
             raise SystemExit(f"error: said to be equivalent, but not there: {gone}")
         told.write_text(json.dumps([asdict(place) for place in places]), encoding="utf-8")
         # Compiled, a function would keep the sign that it was first compiled with. The plugin
         # limits the processor's time itself.
         slow = {"NUMBA_DISABLE_JIT": "1"}
-        plugin = f"TurnSigns({str(kept)!r}, {str(told)!r}, {code!r})"
+        plugin = f"TurnRound({str(kept)!r}, {str(told)!r}, {code!r})"
         session(copy, plugin, files, slow, "--timeout=0")
     rows = json.loads(kept.read_text(encoding="utf-8"))["rows"]
     return [judged(row) for row in rows]
 
 
 def judged(row: dict[str, Any]) -> dict[str, Any]:
-    """A sign's row with its verdict.
+    """A place's row with its verdict.
 
     Raises:
         SystemExit: it is said to be equivalent, but a test sees it.
@@ -143,7 +169,7 @@ def judged(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def copied(
-    copy: Path, rewriter: type[Signs | Tolerances], sources: list[str]
+    copy: Path, rewriter: type[Signs | Decisions | Tolerances], sources: list[str]
 ) -> tuple[list[Place], str]:
     """Write a copy of the tree in which all places of some sources ask the probe.
 
@@ -197,7 +223,7 @@ def report(rows: list[dict[str, Any]]) -> float:
         elif row["verdict"] == EQUIVALENT:
             print(f"{row['kind']} is equivalent: {where} {row['text'][:100]}: {row['reason']}")
     share = 0.0
-    for kind in ("tolerance", "sign", "all"):
+    for kind in ("tolerance", "sign", "decision", "all"):
         of_kind = [r for r in rows if kind in (r["kind"], "all") and r["verdict"] != EQUIVALENT]
         killed = sum(row["verdict"] == KILLED for row in of_kind)
         share = killed / max(1, len(of_kind))

@@ -1,4 +1,4 @@
-"""Signs that no test can see, because turned round they leave the same physics; each with why.
+"""Places that no test can see, because turned round they leave the same results; each with why.
 
 They are run all the same: the mutation test stops with an error where a test does see one of them,
 and where one is no longer in the source.
@@ -29,7 +29,7 @@ EQUIVALENT = {
 
 
 def reason_of(file: str, function: str, text: str) -> str | None:
-    """Why a sign makes no difference, or ``None`` where it must be seen."""
+    """Why a place makes no difference, or ``None`` where it must be seen."""
     return EQUIVALENT.get((file, function, text))
 
 

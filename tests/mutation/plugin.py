@@ -1,4 +1,4 @@
-"""The two pytest sessions over a rewritten copy: one asks tolerances, one turns signs round.
+"""The two pytest sessions over a rewritten copy: one asks tolerances, one turns places round.
 
 Each mutant of the second runs in a child that is forked when the tests have been collected, so
 that nothing is imported twice and nothing that one mutant has cached is seen by the next.
@@ -52,13 +52,13 @@ def same_examples(**told: Any) -> None:
     hypothesis.settings.load_profile("mutation")
 
 
-class TurnSigns:
-    """Runs, for each sign, the tests that compute it, until one fails.
+class TurnRound:
+    """Runs, for each sign or decision, the tests that compute it, until one fails.
 
     Args:
         result: where a row for each sign is kept as soon as its verdict is known; those that are
             there already, of the same code, are not run again.
-        places: file with what is told of each sign.
+        places: file with what is told of each place.
         code: name of all code that is run.
     """
 
@@ -90,11 +90,11 @@ class TurnSigns:
             killers[place["file"], killer] += 1
             found.append({**place, "tests": len(chosen), "killer": killer})
             self._keep(self.result, {"rows": found})
-            print(f"\r{len(found)} of {len(terms)} signs", end="", file=sys.stderr, flush=True)
+            print(f"\r{len(found)} of {len(terms)} places", end="", file=sys.stderr, flush=True)
         return True
 
     def _kept(self, items: list[pytest.Item]) -> tuple[list[Any], list[int], list[Any]]:
-        """Tests and counts, see :func:`baseline`, and the rows of signs that are known."""
+        """Tests and counts, see :func:`baseline`, and the rows of places that are known."""
         table = self.result.with_suffix(".baseline.json")
         if not self._known(table):
             in_child(lambda: self._keep(table, baseline(items)))
@@ -112,7 +112,7 @@ class TurnSigns:
         part.replace(file)
 
     def _killer(self, site: int, tests: list[pytest.Item]) -> str:
-        """The test that fails with a sign turned round, or none; a crash is a failure too."""
+        """The test that fails with a place turned round, or none; a crash is a failure too."""
         told = self.result.with_suffix(".killer")
         told.write_text("", encoding="utf-8")
         ended = in_child(lambda: mutant(site, tests, told)) if tests else True
@@ -120,7 +120,7 @@ class TurnSigns:
 
 
 def baseline(items: list[pytest.Item]) -> dict[str, Any]:
-    """How long each test takes, and which signs it computes; without the slow ones.
+    """How long each test takes, and which places it reaches; without the slow ones.
 
     Also the places that have turned out to be of counts and indices.
     """
@@ -137,7 +137,7 @@ def baseline(items: list[pytest.Item]) -> dict[str, Any]:
 
 
 def mutant(site: int, items: list[pytest.Item], told: Path) -> None:
-    """Tell which test fails with this sign turned round."""
+    """Tell which test fails with this place turned round."""
     probe.active = site
     for item, after in _in_turn(items):
         if any(report.failed for report in _run(item, after, STUCK)):

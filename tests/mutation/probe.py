@@ -1,4 +1,4 @@
-"""What a rewritten tree calls: it turns one sign round, and tries every tolerance smaller.
+"""What a rewritten tree calls: it turns one place round, and tries every tolerance smaller.
 
 It lies at the root of the copy, so that the packages and the tests there share its state.
 """
@@ -16,8 +16,8 @@ FINEST = 16  # powers of ten by which a tolerance is tried to be tightened
 WHOLE = (bool, int, np.integer)  # counts and indices have no sign to turn
 USUAL = {torch.float64: (1e-7, 1e-7), torch.float32: (1.3e-6, 1e-5)}  # of torch.testing
 
-active: int | None = None  # the sign that is turned round
-reached: set[int] = set()  # the signs that were met since the set was last cleared
+active: int | None = None  # the sign or decision that is turned round
+reached: set[int] = set()  # the places that were met since the set was last cleared
 whole: set[int] = set()  # signs of counts and indices, which are no terms
 room: dict[int, int] = {}  # tolerance -> powers of ten by which it could have been smaller
 
@@ -31,6 +31,14 @@ def flip(site: int, term: Any) -> Any:
     if active != site:
         return term
     return tuple(-part for part in term) if isinstance(term, tuple) else -term
+
+
+def turn(site: int, answer: Any) -> Any:
+    """The answer, or its opposite where this decision is the one that is turned round."""
+    reached.add(site)
+    if active != site:
+        return answer
+    return answer == 0 if isinstance(answer, torch.Tensor | np.ndarray) else not answer
 
 
 def below(site: int, value: Any, bound: Callable[[float], Any], or_equal: bool) -> Any:

@@ -1,4 +1,4 @@
-"""Where a source has signs to turn round and tolerances to tighten, and the source that asks.
+"""Where a source has signs and decisions to turn round and tolerances to tighten.
 
 Each place becomes a call of the probe with the place's number, so that one copy of the tree holds
 all mutants and a switch chooses among them.
@@ -29,10 +29,10 @@ BOUNDS = frozenset({"bar", "bound", "tolerance", "size", "amplitude"})  # names 
 
 @dataclass(frozen=True)
 class Place:
-    """A sign or a tolerance.
+    """A sign, a tolerance or a decision.
 
     Args:
-        kind: ``sign`` or ``tolerance``.
+        kind: ``sign``, ``tolerance`` or ``decision``.
         file: path in the repository.
         line: in it.
         function: the function or method that it stands in.
@@ -47,8 +47,10 @@ class Place:
 
 
 class _Rewriter(ast.NodeTransformer):
-    def __init__(self, kind: str, file: str, places: list[Place]) -> None:
-        self.kind, self.file, self.places = kind, file, places
+    kind: str
+
+    def __init__(self, file: str, places: list[Place]) -> None:
+        self.file, self.places = file, places
         self.scope: list[str] = []
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
@@ -73,6 +75,8 @@ class _Rewriter(ast.NodeTransformer):
 
 class Signs(_Rewriter):
     """Turns round what a physical function returns or writes, and each term of its sums."""
+
+    kind = "sign"
 
     def visit(self, node: ast.AST) -> ast.AST:
         structural = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
@@ -160,6 +164,7 @@ def _random(term: ast.expr) -> bool:
 class Tolerances(_Rewriter):
     """Asks each comparison within a tolerance of a hundredth of it as well."""
 
+    kind = "tolerance"
     inside = False  # of an assert statement
 
     def visit_Assert(self, node: ast.Assert) -> ast.AST:
@@ -193,6 +198,52 @@ class Tolerances(_Rewriter):
         return call
 
 
+class Decisions(_Rewriter):
+    """Turns round each comparison, and whatever else a function asks before it goes one way."""
+
+    kind = "decision"
+
+    def visit_Raise(self, node: ast.Raise) -> ast.AST:
+        return node  # what an error says is no decision
+
+    def visit_Assert(self, node: ast.Assert) -> ast.AST:
+        return node  # for whoever reads, and for types
+
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
+        return self._turned(node)
+
+    def visit_If(self, node: ast.If) -> ast.AST:
+        return self._asked(node)
+
+    def visit_While(self, node: ast.While) -> ast.AST:
+        return self._asked(node)
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
+        return self._asked(node)
+
+    def visit_comprehension(self, node: ast.comprehension) -> ast.AST:
+        node.ifs = [self._test(test) for test in node.ifs]
+        node.iter = self.visit(node.iter)
+        return node
+
+    def _asked(self, node: ast.If | ast.While | ast.IfExp) -> ast.AST:
+        node.test = self._test(node.test)
+        test, node.test = node.test, ast.Constant(True)
+        self.generic_visit(node)
+        node.test = test
+        return node
+
+    def _test(self, test: ast.expr) -> ast.expr:
+        return self.visit(test) if isinstance(test, ast.Compare) else self._turned(test)
+
+    def _turned(self, node: ast.expr) -> ast.expr:
+        if not self.scope:
+            return node  # asked once, when the module is loaded
+        call = self._call("turn", node)
+        call.args.append(self.generic_visit(node))
+        return call
+
+
 class _Scaled(ast.NodeTransformer):
     """A bound whose numbers with a point, and names of bounds, are multiplied by a scale."""
 
@@ -210,7 +261,7 @@ class _Scaled(ast.NodeTransformer):
 def rewritten(source: str, kind: type[_Rewriter], file: str, places: list[Place]) -> str:
     """A source that asks the probe; its places are added to the list."""
     tree = ast.parse(source)
-    kind("sign" if kind is Signs else "tolerance", file, places).visit(tree)
+    kind(file, places).visit(tree)
     first = 1 if ast.get_docstring(tree) is not None else 0
     while isinstance(tree.body[first], ast.ImportFrom) and tree.body[first].module == "__future__":
         first += 1

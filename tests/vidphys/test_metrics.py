@@ -46,6 +46,21 @@ def test_the_count_of_lost_episodes_stands_beside_every_summary(name):
         assert (found.value is None) == (lost == 4) == (found.status == m.FAILED)
 
 
+@pytest.mark.parametrize("kind", ["auroc", "above"])
+def test_the_share_of_larger_ones_counts_ties_half_and_the_lost(kind):
+    ones = torch.tensor([1.0, 2.0, math.nan, 5.0, 3.0])
+    others = torch.tensor([0.0, 2.0, 1.0, 9.0, 4.0])
+    whole = [x for x in ones.tolist() if math.isfinite(x)]
+    pairs = [(a, b) for a in whole for b in others.tolist()]
+    if kind == "above":
+        pairs = [(1.0, 0.0), (2.0, 2.0), (5.0, 9.0), (3.0, 4.0)]
+    share = sum(1.0 if a > b else 0.5 if a == b else 0.0 for a, b in pairs) / len(pairs)
+    count = 10 if kind == "auroc" else 5
+    assert getattr(m, kind)(ones, others) == m.Summary(share, "ok", count, 1)
+    nothing = getattr(m, kind)(torch.full((5,), math.nan), others)
+    assert nothing == m.Summary(None, "failed", count, 5)
+
+
 def test_the_median_of_an_even_number_lies_midway():
     assert m.median(torch.tensor([4.0, 1.0, 9.0, 2.0])).value == 3.0
     ends = torch.arange(30, dtype=torch.float64).square()

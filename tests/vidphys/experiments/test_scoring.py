@@ -7,9 +7,15 @@ import torch
 
 from dynamics import HEADS, PhaseState
 from vidphys import metrics
+from vidphys.experiments.core import scoring
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.core.scoring import (
+    Question,
+    score_drift,
+    score_inversion,
+    score_long_drift,
+)
 from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import gravity
 
@@ -56,20 +62,41 @@ def test_one_episode_alone_is_the_question_of_it_and_shares_the_truth():
     assert asked.starting(truth).alone(1, 40).reference(one.params).states.q is found
 
 
-def test_a_longer_rollout_that_is_there_gives_the_same_numbers():
+def new_recorder():
+    return Recorder(Origin(*"abcdefgh", seed=0, device="cpu", dtype="float32"))
+
+
+def test_a_longer_rollout_that_is_there_gives_the_same_numbers(monkeypatch):
     scene = gravity()
     start, params = scene.sample(8, torch.Generator().manual_seed(0))
     asked = Question(scene, start, start, params, steps=20)
     torch.manual_seed(0)
-    head = scene.build(HEADS["factored"])
-    tables = []
+    head, ask = scene.build(HEADS["factored"]), Question.ask
+    monkeypatch.setattr(scoring, "LONG_STEPS", 200)
+    tables, asks = [], []
     for rolled in (None, asked.ask(head, 200)):
-        recorder = Recorder(Origin(*"abcdefgh", seed=0, device="cpu", dtype="float32"))
+        recorder, calls = new_recorder(), []
+        monkeypatch.setattr(Question, "ask", lambda *a, calls=calls: calls.append(a) or ask(*a))
         score_inversion(recorder, head, asked, rolled)
         score_drift(recorder, head, asked, (20, 100), rolled)
+        score_long_drift(recorder, head, asked, rolled)
         tables.append(recorder.tables())
+        asks.append(len(calls))
+    assert asks[0] == asks[1] + 3
     for kind in (0, 1):
         assert tables[0][kind].equals(tables[1][kind])
+
+
+@pytest.mark.parametrize(("sound", "status"), [(1, "failed"), (2, "ok")])
+def test_a_slope_needs_two_episodes_that_are_finite(sound, status):
+    scene = gravity()
+    start, params = scene.sample(4, torch.Generator().manual_seed(0))
+    asked, recorder = Question(scene, start, start, params, steps=20), new_recorder()
+    rolled = asked.ask(scene.law, 40)
+    rolled.states.p[sound:] = torch.nan
+    score_long_drift(recorder, scene.law, asked, rolled)
+    (row,) = [row for row in recorder.rows if row["metric"] == "energy_drift_slope"]
+    assert (row["status"], row["episodes"], row["nonfinite"]) == (status, 4, 4 - sound)
 
 
 def test_valid_time_ends_at_the_first_error_and_not_at_a_later_one():
