@@ -263,7 +263,7 @@ def rewritten(source: str, kind: type[_Rewriter], file: str, places: list[Place]
     tree = ast.parse(source)
     kind(file, places).visit(tree)
     first = 1 if ast.get_docstring(tree) is not None else 0
-    while isinstance(tree.body[first], ast.ImportFrom) and tree.body[first].module == "__future__":
-        first += 1
+    for statement in tree.body[first:]:
+        first += isinstance(statement, ast.ImportFrom) and statement.module == "__future__"
     tree.body.insert(first, ast.Import([ast.alias(PROBE)]))
     return ast.unparse(ast.fix_missing_locations(tree))

@@ -11,6 +11,7 @@ import numpy as np
 
 from vidphys.cli.console import Console
 from vidphys.cli.options import given_columns, make_binder, refuse, require_file
+from vidphys.cli.pushes import OPTIONS, named, told_push
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from vidphys.data.frames import Frames
     from vidphys.diagnose.recordings.motion import Motion
     from vidphys.reading.fitted import Fitted, Rolled
+    from vidphys.reading.steering import Aim
 
 TRACKS = "tracks.csv"  # of the fit, in its run folder
 OF_CLIPS = ("head", "weights")
@@ -38,8 +40,8 @@ class Recorded:
     notes: tuple[str, ...] = ()
 
 
-def roll_fitted(config: RolloutConfig) -> None:
-    """Roll the model of a fit on from the end of some tracks.
+def roll_fitted(config: RolloutConfig, aim: Aim | None = None) -> None:
+    """Roll the model of a fit on from the end of some tracks, and perhaps with a push.
 
     Raises:
         InputError: an input that cannot be read or is of another scene, a law that the model does
@@ -54,7 +56,7 @@ def roll_fitted(config: RolloutConfig) -> None:
     factors = factors_of(config.law)
     fitted = load_fitted(config.run)
     other = None
-    if factors or config.coupling is not None:
+    if factors or config.coupling is not None or aim:
         other = fitted.under(factors, config.coupling)
     recorded = _recorded(config, fitted)
     if config.video is not None and recorded.frames is None:
@@ -73,7 +75,7 @@ def roll_fitted(config: RolloutConfig) -> None:
                 ratio = (other.params.mass / fitted.params.mass).unsqueeze(-1)
                 pushed = type(start)(start.q, start.p * ratio)  # as fast as it was
                 law = other.params if config.coupling is not None else other.law(motion)
-                changed = other.roll(pushed, began, frames, h, law)
+                changed = other.roll(pushed, began, frames, h, law, aim)
         except ValueError as error:
             run.abandon()
             raise InputError(f"{config.input or config.run}: {error}") from error
@@ -150,7 +152,7 @@ def _about(config: RolloutConfig, motion: Motion) -> dict[str, Any]:
     from vidphys.reading.fitted import FILE
     from vidphys.runs.atomic import sha256
 
-    kept = ("beyond", "coupling", "law", "start", "stop", "rate", "columns")
+    kept = ("beyond", "coupling", "law", *OPTIONS, "start", "stop", "rate", "columns")
     source = config.input or config.run / TRACKS
     return {
         "experiment": "rollout",
@@ -188,7 +190,7 @@ def _draw(
     rolled = {name: (path.times, path.positions) for name, path in paths.items()}
     meta = {"cell": "rollout", "input": (config.input or config.run).name}
     if changed is not None:
-        meta["law"] = told_law(config.coupling, config.law)
+        meta["law"] = told_law(config.coupling, config.law, changed.push)
     motion = recorded.motion
     write_tracks_recording(
         run / "recordings" / "rollout.rrd",
@@ -203,9 +205,7 @@ def _draw(
 def _show(
     run: Path, fitted: Fitted, held: Rolled, changed: Rolled | None, console: Console
 ) -> None:
-    for name, found in (("the law that held", held), ("the changed law", changed)):
-        if found is None:
-            continue
+    for name, found in named(held, changed):
         for finding in found.findings:
             console.warn(f"{name}: {finding}")
         beyond = fitted.seen.left(found.times, found.positions)
@@ -213,7 +213,9 @@ def _show(
             console.warn(f"{name} {beyond}: nothing there was ever checked")
         last = ", ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in found.positions[-1])
         often = "" if found.spread is None else f" ± {found.spread[-1].mean():.2g} (one path)"
-        console.result(f"{name}: at {float(found.times[-1]):.4g} s {last}{often}")
+        console.result(
+            f"{name}: at {float(found.times[-1]):.4g} s {last}{often}{told_push(found.push)}"
+        )
     console.result(f"arrays: {run / 'rollout.npz'}")
     recording = run / "recordings" / "rollout.rrd"
     if recording.is_file():

@@ -142,10 +142,11 @@ def followed_alone(times: np.ndarray, places: np.ndarray, frames: Frames) -> dic
     }
 
 
-def told_law(coupling: float | None, law: Sequence[str]) -> str:
-    """A changed law in words, from the options that changed it: ``G = -1, friction times 0``."""
+def told_law(coupling: float | None, law: Sequence[str], push: object = None) -> str:
+    """What was changed in words, from what changed it: ``G = -1, friction times 0, a push``."""
     words = [] if coupling is None else [f"G = {coupling:g}".replace("-", "\u2212")]
-    return ", ".join([*words, *(" times ".join(x.split("=", 1)) for x in law)])
+    words += [" times ".join(x.split("=", 1)) for x in law]
+    return ", ".join([*words, "a push"] if push else words)
 
 
 def draw_film(arrays: Mapping[str, np.ndarray], path: Path, law: str = "") -> None:

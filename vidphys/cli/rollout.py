@@ -11,12 +11,14 @@ import tyro
 from vidphys.cli.console import Console
 from vidphys.cli.options import refuse
 from vidphys.cli.profiles import with_profile
+from vidphys.cli.pushes import OPTIONS, aim_of, named, told_push
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from vidphys.reading.forecasts import Forecast
     from vidphys.reading.pipeline import Reading
+    from vidphys.reading.steering import Aim
     from vidphys.runs.folder import RunFolder
 
 
@@ -25,6 +27,9 @@ class RolloutConfig:
     """Roll a trained model on from the last frame of a clip or a table.
 
     Example: vidphys rollout runs/fitted --beyond 5 --law friction=0 length=0.5 --out runs/changed
+
+    With --reach it also says which push takes a body to a place: vidphys rollout runs/fitted
+    --beyond 1.2 --reach 310 240 --body 2 (after 1.2 seconds, in the units below).
 
     Writes rollout.npz (positions as a camera without drift sees them, in the units of the
     training's labels or of the tracks) and a recording for `vidphys view`.
@@ -40,6 +45,14 @@ class RolloutConfig:
             gravity=2, mass=2, mass2=3 (of one body), pair (what bodies do to each other),
             stiffness, restitution, and the strengths that the law is told, such as temperature,
             electric or drive; 0 takes a term away.
+        reach: also look for a push, now, after which a body is at this place when the rollout ends;
+            under the changed law, where one is given. The model has it so: how far that is to be
+            trusted, `vidphys reproduce planning` shows for worlds whose truth is known.
+        body: that is pushed and shall be there, from 1; the first if not given.
+        most: largest change of its speed by the push, in the same unit a second; ten times what
+            would do on a straight line, if not given.
+        search: for a push: along slopes, if not given, or by the cross-entropy method, which asks
+            the model more often and is not led astray by a slope.
         video: also draw the track, the forecast and the changed law over the clip's frames, into
             this .mp4 file.
         columns: what columns of a table are, as `vidphys diagnose` was told.
@@ -61,6 +74,10 @@ class RolloutConfig:
     beyond: float = 3.0
     coupling: float | None = None
     law: tuple[str, ...] = ()
+    reach: tuple[float, ...] = ()
+    body: int | None = None
+    most: float | None = None
+    search: Literal["slopes", "cross-entropy"] | None = None
     video: Path | None = None
     columns: tuple[str, ...] = ()
     head: str | None = None
@@ -84,15 +101,16 @@ def rollout(config: RolloutConfig) -> None:
     config = with_profile(config, "rollout")
     if not config.beyond > 0:
         raise InputError(f"--beyond {config.beyond}: must be above 0 seconds")
+    aim = aim_of(config)
     if (config.run / "checkpoints" / "heads" / "specified.json").is_file():
         from vidphys.cli.fitted import roll_fitted
 
-        roll_fitted(config)
+        roll_fitted(config, aim)
     else:
-        _roll_trained(config)
+        _roll_trained(config, aim)
 
 
-def _roll_trained(config: RolloutConfig) -> None:
+def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
     """With a pipeline, which sees for itself."""
     from vidphys.cli.recordings import record_rollout, told_law
     from vidphys.data.dataset import clip_file
@@ -124,17 +142,18 @@ def _roll_trained(config: RolloutConfig) -> None:
         try:
             reading = pipeline(video.frames, video.times, law, config.beyond, head)
             changed = None
-            if config.coupling is not None or factors:
+            if config.coupling is not None or factors or aim:
                 other = law if config.coupling is None else law.with_coupling(config.coupling)
                 began = float(video.times[-1])
-                changed = pipeline.roll(reading.state, began, other, config.beyond, head, factors)
+                asked = config.beyond, head, factors, aim
+                changed = pipeline.roll(reading.state, began, other, *asked)
         except ValueError as error:
             run.abandon()
             raise InputError(f"{config.input}: {error}") from error
         _write(run.path / "rollout.npz", reading, changed)
         extent = pipeline.reader.half_extent
         with console.drawing("the recording"):
-            words = told_law(config.coupling, config.law)
+            words = told_law(config.coupling, config.law, aim)
             record_rollout(run.path, video, reading, changed, extent, config.video, words)
         with console.drawing("the report"):
             write_told(run.path)
@@ -146,7 +165,7 @@ def _about(config: RolloutConfig, sha256: str) -> dict[str, Any]:
     from vidphys.reading.pipeline import FILE
     from vidphys.runs.atomic import sha256 as hash_of
 
-    kept = ("beyond", "coupling", "law", "head", "start", "stop", "rate")
+    kept = ("beyond", "coupling", "law", *OPTIONS, "head", "start", "stop", "rate")
     return {
         "experiment": "rollout",
         "cells": ["rollout"],
@@ -177,9 +196,7 @@ def _write(path: Path, reading: Reading, changed: Forecast | None) -> None:
 def _show(run: RunFolder, reading: Reading, changed: Forecast | None, console: Console) -> None:
     from vidphys.reading.seen import Seen
 
-    for name, found in (("the law that held", reading.rollout), ("the changed law", changed)):
-        if found is None:
-            continue
+    for name, found in named(reading.rollout, changed):
         for finding in found.findings:
             console.warn(f"{name}: {finding}")
         seen = Seen.of(reading.tracks.times.numpy(), reading.tracks.positions[0].numpy())
@@ -187,7 +204,7 @@ def _show(run: RunFolder, reading: Reading, changed: Forecast | None, console: C
         if beyond is not None:
             console.warn(f"{name} {beyond}: nothing there was ever checked")
         last = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in found.positions[-1].tolist())
-        console.result(f"{name}: at {float(found.times[-1]):.4g} s {last}")
+        console.result(f"{name}: at {float(found.times[-1]):.4g} s {last}{told_push(found.push)}")
     console.result(f"arrays: {run.path / 'rollout.npz'}")
     recording = run.path / "recordings" / "rollout.rrd"
     if recording.exists():

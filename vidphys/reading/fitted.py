@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, build, from_config, rollout, to_config
@@ -21,6 +22,7 @@ from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
 from vidphys.reading.laws import Law
 from vidphys.reading.seen import Seen
+from vidphys.reading.steering import Aim, Push, Way, steer
 from vidphys.runs import checkpoint
 from vidphys.shooting.initial_state import by_shooting
 from vidphys.shooting.step import model_step
@@ -66,12 +68,14 @@ class Rolled:
         positions: ``(r, n, d)``; the mean of many paths where there is a heat bath.
         spread: standard deviation of those paths, ``(r, n, d)``, where there are any.
         findings: what is wrong with it, in words.
+        push: that a body was given at the start, where one was looked for.
     """
 
     times: np.ndarray
     positions: np.ndarray
     spread: np.ndarray | None = None
     findings: tuple[str, ...] = ()
+    push: Push | None = None
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """Positions at other times within, ``(t,)`` to ``(t, n, d)``, on straight lines."""
@@ -141,7 +145,13 @@ class Fitted:
         return by_shooting(head, few, law, interval)
 
     def roll(
-        self, start: PhaseState, began: float, frames: int, interval: float, law: Parameters
+        self,
+        start: PhaseState,
+        began: float,
+        frames: int,
+        interval: float,
+        law: Parameters,
+        aim: Aim | None = None,
     ) -> Rolled:
         """Roll on.
 
@@ -151,19 +161,34 @@ class Fitted:
             frames: to roll.
             interval: seconds from one to the next.
             law: that is to hold, a batch of one.
+            aim: look for a push that takes a body somewhere by then, and roll with it.
+
+        Raises:
+            InputError: a wrong aim, or a heat bath, whose pushes nobody foresees.
         """
         dt, every = model_step(interval / self.units.seconds)
+        push = None
+        if aim is not None:
+            if self.kicked:
+                raise InputError("`reach`: a heat bath takes each path elsewhere; take it away")
+            way = Way(self.head, law, dt, self._place, self.units.seconds)
+            push = steer(way, start[:1], frames * every, aim)
+            start = push.state.map(lambda x: x.to(start.q.dtype))
         paths = PATHS if self.kicked else 1
         many = start.map(lambda x: x[:1].expand(paths, *x.shape[1:]))
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter("always")
             told = law.map(lambda x: x.expand(paths, *x.shape[1:]))
             rolled = rollout(self.head, many, told, frames * every, dt, every, seed=0)
-        q = self.units.length * rolled.states.q.double().numpy() + self.origin
+        q = self._place(rolled.states.q.double()).numpy()
         said = tuple(" ".join(str(each.message).split()) for each in found)
         times = began + interval * np.arange(frames + 1)
         spread = q.std(0, ddof=1) if self.kicked else None
-        return Rolled(times, q.mean(0), spread, said)
+        return Rolled(times, q.mean(0), spread, said, push)
+
+    def _place(self, q: Tensor) -> Tensor:
+        """From the model's coordinates to those of the tracks."""
+        return self.units.length * q + torch.from_numpy(self.origin)
 
     def under(self, factors: Mapping[str, float], coupling: float | None = None) -> Fitted:
         """The same model under another law.

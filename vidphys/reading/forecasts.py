@@ -15,6 +15,7 @@ from readouts.differencing import central_difference
 from vidphys.data.evenness import JITTER, evenly, jitter
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import Dynamics, Followed
+from vidphys.reading.steering import Aim, Push, Way, steer
 from vidphys.shooting.initial_state import by_shooting
 
 SAME_RATE = 0.02
@@ -28,11 +29,13 @@ class Forecast:
         times: seconds ``(r,)``, from the frame that it starts at.
         positions: world units ``(r, n, 2)``, as seen by a camera without drift.
         findings: what is wrong with it, in words.
+        push: that a body was given at the start, where one was looked for.
     """
 
     times: Tensor
     positions: Tensor
     findings: tuple[str, ...] = ()
+    push: Push | None = None
 
 
 def state_at(head: Head, clip: Followed, end: int, dynamics: Dynamics) -> PhaseState:
@@ -76,6 +79,7 @@ def forecast(
     dynamics: Dynamics,
     began: float,
     seconds: float,
+    aim: Aim | None = None,
 ) -> Forecast:
     """Roll a model on.
 
@@ -86,15 +90,20 @@ def forecast(
         dynamics: of the coordinates and the step.
         began: time of the start.
         seconds: to roll.
+        aim: look for a push at the start that takes a body somewhere by then, and roll with it.
     """
     dt, law = dynamics.dt, law.map(torch.Tensor.float)
+    steps, push = max(1, round(seconds / dt)), None
+    if aim is not None:
+        push = steer(Way(head, law, dt, dynamics.chart.place), start, steps, aim)
+        start = push.state.map(lambda x: x.to(law.mass.dtype))
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        rolled = rollout(head, start, law, max(1, round(seconds / dt)), dt)
+        rolled = rollout(head, start, law, steps, dt)
     coordinates = rolled.states.q[0]
     times = began + dt * torch.arange(len(coordinates), dtype=torch.float64)
     said = tuple(" ".join(str(each.message).split()) for each in found)
-    return Forecast(times, dynamics.chart.place(coordinates), said)
+    return Forecast(times, dynamics.chart.place(coordinates), said, push)
 
 
 def forecast_error(found: Forecast, track: Tracks, frames: Tensor) -> float:

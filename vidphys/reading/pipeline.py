@@ -26,6 +26,7 @@ from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed
 from vidphys.reading.forecasts import Forecast, forecast, state_at
 from vidphys.reading.laws import Law
 from vidphys.reading.reader import LoadedEncoder, Reader, steady
+from vidphys.reading.steering import Aim
 from vidphys.runs import checkpoint
 from vidphys.shooting.step import model_step
 
@@ -102,6 +103,7 @@ class Pipeline:
         beyond: float,
         head: str = FACTORED,
         factors: Mapping[str, float] | None = None,
+        aim: Aim | None = None,
     ) -> Forecast:
         """Roll on from a state, also under a law that never held.
 
@@ -112,15 +114,16 @@ class Pipeline:
             beyond: seconds.
             head: name of the model.
             factors: on the numbers of the model, see :meth:`vidphys.reading.laws.Law.changed`.
+            aim: look for a push that takes a body somewhere by then, and roll with it.
 
         Raises:
-            InputError: an unknown head, or one that has no such number.
+            InputError: an unknown head, one that has no such number, or a wrong aim.
         """
         self._check_head(head)
         other = Law(self.dynamics.heads[head], law).changed(factors or {})
         ratio = (other.params.mass / law.mass).unsqueeze(-1).to(state.p)
         state = PhaseState(state.q, state.p * ratio)  # a heavier body is as fast as it was
-        return forecast(other.head, state, other.params, self.dynamics, began, beyond)
+        return forecast(other.head, state, other.params, self.dynamics, began, beyond, aim)
 
     def _check_head(self, head: str) -> None:
         if head not in self.dynamics.heads:

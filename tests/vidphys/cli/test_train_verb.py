@@ -380,7 +380,12 @@ class TestRollout:
     ) -> None:
         run, clip = trained
         twin = ["--head", "unstructured"]
-        assert rollout(run, clip, tmp_path / "a", *twin) == 0
+        assert (
+            rollout(run, clip, tmp_path / "a", *twin, "--beyond", "0.3", "--reach", "0", "0") == 0
+        )
+        with np.load(tmp_path / "a" / "rollout.npz") as found:
+            away = [np.linalg.norm(found[name][-1]) for name in ("rollout", "changed")]
+        assert away[1] < away[0]  # the picture's middle is where it was to be pushed
         assert rollout(run, clip, tmp_path / "b", *twin, "--law", "friction=0") == 2
         assert (
             "--law friction: this model has no such number; it has mass" in capsys.readouterr().err

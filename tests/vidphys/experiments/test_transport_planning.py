@@ -12,12 +12,18 @@ from dynamics import PhaseState, ballistic, rollout
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.oracle import held_out_question
 from vidphys.experiments.gravity import planning
-from vidphys.experiments.gravity.impulse import KICKED, kicked, plan_impulse
-from vidphys.experiments.gravity.planning import PLANNING, final_position, score_noise, score_plans
+from vidphys.experiments.gravity.planning import (
+    KICKED,
+    PLANNING,
+    final_position,
+    score_noise,
+    score_plans,
+)
 from vidphys.experiments.gravity.transport import TRANSPORT
 from vidphys.experiments.gravity.transport_score import flow, generator, linear_transport
 from vidphys.presets import OracleSizes
 from vidphys.scenes import gravity
+from vidphys.shooting.impulse import kicked, plan_impulse
 
 TINY = OracleSizes(32, 4, 64, (5e-3,), 4)
 

@@ -11,14 +11,15 @@ from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.scoring import Question, score_changed_law
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
-from vidphys.experiments.gravity.impulse import KICKED, Plan, kicked, plan_impulse
 from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
 from vidphys.seeding import derive
+from vidphys.shooting.impulse import Plan, kicked, plan_impulse
 from vidphys.statistics import normal_interval, paired_difference
 
 MODELS = ("factored", "symplectic", "unstructured")
+KICKED = 0  # the body that is pushed and has to reach its target
 STEPS = 500  # reference steps from the impulse to the target: 1 s
 REACH = 0.3  # world units: standard deviation of the target around where the body would be
 BUDGET = 1.5  # momentum units: largest impulse
