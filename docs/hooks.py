@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib
-import io
-import os
 from dataclasses import fields
 from typing import Any
 
 VERBS_HERE, COLUMNS_HERE = "<!-- every verb -->", "<!-- the records' columns -->"
+WIDTH = 100  # of the help
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -22,18 +19,12 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def _verbs() -> str:
-    import tyro
-
     from vidphys.cli import VERBS
+    from vidphys.cli.helped import helped
 
-    os.environ["COLUMNS"] = "100"
     parts = []
-    for verb, (name, about) in VERBS.items():
-        config = getattr(importlib.import_module(f"vidphys.cli.{verb}"), name)
-        said = io.StringIO()
-        with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-            tyro.cli(config, prog=f"vidphys {verb}", args=["--help"])
-        parts.append(f"## {verb}\n\n{about}\n\n```text\n{said.getvalue().strip()}\n```\n")
+    for verb, (_, about) in VERBS.items():
+        parts.append(f"## {verb}\n\n{about}\n\n```text\n{helped(verb, WIDTH)}\n```\n")
     return "\n".join(parts)
 
 

@@ -104,6 +104,11 @@ def _run(verb: str, rest: list[str]) -> int:
     from registry import RegistryError
     from vidphys.errors import InputError
 
+    if {"-h", "--help"} & set(rest):
+        from vidphys.cli.helped import helped
+
+        print(helped(verb))
+        return OK
     module = importlib.import_module(f"vidphys.cli.{verb}")
     config_type = getattr(module, VERBS[verb][0])
     config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
@@ -153,9 +158,15 @@ def _error(text: str) -> int:
 
 
 def _usage() -> str:
-    lines = [f"  {verb:<10}{text}" for verb, (_, text) in VERBS.items()]
+    lines = [f"  {verb:<12}{text}" for verb, (_, text) in VERBS.items()]
     return "\n".join(
-        ["usage: vidphys VERB [options]", "", *lines, "", "vidphys help VERB shows an example."]
+        [
+            "usage: vidphys VERB [options]",
+            "",
+            *lines,
+            "",
+            "vidphys help VERB shows its options, and an example.",
+        ]
     )
 
 

@@ -41,12 +41,13 @@ class AtlasConfig:
             where each channel speaks (softmax), whichever does best on clips left out; each of
             these; two-stage reads positions, and all else from their track; attention is trained
             over the cells, and slow; local reads the features at each body's true place.
-        widths: of attention, 32 if none is named; all are tried side by side, and the best on clips
-            held out is taken.
-        rates: of its learning, likewise; 0.003 if none is named.
+        widths: channels of attention, 32 if none is named; all are tried side by side, and the best
+            on clips held out is taken.
+        rates: those of its learning, likewise; 0.003 if none is named.
         each: frames of each clip that are read, evenly spread.
         grid: cells on a side that maps are pooled to at most.
-        folds: in which all clips are tested, each by a readout that has not seen it.
+        folds: into how many parts the clips are cut; each part is tested by a readout that has not
+            seen it.
         kept: also ask what cheaper ways to keep features cost in accuracy: int8, 4x4 (cells), or
             4x4-int8.
         store: folder of the feature store; what is missing in it is extracted.
@@ -59,7 +60,7 @@ class AtlasConfig:
         stride: take each so-many-th frame.
         side: shrink frames so that their longer side has at most this many pixels.
         rate: frames per second, in place of the container's time stamps.
-        workers: processes.
+        workers: how many processes share the work.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """

@@ -58,7 +58,7 @@ class DiagnoseConfig(WhoOptions):
         hold_out: share of one long recording, at its end, that nothing is fitted to and the
             forecast is scored on.
         binder: what follows the bodies of a clip: motion, or package.module:name.
-        bodies: that it follows; unless given, as many as move by some law.
+        bodies: how many it follows; unless given, as many as move by some law.
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
             shadow rather than a body; 1 keeps every change. Found out unless given.
         start: first frame that is used.
@@ -70,7 +70,7 @@ class DiagnoseConfig(WhoOptions):
             told in metres.
         trade: what `vidphys trade` has measured, its run folder or profile: which integrator and
             which encoder suffice is chosen from it.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         look: only draw what may be a body, numbered, into look.png in the run folder; one of them
             is then followed with --choose.
         overwrite: give up another run that lies in the folder.

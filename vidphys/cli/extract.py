@@ -52,7 +52,7 @@ class ExtractConfig(SeeingOptions):
             machine or others that see them; each may come, leave or die at any time.
         lease: with shared: seconds without a sign of life after which a worker's clips are taken
             over by another.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         quiet: show no progress.
     """
 

@@ -21,8 +21,8 @@ class FilmConfig:
 
     Args:
         out: the folder; the same command again goes on where it was, and more clips extend it.
-        clips: how many.
-        seed: of the set; a clip depends on it and on its own number only.
+        clips: how many are filmed.
+        seed: of the set's random numbers; a clip depends on it and on its own number only.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """

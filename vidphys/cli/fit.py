@@ -37,9 +37,9 @@ class FitConfig:
         columns: what columns of the table are, as `vidphys diagnose` was told.
         start: first frame that is used.
         stop: frame to stop before.
-        train_share: of the frames that is trained on, from the first.
-        steps: optimiser steps.
-        seed: of initial weights and batch order.
+        train_share: the share of the frames that is trained on, from the first.
+        steps: optimiser steps of the training.
+        seed: of the random initial weights and batch order.
         on_nan: what a loss or gradient that is not finite does: stop ends the training at the
             checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
         overwrite: give up another run that lies in the folder.

@@ -30,9 +30,9 @@ class PlanConfig(StudyOptions):
 
     Args:
         verb: whose plan it is.
-        tables: of reproduce.
-        cells: as of the verb.
-        heads, scene: as of the ladder.
+        tables: those of `vidphys reproduce`.
+        cells: as `vidphys help ladder` and `vidphys help reproduce` say.
+        heads, scene: as `vidphys help ladder` says.
         measured: run folders whose units' times are taken; ours, of the preset quick on one core,
             where there is none. What was measured in another preset is scaled as cells are that are
             known in both, else by the part of the work that grows most: an upper bound.

@@ -37,7 +37,7 @@ class PlayConfig:
         input: what is rolled on from its last frame: a clip, for a training; a table, for a
             diagnosis of one, which keeps no copy.
         port: where the page is served; 0 takes any that is free.
-        open: show the page in a browser; --no-open only prints its address.
+        open: show the page in a browser; its address is printed all the same.
         weights: file or folder of the encoder's weights of a training; else VIDPHYS_WEIGHTS.
     """
 

@@ -23,11 +23,11 @@ class RenderConfig:
         world: a channel for each body, coloured disks that hide one another, or bodies that look
             alike.
         preset: how many clips, how long and how large.
-        clips: in place of the preset's.
-        frames: of a clip, in place of the preset's.
+        clips: how many, in place of the preset's number.
+        frames: how many a clip has, in place of the preset's number.
         image: pixels on a side, in place of the preset's.
-        seed: of the episodes.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        seed: of the random numbers that episodes are drawn by.
+        profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """

@@ -62,7 +62,7 @@ class RolloutConfig:
         stop: frame to stop before, from which it is rolled on.
         rate: frames per second, in place of the container's time stamps.
         weights: file or folder of the encoder's weights; else VIDPHYS_WEIGHTS.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         device: where the encoder runs.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.

@@ -22,12 +22,12 @@ class SeeingOptions:
             that it does not take is refused.
         weights: file or folder of its weights; else VIDPHYS_WEIGHTS, else the user's cache.
         resolution: network pixels of the longer image side.
-        frames: in a window of a video encoder.
+        frames: how many frames are in a window of a video encoder.
         hop: frames from a window's start to the next one's.
         frame_stride: let the encoder take each so-many-th of the frames.
-        options: further ones of the encoder, NAME=VALUE, such as shown=2 for i3d.
+        options: further options of the encoder, NAME=VALUE, such as shown=2 for i3d.
         predictor: read the predictor of V-JEPA 2 in place of its encoder.
-        dtype: of the encoder's computation.
+        dtype: number format in which the encoder computes.
         device: where the encoder runs.
         start: first frame of each clip that is seen (a hand may hold the body before it).
         stop: frame to stop before.

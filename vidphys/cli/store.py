@@ -30,7 +30,7 @@ class StoreConfig:
             into shards, which also brings older stores to the present layout; check all hashes;
             delete what an encoder made, or one entry, so that the next extraction makes it again;
             push to a URL what is not there yet, or pull from it what is not here.
-        folder: of the store.
+        folder: the store's.
         encoder: with delete: whose entries.
         layer: with delete: of this layer only.
         key: with delete: this entry only, as a check names it.

@@ -29,8 +29,8 @@ class StudyOptions:
         preset: sizes and seeds; quick is minutes on two cores.
         seed: the first seed. Those below 100 are for development; figures are reported from 100.
         seeds: how many from there on, instead of the preset's number.
-        workers: processes.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        workers: how many processes share the work.
+        profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         device: where models are trained and rolled; references and scores are on the CPU.
         engine: where units of work run: processes of this machine, or a Ray cluster (the extra
             ray), whose nodes all see the run folder.

@@ -34,10 +34,12 @@ class TradeConfig:
         save: write what was chosen to this profile file, for a verb's --profile.
         compare: an older run folder or profile; exit 1 if a front has moved back since, by more
             than 5 % in time or 2 % in error.
-        threads: of torch; with 1 on a CPU the time of the process counts, else the wall clock.
+        threads: how many torch uses; with 1 on a CPU the time of the process counts, else the wall
+            clock.
         weights: folder of encoders' weights; else VIDPHYS_WEIGHTS, else the user's cache.
-        encoders: measured beside ours and those of installed packages, as package.module:factory.
-        seed: of all that is drawn.
+        encoders: which are measured beside ours and those of installed packages, as
+            package.module:factory.
+        seed: of all random numbers.
         device: where networks run.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.

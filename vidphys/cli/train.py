@@ -68,12 +68,12 @@ class TrainConfig(WhoOptions, SeeingOptions):
         layers: of the encoder that are read, its own default if none is named. Every combination
             of layer, width, readers, learning rate and seed is trained beside a pooled control of
             as many parameters, and the best on what is held out is kept.
-        widths: of the attention, multiples of 4, or of the pooled network; 128.
-        readers: of the cells around a body, whose mean is taken; 3.
+        widths: channels of the attention, multiples of 4, or of the pooled network; 128.
+        readers: how many networks read the cells around a body; their mean is taken; 3.
         mirrors: read the clips that are scored, and later ones, with their mirror images: four
             times the cost, for a smaller error.
-        learning_rates: of the readouts.
-        seeds: initial weights that are tried, counted from seed.
+        learning_rates: those of the readouts, each of which is tried.
+        seeds: how many initial weights are tried, counted from --seed.
         steps: optimiser steps of each readout; 5400 refined, else 1200.
         batch: feature frames a step; 128 refined, else 16.
         patience: evaluations (of 40) without a smaller held-out error that end a readout's
@@ -82,24 +82,24 @@ class TrainConfig(WhoOptions, SeeingOptions):
             4, and none of the pooled ones.
         binder: what follows the bodies where no table tells the positions: motion, or
             package.module:name.
-        bodies: that it follows; 1.
+        bodies: how many it follows; 1.
         shadow: darkening, as a factor of the background's brightness, that motion takes for a
             shadow rather than a body; 1 keeps every change. Found out unless given.
-        train_share: of the clips that is trained on; of a single clip, its first part.
+        train_share: the share of the clips that is trained on; of a single clip, its first part.
         split_by: clip; time, which cuts every clip; the name of a fact of the clips (a column of a
             data set), those of which stay together; or auto: as the data set says, else by clip. A
             clip that would be in two splits is an error.
-        heads: trained beside factored and its twin unstructured; `vidphys parts` names them.
+        heads: those trained beside factored and its twin unstructured; `vidphys parts` names them.
         head_steps: optimiser steps of each dynamics head.
         friction: whether the factored head has friction; auto leaves it out where the data set
             says that it has none.
         beyond: seconds to roll past the end of the recorded clip.
-        seed: of batch orders and dynamics heads, and the first of the readouts' seeds.
+        seed: draws batch orders and dynamics heads, and is the first of the readouts' seeds.
         on_nan: what a loss or gradient that is not finite does: stop ends the training at the
             checkpoint before it; skip leaves the batch out, of up to a tenth of all steps.
         from_atlas: run folder of `vidphys atlas`, whose encoder, layer and readout for positions
             are taken.
-        profile: take what it sets of this verb from a point that `vidphys trade --pick` chose.
+        profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """

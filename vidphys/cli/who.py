@@ -23,8 +23,8 @@ class WhoOptions:
     Args:
         at: X,Y,FRAME, where a body is; several of one body or of different ones.
         region: X,Y,WIDTH,HEIGHT, in which bodies are looked for.
-        colour: of the bodies, a name or #rrggbb.
-        size: of the bodies, their diameter in pixels.
+        colour: that the bodies have, a name or #rrggbb.
+        size: diameter of the bodies in pixels.
         mask: a picture of the clip's size, whose white part is looked at.
         choose: numbers, from 1, of what may be a body, the likeliest first.
     """

@@ -1,14 +1,17 @@
 """The command line: exit codes, one-line errors, and imports that cost nothing."""
 
+import importlib
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from types import SimpleNamespace
 
 import pytest
 
 from vidphys.cli import VERBS, in_options, main
 from vidphys.cli.console import Console
+from vidphys.cli.helped import ORDER, options_of
 from vidphys.cli.rollout import RolloutConfig
 from vidphys.cli.study import measured
 from vidphys.experiments.core.cell import Unit
@@ -40,10 +43,23 @@ def test_importing_a_stage_costs_nothing(stage):
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help_with_an_example(verb, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main([verb, "--help"])
-    assert stop.value.code == 0
-    assert "Example:" in capsys.readouterr().out
+    assert main([verb, "--help"]) == 0
+    told = capsys.readouterr().out
+    assert "Example:" in told and "None" not in told
+    config = getattr(importlib.import_module(f"vidphys.cli.{verb}"), VERBS[verb][0])
+    for field, option in zip(fields(config), options_of(config), strict=True):
+        assert option.text and option.written in told
+        if type(field.default) in (int, float, str) and field.default != "":
+            assert f"(default: {field.default})" in option.text
+
+
+def test_options_stand_in_groups_with_their_kinds(capsys):
+    assert main(["help", "train"]) == 0
+    told = capsys.readouterr().out
+    groups = dict(part.split(":\n", 1) for part in told.split("\n\n") if ":\n  --" in part)
+    assert list(groups) == [title for title in ORDER if title in groups] and len(groups) == 7
+    assert "--encoder TEXT" in groups["The encoder"] and "--at TEXT" in groups["Which bodies"]
+    assert "--no-mirrors" in groups["Sizes and steps"] and "--mirrors" not in told.split()
 
 
 def test_no_verb_and_an_unknown_verb(capsys):
@@ -58,9 +74,8 @@ def test_no_verb_and_an_unknown_verb(capsys):
 def test_the_version_and_help_by_name(capsys):
     assert main(["--version"]) == 0
     assert re.fullmatch(r"vidphys \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
-    with pytest.raises(SystemExit) as stop:
-        main(["help", "doctor"])
-    assert stop.value.code == 0 and "vidphys doctor" in capsys.readouterr().out
+    assert main(["help", "doctor"]) == 0
+    assert "vidphys doctor" in capsys.readouterr().out
     assert main(["help"]) == 0
 
 

@@ -227,8 +227,7 @@ def test_a_verb_of_which_nothing_is_measured_says_so_in_a_line(tmp_path, capsys,
     "verb", ["extract", "train", "render", "rollout", "ladder", "reproduce", "diagnose"]
 )
 def test_every_verb_that_computes_has_the_option(verb, capsys):
-    with pytest.raises(SystemExit, match="0"):
-        main([verb, "--help"])
+    assert main([verb, "--help"]) == 0
     assert "--profile" in capsys.readouterr().out
 
 
