@@ -1,29 +1,42 @@
 """Frames to feature maps: trained and frozen encoders. Knows no physics."""
 
-from encoders.cnn import ConvEncoder
-from encoders.features import Encoder, FeatureMap
-from encoders.frozen.base import FrozenEncoder
-from encoders.frozen.catalogue import load_encoder
-from encoders.identity import EncoderIdentity
-from encoders.jepa import EmaTarget, ema_momentum, variance_floor
-from encoders.release import WeightsMissing
-from encoders.store import FeatureRequest, FeatureStore, StaleFeatures
-from encoders.weights import fetch, find_weights
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ConvEncoder",
-    "EmaTarget",
-    "Encoder",
-    "EncoderIdentity",
-    "FeatureMap",
-    "FeatureRequest",
-    "FeatureStore",
-    "FrozenEncoder",
-    "StaleFeatures",
-    "WeightsMissing",
-    "ema_momentum",
-    "fetch",
-    "find_weights",
-    "load_encoder",
-    "variance_floor",
-]
+from registry import lazily
+
+if TYPE_CHECKING:
+    from encoders.cnn import ConvEncoder as ConvEncoder
+    from encoders.features import Encoder as Encoder
+    from encoders.features import FeatureMap as FeatureMap
+    from encoders.frozen.base import FrozenEncoder as FrozenEncoder
+    from encoders.frozen.catalogue import load_encoder as load_encoder
+    from encoders.identity import EncoderIdentity as EncoderIdentity
+    from encoders.jepa import EmaTarget as EmaTarget
+    from encoders.jepa import ema_momentum as ema_momentum
+    from encoders.jepa import variance_floor as variance_floor
+    from encoders.manifests import FeatureRequest as FeatureRequest
+    from encoders.manifests import StaleFeatures as StaleFeatures
+    from encoders.release import WeightsMissing as WeightsMissing
+    from encoders.store import FeatureStore as FeatureStore
+    from encoders.weights import fetch as fetch
+    from encoders.weights import find_weights as find_weights
+
+HOMES = {
+    "ConvEncoder": "encoders.cnn",
+    "EmaTarget": "encoders.jepa",
+    "Encoder": "encoders.features",
+    "EncoderIdentity": "encoders.identity",
+    "FeatureMap": "encoders.features",
+    "FeatureRequest": "encoders.manifests",
+    "FeatureStore": "encoders.store",
+    "FrozenEncoder": "encoders.frozen.base",
+    "StaleFeatures": "encoders.manifests",
+    "WeightsMissing": "encoders.release",
+    "ema_momentum": "encoders.jepa",
+    "fetch": "encoders.weights",
+    "find_weights": "encoders.weights",
+    "load_encoder": "encoders.frozen.catalogue",
+    "variance_floor": "encoders.jepa",
+}
+__all__ = [*HOMES]
+__getattr__, __dir__ = lazily(__name__, HOMES)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-import torch
-from torch import Tensor
+if TYPE_CHECKING:
+    from torch import Tensor
 
-from encoders.features import FeatureMap, FeatureStream, streamed
+    from encoders.features import FeatureMap, FeatureStream
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,10 @@ def stream(
     """
     if isinstance(encoder, StreamingEncoder):
         return encoder.stream(chunks, size, times, layers, progress)
+    import torch
+
+    from encoders.features import streamed
+
     clip = torch.cat([*chunks()])[None]
     if isinstance(encoder, LayeredEncoder):
         found = encoder.encode_layers(clip, times, layers, progress)

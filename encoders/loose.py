@@ -13,14 +13,16 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from encoders.entry import DTYPES, Entries, EntryFile, Origin, manifest_of
-from encoders.features import FeatureMap
 from encoders.manifests import FeatureRequest, StaleFeatures, load_manifest
 from encoders.placing import partial_of, place, sweep
 from encoders.release import file_sha256
 from encoders.shards import Loose
+
+if TYPE_CHECKING:
+    from encoders.entry import Entries, Origin
+    from encoders.features import FeatureMap
 
 
 class LooseEntries:
@@ -85,6 +87,8 @@ class LooseEntries:
         """
         from safetensors import SafetensorError, safe_open
 
+        from encoders.features import FeatureMap
+
         data, name = self._data(key), self.path(key).name
         if not data.exists() or data.stat().st_size != manifest["bytes"]:
             raise StaleFeatures(
@@ -103,6 +107,8 @@ class LooseEntries:
 
     def begin(self, requests: Sequence[FeatureRequest], origin: Origin) -> Entries:
         """See :meth:`encoders.FeatureStore.begin`."""
+        from encoders.entry import DTYPES, Entries, EntryFile, manifest_of
+
         if not self._swept:
             sweep(self.folder)
         self._swept = True

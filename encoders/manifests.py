@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 from encoders.identity import EncoderIdentity
+from encoders.release import file_sha256
 from registry.seal import is_sealed
 
 SCHEMA_VERSION = 2
@@ -36,7 +38,7 @@ class FeatureRequest:
     frame_size: tuple[int, int]
     dtype: Literal["float16", "bfloat16", "float32"] = "float16"
 
-    @property
+    @cached_property
     def key(self) -> str:
         """SHA-256 of the request, the name of its files."""
         text = json.dumps(asdict(self), sort_keys=True)
@@ -70,6 +72,27 @@ def load_manifest(path: Path) -> dict[str, Any]:
             f"feature store: {path} is damaged or was edited; delete it to extract again"
         )
     return manifest
+
+
+def require_made_of(
+    manifest: dict[str, Any], entry: str, source: Path, encoder: EncoderIdentity | None
+) -> None:
+    """Refuse features of another file than ``source`` now is, or of another encoder.
+
+    Raises:
+        StaleFeatures: what differs.
+    """
+    request = manifest["request"]
+    if request["source_sha256"] != file_sha256(source):
+        raise StaleFeatures(
+            f"feature store: {entry} was made from another file than {source} now is; extract again"
+        )
+    for name, value in asdict(encoder).items() if encoder else ():
+        if request["encoder"][name] != value:
+            raise StaleFeatures(
+                f"feature store: {entry} has {name} {request['encoder'][name]}, this encoder "
+                f"{value}; extract again"
+            )
 
 
 def require_sealed(where: str, manifest: dict[str, Any]) -> None:

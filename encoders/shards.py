@@ -25,14 +25,13 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from encoders.index import LOOKED_UP, PUT, TABLE, WAIT, Index, Row, as_row, reading
 from encoders.placing import placed
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 OWN = "index"  # the index of what is appended here
 ENTRIES = "entries.bin"  # tensors of what a worker wrote at one stroke
@@ -40,12 +39,7 @@ SPENT = "spent"  # something was taken out of it
 SHARD_BYTES = 2**28  # from which on the next shard is begun
 ALIGNED = 64
 AT_ONCE = 512  # entries that are committed together
-DTYPES = {
-    "F16": torch.float16,
-    "BF16": torch.bfloat16,
-    "F32": torch.float32,
-    "F64": torch.float64,
-}
+DTYPES = {"F16": "float16", "BF16": "bfloat16", "F32": "float32", "F64": "float64"}
 
 
 class DamagedShard(ValueError):
@@ -154,6 +148,9 @@ class Shards:
         Raises:
             DamagedShard: its bytes are not those that were written.
         """
+        import numpy as np
+        import torch
+
         try:
             mapped = np.memmap(row.file, np.uint8, "c", row.place, (row.bytes,))
         except (OSError, ValueError) as error:
@@ -262,5 +259,7 @@ def _sync(file: BinaryIO) -> None:
 
 
 def _tensor(whole: Tensor, about: dict[str, Any]) -> Tensor:
+    import torch
+
     first, last = about["data_offsets"]
-    return whole[first:last].view(DTYPES[about["dtype"]]).view(about["shape"])
+    return whole[first:last].view(getattr(torch, DTYPES[about["dtype"]])).view(about["shape"])

@@ -18,18 +18,23 @@ from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from encoders.entry import DTYPES, Entries, Origin
-from encoders.features import FeatureMap, FeatureStream, streamed
 from encoders.identity import EncoderIdentity
 from encoders.index import Row
 from encoders.loose import LooseEntries
-from encoders.manifests import FeatureRequest, StaleFeatures, require_sealed
-from encoders.release import file_sha256
+from encoders.manifests import FeatureRequest, StaleFeatures, require_made_of, require_sealed
 from encoders.shards import DamagedShard, Shards
+from registry import lazily
+
+if TYPE_CHECKING:
+    from encoders.entry import DTYPES as DTYPES
+    from encoders.entry import Entries, Origin
+    from encoders.features import FeatureMap, FeatureStream
 
 __all__ = ["DTYPES", "FeatureRequest", "FeatureStore", "StaleFeatures"]
+# torch is imported where tensors are read or written, and not to list or delete
+__getattr__, __dir__ = lazily(__name__, {"DTYPES": "encoders.entry"})
 
 
 class FeatureStore:
@@ -41,13 +46,12 @@ class FeatureStore:
     Example:
         >>> import tempfile
         >>> import torch
+        >>> from encoders import EncoderIdentity, FeatureMap
         >>> who = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
         >>> request = FeatureRequest(who, "1" * 64, (0, 1), (0.0, 0.1), (32, 32))
         >>> made = FeatureMap(torch.ones(1, 2, 8, 2, 2), (16.0, 16.0), torch.tensor([0.0, 0.1]))
         >>> store = FeatureStore(Path(tempfile.mkdtemp()))
-        >>> for _ in range(2):
-        ...     features = store.get(request, "clip.mp4", lambda: made)
-        ...
+        >>> _, features = (store.get(request, "clip.mp4", lambda: made) for _ in range(2))
         >>> tuple(features.values.shape), store.hit_rate
         ((1, 2, 8, 2, 2), 0.5)
     """
@@ -55,8 +59,7 @@ class FeatureStore:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.loose, self.shards = LooseEntries(folder / "entries"), Shards(folder / "shards")
-        self.hits = 0
-        self.misses = 0
+        self.hits = self.misses = 0
 
     @property
     def hit_rate(self) -> float | None:
@@ -158,8 +161,7 @@ class FeatureStore:
         Args:
             least: of such entries; where there are fewer, nothing is done.
         """
-        keys = [*islice(self.loose.present(), least)]
-        if len(keys) < least or not keys:
+        if len([*islice(self.loose.present(), max(least, 1))]) < max(least, 1):
             return 0
         return self.shards.add(self.loose.whole(), self.loose.drop)
 
@@ -216,25 +218,13 @@ class FeatureStore:
             encoder: what the features should come from, if that is known.
 
         Raises:
-            StaleFeatures: missing or damaged, of another clip than ``source`` now is, or made by
-                another encoder than ``encoder``.
+            StaleFeatures: missing, damaged, of another clip or by another encoder.
         """
         found = self._found(key)
         if found is None:
             raise StaleFeatures(f"feature store {self.folder}: no entry {key}; extract it first")
         manifest, opened = found
-        request = manifest["request"]
-        if request["source_sha256"] != file_sha256(source):
-            raise StaleFeatures(
-                f"feature store: entry {key[:12]} was made from another file than {source} now "
-                "is; extract again"
-            )
-        for field, value in asdict(encoder).items() if encoder else ():
-            if request["encoder"][field] != value:
-                raise StaleFeatures(
-                    f"feature store: entry {key[:12]} has {field} {request['encoder'][field]}, "
-                    f"this encoder {value}; extract again"
-                )
+        require_made_of(manifest, f"entry {key[:12]}", source, encoder)
         return opened()
 
     def write(self, request: FeatureRequest, source: str, features: FeatureMap) -> None:
@@ -243,6 +233,8 @@ class FeatureStore:
         Raises:
             ValueError: more than one episode, or values that the dtype cannot hold.
         """
+        from encoders.features import streamed
+
         layer = request.encoder.layer
         self.write_layers({layer: request}, source, streamed(layer, features))
 
@@ -264,6 +256,8 @@ class FeatureStore:
         Raises:
             ValueError: values that the dtype cannot hold.
         """
+        from encoders.entry import Origin
+
         chosen = [requests[layer] for layer in stream.layers]
         with self.begin(chosen, Origin(source, stream.size, stream.times, made or {})) as entries:
             for piece in stream.pieces:
@@ -290,6 +284,8 @@ class FeatureStore:
         return row.manifest, partial(self._of_shard, row)
 
     def _of_shard(self, row: Row) -> FeatureMap:
+        from encoders.features import FeatureMap
+
         require_sealed(f"{row.index}, entry {row.key[:12]}", row.manifest)
         try:
             values, times = self.shards.tensors(row)

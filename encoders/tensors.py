@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from math import prod
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from torch import Tensor
+if TYPE_CHECKING:
+    from torch import Tensor
 
 MOST_HEADER = 100_000_000  # bytes
 MOST_TENSORS = 10_000

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,3 +64,6 @@ def test_a_store(capsys, tmp_path):
     assert (row["encoder"], row["layer"], row["entries"]) == ("mine", "last", 2)
     assert row["bytes"] > 2 * 2 * 8 * 4 * 2  # two entries of two frames in float16
     assert main(["store", "check", str(tmp_path), "--json"]) == 2
+    work = "import sys; from vidphys.cli import main; main(sys.argv[1:])"
+    said = f"{work}; assert 'torch' not in sys.modules"  # which takes seconds to import
+    subprocess.run([sys.executable, "-c", said, "store", "list", str(tmp_path)], check=True)
