@@ -90,6 +90,45 @@ def overlay_layout(video: Arrays) -> rrb.Blueprint:
     return rrb.Blueprint(columns, _clock(), collapse_panels=True)
 
 
+def rolled_layout(
+    centre: tuple[float, float],
+    half: float,
+    last: float,
+    energies: tuple[float, float] | None,
+) -> rrb.Blueprint:
+    """One episode large, with what is said of it; energies below.
+
+    Args:
+        centre: of the square that is shown.
+        half: of its side.
+        last: instant, seconds.
+        energies: ends of their axis; none are shown where it is ``None``.
+    """
+    import rerun.blueprint as rrb
+
+    roles, (x, y) = ("truth", "held", "twin", "model"), centre
+    square = rrb.VisualBounds2D(x_range=(x - half, x + half), y_range=(-y - half, half - y))
+    world = rrb.Spatial2DView(
+        origin="/",
+        contents=[f"+ /world/{role}/**" for role in roles],
+        name="The episode",
+        visual_bounds=square,
+        overrides={f"world/{role}/trail": _growing() for role in roles},
+    )
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    above = rrb.Horizontal(world, about, column_shares=[3, 2])
+    phase = rrb.StateTimelineView(origin="/phase", name="Phase")
+    if energies is None:
+        rows = rrb.Vertical(above, phase, row_shares=[10, 2])
+    else:
+        names = [f"energy/{role}" for role in ("truth", "model", "own")]
+        rows = rrb.Vertical(
+            above, _plot("Energy", names, (0.0, last), energies), phase, row_shares=[10, 5, 2]
+        )
+    panels = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(rows, _clock((0.0, last)), *panels)
+
+
 def _whole_picture(times: np.ndarray, frames: np.ndarray) -> rrb.VisualBounds2D:
     import rerun.blueprint as rrb
 

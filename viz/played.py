@@ -2,7 +2,8 @@
 
 Requests come in threads of their own; what they ask is answered in the thread that calls
 :meth:`Desk.work`, one at a time, and of several changes only the newest. An answer is a stream of
-pieces: lengths of both parts (two unsigned 32-bit numbers, low byte first), JSON, 32-bit floats.
+pieces: lengths of both parts (two unsigned 32-bit numbers, low byte first), JSON, and 32-bit floats
+or the bytes of a recording.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-Part = tuple[dict[str, Any], np.ndarray | None]
+Part = tuple[dict[str, Any], np.ndarray | bytes | None]
 Answering = Callable[[bytes], Iterator[Part]]
 
 
@@ -81,11 +82,15 @@ class Desk:
             question.reply.put(" ".join(str(error).split()))
 
 
-def packed(about: Mapping[str, Any], numbers: np.ndarray | None = None) -> bytes:
+def packed(about: Mapping[str, Any], more: np.ndarray | bytes | None = None) -> bytes:
     """A piece of an answer."""
     text = json.dumps(about, allow_nan=False).encode()
-    data = b"" if numbers is None else np.ascontiguousarray(numbers, "<f4").tobytes()
+    data = more or b"" if not isinstance(more, np.ndarray) else _floats(more)
     return struct.pack("<II", len(text), len(data)) + text + data
+
+
+def _floats(numbers: np.ndarray) -> bytes:
+    return np.ascontiguousarray(numbers, "<f4").tobytes()
 
 
 @contextmanager

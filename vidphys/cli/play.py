@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
@@ -15,11 +16,10 @@ import tyro
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from vidphys.play import Source, Stage
+    from viz.played import Answering, Part
 
-OPEN, ROLL = "open", "roll"
+OPEN, ROLL, SURVEY, RECORD = KINDS = ("open", "roll", "survey", "record")
 SWITCH = 5e-4  # seconds after which a thread that computes lets one that answers come in
 
 
@@ -29,13 +29,18 @@ class PlayConfig:
 
     Example: vidphys play runs/ladder-quick
 
+    Example: vidphys play runs/ladder-quick --episodes 10000
+
     The page lies on this machine alone. It shows the model beside the truth and its twin, 64
-    episodes over 2,000 steps, with what went wrong. Ctrl-C ends it.
+    episodes over 2,000 steps, with what went wrong, and a table of all episodes. An episode can be
+    saved as a recording for `vidphys view`. Ctrl-C ends it.
 
     Args:
         run: folder of a ladder, a fit, a diagnosis or a training, or the name of a scene.
         input: what is rolled on from its last frame: a clip, for a training; a table, for a
             diagnosis of one, which keeps no copy.
+        episodes: of a ladder or a scene, how many starts there are, 64 by default; the worst, the
+            typical and the odd one are found among all of them.
         port: where the page is served; 0 takes any that is free.
         open: show the page in a browser; its address is printed all the same.
         weights: file or folder of the encoder's weights of a training; else VIDPHYS_WEIGHTS.
@@ -43,6 +48,7 @@ class PlayConfig:
 
     run: Annotated[str, tyro.conf.Positional]
     input: Annotated[Path | None, tyro.conf.Positional] = None
+    episodes: int | None = None
     port: int = 0
     open: bool = True
     weights: Path | None = None
@@ -56,15 +62,18 @@ def play(config: PlayConfig) -> None:
     """
     from loops.threads import held_to
     from vidphys.play import source_of
+    from vidphys.play.asked import MOST_EPISODES
     from viz.played import play_page
 
     if not 0 <= config.port < 2**16:
         raise InputError(f"--port {config.port}: must be from 0 to 65535")
-    source = source_of(config.run, config.input, config.weights)
+    if config.episodes is not None and not 1 <= config.episodes <= MOST_EPISODES:
+        raise InputError(f"--episodes {config.episodes}: must be from 1 to {MOST_EPISODES}")
+    source = source_of(config.run, config.input, config.weights, config.episodes)
     told = {"title": "Play", "folder": Path(config.run).resolve().name, "cells": source.names}
     with ExitStack() as stack:
         try:
-            address, desk = stack.enter_context(play_page(told, config.port, (OPEN, ROLL)))
+            address, desk = stack.enter_context(play_page(told, config.port, KINDS))
         except OSError as error:
             raise InputError(f"--port {config.port}: cannot be used ({error.strerror})") from error
         print(f"open      {address}")
@@ -82,13 +91,19 @@ class Player:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.stages: dict[str, Stage] = {}
-        self.answers = {OPEN: self.opened, ROLL: self.rolled}
+        self.surveyed: tuple[str, list[dict[str, Any]]] = ("", [])  # the last, under its law
+        self.answers: dict[str, Answering] = {
+            OPEN: self.opened,
+            ROLL: self.rolled,
+            SURVEY: self.survey,
+            RECORD: self.record,
+        }
 
-    def opened(self, body: bytes) -> Iterator[tuple[dict[str, Any], np.ndarray | None]]:
+    def opened(self, body: bytes) -> Iterator[Part]:
         """What there is to move on a stage; the body is its name."""
         yield self._stage(body.decode(errors="replace")).told(), None
 
-    def rolled(self, body: bytes) -> Iterator[tuple[dict[str, Any], np.ndarray | None]]:
+    def rolled(self, body: bytes) -> Iterator[Part]:
         """A change, rolled."""
         from vidphys.play import Asked, answers
 
@@ -98,6 +113,36 @@ class Player:
             shape = None if places is None else list(places.shape)
             numbers = None if places is None else places.float().numpy()
             yield {**piece.about, "shape": shape}, numbers
+
+    def survey(self, body: bytes) -> Iterator[Part]:
+        """What became of every episode; kept until another law is asked."""
+        from vidphys.play import Asked, survey
+
+        asked = Asked.read(body)
+        law = asked.model_dump_json(exclude={"episode", "q", "v"})
+        if self.surveyed[0] != law:
+            found = []
+            for piece in survey(self._stage(asked.cell), asked):
+                if piece.about["role"] == "table":
+                    found.append(piece.about)
+                yield piece.about, None
+            self.surveyed = law, found
+        else:
+            for about in self.surveyed[1]:
+                yield about, None
+
+    def record(self, body: bytes) -> Iterator[Part]:
+        """The episode that is looked at, as the bytes of a recording."""
+        from vidphys.cli.played import write_played
+        from vidphys.play import Asked
+
+        asked = Asked.read(body)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "played.rrd"
+            write_played(self._stage(asked.cell), asked, path)
+            recording = path.read_bytes()
+        name = f"{asked.cell.replace('/', '-').replace(', ', '-')}-{asked.episode}.rrd"
+        yield {"role": "recording", "name": name.replace(" ", "")}, recording
 
     def _stage(self, name: str) -> Stage:
         if name not in self.stages:

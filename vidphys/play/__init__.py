@@ -4,5 +4,6 @@ from vidphys.play.asked import Asked
 from vidphys.play.rolling import Piece, answers
 from vidphys.play.sources import Source, source_of
 from vidphys.play.stage import Stage, View
+from vidphys.play.surveys import survey
 
-__all__ = ["Asked", "Piece", "Source", "Stage", "View", "answers", "source_of"]
+__all__ = ["Asked", "Piece", "Source", "Stage", "View", "answers", "source_of", "survey"]

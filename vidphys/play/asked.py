@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError
 from vidphys.boundary import Above, Closed, Number, Word, said
 from vidphys.errors import InputError
 
-MOST_STEPS = 20_000
+MOST_STEPS, MOST_EPISODES = 20_000, 100_000
 Places = Annotated[
     list[Annotated[list[Number], Field(min_length=1, max_length=3)]], Field(max_length=1000)
 ]
@@ -31,7 +31,7 @@ class Asked(Closed):
     """
 
     cell: Word
-    episode: Annotated[int, Field(ge=0, lt=100_000)] = 0
+    episode: Annotated[int, Field(ge=0, lt=MOST_EPISODES)] = 0
     coupling: Number | None = None
     factors: Annotated[dict[Word, Number], Field(max_length=50)] = {}
     q: Places | None = None

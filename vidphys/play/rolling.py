@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -19,6 +19,7 @@ from dynamics.domain import EXTENTS, FAR, extents
 from dynamics.rollout import first_bad_step
 from vidphys.errors import InputError
 from vidphys.play.asked import Asked
+from vidphys.play.rows import numbers, table
 from vidphys.play.stage import Stage
 from vidphys.reading.laws import Law
 from vidphys.reading.seen import BEYOND
@@ -45,19 +46,64 @@ class Piece:
     places: Tensor | None = None
 
 
+class How(NamedTuple):
+    """By which steps: how many, of which length, every which is stored, whether in one go."""
+
+    steps: int
+    dt: float
+    every: int
+    once: bool
+
+
 @dataclass
-class _Kept:
-    """What of a rollout is needed after it: places and states of all episodes so far."""
+class Kept:
+    """What of a rollout is needed after it: states of all episodes so far."""
 
     states: list[PhaseState] = field(default_factory=list)
 
     @property
-    def whole(self) -> PhaseState:
+    def whole(self) -> PhaseState | None:
+        """All instants, ``(e, t, n, d)``; nothing where nothing was rolled."""
+        if not self.states:
+            return None
         return PhaseState(*(torch.cat([getattr(s, x) for s in self.states], 1) for x in "qp"))
+
+    @property
+    def stored(self) -> int:
+        """How many instants there are."""
+        return sum(s.q.shape[1] for s in self.states)
 
 
 def answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
-    """All that is to be shown of a change.
+    """All that is to be shown of a change: the episodes beside the one that is looked at.
+
+    Raises:
+        InputError: something that this model cannot be asked.
+    """
+    first, part = stage.part(asked.episode)
+    there = asked.model_copy(update={"episode": asked.episode - first})
+    for piece in _answers(part, there):
+        yield Piece({**piece.about, "episode": piece.about.get("episode", 0) + first}, piece.places)
+
+
+def _answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
+    start, law, how = begun(stage, asked)
+    seconds, between = how.steps * how.dt, how.every * how.dt
+    model = Kept()
+    yield from of_model(stage, law, start, how, asked, model)
+    if stage.scene is not None:
+        truth = Kept()
+        yield from of_truth(stage, asked, start, law.params, how, truth)
+        rows = table(stage, law.params, model.whole, truth.whole)
+        yield Piece({"role": "table", "seconds": between * (model.stored - 1), "rows": rows})
+    else:
+        yield from _held(stage, stage.head_by(asked.integrator), how)
+    if stage.twin is not None:
+        yield from _twin(stage, asked, start, law.params, seconds)
+
+
+def begun(stage: Stage, asked: Asked) -> tuple[PhaseState, Law, How]:
+    """Where a change begins: the starts, the law, the steps.
 
     Raises:
         InputError: something that this model cannot be asked.
@@ -67,20 +113,9 @@ def answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
         raise InputError(f"play: dt: this model is a map of {stage.head.dt:g} s a step")
     dt = stage.dt if asked.dt is None else asked.dt / stage.view.seconds
     start, law = stage.started(asked), stage.law(head, asked)
-    start = _as_fast(start, stage.params, law.params)
     every = max(1, asked.steps // STORED)
-    steps = asked.steps // every * every
-    model = _Kept()
-    once = isinstance(law.head, CompiledHead)
-    yield from _model(stage, law, start, (steps, dt, every, once), asked, model)
-    if stage.scene is not None:
-        truth = _Kept()
-        yield from _truth(stage, asked, start, law.params, steps * dt, every * dt, truth)
-        yield _table(stage, law.params, model, truth, every * dt)
-    else:
-        yield from _held(stage, head, asked, (steps, dt, every, once))
-    if stage.twin is not None:
-        yield from _twin(stage, asked, start, law.params, steps * dt)
+    how = How(asked.steps // every * every, dt, every, isinstance(law.head, CompiledHead))
+    return _as_fast(start, stage.params, law.params), law, how
 
 
 def _as_fast(start: PhaseState, before: Parameters, after: Parameters) -> PhaseState:
@@ -90,14 +125,10 @@ def _as_fast(start: PhaseState, before: Parameters, after: Parameters) -> PhaseS
     return PhaseState(start.q, start.p * (after.mass / before.mass).unsqueeze(-1))
 
 
-def _model(
-    stage: Stage,
-    law: Law,
-    start: PhaseState,
-    how: tuple[int, float, int, bool],
-    asked: Asked,
-    kept: _Kept,
+def of_model(
+    stage: Stage, law: Law, start: PhaseState, how: How, asked: Asked, kept: Kept
 ) -> Iterator[Piece]:
+    """The model's way, in pieces."""
     steps, dt, every, once = how
 
     def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
@@ -125,14 +156,8 @@ def _model(
         yield Piece(about, places)
 
 
-def _truth(
-    stage: Stage,
-    asked: Asked,
-    start: PhaseState,
-    params: Parameters,
-    seconds: float,
-    between: float,
-    kept: _Kept,
+def of_truth(
+    stage: Stage, asked: Asked, start: PhaseState, params: Parameters, how: How, kept: Kept
 ) -> Iterator[Piece]:
     """The reference by its own step, stored as near to the model's instants as that allows."""
     scene = stage.scene
@@ -142,8 +167,8 @@ def _truth(
         said = f"the truth is not known with another {', '.join(untold)}"
         yield Piece({"role": "truth", "said": [said]})
         return
-    every = max(1, round(between / scene.dt))
-    steps = max(1, round(seconds / scene.dt / every)) * every
+    every = max(1, round(how.every * how.dt / scene.dt))
+    steps = max(1, round(how.steps * how.dt / scene.dt / every)) * every
 
     def roll(state: PhaseState, law: Parameters, count: int) -> Rollout:
         return scene.simulate(state, law, count, every)
@@ -153,7 +178,7 @@ def _truth(
         kept.states.append(found.states)
         one = found.states[asked.episode].map(lambda x: x.unsqueeze(0))
         told = params[asked.episode : asked.episode + 1]
-        energy = {"true": _numbers(scene.energy(one, told)[0])}
+        energy = {"true": numbers(scene.energy(one, told)[0])}
         about = _seconds(stage, "truth", 0, first, every * scene.dt)
         yield Piece({**about, "energy": energy}, stage.view.place(found.states.q))
 
@@ -188,9 +213,7 @@ def _twin(
         yield Piece({"role": "twin", "said": [str(error)]})
 
 
-def _held(
-    stage: Stage, head: Head, asked: Asked, how: tuple[int, float, int, bool]
-) -> Iterator[Piece]:
+def _held(stage: Stage, head: Head, how: How) -> Iterator[Piece]:
     """What the model says of the law that held, from where it was, to see a change beside."""
     steps, dt, every, once = how
 
@@ -262,50 +285,18 @@ def _energies(stage: Stage, law: Law, states: PhaseState, episode: int) -> dict[
     told, found = law.params[episode : episode + 1], {}
     with torch.no_grad():
         if stage.scene is not None:
-            found["true"] = _numbers(stage.scene.energy(states, told)[0])
+            found["true"] = numbers(stage.scene.energy(states, told)[0])
         # Of few states a network is sooner asked than its spline, and it is what was trained.
         own: Any = stage.head if isinstance(law.head, CompiledHead) else law.head
         if hasattr(own, "energy"):
             wide = told.map(lambda x: x.unsqueeze(1))
-            found["own"] = _numbers(own.energy(states, wide)[0])
+            found["own"] = numbers(own.energy(states, wide)[0])
     return found
-
-
-def _table(stage: Stage, params: Parameters, model: _Kept, truth: _Kept, between: float) -> Piece:
-    """Of each episode: how far it ended from the truth, how near bodies came, how energy drifts."""
-    mine, rows = model.whole, {}
-    closest = _closest(mine.q)
-    if truth.states:
-        assert stage.scene is not None
-        real = truth.whole
-        both = min(mine.q.shape[1], real.q.shape[1])
-        apart = (mine.q[:, :both].double() - real.q[:, :both]).norm(dim=-1).mean(-1)
-        rows["error"] = _numbers(stage.view.length * apart.mean(1))
-        rows["end"] = _numbers(stage.view.length * apart[:, -1])
-        closest = _closest(real.q)
-        energy = stage.scene.energy(mine, params)
-        scale = stage.scene.energy_scale(mine.map(lambda x: x[:, 0]), params)
-        rows["drift"] = _numbers((energy - energy[:, :1]).abs().amax(1) / scale)
-    rows["closest"] = _numbers(stage.view.length * closest)
-    rows["coupling"] = _numbers(params.coupling)
-    return Piece({"role": "table", "seconds": between * (mine.q.shape[1] - 1), "rows": rows})
-
-
-def _closest(q: Tensor) -> Tensor:
-    if q.shape[-2] < 2:
-        return q.new_full(q.shape[:1], torch.inf)
-    i, j = torch.triu_indices(q.shape[-2], q.shape[-2], offset=1)
-    apart = (q[..., i, :] - q[..., j, :]).norm(dim=-1)
-    return apart.nan_to_num(torch.inf).amin((-2, -1))
 
 
 def _seconds(stage: Stage, role: str, episode: int, first: int, between: float) -> dict[str, Any]:
     dt = between * stage.view.seconds
     return {"role": role, "episode": episode, "first": first, "dt": dt}
-
-
-def _numbers(x: Tensor) -> list[float | None]:
-    return [v if math.isfinite(v) else None for v in x.double().tolist()]
 
 
 def _at(step: int, text: str) -> str:

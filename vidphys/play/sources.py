@@ -14,11 +14,10 @@ from dynamics import Head, Parameters, PhaseState
 from dynamics.potentials import PairPotential
 from vidphys.errors import InputError
 from vidphys.opened import Run, open_run
-from vidphys.play.stage import Stage, View, quick
+from vidphys.play.stage import AT_ONCE, Stage, View, quick
 from vidphys.scenes import SCENES, Scene
 from vidphys.seeding import derive
 
-EPISODES = 64
 TWIN = "unstructured"
 PREFERRED = "oracle/factored"
 IN_LADDER = "ladder/"  # before the names of cells in the settings of a run
@@ -47,6 +46,7 @@ class SceneSource:
     """A scene by its name: its exact law, rolled from starts of its own."""
 
     names: list[str]
+    episodes: int = AT_ONCE
 
     def stage(self, name: str) -> Stage:
         """See :class:`Source`."""
@@ -54,7 +54,7 @@ class SceneSource:
         scene = SCENES[name]()
         if not isinstance(scene.law, Head):
             raise InputError(f"play: {name}: the law of this scene cannot be stepped")
-        start, params = _starts(scene, EPISODES, 0)
+        start, params = _starts(scene, self.episodes, 0)
         notes = ("The exact law of the scene. Grey: by the scene's own step.",)
         return Stage(name, scene.law, start, params, scene.dt, scene, notes=notes)
 
@@ -66,9 +66,10 @@ class LadderSource:
     run: Run
     names: list[str]
     seeds: dict[str, tuple[str, int]] = field(repr=False)  # of a name, the cell and the seed
+    episodes: int = AT_ONCE
 
     @classmethod
-    def of(cls, run: Run) -> LadderSource:
+    def of(cls, run: Run, episodes: int = AT_ONCE) -> LadderSource:
         """Of a run.
 
         Raises:
@@ -86,7 +87,7 @@ class LadderSource:
                 "a fit or a diagnosis, or the name of a scene"
             )
         names = sorted(found, key=lambda name: (found[name][0] != PREFERRED, name.lower()))
-        return cls(run, names, found)
+        return cls(run, names, found, episodes)
 
     def stage(self, name: str) -> Stage:
         """See :class:`Source`."""
@@ -98,12 +99,12 @@ class LadderSource:
         asked, learned = CELLS[cell], self.run.head(cell, seed)
         scene = asked.scene()  # type: ignore[attr-defined]
         compiled, notes = quick(learned.requires_grad_(False))
-        held_out = EPISODES
+        held_out = self.episodes
         if isinstance(asked, OracleCell):
             held_out = self.run.settings["sizes"]["oracle"]["held_out"]
         question = held_out_question(scene, held_out, seed)
-        more = max(0, EPISODES - held_out)
-        start, params = question.start[:EPISODES], question.params[:EPISODES]
+        more = max(0, self.episodes - held_out)
+        start, params = question.start[: self.episodes], question.params[: self.episodes]
         if more:
             new, law = _starts(scene, more, seed)
             start = PhaseState(torch.cat([start.q, new.q]), torch.cat([start.p, new.p]))
@@ -229,13 +230,19 @@ class TrainingSource:
         )
 
 
-def source_of(what: str, given: Path | None = None, weights: Path | None = None) -> Source:
+def source_of(
+    what: str,
+    given: Path | None = None,
+    weights: Path | None = None,
+    episodes: int | None = None,
+) -> Source:
     """What can be played with under a name or in a folder.
 
     Args:
         what: the folder of a run, or the name of a scene.
         given: the clip that a training rolls on, or the table of a diagnosis that kept no tracks.
         weights: of a training's encoder.
+        episodes: of a scene or a ladder, how many there are; :data:`AT_ONCE` by default.
 
     Raises:
         InputError: there is no such folder or scene, or nothing in it to roll.
@@ -244,7 +251,7 @@ def source_of(what: str, given: Path | None = None, weights: Path | None = None)
     if not path.exists():
         if what in SCENES:
             _nothing(given)
-            return SceneSource([what])
+            return SceneSource([what], episodes or AT_ONCE)
         near = difflib.get_close_matches(what, list(SCENES), n=1)
         guess = f"; did you mean the scene {near[0]}?" if near else ""
         raise InputError(
@@ -253,12 +260,15 @@ def source_of(what: str, given: Path | None = None, weights: Path | None = None)
     if path.name == SPECIFICATION:
         path = path.parent
     run = open_run(path)
+    fitted = (path / FITTED).is_file() or (path / SPECIFICATION).is_file()
+    if episodes is not None and (run.has_pipeline or fitted):
+        raise InputError("`episodes`: only a scene and a ladder have starts without number")
     if run.has_pipeline:
         return TrainingSource.of(run, given, weights)
-    if (path / FITTED).is_file() or (path / SPECIFICATION).is_file():
+    if fitted:
         return FitSource(path, given or path / TRACKS)
     _nothing(given)
-    return LadderSource.of(run)
+    return LadderSource.of(run, episodes or AT_ONCE)
 
 
 def _nothing(given: Path | None) -> None:

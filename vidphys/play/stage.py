@@ -19,6 +19,7 @@ from vidphys.reading.laws import MASS, PAIR, SIGNED, Law
 from vidphys.reading.seen import Seen
 from vidphys.scenes import Scene
 
+AT_ONCE = 64  # episodes that are rolled at every change
 MOST_MASSES = 6  # bodies whose masses have a slider each
 COUPLINGS = (-2.0, 2.0)
 FACTORS = {True: (-2.0, 2.0), False: (0.0, 3.0)}  # of numbers whose sign has a meaning, and others
@@ -94,6 +95,22 @@ class Stage:
         """How many starts there are."""
         return len(self.start.q)
 
+    def part(self, episode: int) -> tuple[int, Stage]:
+        """The :data:`AT_ONCE` episodes among which one is, and the number of the first of them.
+
+        Raises:
+            InputError: there is no such episode.
+        """
+        if episode >= self.episodes:
+            raise InputError(f"play: episode {episode}: there are {self.episodes}, counted from 0")
+        first = episode // AT_ONCE * AT_ONCE
+        return first, self.some(first, AT_ONCE)
+
+    def some(self, first: int, count: int) -> Stage:
+        """So many of the episodes, from one on."""
+        part = slice(first, first + count)
+        return replace(self, start=self.start[part], params=self.params[part])
+
     @property
     def integrators(self) -> list[str]:
         """Names of those that can step it; none where the step is a part of the model."""
@@ -111,6 +128,7 @@ class Stage:
         return {
             "cell": self.name,
             "episodes": self.episodes,
+            "at_once": AT_ONCE,
             "q": _plain(self.view.place(self.start.q)),
             "v": None if self.view.chart is not None else _plain(speed),
             "coupling": _plain(self.params.coupling) if self.coupled else None,
@@ -164,11 +182,9 @@ class Stage:
         """The starts, one of them changed as it was asked.
 
         Raises:
-            InputError: an episode that there is not, or another number of bodies.
+            InputError: another number of bodies.
         """
         one, start = asked.episode, self.start
-        if one >= self.episodes:
-            raise InputError(f"play: episode {one}: there are {self.episodes}, counted from 0")
         shape = tuple(self.view.place(start.q[one]).shape)
         q, p = start.q.clone(), start.p.clone()
         if asked.q is not None:

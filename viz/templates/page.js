@@ -12,7 +12,7 @@ addEventListener("beforeprint", () => {
 });
 
 // Tables that a click on a heading sorts: by number where cells have one, else by their words.
-for (const table of document.querySelectorAll("table.sorted")) {
+for (const table of document.querySelectorAll("table.sorted:not(.long)")) {
   const heads = [...table.tHead.rows[0].cells], body = table.tBodies[0];
   const key = (row, k) => {
     const cell = row.cells[k];

@@ -1,4 +1,3 @@
-"use strict";
 // A stage: what is asked goes to Python, which rolls it; pieces of its answer are drawn as they come.
 (() => {
   const by = (id) => document.getElementById(id);
@@ -6,11 +5,11 @@
   const plain = (x, digits = 3) => x === null || x === undefined ? "–"
     : Number(x.toPrecision(digits)).toString().replace("-", "\u2212");
   const count = (x) => x.toLocaleString("en");
-  let told = null, asked = null, ways = {}, table = null, energy = {}, head = null;
+  let told = null, asked = null, ways = {}, energy = {}, head = null, lawful = "";
   let view = { x: 0, y: 0, size: 2 }, since = 0, spent = [], troubles = [];
 
   // --- what is asked, and its answer ------------------------------------------------------------
-  // A stream of pieces: two lengths, JSON, floats.
+  // A stream of pieces: two lengths, JSON, bytes.
   async function* pieces(kind, body, signal) {
     const answer = await fetch(kind, { method: "POST", body, signal });
     if (!answer.ok) throw new Error(await answer.text());
@@ -26,7 +25,7 @@
         const end = 8 + text + sizes.getUint32(4, true);
         if (kept.length < end) break;
         const about = JSON.parse(new TextDecoder().decode(kept.subarray(8, 8 + text)));
-        yield [about, new Float32Array(kept.slice(8 + text, end).buffer)];
+        yield [about, kept.slice(8 + text, end).buffer];
         kept = kept.slice(end);
       }
     }
@@ -47,19 +46,38 @@
     try {
       for await (const [about, numbers] of pieces("roll", JSON.stringify(asked), mine.signal)) {
         if (mine !== stop) return;
-        take(about, numbers, began);
+        take(about, new Float32Array(numbers), began);
         if (waiting) { waiting = false; if (wanted) { ask(); return; } }
       }
+      if (!table.complete() && told.truth) await survey(mine);
     } catch (error) {
       if (mine !== stop || error.name === "AbortError") return;
       troubles = [error.message]; tell();
     }
     if (mine === stop) { waiting = false; if (wanted) ask(); }
   }
+  // What becomes of all episodes, when what is seen is done: a change comes first.
+  async function survey(mine) {
+    for await (const [about] of pieces("survey", JSON.stringify(asked), mine.signal)) {
+      if (mine !== stop) return;
+      if (about.role === "table") table.take(about);
+      if (about.said) throw new Error(about.said[0]);
+    }
+    by("episodes").removeAttribute("aria-busy");
+  }
   function take(about, numbers, began) {
-    if (about.role === "table") { table = about.rows; fill(); return; }
+    if (about.role === "table") {
+      table.take({ ...about, rows: { ...about.rows, left: head.left, bad: head.bad } });
+      if (table.complete()) by("episodes").removeAttribute("aria-busy");
+      stage.dataset.told = about.rows.error ? "all" : "some";
+      return;
+    }
     const fresh = about.role === "model" && about.first === 0;
-    if (fresh) { ways = {}; energy = {}; table = null; troubles = []; head = about; by("cells").setAttribute("aria-busy", "true"); }
+    if (fresh) {
+      ways = {}; energy = {}; troubles = []; head = about;
+      const law = JSON.stringify([asked.coupling, asked.factors, asked.integrator, asked.dt]);
+      if (law !== lawful) { lawful = law; table.forget(told, asked.coupling); by("episodes").setAttribute("aria-busy", "true"); }
+    }
     for (const text of about.said || []) troubles.push(text);
     if (about.shape) {
       const [e, t, n, d] = about.shape;
@@ -79,6 +97,7 @@
   }
 
   // --- places ------------------------------------------------------------------------------------
+  const here = () => asked.episode - head.episode;  // among those that are rolled
   const held = (way, episode) => way && episode >= way.episode && episode < way.episode + way.e;
   // Place of a body at a stored state; null where it is not known.
   function place(way, episode, k, n) {
@@ -177,7 +196,7 @@
     drawScale(pen, size);
   }
   function mark(pen, model, n) {
-    const k = head.left[asked.episode], at = k >= 0 && place(model, asked.episode, k, n);
+    const k = head.left[here()], at = k >= 0 && place(model, asked.episode, k, n);
     if (!at) return;
     const [x, y] = onStage(...at);
     pen.strokeStyle = tone("--bad"); pen.lineWidth = 3; pen.beginPath();
@@ -212,15 +231,15 @@
     pen.clearRect(0, 0, sheet.width, sheet.height);
     const thin = Math.max(1, Math.round(model.stored / 40)), bad = tone("--bad"), edge = tone("--line"), ink = tone("--ink");
     for (let e = 0; e < model.e; e++) {
-      const box = frame(model, e, thin), left = (e % side) * size, top = Math.floor(e / side) * size;
-      pen.strokeStyle = e === asked.episode ? ink : edge; pen.lineWidth = e === asked.episode ? 3 : 1;
+      const episode = model.episode + e, box = frame(model, episode, thin), left = (e % side) * size, top = Math.floor(e / side) * size;
+      pen.strokeStyle = episode === asked.episode ? ink : edge; pen.lineWidth = episode === asked.episode ? 3 : 1;
       pen.strokeRect(left + 2, top + 2, size - 4, size - 4);
       pen.save(); pen.beginPath(); pen.rect(left + 3, top + 3, size - 6, size - 6); pen.clip();
       pen.lineWidth = 1.2;
       for (let n = 0; n < model.n; n++) {
         pen.strokeStyle = HUES[n % HUES.length]; pen.beginPath();
         for (let k = 0; k < model.stored; k += thin) {
-          const at = place(model, e, k, n);
+          const at = place(model, episode, k, n);
           if (at) pen.lineTo(left + size / 2 * (1 + (at[0] - box.x) / box.size), top + size / 2 * (1 - (at[1] - box.y) / box.size));
         }
         pen.stroke();
@@ -263,8 +282,8 @@
   }
 
   // --- words -------------------------------------------------------------------------------------
-  const status = (e) => head.bad[e] >= 0 ? `not finite at step ${count(head.bad[e] * head.every)}`
-    : head.left[e] >= 0 ? `left its valid range at step ${count(head.left[e] * head.every)}` : "ok";
+  const status = (left, bad) => bad >= 0 ? `not finite at step ${count(bad * head.every)}`
+    : left >= 0 ? `left its valid range at step ${count(left * head.every)}` : "ok";
   function tell() {
     by("warnings").hidden = !troubles.length;
     by("warnings").replaceChildren(...troubles.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
@@ -273,33 +292,11 @@
     const drawn = stage.dataset.ms ? `, drawn ${Math.round(Number(stage.dataset.ms))} ms after the change` : "";
     const done = ways.model.stored > head.steps / head.every;
     by("said").textContent = `${all} × ${count(head.steps)} steps${done ? ` rolled in ${Math.round(head.ms)} ms by ${head.backend}` : " … "}${drawn}. `
-      + `This episode: ${status(asked.episode)}. ${left ? left + " of " + all + " leave their valid range" : "None leaves its valid range"}, ${bad ? bad + " are not finite" : "all are finite"}.`;
+      + `This episode: ${here() in head.left ? status(head.left[here()], head.bad[here()]) : "…"}. ${left ? left + " of " + all + " leave their valid range" : "None leaves its valid range"}, ${bad ? bad + " are not finite" : "all are finite"}.`;
     const seconds = now() * (ways.model.stored - 1) * ways.model.dt;
     by("time-said").textContent = `${plain(seconds)} s`;
   }
-  function fill() {
-    const cell = (value, text) => { const td = document.createElement("td"); td.textContent = text; td.className = "num"; if (value !== null) td.dataset.value = value; return td; };
-    const rows = head.left.map((_, e) => {
-      const row = document.createElement("tr"), word = document.createElement("td"), go = document.createElement("a");
-      go.href = "#stage"; go.textContent = e; go.dataset.episode = e;
-      const first = cell(e, ""); first.append(go); word.textContent = status(e);
-      row.append(first, word, ...["error", "end", "closest", "drift", "coupling"].map((name) => {
-        const x = table[name] ? table[name][e] : null;
-        return cell(x, plain(x));
-      }));
-      row.dataset.episode = e; row.className = e === asked.episode ? "chosen" : "";
-      return row;
-    });
-    const body = by("cells").tBodies[0], sorted = by("cells").querySelector("th[aria-sort]");
-    body.replaceChildren(...rows);
-    if (sorted) {  // as it was sorted before
-      sorted.setAttribute("aria-sort", sorted.getAttribute("aria-sort") === "ascending" ? "descending" : "ascending");
-      sorted.querySelector("button").click();
-    }
-    by("cells").removeAttribute("aria-busy");
-    by("filter").dispatchEvent(new Event("input"));
-    stage.dataset.told = table.error ? "all" : "some";
-  }
+  const table = episodeTable(by("episodes"), by("which"), by("counted"), (e) => choose(e));
 
   // --- what is moved -----------------------------------------------------------------------------
   function slider(name, low, high, value, set) {
@@ -329,7 +326,7 @@
   function choose(episode) {
     asked.episode = Math.max(0, Math.min(told.episodes - 1, episode)); asked.q = asked.v = null;
     by("episode").value = asked.episode;
-    for (const row of by("cells").tBodies[0].rows) row.className = Number(row.dataset.episode) === asked.episode ? "chosen" : "";
+    table.mark(asked.episode);
     sliders(); change();
   }
   function back() {
@@ -339,7 +336,7 @@
     choose(asked.episode);
   }
   async function open() {
-    told = null; if (stop) stop.abort(); waiting = false; since = 0; ways = {}; table = null; troubles = [];
+    told = null; if (stop) stop.abort(); waiting = false; since = 0; ways = {}; troubles = []; lawful = "";
     by("said").textContent = "Getting the model ready; the first time its law is compiled, which takes some seconds …";
     delete stage.dataset.drawn;
     try {
@@ -355,7 +352,9 @@
     by("episode").max = told.episodes - 1; by("episode-of").textContent = `of ${told.episodes}, counted from 0`;
     by("ghost-name").textContent = told.truth ? "the truth" : "the law that held";
     by("notes").replaceChildren(...told.notes.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
-    asked = null; back();
+    by("sheet-title").textContent = told.episodes > told.at_once ? `The ${told.at_once} episodes around it` : "All episodes";
+    by("each").hidden = !told.truth;
+    table.reset(told, status); asked = null; back();
   }
   by("cell").addEventListener("change", open);
   by("episode").addEventListener("input", () => choose(Number(by("episode").value) || 0));
@@ -366,14 +365,26 @@
     asked.dt = Number(by("dt").value) ? dt : null;
     by("dt-said").textContent = `${plain(dt)} s`; change();
   });
-  by("cells").tBodies[0].addEventListener("click", (event) => {
-    const row = event.target.closest("tr");
-    if (row) choose(Number(row.dataset.episode));
-  });
+  for (const one of document.querySelectorAll("[data-pick]")) one.addEventListener("click", () => told && table.pick(one.dataset.pick));
   sheet.addEventListener("click", (event) => {
-    const box = sheet.getBoundingClientRect(), side = Math.ceil(Math.sqrt(told.episodes));
+    const box = sheet.getBoundingClientRect(), side = Math.ceil(Math.sqrt(ways.model ? ways.model.e : 1));
     const e = Math.floor((event.clientY - box.top) / box.height * side) * side + Math.floor((event.clientX - box.left) / box.width * side);
-    if (e < told.episodes) choose(e);
+    if (ways.model && e < ways.model.e) choose(ways.model.episode + e);
+  });
+  // The episode that is seen, as a file for the viewer.
+  by("save").addEventListener("click", async () => {
+    if (!told) return;
+    by("saved").textContent = "Rolling it once more …";
+    try {
+      for await (const [about, bytes] of pieces("record", JSON.stringify(asked))) {
+        if (about.said) throw new Error(about.said[0]);
+        const link = document.createElement("a");
+        link.href = URL.createObjectURL(new Blob([bytes])); link.download = about.name; link.click();
+        setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+        by("saved").textContent = `Saved; look at it by: vidphys view ${about.name}`;
+      }
+    } catch (error) { by("saved").textContent = error.message; }
+    if (!table.complete()) change();  // it had to wait for this
   });
   let dragging = null;
   const under = (event) => {

@@ -8,7 +8,7 @@ from torch import Generator
 
 from dynamics import HEADS, INTEGRATORS, build, rollout
 from vidphys.errors import InputError
-from vidphys.play import Asked, Stage, answers, source_of
+from vidphys.play import Asked, Stage, answers, source_of, stage, survey, surveys
 from vidphys.play.rolling import in_pieces
 from vidphys.play.stage import quick
 from vidphys.scenes import gravity
@@ -185,6 +185,27 @@ def test_what_cannot_be_asked_is_refused_in_one_line(wrong, said):
     with pytest.raises(InputError, match=said) as refused:
         list(answers(a_stage(), asked(**wrong)))
     assert "\n" not in str(refused.value)
+
+
+def test_of_many_episodes_those_beside_one_are_rolled_and_all_are_surveyed(monkeypatch):
+    monkeypatch.setattr(stage, "AT_ONCE", 4)
+    monkeypatch.setattr(surveys, "BATCH", 3)
+    many, law = a_stage(), {"coupling": -1.0}
+    found, about = whole(many, asked(episode=9, **law), "model")
+    path = rollout(many.head, many.start, many.params.with_coupling(-1.0), STEPS, many.dt)
+    assert about["episode"] == 8 and torch.allclose(found, path.states.q[8:], atol=1e-6)
+    tables = [
+        p.about
+        for p in survey(many, asked(episode=9, q=[[0.0, 1.0]] * 3, **law))
+        if p.about["role"] == "table"
+    ]
+    assert [table["episode"] for table in tables] == [0, 3, 6, 9]
+    for first in (0, 4, 8):
+        pieces = answers(many, asked(episode=first, **law))
+        rows = next(p.about["rows"] for p in pieces if p.about["role"] == "table")
+        for name in ("error", "end", "drift", "closest", "coupling"):
+            every = [x for table in tables for x in table["rows"][name]]
+            assert every[first : first + 4] == pytest.approx(rows[name], rel=1e-4, abs=1e-6)
 
 
 def test_a_map_keeps_its_step_and_has_no_integrators():
