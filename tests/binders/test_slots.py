@@ -16,7 +16,14 @@ from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import RUNGS
 from vidphys.perception.dreams import Dreams, light_spread
 from vidphys.perception.reconstruction import Reconstruction, told
-from vidphys.perception.slots import FrameTokens, SlotDetector, decided, fit_slots, mirrored
+from vidphys.perception.slots import (
+    Answer,
+    FrameTokens,
+    SlotDetector,
+    decided,
+    fit_slots,
+    mirrored,
+)
 from vidphys.presets import PixelSizes
 from vidphys.scenes import gravity
 from vidphys.training.loop import FitSettings, fit
@@ -233,8 +240,45 @@ def test_large_frames_are_averaged_down_and_cells_stay_where_they_were():
 def test_frames_are_seen_in_eight_orientations():
     frames = torch.rand(1, 1, 1, 4, 4)
     assert len({tuple(mirrored(frames, k).flatten().tolist()) for k in range(8)}) == 8
+    ways = frames, frames.flip(-1), frames.flip(-2), frames.flip(-1, -2)
+    for k, way in enumerate(ways):
+        assert torch.equal(mirrored(frames, k), way)
     wide = torch.rand(1, 1, 1, 4, 6)
     assert all(mirrored(wide, k).shape == wide.shape for k in range(8))
+
+
+def test_in_each_frame_the_better_answer_stands():
+    rng = torch.Generator().manual_seed(0)
+    one, two = (
+        Answer(*(torch.rand(2, 3, *more, generator=rng) for more in ((4, 2), (4,), ())))
+        for _ in range(2)
+    )
+    both = one.or_else(two)
+    for clip in range(2):
+        for frame in range(3):
+            want = min(one, two, key=lambda answer: answer.unlike[clip, frame])  # noqa: B023
+            for name in ("positions", "doubt", "unlike"):
+                assert torch.equal(
+                    getattr(both, name)[clip, frame], getattr(want, name)[clip, frame]
+                )
+
+
+def test_frames_decide_only_where_they_are_to():
+    """Then slots start from several rings, and a frame that is not explained is doubted."""
+    frames = WORLD(torch.tensor([[-2.0, 0.5], [1.5, -1.0]]).expand(1, 1, -1, -1))
+    sure, asked = {}, {}
+    for decides in (True, False):
+        one = detector()
+        one.settings = replace(one.settings, decided=decides)
+        turns = asked[decides] = []
+        follow = one.follow
+        one.follow = lambda tokens, turn, follow=follow, turns=turns: (
+            turns.append(turn) or follow(tokens, turn)
+        )
+        with torch.no_grad():
+            sure[decides] = one.detect(frames, frames, WORLD)[1]
+    assert len(asked[True]) == detector().settings.starts > 1 == len(asked[False])
+    assert float(sure[True].max()) < float(sure[False].min())
 
 
 def test_a_short_training_finds_two_separate_disks():

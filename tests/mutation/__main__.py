@@ -75,6 +75,8 @@ JUDGED_BY = [
     "vidphys/experiments/test_scoring.py",
     "vidphys/experiments/test_tables.py",
     "vidphys/perception",
+    "binders/test_slots.py",
+    "binders/test_tracker.py",
     "readouts",
 ]
 HUNDREDTH = 2  # powers of ten

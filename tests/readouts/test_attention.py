@@ -11,6 +11,8 @@ from torch import Tensor
 from encoders.features import FeatureMap
 from readouts.attention import PRECISE, AttentionReadout, _waves, confidence_at, distance_at
 from readouts.pooled import PooledReadout, pooled_twin
+from readouts.probes import StateProbe
+from readouts.soft_argmax import soft_argmax
 from vidphys.data.labelled import LabelledFrames, Shifted, labelled_frames, shift
 from vidphys.training.loop import FitSettings
 from vidphys.training.readouts import ReadoutSettings, position_rmse, read_all, train_readout
@@ -152,6 +154,23 @@ def test_pooling_forgets_where_things_are() -> None:
     values = torch.randn(1, 4, CHANNELS, *GRID)
     moved = values.roll((3, 2), dims=(-2, -1))
     torch.testing.assert_close(readout(feature_map(values)), readout(feature_map(moved)))
+
+
+def test_momentum_is_read_from_what_was_kept_and_else_from_all() -> None:
+    torch.manual_seed(0)
+    probe, values = StateProbe(5, 2, 8), torch.randn(3, 5, 4, 4)
+    centres = torch.rand(4, 4, 2)
+    place, momentum = probe.read_state(values, centres)
+    assert torch.equal(momentum, probe.read_state(values, centres, torch.ones(3, 2, 8))[1])
+    none = probe.read_state(values, centres, torch.zeros(3, 2, 8))
+    assert torch.equal(none[0], place)
+    assert torch.equal(none[1], probe.move(torch.zeros(3, 2, 8)))
+
+
+def test_of_one_cell_the_place_is_sure() -> None:
+    centre = torch.tensor([[[0.25, -0.5]]])
+    place, sure = soft_argmax(torch.tensor([[3.0]]), centre)
+    assert place.tolist() == [0.25, -0.5] and sure.item() == 1.0
 
 
 def test_heads_must_divide_the_width() -> None:

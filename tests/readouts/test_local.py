@@ -57,7 +57,8 @@ def test_what_is_read_does_not_depend_on_where_it_is() -> None:
     assert not torch.allclose(here[:, 0], here[:, 1])
 
 
-def test_beyond_the_border_there_is_nothing() -> None:
+@pytest.mark.parametrize("corner", [(0, 0), (-1, -1)])
+def test_beyond_the_border_there_is_nothing(corner: tuple[int, int]) -> None:
     """A body in the corner is read as if the map went on with the mean of its features."""
     torch.manual_seed(0)
     local, centres = LocalReadout(FeatureScale(CHANNELS), 1, reach=2), grid()
@@ -66,7 +67,7 @@ def test_beyond_the_border_there_is_nothing() -> None:
     step = centres[1, 1] - centres[0, 0]
     rows, columns = (torch.arange(n + 4) - 2 for n in GRID)
     cells = torch.stack(torch.meshgrid(rows, columns, indexing="ij")[::-1], -1)
-    near = centres[0, 0][None, None]
+    near = centres[corner][None, None]
     want, _ = local(wide, centres[0, 0] + cells * step, near)
     torch.testing.assert_close(local(values, centres, near)[0], want)
 

@@ -117,6 +117,15 @@ def test_synthesis_does_not_trust_what_it_cannot_draw():
     assert confidence.item() < 0.7
 
 
+@pytest.mark.parametrize("bright", [0.3, 1.0])
+def test_confidence_is_the_share_of_the_light_that_is_explained(bright):
+    world = ChannelWorld(CAMERA)
+    frames = bright * world(torch.tensor([[1.0, 0.0], [-1.0, 0.0]])).sum(0, keepdim=True)
+    found, confidence = synthesis.fit_positions(world, frames)
+    left = (world(found) - frames).square().sum() / frames.square().sum()
+    assert confidence.item() == pytest.approx(max(0.0, 1 - left.item()), abs=1e-5)
+
+
 # --- supervised ---
 
 

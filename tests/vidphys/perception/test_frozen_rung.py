@@ -21,6 +21,7 @@ from vidphys.presets import PixelSizes
 from vidphys.reading.reader import LoadedEncoder, Reader
 from vidphys.runs.folder import RunFolder
 from vidphys.scenes import gravity
+from vidphys.seeding import derive
 
 SIZES = PixelSizes(24, 9, 40, 32, 40, 32, 0, 4)
 WORLD = RgbWorld(Camera(height=32, width=32), radius=0.6)
@@ -241,6 +242,30 @@ def test_an_anchored_readout_learns_from_a_tracker_and_reads_no_state(monkeypatc
     perception = frozen.fit_frozen("blocks", {}, task, anchored=True)
     error = (perception.tracks(clips).positions - clips.states.q).norm(dim=-1)
     assert float(error.median()) < 0.2 * float(clips.states.q.norm(dim=-1).median())
+
+
+def test_controls_are_what_they_are_called(monkeypatch, clips):
+    """Random weights and pooling: what a rung is compared with is not the rung itself."""
+    loaded, fitted = [], []
+    monkeypatch.setattr(frozen, "load_encoder", lambda _, options, device: loaded.append(options))
+    monkeypatch.setattr(frozen, "fit_readout", lambda *given: fitted.append(given))
+    task = FitTask(clips, SIZES, 5, "factored")
+    for random in (False, True):
+        frozen.fit_frozen("blocks", {"side": 8}, task, pooled=True, random=random)
+    assert loaded == [{"side": 8}, {"side": 8, "seed": derive(5, "weights", "blocks")}]
+    assert [given[2] for given in fitted] == [True, True]
+
+
+@pytest.mark.parametrize("pooled", [False, True])
+def test_a_pooled_readout_is_told_the_mean_over_the_cells_alone(pooled, encoder, clips):
+    short = replace(SIZES, perception_steps=1, perception_batch=4)
+    few = clips.first(4)
+    perception = frozen.fit_frozen("blocks", {}, FitTask(few, short, 0, "factored"), pooled=pooled)
+    values = encoder(few.frames[:1], few.times).values[0]
+    centres = torch.rand(*values.shape[-2:], 2)
+    shuffled = values.flatten(2)[..., torch.randperm(values[0, 0].numel())].reshape(values.shape)
+    one, other = (perception.reader.readout.read(x, centres)[0] for x in (values, shuffled))
+    assert torch.allclose(one, other, atol=1e-5) == pooled
 
 
 def test_a_hidden_body_counts_by_as_much_as_is_seen_of_it():

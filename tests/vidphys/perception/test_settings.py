@@ -3,9 +3,14 @@
 import json
 from dataclasses import asdict
 from functools import partial
+from types import SimpleNamespace
 
+import pytest
+
+from registry import RegistryError
+from vidphys.perception import catalogue
 from vidphys.perception.base import LABELS, NOTHING, REDRAWS, UNTOLD, Grounding
-from vidphys.perception.catalogue import RUNGS, rung_settings
+from vidphys.perception.catalogue import RUNGS, rung_of, rung_settings
 from vidphys.perception.cnn import CnnSettings
 
 CNN = CnnSettings()
@@ -45,6 +50,27 @@ def test_a_variant_is_the_same_rung_with_other_settings():
     assert other.settings == {**rung.settings, "rate": 0.5} and other.share == 3
     assert other.varied("more").of == "mine"
     assert (rung.told(12), other.told(12)) == ("labels of 12 clips", "none")
+
+
+def test_a_rung_is_found_by_its_name_or_made_of_an_encoder(monkeypatch):
+    assert rung_of("hiera") is RUNGS["hiera"]
+    mine = Grounding("mine", "rgb", "e", "b", False, partial(fit, "tiny"), LABELS, REDRAWS)
+    with pytest.raises(RegistryError, match="hiera"):
+        rung_of("hierra")
+    monkeypatch.setattr("tests.vidphys.perception.test_settings.MINE", mine, raising=False)
+    assert rung_of("tests.vidphys.perception.test_settings:MINE") is mine
+    for frames, together in ((1, 1), (2, None)):
+        network = SimpleNamespace(frames_per_feature=frames)
+        monkeypatch.setattr(catalogue, "load_encoder", lambda *_, network=network: network)
+        made = rung_of("encoders.frozen.catalogue:load_encoder")
+        assert made.world == "rgb" and made.settings["together"] == together
+
+
+def test_only_anonymous_pictures_do_not_say_who_is_who():
+    assert {name for name, rung in RUNGS.items() if not rung.identified} == {
+        name for name, rung in RUNGS.items() if rung.world == "anonymous"
+    }
+    assert RUNGS["hiera"].identified and not RUNGS["composed"].identified
 
 
 def test_every_rung_says_what_it_is_told_and_what_it_knows():
