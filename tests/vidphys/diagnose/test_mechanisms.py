@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.charts import Plane
+from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
@@ -421,6 +422,26 @@ def test_intervals_hold_the_truth_where_errors_last():
         off.append((value + 1.4) / error_of)
     size = float(np.sqrt(np.mean(np.square(off))))
     assert 0.6 < size < 1.2, size  # 1.5 by what the fit leaves alone
+
+
+def test_intervals_hold_the_truth_where_a_place_errs_alike_at_every_swing():
+    rng, off = np.random.default_rng(0), []
+    times = STEP * np.arange(120)
+    rate = np.sqrt(49 - 0.1)
+    swings = np.exp(-0.2 * times) * (np.cos(rate * times) + 0.2 / rate * np.sin(rate * times))
+    knots = np.linspace(-1, 1, 9)  # of the error over the places
+    for _ in range(7):
+        error = CubicSpline(knots, 0.01 * rng.standard_normal(len(knots)))(swings)
+        white = 0.002 * rng.standard_normal((120, 2))
+        places = np.stack([swings + error, np.zeros(120)], -1) + white
+        frames = frames_of(motion_of(places[None, :, None], STEP))
+        model = Model(Law(1, "trap", "linear"), (Line((1.0, 0.0)),))
+        found = fit(frames, model, np.array([49.0, 0.0, 0.4, 1.0, 0.0]))
+        value, error_of = restricted(found).numbers["linear"]
+        off.append([(value - 0.4) / error_of, value - 0.4])
+    size, miss = np.sqrt(np.mean(np.square(off), 0))
+    assert 0.4 < size < 1.6, size  # 1.9 where only errors that last are counted
+    assert miss < 0.003, miss  # 0.009
 
 
 def test_a_length_in_a_picture_of_a_turned_plane_is_told_with_more_doubt():

@@ -12,17 +12,28 @@ from vidphys.diagnose.mechanisms.fitted import Fit, Model, missed, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.measurement import (
     Covariance,
+    Errors,
     Stretch,
     likeliest_errors,
     trusted,
     unit_errors,
+)
+from vidphys.diagnose.mechanisms.placewise import (
+    REACHES,
+    SIZES,
+    Equations,
+    Field,
+    field_of,
+    without,
 )
 from vidphys.diagnose.weak.regression import gram_inverse
 
 NUDGE = 1e-6  # over the size of a number, for derivatives
 FLOWN = 1e6  # times the spread, from which a law flew apart
 USUAL = {"spin": 0.3, "steeper": 2.0}  # standard deviations, of what few frames may not tell
+SHRUNK = (1.0, 0.25, 0.05)  # shares of a step that are tried
 SWEEPS = 2  # of Gauss and Newton
+FARTHER = 1.5  # times what a fit leaves, from which a step of it is not to be trusted
 
 
 def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: float) -> Fit | None:
@@ -52,7 +63,7 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
                 moment += j[:, axis].T @ solved[:, -1]
         covariance = gram_inverse(gram)
         step, before = covariance @ moment, likely
-        for shrink in (1.0, 0.25, 0.05):
+        for shrink in SHRUNK:
             trial = joint + shrink * step
             left = _missed(clips, model, trial)
             if not _near(left, scale):
@@ -80,11 +91,11 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
 
 
 def restricted(found: Fit) -> Fit:
-    """The same fit with the covariance that all likely errors give its numbers.
+    """The same fit with numbers, and their covariance, under all errors that are likely.
 
     A fit takes up some of the errors that last, and what it leaves tells too little of them. The
     restricted likelihood counts that (Patterson and Thompson 1971, Biometrika 58); errors of all
-    sizes and memories that were tried have their say by it.
+    sizes and memories that were tried, and those that go with the place, have their say by it.
     """
     clips, stretches = list(found.clips), [s for c in found.clips for s in c.stretches]
     joint = np.concatenate([found.values, *found.geometry])
@@ -92,44 +103,106 @@ def restricted(found: Fit) -> Fit:
     if not all(np.isfinite(x).all() for x in slope):
         return found
     prior, told = np.diag(_prior(found.model, len(joint))), []
+    places = [s.places - r for s, r in zip(stretches, found.residuals, strict=True)]
+    bodies = len(found.model.charts)
+    fields = [field_of(places[body::bodies], found.spread) for body in range(bodies)]
     for unit in unit_errors(stretches):
-        gram, moment = np.zeros((len(joint), len(joint))), np.zeros(len(joint))
-        square = log_size = 0.0
-        for stretch, j, r in zip(stretches, slope, found.residuals, strict=True):
-            inverse = Covariance(stretch.times, stretch.trust, unit)
-            log_size += r.shape[1] * inverse.log_size
-            for axis in range(r.shape[1]):
-                columns = np.concatenate([j[:, axis], r[:, axis, None]], 1)
-                products = columns.T @ inverse.solve(columns)
-                gram += products[:-1, :-1]
-                moment += products[:-1, -1]
-                square += float(products[-1, -1])
-        told.append(_under(gram, moment, square, log_size, prior, found))
+        rest = _equations(stretches, slope, found.residuals, unit)
+        told.append(_under(rest, prior, joint, found))
+        parts = [
+            _of_field(stretches[b::bodies], slope[b::bodies], found.residuals[b::bodies], f, unit)
+            for b, f in enumerate(fields)
+        ]
+        for reach in REACHES:
+            for size in SIZES:
+                both = rest
+                for f, part in zip(fields, parts, strict=True):
+                    both = without(*part, size**2 * f.sizes(reach), both)
+                told.append(_under(both, prior, joint, found))
     likely = np.array([x[0] for x in told])
     weights = np.exp(likely - likely.max())
-    covariances = np.stack([x[1] for x in told])
-    mean = np.tensordot(weights / weights.sum(), covariances, 1)
-    return replace(found, covariance=mean)
+    weights /= weights.sum()
+    steps = np.stack([x[2] for x in told])
+    step = weights @ steps
+    apart = steps - step
+    covariance = np.tensordot(weights, np.stack([x[1] for x in told]), 1)
+    covariance += (weights[:, None] * apart).T @ apart
+    return replace(_stepped(found, joint, step), covariance=covariance)
+
+
+def _stepped(found: Fit, joint: np.ndarray, step: np.ndarray) -> Fit:
+    """A fit after as much of a step as leaves it near the recording."""
+    ends = np.cumsum([len(found.values), *(len(g) for g in found.geometry)])
+    for share in SHRUNK:
+        trial = joint + share * step
+        left = _missed(found.clips, found.model, trial)
+        if _near(left, found.spread) and _size_of(left) < FARTHER * _size_of(found.residuals):
+            parts = [trial[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+            return replace(
+                found, values=trial[: ends[0]], geometry=tuple(parts), residuals=tuple(left)
+            )
+    return found
+
+
+def _size_of(residuals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(sum((x**2).sum() for x in residuals)))
+
+
+def _equations(
+    stretches: Sequence[Stretch],
+    slope: Sequence[np.ndarray],
+    residuals: Sequence[np.ndarray],
+    unit: Errors,
+) -> Equations:
+    """Under errors of one shape that forget themselves in time."""
+    count = slope[0].shape[-1]
+    gram, moment = np.zeros((count, count)), np.zeros(count)
+    square = log_size = 0.0
+    for stretch, j, r in zip(stretches, slope, residuals, strict=True):
+        inverse = Covariance(stretch.times, stretch.trust, unit)
+        log_size += r.shape[1] * inverse.log_size
+        for axis in range(r.shape[1]):
+            columns = np.concatenate([j[:, axis], r[:, axis, None]], 1)
+            products = columns.T @ inverse.solve(columns)
+            gram += products[:-1, :-1]
+            moment += products[:-1, -1]
+            square += float(products[-1, -1])
+    return Equations(gram, moment, square, log_size)
+
+
+def _of_field(
+    stretches: Sequence[Stretch],
+    slope: Sequence[np.ndarray],
+    residuals: Sequence[np.ndarray],
+    field: Field,
+    unit: Errors,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Products of one body's field with itself, the slopes and what is missed; see `without`."""
+    inner, crossed, told = 0.0, 0.0, 0.0
+    for stretch, j, r, modes in zip(stretches, slope, residuals, field.values, strict=True):
+        solved = Covariance(stretch.times, stretch.trust, unit).solve(modes)
+        inner = inner + modes.T @ solved
+        crossed = crossed + np.einsum("fm,fdp->dmp", solved, j)
+        told = told + np.einsum("fm,fd->dm", solved, r)
+    return np.asarray(inner), np.asarray(crossed), np.asarray(told)
 
 
 def _under(
-    gram: np.ndarray,
-    moment: np.ndarray,
-    square: float,
-    log_size: float,
-    prior: np.ndarray,
-    found: Fit,
-) -> tuple[float, np.ndarray]:
-    """Restricted log likelihood and the numbers' covariance, of errors of one shape."""
+    rest: Equations, prior: np.ndarray, joint: np.ndarray, found: Fit
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Restricted log likelihood, the numbers' covariance and step, of errors of one shape."""
+    gram, moment = rest.gram, rest.moment
     variance = found.errors.white**2
-    inverse, freedom = gram_inverse(gram + variance * prior), float(found.count)
+    inverse = gram_inverse(gram + variance * prior)
     for _ in range(2):
-        inverse = gram_inverse(gram + variance * prior)
-        freedom = max(found.count - float((inverse * gram).sum()), 1.0)
-        left = max(square - float(moment @ inverse @ moment), 0.0)
+        pulled = moment - variance * prior @ joint
+        freedom = max(found.count - len(joint) + float((inverse * variance * prior).sum()), 1.0)
+        left = max(rest.square - float(moment @ inverse @ moment), 0.0)
         variance = max(left / freedom, np.finfo(float).tiny)
+        inverse = gram_inverse(gram + variance * prior)
     size = np.linalg.slogdet(inverse)[1]
-    return -0.5 * float(freedom * np.log(variance) + log_size - size), variance * inverse
+    likely = -0.5 * float(freedom * np.log(variance) + rest.log_size - size)
+    return likely, variance * inverse, inverse @ pulled
 
 
 def _prior(model: Model, count: int) -> np.ndarray:

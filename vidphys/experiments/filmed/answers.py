@@ -128,10 +128,13 @@ def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | 
             break
     else:
         return None
-    scale = unit**power
+    scale, vague = unit**power, 0.0
     if name == "drag" and group["moves on"] in TURNS:  # of the angle: drag times length
         if "length" not in quantities:
             return None
-        scale = 1 / (quantities["length"]["value"] * unit)
+        length = quantities["length"]
+        scale = 1 / (length["value"] * unit)
+        vague = length["standard_error"] / length["value"]
     found = quantities[said]
-    return Told(found["value"] * scale, NORMAL_95 * found["standard_error"] * scale)
+    error = np.hypot(found["standard_error"], vague * found["value"])
+    return Told(found["value"] * scale, NORMAL_95 * float(error) * scale)
