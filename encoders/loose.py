@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from encoders.entry import Entries, Origin
     from encoders.features import FeatureMap
 
+TENSORS = ".safetensors"
+
 
 class LooseEntries:
     """Reads and writes them; several processes may write at once.
@@ -110,7 +112,7 @@ class LooseEntries:
         from encoders.entry import DTYPES, Entries, EntryFile, manifest_of
 
         if not self._swept:
-            sweep(self.folder)
+            sweep(self.folder, ".*.partial", f"*{TENSORS}")
         self._swept = True
         partials = {request: partial_of(self._data(request.key)) for request in requests}
         with ExitStack() as opening:
@@ -147,4 +149,4 @@ class LooseEntries:
         self._checked.add(seen)
 
     def _data(self, key: str) -> Path:
-        return self.path(key).with_suffix(".safetensors")
+        return self.path(key).with_suffix(TENSORS)

@@ -49,11 +49,18 @@ def placed(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def sweep(folder: Path) -> None:
-    """Delete what killed processes left half-written, which nobody has touched for long."""
-    for path in folder.glob(".*.partial"):
+def sweep(folder: Path, *patterns: str) -> None:
+    """Delete what killed processes left half-written, which nobody has touched for long.
+
+    Args:
+        folder: swept.
+        patterns: of names; half-written files where none are given. Of others, those that have no
+            manifest beside them count as such.
+    """
+    for path in (path for pattern in patterns or (".*.partial",) for path in folder.glob(pattern)):
         with suppress(OSError):  # another process sweeps too
-            if time.time() - path.lstat().st_mtime > STALE_SECONDS:
+            stale = time.time() - path.lstat().st_mtime > STALE_SECONDS
+            if stale and not path.with_suffix(".json").exists():
                 path.unlink()
 
 

@@ -51,10 +51,12 @@ def said(work: Callable[[], int]) -> tuple[int, str]:
 def left(disk: Path) -> dict[str, bytes]:
     """Tensors and labels: what must be the same bits however the work was cut.
 
-    A checkpoint that is written once more at the same step is called so: that name is left out.
+    A checkpoint that is written once more at the same step is called so: that name is left out. So
+    are tensors of a store that no manifest names: they are not read, and swept later.
     """
     kinds = (".safetensors", ".csv", ".avi")
     files = sorted(path for path in disk.rglob("*") if path.is_file() and path.suffix in kinds)
+    files = [p for p in files if p.parent.name != "entries" or p.with_suffix(".json").exists()]
     return {str(p.relative_to(disk)).replace("-again.", "."): content(p) for p in files}
 
 

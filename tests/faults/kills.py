@@ -1,18 +1,18 @@
 """Verbs that are killed before each of their file operations, or at random instants, and go on.
 
-``python -m tests.faults.kills FOLDER POINTS VERB …`` prints a line of JSON for each verb: how many
-kills locked the same command out, or led to other bits. 0 points are all operations.
-``--pairs`` also lets each into the folder of another that stands still, with and without
-``--overwrite``, and tells what changed of the first.
+``python -m tests.faults.kills FOLDER [VERB …]`` prints a line of JSON for each verb: how many kills
+locked the same command out, or led to other bits. ``--points`` are so many of its operations in place
+of all, ``--instants`` so many random moments besides. ``--pairs`` lets each into the folder of
+another that stands still, with and without ``--overwrite``, and tells what changed of the first.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
 import signal
-import sys
 import threading
 import time
 from pathlib import Path
@@ -20,16 +20,26 @@ from pathlib import Path
 import numpy as np
 
 from tests.faults.full_disk import left
-from tests.faults.verbs import at_operation, commands, ended, forked, prepared, readied, stopped
+from tests.faults.verbs import (
+    ANYWHERE,
+    at_operation,
+    commands,
+    ended,
+    forked,
+    laid,
+    prepared,
+    readied,
+    stopped,
+)
 
 FEWEST = 3  # operations of a verb into its work, at which it stands still
-INSTANTS = 17  # random ones of each verb: 200 of all
+INSTANTS = 13  # random ones of each verb: 200 of all
 
 
 def undisturbed(verb: str, made: Path, folder: Path) -> tuple[dict[str, bytes], int, float]:
     """What it leaves, its file operations and its seconds."""
     disk, count, began = folder / "disk", folder / "count", time.monotonic()
-    disk.mkdir(parents=True)
+    laid(verb, made, disk)
     code = ended(commands(made, disk)[verb], at_operation(disk, None, 0, count))
     assert code in (0, 1), (verb, code)
     found = left(disk)
@@ -37,16 +47,18 @@ def undisturbed(verb: str, made: Path, folder: Path) -> tuple[dict[str, bytes], 
     return found, count.stat().st_size, time.monotonic() - began
 
 
-def kills(verb: str, made: Path, folder: Path, points: int, instants: int) -> dict[str, object]:
+def kills(
+    verb: str, made: Path, folder: Path, points: int | None, instants: int
+) -> dict[str, object]:
     whole, operations, seconds = undisturbed(verb, made, folder)
     chosen = range(operations)
-    if points:
+    if points is not None:
         chosen = sorted({int(n) for n in np.linspace(0, operations - 1, points)})
     found = {"verb": verb, "operations": operations, "kills": 0, "locked out": [], "differ": []}
     disk = folder / "disk"
     moments = np.random.default_rng(0).uniform(0, seconds, instants)
     for point in [*chosen, *(float(moment) for moment in moments)]:
-        disk.mkdir()
+        laid(verb, made, disk)
         arguments = commands(made, disk)[verb]
         if isinstance(point, float):
             found["kills"] += killed_after(arguments, folder, point)
@@ -82,7 +94,7 @@ def files(disk: Path) -> dict[str, bytes]:
 def pairs(first: str, seconds: list[str], made: Path, folder: Path) -> dict[str, object]:
     """Of a verb that stands still in the middle of its work, what others change."""
     disk = folder / "disk"
-    disk.mkdir(parents=True)
+    laid(first, made, disk)
     found = {"first": first, "tried": 0, "stood": 0, "changed": [], "let in": []}
     asked = commands(made, disk)
     with stopped(asked[first], disk, FEWEST) as child:
@@ -90,12 +102,12 @@ def pairs(first: str, seconds: list[str], made: Path, folder: Path) -> dict[str,
         before = files(disk)
         for second in seconds:
             for flags in ([], ["--overwrite"]):
-                if flags and second in ("extract", "view"):
+                if flags and second in ANYWHERE:
                     continue
                 code = ended([*asked[second], *flags])
                 now = files(disk)
                 found["tried"] += 1
-                if code == 0 and first != "extract" and second not in ("extract", "view"):
+                if code == 0 and not {first, second} & {*ANYWHERE}:
                     found["let in"].append([second, flags])
                 if any(now.get(name) != data for name, data in before.items()):
                     found["changed"].append([second, flags])
@@ -103,18 +115,24 @@ def pairs(first: str, seconds: list[str], made: Path, folder: Path) -> dict[str,
     return found
 
 
-def run(folder: Path, points: int, verbs: list[str], both: bool) -> None:
+def run(asked: argparse.Namespace) -> None:
     readied()
-    made = prepared(folder, not set(verbs or ["fit"]) <= {"render", "extract", "ladder", "train"})
-    every = verbs or list(commands(made, folder))
-    for verb in every:
-        found = kills(verb, made, folder / verb, points, 0 if points else INSTANTS)
+    few = {"render", "extract", "ladder", "train"}
+    made = prepared(asked.folder, not asked.verbs or not set(asked.verbs) <= few)
+    every = asked.verbs or list(commands(made, asked.folder))
+    for verb in every if asked.points != 0 or asked.instants else ():
+        found = kills(verb, made, asked.folder / verb, asked.points, asked.instants)
         print(json.dumps(found), flush=True)
-    for verb in every if both else ():
-        found = pairs(verb, every, made, folder / f"{verb}-pairs")
+    for verb in every if asked.pairs else ():
+        found = pairs(verb, every, made, asked.folder / f"{verb}-pairs")
         print(json.dumps(found), flush=True)
 
 
 if __name__ == "__main__":
-    given = [x for x in sys.argv[1:] if x != "--pairs"]
-    run(Path(given[0]), int(given[1]), given[2:], "--pairs" in sys.argv)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("verbs", nargs="*")
+    parser.add_argument("--points", type=int)
+    parser.add_argument("--instants", type=int, default=INSTANTS)
+    parser.add_argument("--pairs", action="store_true")
+    run(parser.parse_args())

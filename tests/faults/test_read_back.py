@@ -102,11 +102,18 @@ def test_f3_an_entry_that_changes_under_an_open_store_is_seen(tmp_path):
 def test_f1_what_killed_processes_left_in_a_store_is_swept_and_what_others_write_is_not(tmp_path):
     entries = tmp_path / "entries"
     entries.mkdir()
-    for name, age in ((".a.json.1.partial", 7200.0), (".b.json.2.partial", 0.0)):
+    old = (".a.json.1.partial", "c.safetensors", "d.safetensors", "d.json")
+    for name, age in (
+        (".b.json.2.partial", 0.0),
+        ("e.safetensors", 0.0),
+        *((n, 7200.0) for n in old),
+    ):
         (entries / name).write_text("half")
         os.utime(entries / name, (time.time() - age,) * 2)
     FeatureStore(tmp_path).write(REQUEST, "clip.mp4", MADE)
-    assert [path.name for path in entries.glob(".*")] == [".b.json.2.partial"]
+    left = {path.name for path in entries.glob("*")} - {f"{REQUEST.key}.json"}
+    kept = {".b.json.2.partial", "e.safetensors", "d.safetensors", "d.json"}
+    assert left == {*kept, f"{REQUEST.key}.safetensors"}
 
 
 def test_f12_an_entry_of_before_manifests_were_sealed_is_read(tmp_path):

@@ -8,6 +8,7 @@ writes is seen when it is renamed into place.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -28,6 +29,9 @@ CHANGES = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 QUICK = ("--steps", "4", "--head-steps", "2", "--shift", "1", "--readout", "attention")
 CELLS = ("--encoder", "cells")
+ATLAS = ("--encoders", "cells", "--targets", "position", "--folds", "2", "--workers", "1")
+RENDERED = ("--clips", "8", "--frames", "6", "--image", "32")  # what an atlas is made of
+ANYWHERE = ("extract", "view", "export", "report", "store")  # that hold no run's folder
 
 
 def commands(made: Path, out: Path) -> dict[str, list[str]]:
@@ -47,9 +51,22 @@ def commands(made: Path, out: Path) -> dict[str, list[str]]:
         "stress": ["stress", "--axes", "foreign", *to],
         "trade": ["trade", "--fronts", "drawing", *to],
         "film": ["film", "--clips", "1", *to],
+        "atlas": ["atlas", str(made / "rendered"), *ATLAS, *store[:2], *to],
     }
-    view = ["view", str(made / "fit"), "--save", str(out / "run" / "saved.rrd")]
-    return {**{verb: [*asked, "--quiet"] for verb, asked in quiet.items()}, "view": view}
+    said = {
+        "view": ["view", str(made / "fit"), "--save", str(out / "run" / "saved.rrd")],
+        "export": ["export", str(made / "rollout"), *to],
+        "report": ["report", str(made / "ladder"), str(made / "ladder"), *to],
+        "store": ["store", "pack", str(out / "features")],
+    }
+    return {**{verb: [*asked, "--quiet"] for verb, asked in quiet.items()}, **said}
+
+
+def laid(verb: str, made: Path, disk: Path) -> None:
+    """Make the folder that a verb is to write below, with what it needs there."""
+    disk.mkdir(parents=True)
+    if verb == "store":
+        shutil.copytree(made / "features", disk / "features")
 
 
 def prepared(folder: Path, fitted: bool) -> Path:
@@ -65,9 +82,16 @@ def prepared(folder: Path, fitted: bool) -> Path:
         return made
     ended(["diagnose", str(made / "tracks.csv"), "--out", str(made / "diagnosed"), "--quiet"])
     (made / "diagnosed" / "specification.json").replace(made / "specification.json")
-    fit = [*commands(made, made)["fit"][:-3], "--out", str(made / "fit"), "--quiet"]
-    ended(fit)
+    told = {"fit": "fit", "rollout": "rollout", "extract": "features", "ladder": "ladder"}
+    for verb, name in told.items():
+        ended(_into(commands(made, made)[verb], made / name))
+    ended(["render", *RENDERED, "--out", str(made / "rendered"), "--quiet"])
     return made
+
+
+def _into(asked: list[str], out: Path) -> list[str]:
+    place = asked.index("--out") + 1
+    return [*asked[:place], str(out), *asked[place + 1 :]]
 
 
 def readied() -> None:

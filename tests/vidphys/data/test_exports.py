@@ -14,7 +14,9 @@ from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.cli import main
+from vidphys.data import exports
 from vidphys.diagnose.recordings.tables import read_tracks
+from vidphys.errors import InputError
 
 FRAMES, AHEAD = 20, 60
 TIMES = 0.5 + np.arange(FRAMES) / 25
@@ -164,3 +166,25 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(
     np.savez(rolled / "rollout.npz", **held)
     refused(rolled, "b", "track: its frames come unevenly, and LeRobot knows one rate")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["empty", "rolled"]
+
+
+def test_f7_two_that_export_to_one_folder_do_not_touch_what_the_other_writes(
+    rolled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, write, left = tmp_path / "out", exports.EXPORTS["parquet"], []
+    (tmp_path / ".out.4711.partial").mkdir()
+    (tmp_path / ".out.4711.partial" / "killed").touch()
+
+    def slow(folder, episodes):
+        count = write(folder, episodes)
+        monkeypatch.setitem(exports.EXPORTS, "parquet", write)
+        before = {p: p.read_bytes() for p in folder.iterdir()}
+        left.append(exports.export(rolled, out, "parquet"))
+        left.append({p: p.read_bytes() for p in folder.iterdir()} == before != {})
+        return count
+
+    monkeypatch.setitem(exports.EXPORTS, "parquet", slow)
+    with pytest.raises(InputError, match="cannot be written"):  # the other was first
+        exports.export(rolled, out, "parquet")
+    assert left == [3, True] and len(pq.read_table(out / "frames.parquet"))
+    assert not [*tmp_path.glob(".out*")]

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
+from uuid import uuid4
 
 from vidphys.data.exports.episodes import Episode, episodes_of
 from vidphys.data.exports.lerobot import write_lerobot
@@ -12,6 +17,7 @@ from vidphys.data.exports.shards import write_shards
 from vidphys.data.exports.tables import write_tables
 from vidphys.errors import InputError
 
+NAME = 200  # letters of a folder's name, of which one beside it is called
 EXPORTS: dict[str, Callable[[Path, Iterator[Episode]], int]] = {
     "parquet": write_tables,
     "lerobot": write_lerobot,
@@ -36,16 +42,42 @@ def export(source: Path, out: Path, form: str) -> int:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: something lies there; choose another folder")
     episodes = episodes_of(source)
-    partial = out.with_name(f".{out.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
     try:
-        partial.mkdir(parents=True)
-        count = EXPORTS[form](partial, episodes)
-        if out.exists():
-            out.rmdir()
-        partial.replace(out)
+        with _partial(out) as partial:
+            count = EXPORTS[form](partial, episodes)
+            partial.replace(out)  # onto nothing, or a folder with nothing in it
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror})") from error
+    return count
+
+
+@contextmanager
+def _partial(out: Path) -> Iterator[Path]:
+    """A folder beside ``out``, of this process alone; those that killed ones left are deleted."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    name = f".{out.name[:NAME]}."
+    for stale in out.parent.glob(f"{escape(name)}*.partial"):
+        with suppress(OSError), _held(stale):
+            shutil.rmtree(stale)
+    partial = out.with_name(f"{name}{uuid4().hex}.partial")
+    partial.mkdir()
+    try:
+        with _held(partial):
+            yield partial
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return count
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """A folder that nobody else holds, told without a file in it.
+
+    Raises:
+        BlockingIOError: another process does.
+    """
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(number)
