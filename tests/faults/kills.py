@@ -1,9 +1,10 @@
 """Verbs that are killed before each of their file operations, or at random instants, and go on.
 
 ``python -m tests.faults.kills FOLDER [VERB …]`` prints a line of JSON for each verb: how many kills
-locked the same command out, or led to other bits. ``--points`` are so many of its operations in place
-of all, ``--instants`` so many random moments besides. ``--pairs`` lets each into the folder of
-another that stands still, with and without ``--overwrite``, and tells what changed of the first.
+locked the same command out, or led to other bits. ``--points`` are so many of its operations
+in place of all, ``--instants`` so many random moments besides. ``--pairs`` lets each into the
+folder of another that stands still, with and without ``--overwrite``, and tells what changed
+of the first.
 """
 
 from __future__ import annotations
