@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from encoders.entry import Origin
 from encoders.features import streamed
 from encoders.parts import MANIFEST, Part, join, read_part
 from encoders.shards import ENTRIES
@@ -36,7 +37,8 @@ def shared(folder: Path) -> dict[str, Path]:
     with Part(store, folder / "work") as part:
         for number in range(ENTRIES_OF):
             asked, stream = request(number), streamed("8", made(number))
-            with part.begin([asked], "clip.mp4", stream.size, stream.times) as entries:
+            origin = Origin("clip.mp4", stream.size, stream.times)
+            with part.begin([asked], origin) as entries:
                 for piece in stream.pieces:
                     entries.add(piece)
         assert part.commit(parts / "000000", {"clips": ENTRIES_OF, "failed": []})
