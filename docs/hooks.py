@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import fields
 from typing import Any
 
@@ -23,8 +24,9 @@ def _verbs() -> str:
     from vidphys.cli.helped import helped
 
     parts = []
-    for verb, (_, about) in VERBS.items():
-        parts.append(f"## {verb}\n\n{about}\n\n```text\n{helped(verb, WIDTH)}\n```\n")
+    for verb, (name, about) in VERBS.items():
+        config = getattr(importlib.import_module(f"vidphys.cli.{verb}"), name)
+        parts.append(f"## {verb}\n\n{about}\n\n```text\n{helped(verb, config, WIDTH)}\n```\n")
     return "\n".join(parts)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from vidphys.diagnose.recordings.motion import Motion as Motion
     from vidphys.diagnose.recordings.tables import read_tracks as read_tracks
     from vidphys.errors import InputError as InputError
+    from vidphys.notebook import load_ipython_extension as load_ipython_extension
     from vidphys.opened import Run as Run
     from vidphys.opened import open_run as open_run
     from vidphys.probing.probe import probe as probe
@@ -43,6 +44,7 @@ HOMES = {
     "fit": "vidphys.training.loop",
     "from_trajectory": "vidphys.training.segments",
     "gravity": "vidphys.scenes",
+    "load_ipython_extension": "vidphys.notebook",
     "open_run": "vidphys.opened",
     "probe": "vidphys.probing.probe",
     "query": "vidphys.queries",

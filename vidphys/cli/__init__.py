@@ -104,13 +104,13 @@ def _run(verb: str, rest: list[str]) -> int:
     from registry import RegistryError
     from vidphys.errors import InputError
 
+    module = importlib.import_module(f"vidphys.cli.{verb}")
+    config_type = getattr(module, VERBS[verb][0])
     if {"-h", "--help"} & set(rest):
         from vidphys.cli.helped import helped
 
-        print(helped(verb))
+        print(helped(verb, config_type))
         return OK
-    module = importlib.import_module(f"vidphys.cli.{verb}")
-    config_type = getattr(module, VERBS[verb][0])
     config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import re
 import shutil
@@ -49,17 +48,15 @@ class Option:
     group: str
 
 
-def helped(verb: str, width: int | None = None) -> str:
+def helped(verb: str, config: type, width: int | None = None) -> str:
     """The help of a verb, as text.
 
     Args:
-        verb: one of :data:`vidphys.cli.VERBS`.
+        verb: its name.
+        config: its configuration, a dataclass whose docstring says what each argument is.
         width: columns; those of the terminal, at most 100, unless given.
     """
-    from vidphys.cli import VERBS
-
     width = width or min(MOST, shutil.get_terminal_size().columns)
-    config = getattr(importlib.import_module(f"vidphys.cli.{verb}"), VERBS[verb][0])
     options = options_of(config)
     places = [option for option in options if not option.group]
     usage = " ".join(["usage: vidphys", verb, *(x.written for x in places), "[options]"])
@@ -99,6 +96,9 @@ def _option(field: Field[Any], hint: Any, text: str, owner: type) -> Option:
     marks, hint = (hint.__metadata__, hint.__origin__) if _is(hint, Annotated) else ((), hint)
     default = None if field.default is MISSING else field.default
     kind = _kind(hint)
+    shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
+    if hint is not bool and default not in (None, (), ""):
+        text = f"{text.removesuffix('.')} (default: {shown})."
     if tyro.conf.Positional in marks:
         name = kind if kind.startswith("{") else field.name.upper()
         name += " ..." if get_origin(hint) is tuple else ""
@@ -107,14 +107,10 @@ def _option(field: Field[Any], hint: Any, text: str, owner: type) -> Option:
         _flag(field.name),
         *(x for mark in marks for x in getattr(mark, "aliases", None) or ()),
     ]
-    if hint is bool:
-        names = [f"--no-{field.name}"] if default else names
-        text = f"do not {text}" if default else text
+    if hint is bool and default:
+        names, text = [f"--no-{field.name}"], f"do not {text}"
     elif field.default is MISSING:
         text = f"{text.removesuffix('.')} (needed)."
-    elif default not in (None, (), ""):
-        shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
-        text = f"{text.removesuffix('.')} (default: {shown})."
     written = ", ".join(names) + (f" {kind}" if kind else "")
     return Option(written, text, _group(field.name, owner))
 
