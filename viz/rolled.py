@@ -18,7 +18,7 @@ NAMES = {
     "held": "the law that held",
     "model": "the model",
     "twin": "the twin",
-    "own": "the model's own energy",
+    "own": "the model's own, begun at the true one",
 }
 INNER = 97  # per cent of all places that the picture holds: what runs away is not looked at
 

@@ -138,6 +138,6 @@ def test_words_and_marks_stand_out_in_light_and_dark(dark):
     assert contrast(tones["bad"], tones["bad-soft"]) >= 4.5
     script = (CSS.parent / "page.js").read_text()
     hues = re.findall(r'"(#\w{6})"', script[script.index("const HUES") :].partition("]")[0])
-    marks = [tones["head"], tones["twin"], *hues]
+    marks = [tones["head"], tones["twin"], tones["ghost"], *hues]
     assert len(hues) >= 5
     assert min(contrast(mark, tones["page"]) for mark in marks) >= 3

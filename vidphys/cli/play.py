@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import webbrowser
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -82,7 +82,9 @@ def play(config: PlayConfig) -> None:
             webbrowser.open(address)
         sys.setswitchinterval(SWITCH)
         stack.enter_context(held_to(1))  # operations here are small: threads would wait for another
-        desk.work(Player(source).answers)
+        player = Player(source)
+        player.prepare(source.names[0])
+        desk.work(player.answers)
 
 
 class Player:
@@ -98,6 +100,13 @@ class Player:
             SURVEY: self.survey,
             RECORD: self.record,
         }
+
+    def prepare(self, name: str) -> None:
+        """Make a stage and compile its law while the browser still opens."""
+        from vidphys.play import Asked
+
+        with suppress(ValueError, RuntimeError):  # the page says it, when it asks
+            next(self.rolled(Asked(cell=name, steps=1).model_dump_json().encode()))
 
     def opened(self, body: bytes) -> Iterator[Part]:
         """What there is to move on a stage; the body is its name."""

@@ -39,6 +39,9 @@ def write_played(stage: Stage, asked: Asked, path: Path) -> None:
         for name in dict.fromkeys(name for p in ours for name in p.about.get("energy", {})):
             key = ENERGIES[f"{role} {name}"]
             rolled.energies[key] = _energy(ours, name)
+    if {"own", "model"} <= rolled.energies.keys():  # known up to a constant
+        (times, own), (_, true) = rolled.energies["own"], rolled.energies["model"]
+        rolled.energies["own"] = times, own + (true[0] - own[0])
     model = [piece.about for piece in pieces if piece.about["role"] == "model"]
     for key, text in (("left", "left its valid range"), ("bad", "not finite")):
         at = [a["first"] + k for a in model if (k := a[key][asked.episode - a["episode"]]) >= 0]

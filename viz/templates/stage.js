@@ -137,6 +137,8 @@
 
   // --- pictures ----------------------------------------------------------------------------------
   const tone = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  // A drawing is as many points wide on a phone as on a desk: its words are made as large as the page's.
+  const words = (canvas) => `${Math.round(13 * canvas.width / (canvas.clientWidth || canvas.width))}px system-ui`;
   const CALM = 60;  // milliseconds between pictures of what comes after the model's answer
   let due = 0, later = 0, timed = 0, stale = true;
   const show = (began) => {
@@ -171,15 +173,15 @@
   }
   const now = () => Number(by("time").value);
   function drawStage(model) {
-    const pen = stage.getContext("2d"), size = stage.width, grey = tone("--dim"), shown = asked.episode;
+    const pen = stage.getContext("2d"), size = stage.width, grey = tone("--ghost"), shown = asked.episode;
     pen.clearRect(0, 0, size, size);
     const ghost = ways.truth || ways.held, seconds = now() * (model.stored - 1) * model.dt;
     const until = (way) => Math.min(way.stored, Math.floor(seconds / way.dt + 1e-6) + 1);
     for (let n = 0; n < model.n; n++) {
       const hue = HUES[n % HUES.length];
       if (held(ghost, shown)) {
-        pen.strokeStyle = grey; pen.lineWidth = 5; pen.globalAlpha = .55;
-        line(pen, ghost, shown, n, until(ghost), onStage); pen.globalAlpha = 1;
+        pen.strokeStyle = grey; pen.lineWidth = 5;
+        line(pen, ghost, shown, n, until(ghost), onStage);
       }
       if (held(ways.twin, shown)) {
         pen.strokeStyle = hue; pen.lineWidth = 1.5; pen.setLineDash([5, 5]);
@@ -222,7 +224,7 @@
   }
   function drawScale(pen, size) {
     const units = round(view.size / 4), wide = units / view.size * size / 2;
-    pen.strokeStyle = pen.fillStyle = tone("--dim"); pen.lineWidth = 2; pen.font = "15px system-ui";
+    pen.strokeStyle = pen.fillStyle = tone("--dim"); pen.lineWidth = 2; pen.font = words(stage);
     pen.beginPath(); pen.moveTo(16, size - 16); pen.lineTo(16 + wide, size - 16); pen.stroke();
     pen.fillText(plain(units), 16, size - 24);
   }
@@ -249,29 +251,34 @@
       if (said) { pen.fillStyle = bad; pen.font = "bold 20px system-ui"; pen.fillText(said, left + size - 18, top + 21); }
     }
   }
-  const LINES = [["truth true", "the truth", "--dim", 5, []], ["model true", "the true law along the model's way", "--accent", 2.5, []],
-    ["model own", "the model's own energy", "--twin", 1.5, [6, 4]]];
+  const LINES = [["truth true", "the truth", "--ghost", 5, []], ["model true", "the true law along the model's way", "--accent", 2.5, []],
+    ["model own", "the model's own energy, begun at the true one", "--twin", 1.5, [6, 4]]];
   function drawEnergy() {
     const pen = power.getContext("2d"), wide = power.width, high = power.height, grey = tone("--dim");
     pen.clearRect(0, 0, wide, high);
     const there = LINES.filter(([name]) => energy[name]), model = ways.model;
-    const values = there.flatMap(([name]) => energy[name].values).filter((x) => x !== null);
+    // An energy is known up to a constant: the model's own begins where the true one does.
+    const [mine, real] = ["model own", "model true"].map((name) => energy[name] && energy[name].values[0]);
+    const shift = Number.isFinite(mine) && Number.isFinite(real) ? real - mine : 0;
+    const valuesOf = (name) => energy[name].values.map((x) => x === null || name !== "model own" ? x : x + shift);
+    const values = there.flatMap(([name]) => valuesOf(name)).filter((x) => x !== null);
     by("energy-key").textContent = there.length ? "" : "This model has no energy.";
     if (!values.length) return;
     let low = Math.min(...values), top = Math.max(...values);
     const least = 0.1 * Math.max(Math.abs(low), Math.abs(top), 1e-9), middle = (low + top) / 2;
     if (top - low < least) { low = middle - least / 2; top = middle + least / 2; }
-    const end = head.steps / head.every * model.dt, from = 70;
-    const at = (t, x) => [from + (wide - from - 10) * t / end, high - 26 - (high - 40) * (x - low) / (top - low)];
-    pen.strokeStyle = tone("--line"); pen.fillStyle = grey; pen.font = "15px system-ui"; pen.lineWidth = 1;
+    pen.font = words(power);
+    const end = head.steps / head.every * model.dt, tall = parseInt(pen.font), from = 8 + Math.max(...[low, middle, top].map((x) => pen.measureText(plain(x)).width));
+    const at = (t, x) => [from + (wide - from - 10) * t / end, high - 12 - tall - (high - 28 - tall) * (x - low) / (top - low)];
+    pen.strokeStyle = tone("--line"); pen.fillStyle = grey; pen.lineWidth = 1;
     for (const x of [low, middle, top]) {
       pen.beginPath(); pen.moveTo(...at(0, x)); pen.lineTo(...at(end, x)); pen.stroke();
-      pen.fillText(plain(x), 4, at(0, x)[1] + 5);
+      pen.fillText(plain(x), 4, at(0, x)[1] + tall / 3);
     }
-    pen.fillText("0 s", from, high - 6); pen.fillText(plain(end) + " s", wide - 60, high - 6);
+    pen.fillText("0 s", from, high - 6); pen.fillText(plain(end) + " s", wide - 10 - pen.measureText(plain(end) + " s").width, high - 6);
     there.forEach(([name, , colour, width, dash]) => {
       pen.strokeStyle = tone(colour); pen.lineWidth = width; pen.setLineDash(dash); pen.beginPath();
-      energy[name].values.forEach((x, k) => { if (x !== null) pen.lineTo(...at(k * energy[name].dt, x)); });
+      valuesOf(name).forEach((x, k) => { if (x !== null) pen.lineTo(...at(k * energy[name].dt, x)); });
       pen.stroke(); pen.setLineDash([]);
     });
     by("energy-key").replaceChildren(...there.flatMap(([, words, , width, dash]) => {
