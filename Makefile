@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder paper test test-gpu check docs docs-run hostile lock locked audit sbom mutate faults setup
+.PHONY: ladder paper test test-gpu check docs docs-run picture hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -39,6 +39,12 @@ check: $(READY)
 # The site, into build/site, with no broken link; read by opening its index.html.
 docs: $(READY)
 	$(VENV)/bin/mkdocs build --strict
+
+# The picture of the README: one rung at the quick preset, two minutes.
+picture: $(READY)
+	$(VENV)/bin/vidphys ladder --cells anonymous-tracker/factored --out runs/picture
+	rm -f docs/ladder.png
+	$(VENV)/bin/vidphys view runs/picture --movie docs/ladder.png
 
 # Every command of README and docs, at sizes that one can wait for; `make test` runs the short pages.
 docs-run: $(READY)

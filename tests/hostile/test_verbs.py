@@ -177,3 +177,14 @@ def test_f10_no_verb_draws_before_its_numbers_are_kept():
     ):
         text = (home / f"{name}.py").read_text(encoding="utf-8")
         assert 0 < text.index(numbers) < text.index(".drawing("), name
+
+
+def test_libraries_of_unlike_builds_are_named(capsys):
+    assert falls.fallen("train", RuntimeError("operator torchvision::nms does not exist")) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "torchvision" in said and "same index" in said
+
+
+def test_a_choice_before_anything_was_measured_says_what_to_do(tmp_path, capsys):
+    assert main(["trade", "--pick", "ms_per_clip<=20", "--out", str(tmp_path / "none")]) == 2
+    assert "run `vidphys trade` first" in capsys.readouterr().err

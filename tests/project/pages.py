@@ -44,8 +44,9 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 WHOLE = os.environ.get("VIDPHYS_DOCS") == "whole"
 SLOW = {  # minutes, by a page's name
     *("README.md", "choose.md", "diagnose.md", "ladder.md"),
-    *("play.md", "probing.md", "scale.md", "train.md", "tiny-encoders.md"),
+    *("play.md", "probing.md", "scale.md", "train.md", "model-cards.md"),
 }
+AND = "&&"
 LONG_STEPS = 2000  # of a ladder's longest rollout, in place of 10,000
 
 # By verb, the options that make a command small, in place of those that are printed.
@@ -63,7 +64,7 @@ SMALLER = {
     "stress": {"--axes": ["foreign"]},
     "trade": {"--fronts": ["pipeline"]},
     "ladder": {"--cells": ["oracle/factored", "oracle/unstructured"], "--seeds": ["1"]},
-    "reproduce": {"--cells": ["inversion/factored"], "--seeds": ["1"]},
+    "reproduce": {"--cells": ["truth"], "--seeds": ["1"]},
 }
 # What a page names and this machine has not: the words, those in their place, and why.
 ELSEWHERE = [
@@ -103,8 +104,9 @@ def blocks_of(page: Path) -> list[Block]:
 
 def lines_of(block: Block) -> list[str]:
     """The commands of a shell's block, without the words that explain them."""
-    lines = (shlex.join(shlex.split(line, comments=True)) for line in block.body.splitlines())
-    return [line for line in lines if line]
+    lines = (shlex.split(line, comments=True) for line in block.body.splitlines())
+    typed = (" ".join(x if x == AND else shlex.quote(x) for x in line) for line in lines)
+    return [part for line in typed for part in line.split(f" {AND} ") if part]
 
 
 def parsed(verb: str, *rest: str) -> None:

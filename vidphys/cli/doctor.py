@@ -9,7 +9,17 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-PACKAGES = ("torch", "numpy", "scipy", "timm", "transformers", "mujoco", "rerun-sdk", "vidphys")
+PACKAGES = (
+    "torch",
+    "torchvision",
+    "numpy",
+    "scipy",
+    "timm",
+    "transformers",
+    "mujoco",
+    "rerun-sdk",
+    "vidphys",
+)
 SHOWN = 10  # files that are not as they were installed
 
 

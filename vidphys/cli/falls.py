@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import os
 import re
 import select
@@ -11,6 +12,7 @@ import traceback
 
 FAILED, UNREAD = 1, 141
 SYSTEM = re.compile(r"\(os error (\d+)\)")  # as safetensors says it
+UNLIKE = "operator torchvision::"  # does not exist, where its library could not be loaded
 GOES_ON = "; what is finished is kept: the same command goes on from here"
 
 
@@ -24,6 +26,12 @@ def fallen(verb: str, error: Exception) -> int:
     if isinstance(error, MemoryError):
         return _say(
             f"vidphys {verb}: memory ran out ({_one_line(error)}); take less at once{GOES_ON}"
+        )
+    if str(error).startswith(UNLIKE):
+        here = (f"{name} {importlib.metadata.version(name)}" for name in ("torch", "torchvision"))
+        return _say(
+            f"vidphys {verb}: {' and '.join(here)} are of different builds, such as one for a card "
+            "and one for the CPU; install both anew from the same index"
         )
     error = _of_the_system(error)
     if isinstance(error, OSError) and error.strerror and error.errno is not None:

@@ -137,6 +137,8 @@ def load_points(path: Path) -> list[Point]:
         if not table.is_file():
             raise InputError(f"trade: {path} has no measured points; measure them first")
         return read_points(table)
+    if not path.exists():
+        raise InputError(f"trade: nothing is measured in {path} yet; run `vidphys trade` first")
     return list(read_profile(path).points)
 
 
