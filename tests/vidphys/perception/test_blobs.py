@@ -10,9 +10,11 @@ from binders.palette import PaletteSettings
 from renderers import AnonymousWorld, Camera, RgbWorld
 from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
+from vidphys.perception.base import FitTask
 from vidphys.perception.blobs import BlobSettings, Profile, measured_colours, measured_world
 from vidphys.perception.detections import FixedDetector
-from vidphys.perception.palette import PaletteTracking
+from vidphys.perception.palette import PaletteTracking, fit_palette
+from vidphys.presets import PixelSizes
 from vidphys.scenes import gravity
 
 CAMERA = Camera(height=64, width=64)
@@ -80,6 +82,17 @@ def test_colours_are_measured_and_numbered_by_hue():
     tracks = PaletteTracking(PaletteSettings(in_order=False), colours).tracks(clips.first(4))
     error = (tracks.positions - clips.first(4).states.q[:, :, order]).norm(dim=-1)
     assert float(error.median()) < 5e-3
+
+
+@pytest.mark.parametrize("blobs", [False, True])
+def test_colours_are_measured_only_by_whom_nobody_told_them(blobs, monkeypatch):
+    clips, measured = render_clips(SCENE, RgbWorld(CAMERA), 1, 2, 40, 0, "train"), object()
+    monkeypatch.setattr("vidphys.perception.palette.measured_colours", lambda _: measured)
+    fitted = fit_palette(
+        FitTask(clips, PixelSizes(1, 2, 40, 64, 1, 1, 0, 1), 0, "factored"), blobs=blobs
+    )
+    assert fitted.seen is (measured if blobs else None)
+    assert fitted.settings.in_order == (not blobs)
 
 
 def test_too_few_blobs_that_stand_alone_are_named(anonymous):
