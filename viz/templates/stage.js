@@ -168,7 +168,16 @@
   };
   function line(pen, way, episode, n, until, at) {
     pen.beginPath();
-    for (let k = 0; k < until; k++) { const p = place(way, episode, k, n); if (p) pen.lineTo(...at(p[0], p[1])); }
+    // Far outside it ends: of a line without end a browser draws no dashes.
+    const far = 4 * stage.width;
+    for (let k = 0, last = null; k < until; k++) {
+      const p = place(way, episode, k, n);
+      if (!p) continue;
+      const [x, y] = at(p[0], p[1]), gap = last ? Math.hypot(x - last[0], y - last[1]) : 0, part = Math.min(1, far / gap);
+      if (last) pen.lineTo(last[0] + part * (x - last[0]), last[1] + part * (y - last[1])); else pen.moveTo(x, y);
+      last = [x, y];
+      if (part < 1 || Math.abs(x) > far || Math.abs(y) > far) break;
+    }
     pen.stroke();
   }
   const now = () => Number(by("time").value);
@@ -432,5 +441,6 @@
     if (running) { last = performance.now(); requestAnimationFrame(step); }
   });
   by("time").addEventListener("input", () => show(0));
+  addEventListener("resize", () => show(0));
   open();
 })();
