@@ -60,7 +60,7 @@ SMALLER = {
         "--readout": ["attention"],
     },
     "fit": {"--steps": ["4"]},
-    "atlas": {"--targets": ["position"], "--workers": ["1"]},
+    "atlas": {"--targets": ["position"], "--folds": ["2"], "--workers": ["1"]},
     "stress": {"--axes": ["foreign"]},
     "trade": {"--fronts": ["pipeline"]},
     "ladder": {"--cells": ["oracle/factored", "oracle/unstructured"], "--seeds": ["1"]},
