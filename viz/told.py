@@ -22,6 +22,11 @@ TITLES = {
 }
 NORMAL_95 = 1.959964
 OPEN = ("Not certain", "No term", "Not explained", "No answer", "What is left", "The model follows")
+FORECAST = "forecast rmse normalised"
+WITHOUT_MODEL = {
+    "clip/persistence": "standing still",
+    "clip/constant-velocity": "going straight on",
+}
 STATIC = ("run.json", "records.parquet", "report.html", ".lock")
 
 
@@ -39,13 +44,14 @@ def write_told(run: Path) -> Path:
     kind = settings.get("experiment")
     if kind not in TITLES:
         raise ValueError(f"report: {run} is a run of '{kind}', which has no report of this kind")
-    said = _summary(run)
+    said, rows = _summary(run), _records(run)
+    sentences = _of_diagnosis(settings, said) if said else _of_run(kind, settings)
     told = {
         "title": TITLES[kind],
-        "sentences": _of_diagnosis(settings, said) if said else _of_run(kind, settings),
+        "sentences": sentences + (_of_forecasts(rows) if kind == "train" else []),
         "figure": _figure(run, kind),
         "law": _law(run),
-        "rows": _records(run),
+        "rows": rows,
         "commands": _commands(run, kind),
         "said": said,
         "files": sorted(
@@ -92,6 +98,27 @@ def _of_run(kind: str, settings: Mapping[str, Any]) -> list[tuple[str, str]]:
         return [("Asked:", "the numbers of a law whose terms a diagnosis gave.")]
     seen = settings.get("encoder")
     return [("Asked:", f"what can be read and foretold of clips{f' over {seen}' if seen else ''}.")]
+
+
+def _of_forecasts(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Whether the trained model foretells better than what needs no model."""
+    found = {
+        row["cell"]: row["value"].value
+        for row in rows
+        if row["metric"] == FORECAST and row["value"].value is not None
+    }
+    model, plain = found.get("clip/factored"), {x: found[x] for x in WITHOUT_MODEL if x in found}
+    if model is None or not plain:
+        return []
+    best = min(plain, key=lambda name: plain[name])
+    lead, word = ("Holds:", "better") if model < plain[best] else ("Open:", "no better")
+    return [
+        (
+            lead,
+            f"the factored model foretells {word} than {WITHOUT_MODEL[best]}: "
+            f"RMSE {number(model)} against {number(plain[best])}, in normalised image units.",
+        )
+    ]
 
 
 def _law(run: Path) -> list[dict[str, Any]]:
