@@ -99,18 +99,15 @@ def test_it_is_rolled_on_from_a_table_and_from_the_clip_alike(fitted, tmp_path, 
 
 def test_a_push_takes_it_where_it_shall_be(fitted, tmp_path, capsys):
     there = np.array([0.1 + 0.6 * np.sin(-0.5), 0.5 - 0.6 * np.cos(0.5)])
-    aim = "--beyond", "0.5", "--reach", *map(str, there), "--search", "cross-entropy"
-    assert roll(fitted, tmp_path / "pushed", *aim) == 0
-    found = np.load(tmp_path / "pushed" / "rollout.npz")
+    assert roll(fitted, tmp_path / "a", "--beyond", "0.3", "--reach", *map(str, there)) == 0
+    found = np.load(tmp_path / "a" / "rollout.npz")
     assert np.linalg.norm(found["changed"][-1, 0] - there) < 0.02
-    assert np.linalg.norm(found["rollout"][-1, 0] - there) > 0.1
+    assert np.linalg.norm(found["rollout"][-1, 0] - there) > 0.05
     assert np.allclose(found["changed"][0], found["rollout"][0], atol=1e-6)
     said = capsys.readouterr().out
     assert "with the push: at" in said and "changes the body's velocity by (" in said
     assert roll(fitted, tmp_path / "no", "--body", "1", "--most", "2") == 2
     assert "say where to with --reach" in capsys.readouterr().err
-    assert roll(fitted, tmp_path / "no", "--reach", "0", "0", "--body", "2") == 2
-    assert "--body 2: there are 1" in capsys.readouterr().err
 
 
 def period(path, times):
