@@ -200,7 +200,8 @@ class Reader:
 
     def _make(self, rest: list[str]) -> None:
         """Every verb of a target's recipe."""
-        command = ["make", "-n", "-o", ".venv/.ready", *map(in_reach, rest)]
+        quietly = ["make", "--no-print-directory", "-n", "-o", ".venv/.ready"]  # within make, too
+        command = [*quietly, *map(in_reach, rest)]
         told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
         recipe = told.replace("\\\n", " ").splitlines()
         if rest[0] in SUITES:
