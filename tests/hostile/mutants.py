@@ -68,7 +68,68 @@ def good() -> dict[str, bytes]:
         "specification.json": json.dumps(specification()).encode(),
         "dataset.json": json.dumps({"clips": [{"file": "a.csv", "mass": [1.0]}]}).encode(),
         "a.safetensors": save({"w": torch.arange(12.0).reshape(3, 4), "b": torch.zeros(3)}),
+        **sets(),
     }
+
+
+def sets() -> dict[str, bytes]:
+    """What data sets are stored in."""
+    import cv2
+    import h5py
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    png = cv2.imencode(".png", np.full((8, 8, 3), 99, np.uint8))[1].tobytes()
+    shown = [{"bytes": png, "path": None}] * 6
+    table = pa.table({
+        "image": shown, "clip": [0, 0, 0, 1, 1, 1], "room": list("aabbcc"),
+        "timestamp": TIMES[:6], "pixels": [[[x, 1.0]] for x in TIMES[:6]], "far": [[1], []] * 3,
+    })  # fmt: skip
+    stream, parquet, hdf = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    with pa.ipc.new_stream(stream, table.schema) as out:
+        out.write_table(table)
+    pq.write_table(table, parquet)
+    with h5py.File(hdf, "w") as file:
+        group = file.create_group("a")
+        shape = (6, 8, 8, 3)
+        group.create_dataset("frames", data=np.zeros(shape, np.uint8), compression="gzip")
+        group["pixels"], group["times"] = PLACES[:6].reshape(6, 2, 2), TIMES[:6]
+        group.attrs["split"] = "train"
+    return {
+        "a.h5": hdf.getvalue(),
+        "data.arrow": stream.getvalue(),
+        "rows.parquet": parquet.getvalue(),
+        "state.json": json.dumps({"_data_files": [{"filename": "data.arrow"}]}).encode(),
+    }
+
+
+def read_whole(path: Path) -> None:
+    """A data set with all frames of its clips."""
+    from vidphys.data.sets import read_set
+
+    for file in read_set(path).files:
+        assert file.source is not None
+        for _ in file.source.read()[2]:
+            pass
+
+
+def read_stream(path: Path) -> None:
+    """The set of which this is one of the two files."""
+    files = sets()
+    home = path.parent / f"of {path.name}"
+    home.mkdir(exist_ok=True)
+    for name in ("data.arrow", "state.json"):
+        (home / name).write_bytes(path.read_bytes() if name == path.name else files[name])
+    read_whole(home)
+
+
+def read_rows(path: Path) -> None:
+    """The rows of a Parquet file, with their pictures."""
+    from vidphys.data.sets.apart import cells_of, rows_of
+
+    count = rows_of(path, "parquet").count
+    for _ in cells_of(path, "parquet", "image", range(count)):
+        pass
 
 
 def specification() -> dict:
@@ -197,6 +258,10 @@ def reader_of(name: str) -> Callable[[Path], object]:
         "specification.json": read_specification,
         "dataset.json": read_manifest,
         "a.safetensors": read_tensors,
+        "a.h5": read_whole,
+        "data.arrow": read_stream,
+        "state.json": read_stream,
+        "rows.parquet": read_rows,
     }.get(name, lambda path: read_recording(path, interval=0.1))
 
 

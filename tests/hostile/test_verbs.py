@@ -67,6 +67,16 @@ def test_a_clip_whose_name_is_not_utf8_is_refused_and_decoded_by_nobody(tmp_path
         read_clip(path)
 
 
+@pytest.mark.parametrize("verb", ["ladder", "extract"])
+def test_a_url_where_a_folder_is_needed_is_refused_and_no_folder_of_its_name_made(
+    tmp_path, capsys, monkeypatch, verb
+):
+    monkeypatch.chdir(tmp_path)
+    assert main([verb, *(["."] if verb == "extract" else []), "--out", "s3://bucket/run"]) == 2
+    assert "--out s3://bucket/run: a URL" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.mp4", "a.trk", "a.mat"])
 def test_a_pipe_is_no_file(tmp_path, capsys, name):
     os.mkfifo(tmp_path / name)

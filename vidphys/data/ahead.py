@@ -8,24 +8,38 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from queue import Queue
 from threading import Event, Thread
+from time import perf_counter
 from typing import TypeVar
 
 T = TypeVar("T")
+QUICK = 0.002  # seconds of a piece of work, below which its hand-over costs more than it gains
 
 
 def ahead(work: Iterable[Callable[[], T]], most: int = 2) -> Iterator[T]:
     """Results in order, ``most`` of them made at once while an earlier one is used.
 
-    What goes wrong is raised where its result is asked for.
+    That begins with the first piece that takes its time; those before it are made when they are
+    asked for. What goes wrong is raised where its result is asked for.
 
     Example:
         >>> [*ahead([lambda: 1, lambda: 2, lambda: 3])]
         [1, 2, 3]
     """
     coming = iter(work)
+    for each in coming:
+        begun = perf_counter()
+        found = each()
+        if perf_counter() - begun > QUICK:
+            yield from _by_threads(found, coming, most)
+        else:
+            yield found
+
+
+def _by_threads(first: T, coming: Iterator[Callable[[], T]], most: int) -> Iterator[T]:
     with ThreadPoolExecutor(most) as pool:
         waiting: deque[Future[T]] = deque(pool.submit(each) for each in islice(coming, most))
         try:
+            yield first
             while waiting:
                 found = waiting.popleft().result()
                 waiting.extend(pool.submit(each) for each in islice(coming, 1))

@@ -17,6 +17,7 @@ from vidphys.data.memory import require_memory
 
 HELD = 2**28  # bytes of a clip, up to which it is held
 CHUNK = 2**24  # bytes of a block
+BLANK = 160  # pixels of a side of a recording's pictures where there is no clip
 RECENT = 2**25  # bytes of frames that were asked for last
 
 Decode = Callable[[], Iterator[np.ndarray]]
@@ -152,6 +153,11 @@ class Source:
 def held(frames: np.ndarray) -> Frames:
     """Frames ``(t, H, W, 3)`` that are in memory already."""
     return Frames(Source(lambda: iter(frames), len(frames), frames.shape[1:3], frames))
+
+
+def blank(count: int) -> np.ndarray:
+    """White pictures ``(count, h, w, 3)`` where there is no clip; in memory they are one byte."""
+    return np.broadcast_to(np.uint8(255), (count, BLANK, BLANK, 3))
 
 
 class Holding:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from vidphys.cli.recordings import write_tracks_recording
 from vidphys.data import frames as module
 from vidphys.data.frames import Frames, Source, held
 from vidphys.data.video import ClipSelection, open_video
@@ -98,3 +100,14 @@ def test_frames_in_memory_are_not_copied() -> None:
     frames = held(whole)
     assert isinstance(frames[1:], Frames)
     assert np.shares_memory(np.asarray(frames[1:]), whole)
+
+
+def test_a_recording_of_many_rows_without_a_clip_holds_no_picture_of_each(tmp_path):
+    when, places = np.arange(5000) / 30, np.zeros((5000, 1, 2))
+    tracemalloc.start()
+    try:
+        write_tracks_recording(tmp_path / "a.rrd", (when, places), {"rollout": (when, places)}, {})
+        assert tracemalloc.get_traced_memory()[1] < 5e7
+    finally:
+        tracemalloc.stop()
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import sys
 import threading
 from dataclasses import replace
 
@@ -90,13 +90,22 @@ def test_after_an_error_the_clips_before_it_are_whole_and_nothing_else_is_there(
     assert not list(many.store.folder.rglob("*.partial")) and many.store.verify() == []
 
 
-def test_what_is_asked_for_later_is_made_before_and_errors_come_at_their_turn():
+def test_what_takes_its_time_is_made_before_it_is_asked_for_and_errors_come_at_their_turn(
+    monkeypatch,
+):
     started = threading.Event()
+    module = sys.modules["vidphys.data.ahead"]
+    monkeypatch.setattr(module, "QUICK", 600.0)  # in place of the clock
 
     def second():
         started.set()
         return 2
 
+    found = ahead([lambda: 1, second, lambda: 3])
+    assert next(found) == 1 and not started.is_set()  # a hand-over would cost more
+    assert [*found] == [2, 3] and started.is_set()
+    started.clear()
+    monkeypatch.setattr(module, "QUICK", 0.0)
     found = ahead([lambda: 1, second, lambda: 1 / 0, lambda: 4], most=2)
     assert next(found) == 1 and started.wait(60)
     assert next(found) == 2
@@ -176,5 +185,4 @@ def test_the_verb_takes_a_folder_and_all_layers_and_goes_on(videos, tmp_path, ca
     assert Cells.passes == before + 1  # to tell the cost
     assert main([*command, str(tmp_path / "s"), "--layer", "3", "--quiet"]) == 2
     assert "no layer 3; it has 2, 4, 8" in capsys.readouterr().err
-    manifest = next((tmp_path / "s" / "entries").glob("*.json"))
-    assert json.loads(manifest.read_text())["made"]["starts"] == 0
+    assert next(FeatureStore(tmp_path / "s").entries())["made"]["starts"] == 0

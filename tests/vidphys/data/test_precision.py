@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 
 import pytest
 import torch
 
 from encoders.features import FeatureMap
+from encoders.store import FeatureStore
 from tests.shared.small_clips import write_clip
 from vidphys.cli import main
 from vidphys.data import precision
@@ -44,8 +44,7 @@ def test_the_verb_tells_it_and_keeps_it(tmp_path, capsys):
     out = ["--out", str(tmp_path / "s"), "--fast", "--quiet"]
     assert main(["extract", str(tmp_path / "c.avi"), *out]) == 0
     assert "times the speed of float32 here" in capsys.readouterr().out
-    (manifest,) = (tmp_path / "s" / "entries").glob("*.json")
-    kept = json.loads(manifest.read_text())
+    (kept,) = FeatureStore(tmp_path / "s").entries()
     short = kept["request"]["encoder"]["dtype"] == "bfloat16"
     assert ("feature_error" in kept["made"]) == short
     assert main(["extract", str(tmp_path / "c.avi"), *out, "--dtype", "float32"]) == 2

@@ -21,6 +21,7 @@ from vidphys.errors import InputError
 
 PATIENCE = 60.0  # seconds without a byte, on a machine that is busy
 MOST_WORDS = 2**23  # bytes of a message
+POOL = {"ARROW_DEFAULT_MEMORY_POOL": "system"}  # others keep more than they are asked for
 BUFFER = 2**20  # bytes between the processes, where the system lets us say so
 PROGRAMS = Path(str(children.__file__)).parent
 # the packages that it needs are the only ones that it finds
@@ -61,7 +62,7 @@ class Child:
                 stdin=file,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env={k: v for k, v in os.environ.items() if k == "LD_LIBRARY_PATH"},
+                env={k: v for k, v in os.environ.items() if k == "LD_LIBRARY_PATH"} | POOL,
                 start_new_session=True,
             )
         finally:

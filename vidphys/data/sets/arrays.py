@@ -8,17 +8,19 @@ is a fact of the clip; ``split`` puts it into one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
+import importlib.util
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vidphys.data.clip_files import ClipFile, Dataset
-from vidphys.data.formats.bounded import MOST_MEMBERS, reading, require_room
+from vidphys.data.formats.bounded import reading
 from vidphys.data.formats.tables import arrays_of, headers_of
-from vidphys.data.sets.base import MOST_CLIPS, SetFormat, facts_of, labels_of, times_of
+from vidphys.data.sets.apart import Group, frames_of, groups_of
+from vidphys.data.sets.base import SetFormat, facts_of, labels_of, times_of
 from vidphys.data.sets.sources import arrays, frames_in
 from vidphys.errors import InputError
 
@@ -46,19 +48,24 @@ def read(path: Path) -> Dataset:
     if path.suffix.lower() == NPZ:
         with reading("an npz file of numbers"):
             return Dataset((_npz(path),), stored=(path,))
-    with reading("an HDF5 file"):
-        return Dataset(tuple(_hdf5(path)), stored=(path,))
+    if importlib.util.find_spec("h5py") is None:
+        raise InputError("reading HDF5 needs h5py: pip install 'vidphys[sets]'")
+    return Dataset(tuple(_of_group(path, one) for one in groups_of(path, FRAMES)), stored=(path,))
 
 
 def _clip(
-    path: Path, held: Mapping[str, Any], frame: Callable[[int], np.ndarray], count: int, by: str
+    path: Path,
+    held: Mapping[str, Any],
+    frames: Callable[[], Iterable[np.ndarray]],
+    count: int,
+    by: str,
 ) -> ClipFile:
     """One clip.
 
     Args:
         path: its name in the set.
         held: everything but the frames: arrays, numbers and words.
-        frame: by its number.
+        frames: one after the other.
         count: of the frames.
         by: the package that reads them.
     """
@@ -71,7 +78,7 @@ def _clip(
         labels_of("arrays beside the frames", columns, lambda: columns) if columns else None,
         facts=facts,
         split=split,
-        source=arrays(frame, times_of(held, count), by),
+        source=arrays(frames, times_of(held, count), by),
     )
 
 
@@ -85,91 +92,15 @@ def _npz(path: Path) -> ClipFile:
     held: dict[str, Any] = arrays_of(path, [n for n, (_, d) in beside.items() if d.kind != "U"])
     with np.load(path, allow_pickle=False) as file:
         held |= {each: file[each] for each in words}
-    whole: list[np.ndarray] = []
-
-    def frame(number: int) -> np.ndarray:
-        if not whole:
-            whole.append(arrays_of(path, [name])[name])
-        return whole[0][number]
-
+    whole = cache(lambda: arrays_of(path, [name])[name])
     held = {each: x.item() if x.ndim == 0 else x for each, x in held.items()}
-    return _clip(path / "0", held, frame, shape[0], "numpy")
+    return _clip(path / "0", held, whole, shape[0], "numpy")
 
 
-def _hdf5(path: Path) -> list[ClipFile]:
-    try:
-        import h5py
-    except ImportError as error:
-        raise InputError("reading HDF5 needs h5py: pip install 'vidphys[sets]'") from error
-    with h5py.File(path, "r") as file:
-        groups = [("0", file)] if _frames(file) else []
-        groups += [(name, group) for name, group in _own(file).items() if _is_clip(group)]
-        if len(groups) > MOST_CLIPS:
-            raise InputError(f"{len(groups)} clips, more than {MOST_CLIPS}")
-        return [_of_group(path, name, group) for name, group in groups]
-
-
-def _own(group: Any) -> dict[str, Any]:
-    """What a group holds itself, without what its links lead to, in other files or elsewhere."""
-    import h5py
-
-    if len(group) > MOST_MEMBERS:
-        raise InputError(f"{len(group)} members of a group, more than {MOST_MEMBERS}")
-    named = (n for n in group if isinstance(group.get(n, getlink=True), h5py.HardLink))
-    return {name: group[name] for name in named}
-
-
-def _frames(group: Any) -> Any:
-    """The frames of a group, if it has some."""
-    held = _own(group)
-    found = next((held[name] for name in FRAMES if name in held), None)
-    if found is None or not hasattr(found, "shape"):
-        return None
-    if found.external or found.is_virtual:
-        raise InputError(f"{found.name} lies in another file; copy it into this one")
-    return found
-
-
-def _is_clip(group: Any) -> bool:
-    return hasattr(group, "keys") and _frames(group) is not None
-
-
-def _of_group(path: Path, name: str, group: Any) -> ClipFile:
-    frames = _frames(group)
-    frames_in(frames.shape, frames.dtype, frames.name)
-    held: dict[str, Any] = {}
-    for key, value in _own(group).items():
-        if key in FRAMES or not hasattr(value, "shape") or value.dtype.kind not in "fiubO":
-            continue
-        if value.external or value.is_virtual:
-            raise InputError(f"{value.name} lies in another file; copy it into this one")
-        if value.dtype.kind == "O" and value.shape:
-            continue
-        require_room(value.shape, value.dtype.itemsize, value.name)
-        held[key] = value[()] if value.shape else _plain(value[()])
-    held |= {key: _plain(x) for key, x in group.attrs.items() if np.ndim(x) == 0}
-    one = partial(_one, path, frames.name)
-    return _clip(path / name, held, one, frames.shape[0], "h5py")
-
-
-def _plain(value: Any) -> Any:
-    return value.decode(errors="replace") if isinstance(value, bytes) else value
-
-
-class _Open:
-    """The HDF5 file that frames were read from last."""
-
-    path: Path | None = None
-    file: Any = None
-
-
-def _one(path: Path, name: str, number: int) -> np.ndarray:
-    import h5py
-
-    if _Open.path != path or not _Open.file:
-        _Open.path, _Open.file = path, h5py.File(path, "r")
-    with reading("frames of an HDF5 file"):
-        return _Open.file[name][number]
+def _of_group(path: Path, group: Group) -> ClipFile:
+    frames_in(group.shape, group.dtype, group.frames)
+    load = partial(frames_of, path, group.frames, group.shape)
+    return _clip(path / group.name, {**group.arrays, **group.facts}, load, group.shape[0], "h5py")
 
 
 ARRAYS = SetFormat(looks, read)

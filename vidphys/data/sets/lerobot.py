@@ -14,21 +14,19 @@ a vector by the names that ``info.json`` gives them.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from functools import lru_cache, partial
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field
 
 from vidphys.boundary import Above, Word, is_below, read_json
 from vidphys.data.clip_files import ClipFile, Dataset, Source
 from vidphys.data.formats.bounded import MOST_COLUMNS, reading, require_room
 from vidphys.data.labels import Labels
+from vidphys.data.sets.apart import cells_of, rows_of
 from vidphys.data.sets.base import MOST_CLIPS, SetFormat, facts_of, labels_of
 from vidphys.data.sets.sources import part, pictures
 from vidphys.errors import InputError
@@ -36,8 +34,8 @@ from vidphys.errors import InputError
 INFO = Path("meta") / "info.json"
 EPISODES = Path("meta") / "episodes"
 OWN = ("timestamp", "frame_index", "episode_index", "index", "task_index")
-OPEN = 4  # tables that are kept
 BLANK = re.compile(r"\{(video_key|chunk_index|file_index)(:0?\dd)?\}")
+Rows = Callable[[], np.ndarray]  # numbers of those of an episode
 Count = Annotated[int, Field(ge=0, le=10**9)]
 
 
@@ -80,7 +78,9 @@ def read(path: Path) -> Dataset:
         raise InputError("no camera among its features")
     files, stored = [], []
     for episode in _episodes(path):
-        number = int(episode["episode_index"])
+        with reading("an episode"):
+            number = int(episode["episode_index"])
+            require_room((int(episode["length"]),), 8, "times")
         table = _below(path, _path(info.data_path, episode, "data"))
         rows = partial(_frames, table, number)
         stored.append(table)
@@ -91,7 +91,7 @@ def read(path: Path) -> Dataset:
             files.append(
                 ClipFile(
                     name,
-                    _labels(info, rows),
+                    _labels(info, table, rows),
                     facts={**facts_of(_plain(episode)), "camera": camera},
                     split=_split(info, number),
                     source=source,
@@ -104,20 +104,17 @@ def _episodes(path: Path) -> Iterator[dict[str, Any]]:
     tables = sorted((path / EPISODES).glob("chunk-*/file-*.parquet"))
     count = 0
     for file in tables:
-        with reading("a table of episodes"), pq.ParquetFile(_below(path, file)) as table:
-            names = [n for n in table.schema_arrow.names if not n.startswith("stats/")]
-            require_room((table.metadata.num_rows, len(names)), 8, "episodes")
-            rows = table.read(names, use_threads=False).to_pylist()
-        count += len(rows)
+        table = rows_of(_below(path, file), "parquet")
+        count += table.count
         if count > MOST_CLIPS:
             raise InputError(f"more than {MOST_CLIPS} episodes")
-        yield from rows
+        yield from map(table.values, range(table.count))
 
 
 def _plain(episode: dict[str, Any]) -> dict[str, Any]:
     """What is said of an episode beside where it lies."""
     tasks = episode.get("tasks")
-    task = tasks[0] if isinstance(tasks, list) and tasks else ""
+    task = tasks[0] if isinstance(tasks, np.ndarray) and tasks.size else ""
     held = {k: v for k, v in episode.items() if "/" not in k and not k.startswith("dataset_")}
     return {**held, "task": task}
 
@@ -138,13 +135,12 @@ def _below(path: Path, file: Path) -> Path:
 
 
 def _seen(
-    path: Path, info: Info, episode: dict[str, Any], camera: str, rows: Any, table: Path
+    path: Path, info: Info, episode: dict[str, Any], camera: str, rows: Rows, table: Path
 ) -> tuple[Source, list[Path]]:
     count = int(episode["length"])
     times = np.arange(count) / info.fps
     if info.features[camera].dtype == "image":
-        load = [partial(_picture, rows, camera, k) for k in range(count)]
-        return pictures(load, times), []
+        return pictures(partial(_pictures, table, rows, camera), times), []
     if info.video_path is None:
         raise InputError(f"{camera} is a film, but info.json has no video_path")
     film = _below(path, _path(info.video_path, episode, f"videos/{camera}", video_key=camera))
@@ -153,34 +149,24 @@ def _seen(
     return part(film, begin, times), [film]
 
 
-def _picture(rows: Any, camera: str, number: int) -> bytes:
-    value = rows()[camera][number].as_py()
-    if not isinstance(value, dict) or value.get("bytes") is None:
-        raise InputError(f"frame {number} of {camera} holds no picture")
-    return value["bytes"]
+def _pictures(table: Path, rows: Rows, camera: str) -> Iterator[bytes]:
+    """Those of an episode, as they are stored."""
+    wanted = rows().tolist()
+    for number, cell in enumerate(cells_of(table, "parquet", camera, wanted)):
+        if not isinstance(cell, bytes):
+            raise InputError(f"frame {number} of {camera} holds no picture")
+        yield cell
 
 
-def _table(path: Path) -> pa.Table:
-    return _kept(path, path.stat().st_mtime_ns)
-
-
-@lru_cache(OPEN)
-def _kept(path: Path, _changed: int) -> pa.Table:
-    with reading("a table of frames"), pq.ParquetFile(path) as file:
-        groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
-        require_room((sum(group.total_byte_size for group in groups),), 1, "a table of frames")
-        return file.read(use_threads=False)
-
-
-def _frames(path: Path, episode: int) -> pa.Table:
-    """The rows of an episode."""
+def _frames(path: Path, episode: int) -> np.ndarray:
+    """The rows of an episode, in the order of its frames."""
     with reading("a table of frames"):
-        table = _table(path)
-        found = table.filter(pc.equal(table["episode_index"], episode))
-        return found.take(pc.sort_indices(found["frame_index"]))
+        held = rows_of(path, "parquet").columns
+        found = np.flatnonzero(held["episode_index"] == episode)
+        return found[np.argsort(np.asarray(held["frame_index"])[found], kind="stable")]
 
 
-def _labels(info: Info, rows: Any) -> Labels | None:
+def _labels(info: Info, path: Path, rows: Rows) -> Labels | None:
     """Labels in the numbers of frames."""
     names = {}
     for key, feature in info.features.items():
@@ -195,10 +181,11 @@ def _labels(info: Info, rows: Any) -> Labels | None:
             raise InputError(f"more than {MOST_COLUMNS} numbers a frame")
 
     def load() -> dict[str, np.ndarray]:
-        table, held = rows(), {"time": rows()["timestamp"].to_numpy()}
-        vectors = {key: np.array(table[key].to_pylist(), float) for key, _ in names.values()}
+        table, own = rows_of(path, "parquet").columns, rows()
+        vectors = {key: np.asarray(table[key], float)[own] for key, _ in names.values()}
         flat = {key: x.reshape(len(x), -1) for key, x in vectors.items()}
-        return held | {name: flat[key][:, k] for name, (key, k) in names.items()}
+        held = {name: flat[key][:, k] for name, (key, k) in names.items()}
+        return {"time": np.asarray(table["timestamp"])[own], **held}
 
     return labels_of("features of the frames", dict.fromkeys(["time", *names]), load)
 

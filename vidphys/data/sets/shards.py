@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import re
 import tarfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -128,7 +128,7 @@ def _clip(
     if film is not None:
         source = encoded(film, f".{film.ending}")
     else:
-        source = pictures(shown, times_of(held, len(shown)))
+        source = pictures(_loading(shown), times_of(held, len(shown)))
     return ClipFile(name, _labels(held, lists), facts=facts, split=split, source=source)
 
 
@@ -144,8 +144,12 @@ def _of_frames(
     }
     facts = facts_of({key: x for key, x in every[0].items() if key not in changing})
     times = times_of({**every[0], **changing}, len(ordered))
-    source = pictures([shown for shown, _ in ordered], times)
+    source = pictures(_loading([shown for shown, _ in ordered]), times)
     return ClipFile(name, _labels({}, changing), facts=facts, split=split, source=source)
+
+
+def _loading(members: Sequence[Member]) -> Callable[[], Iterator[bytes]]:
+    return lambda: (member() for member in members)
 
 
 def _held(members: Sequence[Member]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from vidphys.data.clip_files import Decoded, Source
 from vidphys.data.formats import VIDEO
-from vidphys.data.formats.opencv import opencv
+from vidphys.data.formats.opencv import MAX_PIXELS, opencv
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
 
@@ -34,24 +34,24 @@ def encoded(data: Callable[[], bytes], suffix: str) -> Source:
     return Source(read, lambda: hashlib.sha256(data()).hexdigest(), OPENCV)
 
 
-def pictures(load: Sequence[Callable[[], bytes]], times: np.ndarray) -> Source:
+def pictures(load: Callable[[], Iterable[bytes]], times: np.ndarray) -> Source:
     """Encoded pictures (JPEG, PNG, WebP), one a frame, at these seconds."""
 
     def read() -> Decoded:
-        return 0.0, len(load), zip(map(_picture, load), times.tolist(), strict=True)
+        return 0.0, len(times), zip(map(_picture, load()), times.tolist(), strict=True)
 
     def digest() -> str:
         found = hashlib.sha256()
-        for each in load:
-            found.update(hashlib.sha256(each()).digest())
+        for each in load():
+            found.update(hashlib.sha256(each).digest())
         return found.hexdigest()
 
     return Source(read, digest, OPENCV)
 
 
-def _picture(load: Callable[[], bytes]) -> np.ndarray:
+def _picture(encoded: bytes) -> np.ndarray:
     cv2 = opencv()
-    data = np.frombuffer(load(), np.uint8)
+    data = np.frombuffer(encoded, np.uint8)
     try:
         found = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     except cv2.error as error:
@@ -71,22 +71,21 @@ def frames_in(shape: tuple[int, ...], dtype: np.dtype, what: str) -> None:
     good = len(shape) == 3 or (len(shape) == 4 and 3 in (shape[-1], shape[1]))
     if not good or 0 in shape:
         raise InputError(f"{what} {shape}; frames are (t, H, W, 3), (t, 3, H, W) or (t, H, W)")
+    if np.prod(shape[1:], dtype=float) > 3 * MAX_PIXELS:
+        raise InputError(f"{what} {shape}: a frame has more than {MAX_PIXELS} pixels")
     if dtype != np.uint8:
         raise InputError(f"{what} holds {dtype}; frames are uint8, from 0 to 255")
 
 
-def arrays(frame: Callable[[int], np.ndarray], times: np.ndarray, made_by: str) -> Source:
-    """Frames ``(H, W, 3)``, ``(3, H, W)`` or ``(H, W)`` of bytes, by their number."""
-
-    def each() -> Iterator[np.ndarray]:
-        return (_upright(frame(k)) for k in range(len(times)))
+def arrays(frames: Callable[[], Iterable[np.ndarray]], times: np.ndarray, made_by: str) -> Source:
+    """Frames ``(H, W, 3)``, ``(3, H, W)`` or ``(H, W)`` of bytes, at these seconds."""
 
     def read() -> Decoded:
-        return 0.0, len(times), zip(each(), times.tolist(), strict=True)
+        return 0.0, len(times), zip(map(_upright, frames()), times.tolist(), strict=True)
 
     def digest() -> str:
         found = hashlib.sha256()
-        for picture in each():
+        for picture in map(_upright, frames()):
             found.update(np.ascontiguousarray(picture).data)
         return found.hexdigest()
 

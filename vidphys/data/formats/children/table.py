@@ -6,23 +6,13 @@ Its message says the name, type and shape of each array; their bytes follow, in 
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from confined import FILE, allow, confine, say, write
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-BYTES = 8  # of a number as it is held
-
-
-class RefusedError(Exception):
-    """A file that is understood, and not taken."""
+from confined import BYTES, FILE, RefusedError, allow, confine, refusing, require_room, send
 
 
 def main(kind: str, memory: int, seconds: int, most_bytes: int, most_columns: int) -> None:
@@ -35,38 +25,24 @@ def main(kind: str, memory: int, seconds: int, most_bytes: int, most_columns: in
         most_bytes: of numbers.
         most_columns: of a table.
     """
-    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others keep more than they are asked for
     what, prepare, read = READERS[kind]
     prepare()
     confine(memory)
     allow(seconds)
-    try:
-        arrays = read(most_bytes, most_columns)
-    except RefusedError as error:
-        say({"error": str(error)})
-        return
-    except MemoryError:
-        say({"error": f"reading it takes more than {memory / 2**30:.3g} GiB of memory"})
-        return
-    except Exception as error:
-        said = str(error).strip().splitlines()[:1] or [type(error).__name__]
-        say({"error": f"not {what} ({said[0][:200]})"})
-        return
-    say({"arrays": [(name, x.dtype.str, x.shape) for name, x in arrays.items()]})
-    for x in arrays.values():
-        if x.size:
-            write(np.ascontiguousarray(x).view(np.uint8))
+    with refusing(what, memory):
+        send(read(most_bytes, most_columns))
 
 
 def _prepare_parquet() -> None:
     """Imports need files, which are not to be opened later."""
-    import pyarrow.compute
+    import arrowed  # noqa: F401
     import pyarrow.parquet  # noqa: F401
 
 
 def _parquet(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
     import pyarrow as pa
     import pyarrow.parquet as pq
+    from arrowed import longest, plain
 
     with pq.ParquetFile(FILE) as file:
         about, schema = file.metadata, file.schema_arrow
@@ -76,40 +52,18 @@ def _parquet(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
         if twice:
             raise RefusedError(f"two columns are called {twice[0]}; give each a name of its own")
         # pages of equal values are small in a file, and large as numbers
-        _require_room((about.num_rows, about.num_columns), most_bytes, "a table")
+        require_room((about.num_rows, about.num_columns), most_bytes, "a table")
         groups = (about.row_group(k) for k in range(about.num_row_groups))
         held = sum(group.total_byte_size for group in groups)
-        _require_room((-(-held // BYTES),), most_bytes, "a table")
+        require_room((-(-held // BYTES),), most_bytes, "a table")
         columns = {}
         for field in schema:
             if pa.types.is_nested(field.type):
                 raise RefusedError(f"column {field.name}: holds more than a number in a cell")
             column = file.read([field.name], use_threads=False).column(0)
-            columns[field.name] = _plain(column, field.name, most_bytes)
+            require_room((len(column), longest(column)), most_bytes, f"column {field.name}:")
+            columns[field.name] = plain(column)
     return columns
-
-
-def _plain(column: pa.ChunkedArray, name: str, most_bytes: int) -> np.ndarray:
-    """A column as numbers, times or words."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
-    if words:
-        longest = pc.max(pc.binary_length(column)).as_py() or 0
-        _require_room((len(column), longest), most_bytes, f"column {name}:")
-    found = column.to_numpy(zero_copy_only=False)
-    if found.dtype != object:
-        return found
-    return np.array(["" if cell is None else str(cell) for cell in found.tolist()], dtype=str)
-
-
-def _require_room(shape: tuple[int, ...], most_bytes: int, what: str) -> None:
-    if np.prod(np.array(shape, float)) * BYTES > most_bytes:
-        raise RefusedError(
-            f"{what} of {' x '.join(map(str, shape))} numbers would fill more than "
-            f"{most_bytes >> 20} MiB; give fewer of them"
-        )
 
 
 def _prepare_matlab() -> None:
