@@ -1,9 +1,9 @@
 """Benchmark row of extraction: clips on disk to features on disk, beside the loop one would write.
 
 The network is DINOv2-S with fresh weights: speed does not depend on them. The loop decodes a clip,
-prepares its frames, calls the library's model on eight of them at a time in float32, and saves what
-comes. Decoding is a small part of either; ours does it in a process of its own, which the clock of
-this one does not see.
+prepares its frames, calls the library's model on them in float32, one by one or as many as eight at
+a time, and saves what comes. Decoding is a small part of either; ours does it in a process of its
+own, which the clock of this one does not see.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import importlib.util
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.encoders import dinov2_small
 from benchmarks.match import Contender, Match
-from encoders.frozen import FrozenEncoder, load_encoder
+from encoders.frozen import DINOv2Settings, FrozenEncoder
+from encoders.frozen.runtimes import Runtime
 from encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
 from encoders.store import FeatureStore
 from vidphys.data.ahead import ahead
@@ -36,10 +40,9 @@ def extraction() -> Match:
 
     folder = Path(tempfile.mkdtemp(prefix="vidphys-benchmark-"))
     files = [_write(folder / f"{number}.avi", number) for number in range(CLIPS)]
-    runtime = "openvino" if importlib.util.find_spec("openvino") else "torch"
-    how = {"seed": 0, "batch": BATCH, "dtype": "bfloat16", "runtime": runtime}
-    fast, exact = load_encoder("dinov2-small", how), load_encoder("dinov2-small", {"seed": 0})
-    assert isinstance(fast, FrozenEncoder) and isinstance(exact, FrozenEncoder)
+    runtime: Runtime = "openvino" if importlib.util.find_spec("openvino") else "torch"
+    fast = dinov2_small(DINOv2Settings(batch=BATCH, dtype="bfloat16", runtime=runtime))
+    exact = dinov2_small(DINOv2Settings())
     network: Any = exact.network
     runs: list[float] = []
 
@@ -50,25 +53,30 @@ def extraction() -> Match:
         busy = extract_many(ahead([_opener(file) for file in files]), wanted, lambda *_: None)
         runs.append(busy / (time.perf_counter() - begun))
 
-    def loop() -> None:
+    def loop(together: int) -> None:
         for file in files:
             reader, kept = cv2.VideoCapture(str(file)), []
             while (read := reader.read())[0]:
                 kept.append(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB))
             frames = torch.from_numpy(np.stack(kept)).permute(0, 3, 1, 2)
-            found = [_features(network, some) for some in frames.split(BATCH)]
+            found = [_features(network, some) for some in frames.split(together)]
             np.save(folder / f"{file.stem}.npy", torch.cat(found).half().numpy())
 
     ours()
-    loop()
     away = _away(fast, exact, files[0])
     path = f"{runtime} bfloat16, feature error {away:.1e}, encoder busy {runs[-1]:.0%}"
     mine = Contender(ours, CLIPS * FRAMES, path, "features in a store, from files", "loading")
-    theirs = Contender(
-        loop, CLIPS * FRAMES, "timm float32", "features in .npy files, from files", "loading"
-    )
+    peers = {
+        name: (_loop(partial(loop, together)), FASTER)
+        for name, together in (("a frame a call", 1), ("eight frames a call", BATCH))
+    }
     numbers = {"feature error": away, "encoder busy": runs[-1]}
-    return Match("extraction", "frames", mine, {"the plain loop": (theirs, FASTER)}, numbers)
+    return Match("extraction", "frames", mine, peers, numbers)
+
+
+def _loop(work: Callable[[], None]) -> Contender:
+    what = "features in .npy files, from files"
+    return Contender(work, CLIPS * FRAMES, "timm float32", what, "loading")
 
 
 def _write(path: Path, seed: int) -> Path:

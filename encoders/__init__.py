@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from registry import lazily
 
 if TYPE_CHECKING:
+    from encoders.arrays import FeatureArrays as FeatureArrays
     from encoders.cnn import ConvEncoder as ConvEncoder
     from encoders.features import Encoder as Encoder
     from encoders.features import FeatureMap as FeatureMap
@@ -26,6 +27,7 @@ HOMES = {
     "EmaTarget": "encoders.jepa",
     "Encoder": "encoders.features",
     "EncoderIdentity": "encoders.identity",
+    "FeatureArrays": "encoders.arrays",
     "FeatureMap": "encoders.features",
     "FeatureRequest": "encoders.manifests",
     "FeatureStore": "encoders.store",

@@ -6,27 +6,19 @@ It is what safetensors writes of ``times`` and ``values``, byte for byte, with n
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-import torch
-from torch import Tensor
-
-from encoders.features import stride_of
+from encoders.arrays import as_kept, as_times, header
+from encoders.grid import stride_of
 from encoders.manifests import SCHEMA_VERSION, FeatureRequest
 from registry.seal import sealed
 
-DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
-NAMES = {
-    torch.float16: "F16",
-    torch.bfloat16: "BF16",
-    torch.float32: "F32",
-    torch.float64: "F64",
-}
-ALIGNED = 8  # bytes, of which the header has a multiple
+if TYPE_CHECKING:
+    import numpy as np
+    from torch import Tensor
 
 
 @dataclass(frozen=True)
@@ -42,7 +34,7 @@ class Origin:
 
     source: str
     size: tuple[int | float, int | float]
-    times: Tensor
+    times: Tensor | np.ndarray
     made: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -52,31 +44,31 @@ class EntryFile:
     Args:
         file: empty.
         origin: of the features.
-        dtype: of the values.
+        dtype: of the values, by its name.
     """
 
-    def __init__(self, file: BinaryIO, origin: Origin, dtype: torch.dtype) -> None:
-        self.origin, self.times, self.dtype = origin, origin.times.cpu().contiguous(), dtype
+    def __init__(self, file: BinaryIO, origin: Origin, dtype: str) -> None:
+        self.origin, self.times, self.dtype = origin, as_times(origin.times), dtype
         self.grid: tuple[int, ...] = ()
         self.file, self._hash, self._frames, self._bytes = file, hashlib.sha256(), 0, 0
 
-    def add(self, piece: Tensor) -> None:
+    def add(self, piece: Tensor | np.ndarray) -> None:
         """Append ``(f, c, h, w)``.
 
         Raises:
             ValueError: values that the dtype cannot hold.
         """
-        values = piece.to("cpu", self.dtype).contiguous()
-        if not bool(torch.isfinite(values).all()):
+        values = as_kept(piece, self.dtype)
+        if values is None:
             raise ValueError(
                 f"feature store: features of {self.origin.source} are not finite in "
-                f"{str(self.dtype).removeprefix('torch.')}; use float32"
+                f"{self.dtype}; use float32"
             )
         if not self.grid:
             self.grid = tuple(values.shape[1:])
-            self._put(_header(self.times, self.dtype, self.grid))
-            self._put(_bytes(self.times))
-        self._put(_bytes(values))
+            self._put(header(self.times, self.dtype, self.grid))
+            self._put(self.times.tobytes())
+        self._put(values.tobytes())
         self._frames += len(values)
 
     def about(self) -> dict[str, Any]:
@@ -99,25 +91,6 @@ class EntryFile:
     def _put(self, data: bytes) -> None:
         self._hash.update(data)
         self._bytes += self.file.write(data)
-
-
-def _header(times: Tensor, dtype: torch.dtype, grid: tuple[int, ...]) -> bytes:
-    begin = times.nbytes
-    end = begin + len(times) * torch.Size(grid).numel() * dtype.itemsize
-    about = {
-        "times": (NAMES[times.dtype], [len(times)], [0, begin]),
-        "values": (NAMES[dtype], [len(times), *grid], [begin, end]),
-    }
-    keys = "dtype", "shape", "data_offsets"
-    plain = {name: dict(zip(keys, said, strict=True)) for name, said in about.items()}
-    text = json.dumps(plain, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % ALIGNED)
-    return len(text).to_bytes(8, "little") + text
-
-
-def _bytes(tensor: Tensor) -> bytes:
-    raw: bytes = tensor.detach().reshape(-1).view(torch.uint8).numpy().tobytes()
-    return raw
 
 
 def manifest_of(request: FeatureRequest, file: EntryFile) -> dict[str, Any]:
@@ -147,7 +120,7 @@ class Entries:
     ) -> None:
         self._files, self._keep, self._drop = files, keep, drop
 
-    def add(self, piece: Sequence[Tensor]) -> None:
+    def add(self, piece: Sequence[Tensor | np.ndarray]) -> None:
         """Append features ``(f, c, h, w)`` of each layer.
 
         Raises:

@@ -10,6 +10,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from encoders.grid import size_of, stride_of
+
+# that a feature store keeps
+DTYPES = {"float16": torch.float16, "bfloat16": torch.bfloat16, "float32": torch.float32}
+
 
 @dataclass(frozen=True)
 class FeatureMap:
@@ -90,18 +95,8 @@ def streamed(layer: str, features: FeatureMap) -> FeatureStream:
     if len(features.values) != 1:
         raise ValueError(f"features: one clip at a time, got a batch of {len(features.values)}")
     pieces = ([values] for values in features.values)
-    return FeatureStream((layer,), pieces, size_of(features), features.times)
-
-
-def stride_of(size: tuple[int | float, int | float], shape: Sequence[int]) -> tuple[float, float]:
-    """Pixels of frames of a size (height, width) between the cells of ``(…, h, w)``."""
-    return size[0] / shape[-2], size[1] / shape[-1]
-
-
-def size_of(features: FeatureMap) -> tuple[float, float]:
-    """Pixels of the frames, (height, width), that features are of."""
-    (down, right), (h, w) = features.stride, features.grid
-    return down * h, right * w
+    size = size_of(features.stride, features.values.shape)
+    return FeatureStream((layer,), pieces, size, features.times)
 
 
 @runtime_checkable

@@ -1,15 +1,19 @@
-"""Entries of a feature store that are files of their own: a manifest and its tensors each.
+"""Entries of a feature store that are files of their own.
 
 ::
 
-    STORE/entries/<key>.json           the manifest; renamed into place last
-    STORE/entries/<key>.safetensors    values (t, c, h, w) and times, memory-mapped when read
+    STORE/entries/<key>.entry          tensors, as in a shard; the manifest; how long that is
+    STORE/entries/<key>.json           of older stores: the manifest, and
+    STORE/entries/<key>.safetensors    its tensors
+
+It is one file, so that an entry is safe after one sync. Older ones are read as they are.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -17,14 +21,16 @@ from typing import TYPE_CHECKING, Any
 
 from encoders.manifests import FeatureRequest, StaleFeatures, load_manifest
 from encoders.placing import partial_of, place, sweep
-from encoders.release import file_sha256
 from encoders.shards import Loose
 
 if TYPE_CHECKING:
-    from encoders.entry import Entries, Origin
-    from encoders.features import FeatureMap
+    import numpy as np
 
-TENSORS = ".safetensors"
+    from encoders.arrays import Mapped
+    from encoders.entry import Entries, Origin
+
+ENTRY, OLD, OLD_TENSORS = ".entry", ".json", ".safetensors"
+TAIL = 4  # bytes that say how long the manifest before them is
 
 
 class LooseEntries:
@@ -40,12 +46,16 @@ class LooseEntries:
         self._swept = False
 
     def path(self, key: str) -> Path:
-        """Of an entry's manifest, whether it is there or not."""
-        return self.folder / f"{key}.json"
+        """Of the file with an entry's manifest, whether it is there or not."""
+        path, old = self.folder / f"{key}{ENTRY}", self.folder / f"{key}{OLD}"
+        return old if old.exists() and not path.exists() else path
 
     def present(self) -> Iterator[str]:
         """Keys of what is there."""
-        return (path.stem for path in self.folder.glob("*.json"))
+        yield from (path.stem for path in self.folder.glob(f"*{ENTRY}"))
+        for path in self.folder.glob(f"*{OLD}"):
+            if not path.with_suffix(ENTRY).exists():
+                yield path.stem
 
     def manifest(self, key: str) -> dict[str, Any] | None:
         """What is said of an entry, if it is there.
@@ -55,7 +65,7 @@ class LooseEntries:
         """
         path = self.path(key)
         try:
-            return load_manifest(path) if path.exists() else None
+            return self._said(path) if path.exists() else None
         except StaleFeatures:
             if path.exists():  # else it was put into a shard just now, by another process
                 raise
@@ -65,88 +75,100 @@ class LooseEntries:
         """Those that are as they were written, with their bytes."""
         for key in self.present():
             with suppress(StaleFeatures, OSError):
-                manifest, data = load_manifest(self.path(key)), self._data(key).read_bytes()
+                path = self.path(key)
+                manifest = self._said(path)
+                with _data(path).open("rb") as file:
+                    data = file.read(manifest["bytes"])
                 if hashlib.sha256(data).hexdigest() == manifest["sha256"]:
                     yield Loose(key, manifest, data)
 
     def damaged(self) -> Iterator[str]:
         """Keys of those whose tensors are not what was written."""
         for key in self.present():
-            data = self._data(key)
-            if not data.exists() or file_sha256(data) != load_manifest(self.path(key))["sha256"]:
+            path = self.path(key)
+            try:
+                self._mapped(path, self._said(path))
+            except StaleFeatures:
                 yield key
 
     def drop(self, key: str) -> None:
         """Delete an entry."""
-        self.path(key).unlink(missing_ok=True)  # first: what is left then is not read
-        self._data(key).unlink(missing_ok=True)
+        for ending in (ENTRY, OLD, OLD_TENSORS):  # tensors last: alone they are not read
+            (self.folder / f"{key}{ending}").unlink(missing_ok=True)
 
-    def open(self, key: str, manifest: dict[str, Any]) -> FeatureMap:
-        """An entry's features, memory-mapped.
+    def open(self, key: str, manifest: dict[str, Any]) -> Mapped:
+        """What an entry has, memory-mapped.
 
         Raises:
-            StaleFeatures: they are not what was written.
+            StaleFeatures: it is not what was written.
         """
-        from safetensors import SafetensorError, safe_open
+        from encoders.arrays import tensors_in
 
-        from encoders.features import FeatureMap
-
-        data, name = self._data(key), self.path(key).name
-        if not data.exists() or data.stat().st_size != manifest["bytes"]:
-            raise StaleFeatures(
-                f"feature store: {data} is missing or cut short; delete {name} to extract again"
-            )
-        self._check(data, name, manifest)
-        try:
-            with safe_open(data, "pt") as file:
-                values, times = file.get_tensor("values"), file.get_tensor("times")
-        except SafetensorError as error:
-            raise StaleFeatures(
-                f"feature store: {data} is damaged ({error}); delete {name} to extract again"
-            ) from error
-        stride = manifest["stride"]
-        return FeatureMap(values[None], (stride[0], stride[1]), times)
+        return tensors_in(self._mapped(self.path(key), manifest))
 
     def begin(self, requests: Sequence[FeatureRequest], origin: Origin) -> Entries:
         """See :meth:`encoders.FeatureStore.begin`."""
-        from encoders.entry import DTYPES, Entries, EntryFile, manifest_of
+        from encoders.entry import Entries, EntryFile, manifest_of
 
         if not self._swept:
-            sweep(self.folder, ".*.partial", f"*{TENSORS}")
+            sweep(self.folder, ".*.partial", f"*{OLD_TENSORS}")
         self._swept = True
-        partials = {request: partial_of(self._data(request.key)) for request in requests}
+        places = {request: self.folder / f"{request.key}{ENTRY}" for request in requests}
+        partials = {request: partial_of(path) for request, path in places.items()}
         with ExitStack() as opening:
             files = []
             for request, partial in partials.items():
                 opening.callback(partial.unlink, missing_ok=True)
                 file = opening.enter_context(partial.open("wb"))
-                files.append(EntryFile(file, origin, DTYPES[request.dtype]))
+                files.append(EntryFile(file, origin, request.dtype))
             stack = opening.pop_all()
 
         def keep() -> None:
-            data, manifests = {}, {}
-            for (request, partial), entry in zip(partials.items(), files, strict=True):
-                text = json.dumps(manifest_of(request, entry), indent=2)
-                said = partial_of(self.path(request.key))
-                stack.callback(said.unlink, missing_ok=True)
-                said.write_text(text, encoding="utf-8")
+            for request, entry in zip(requests, files, strict=True):
+                said = json.dumps(manifest_of(request, entry)).encode()
+                entry.file.write(said + len(said).to_bytes(TAIL, "little"))
                 entry.file.close()
-                data[partial] = self._data(request.key)
-                manifests[said] = self.path(request.key)
-            place({**data, **manifests})
+            place({partial: places[request] for request, partial in partials.items()})
 
         return Entries(files, keep, stack.close)
 
-    def _check(self, data: Path, name: str, manifest: dict[str, Any]) -> None:
-        """Compare an entry's tensors with their hash, once while they stay the same file."""
-        about = data.stat()
-        seen = data.name, about.st_mtime_ns, about.st_size
-        if seen not in self._checked and file_sha256(data) != manifest["sha256"]:
-            raise StaleFeatures(
-                f"feature store: {data} is damaged (its sha256 differs from {name}); delete "
-                f"{name} to extract again"
-            )
-        self._checked.add(seen)
+    def _said(self, path: Path) -> dict[str, Any]:
+        return load_manifest(path, _tail if path.suffix == ENTRY else Path.read_bytes)
 
-    def _data(self, key: str) -> Path:
-        return self.path(key).with_suffix(TENSORS)
+    def _mapped(self, path: Path, manifest: dict[str, Any]) -> np.ndarray:
+        """The bytes of an entry's tensors, compared with their hash once.
+
+        Raises:
+            StaleFeatures: they are not what was written.
+        """
+        from encoders.arrays import mapped
+
+        data, again = _data(path), f"delete {path.name} to extract again"
+        try:
+            about = data.stat()
+            found = mapped(data, 0, manifest["bytes"])
+        except (OSError, ValueError) as error:
+            raise StaleFeatures(
+                f"feature store: {data} is missing or cut short; {again}"
+            ) from error
+        seen = data.name, about.st_mtime_ns, about.st_size
+        same = seen in self._checked or hashlib.sha256(found.data).hexdigest() == manifest["sha256"]
+        if not same:
+            said = "its sha256 differs from its manifest's"
+            raise StaleFeatures(f"feature store: {data} is damaged ({said}); {again}")
+        self._checked.add(seen)
+        return found
+
+
+def _data(path: Path) -> Path:
+    """The file of an entry's tensors, from that of its manifest."""
+    return path.with_suffix(OLD_TENSORS) if path.suffix == OLD else path
+
+
+def _tail(path: Path) -> bytes:
+    """The manifest at the end of a file."""
+    with path.open("rb") as file:
+        file.seek(-TAIL, os.SEEK_END)
+        size = int.from_bytes(file.read(TAIL), "little")
+        file.seek(-TAIL - size, os.SEEK_END)
+        return file.read(size)

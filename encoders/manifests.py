@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -49,14 +50,18 @@ class StaleFeatures(ValueError):
     """An entry does not fit what asks for it; the message says what differs and what to do."""
 
 
-def load_manifest(path: Path) -> dict[str, Any]:
-    """A manifest that is a file of its own.
+def load_manifest(path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> dict[str, Any]:
+    """The manifest of a file.
+
+    Args:
+        path: of the file.
+        read: what takes the manifest out of it.
 
     Raises:
         StaleFeatures: it is none, of another schema, or not as it was written.
     """
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = json.loads(read(path))
         version = manifest["schema_version"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StaleFeatures(

@@ -25,7 +25,7 @@ from tempfile import SpooledTemporaryFile
 from types import TracebackType
 from typing import Any, BinaryIO, cast
 
-from encoders.entry import DTYPES, Entries, EntryFile, Origin, manifest_of
+from encoders.entry import Entries, EntryFile, Origin, manifest_of
 from encoders.index import LOOKED_UP, PUT, TABLE, as_row
 from encoders.manifests import FeatureRequest, StaleFeatures
 from encoders.placing import place, placed
@@ -84,7 +84,7 @@ class Part:
             for request in requests:
                 spool = opening.enter_context(SpooledTemporaryFile(HELD))
                 file = cast(BinaryIO, spool)
-                files.append(EntryFile(file, origin, DTYPES[request.dtype]))
+                files.append(EntryFile(file, origin, request.dtype))
             stack = opening.pop_all()
 
         def keep() -> None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 STALE_SECONDS = 3600.0  # without a change, after which a partial file is nobody's
-FEW, AT_ONCE = 2, 16  # files that are synced one by one; that are synced side by side
+AT_ONCE = 16  # files that are synced side by side
 
 
 def partial_of(path: Path) -> Path:
@@ -26,11 +26,10 @@ def place(files: Mapping[Path, Path]) -> None:
     Args:
         files: each with its place.
     """
-    if len(files) <= FEW:
-        for file in files:
-            _sync(file)
+    if len(files) == 1:
+        _sync(*files)
     else:  # a disk writes its journal once for all that wait for it
-        with ThreadPoolExecutor(AT_ONCE) as pool:
+        with ThreadPoolExecutor(min(AT_ONCE, len(files))) as pool:
             for _ in pool.map(_sync, files):  # an error of any is raised here
                 pass
     for file, path in files.items():

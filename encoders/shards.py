@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import json
 import os
 import shutil
 import sqlite3
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -31,15 +31,15 @@ from encoders.index import LOOKED_UP, PUT, TABLE, WAIT, Index, Row, as_row, read
 from encoders.placing import placed
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from encoders.arrays import Mapped
 
 OWN = "index"  # the index of what is appended here
 ENTRIES = "entries.bin"  # tensors of what a worker wrote at one stroke
 SPENT = "spent"  # something was taken out of it
 SHARD_BYTES = 2**28  # from which on the next shard is begun
 ALIGNED = 64
+ASK_AGAIN = 0.05  # seconds, while another process is at work
 AT_ONCE = 512  # entries that are committed together
-DTYPES = {"F16": "float16", "BF16": "bfloat16", "F32": "float32", "F64": "float64"}
 
 
 class DamagedShard(ValueError):
@@ -142,35 +142,55 @@ class Shards:
         """Take out an entry; whether it was there."""
         return self._delete("key = ?", key) > 0
 
-    def tensors(self, row: Row) -> tuple[Tensor, Tensor]:
-        """Values ``(t, c, h, w)`` and times of an entry, memory-mapped.
+    def tensors(self, row: Row) -> Mapped:
+        """What an entry has, memory-mapped.
 
         Raises:
             DamagedShard: its bytes are not those that were written.
         """
-        import numpy as np
-        import torch
+        from encoders.arrays import mapped, tensors_in
 
         try:
-            mapped = np.memmap(row.file, np.uint8, "c", row.place, (row.bytes,))
+            data = mapped(row.file, row.place, row.bytes)
         except (OSError, ValueError) as error:
             raise DamagedShard(f"{row.file} is missing or cut short") from error
         if (row.file, row.place) not in self._checked:
-            if hashlib.sha256(mapped.data).hexdigest() != row.manifest["sha256"]:
+            if hashlib.sha256(data.data).hexdigest() != row.manifest["sha256"]:
                 raise DamagedShard(f"{row.file} is damaged at byte {row.place}")
             self._checked.add((row.file, row.place))
-        begin = 8 + int.from_bytes(mapped[:8].tobytes(), "little")
-        about = json.loads(mapped[8:begin].tobytes())
-        whole = torch.from_numpy(mapped)
-        values, times = (_tensor(whole[begin:], about[name]) for name in ("values", "times"))
-        return values, times
+        return tensors_in(data)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """While no other process changes what is here."""
-        with (self.folder / "lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        """While no other process changes what is here; one that does is waited for.
+
+        Raises:
+            ValueError: it is at it for longer than :data:`WAIT`, or a file here is a link, which
+                would be written through.
+        """
+        for path in (self.folder, *self.folder.iterdir()):
+            if path.is_symlink():
+                raise ValueError(f"feature store: {path} is a link; put what it leads to there")
+        lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        try:
+            self._wait_for(lock)
             yield
+        finally:
+            os.close(lock)
+
+    def _wait_for(self, lock: int) -> None:
+        until = time.monotonic() + WAIT
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError as error:
+                if time.monotonic() > until:
+                    raise ValueError(
+                        f"feature store {self.folder.parent}: another process packs, deletes or "
+                        "copies there; wait for it, or end it if it hangs"
+                    ) from error
+            time.sleep(ASK_AGAIN)
 
     def _indexes(self) -> list[Index]:
         """The own one first; looked for again whenever a name in the folder changed."""
@@ -256,10 +276,3 @@ def aligned(file: BinaryIO) -> int:
 def _sync(file: BinaryIO) -> None:
     file.flush()
     os.fsync(file.fileno())
-
-
-def _tensor(whole: Tensor, about: dict[str, Any]) -> Tensor:
-    import torch
-
-    first, last = about["data_offsets"]
-    return whole[first:last].view(getattr(torch, DTYPES[about["dtype"]])).view(about["shape"])

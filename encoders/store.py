@@ -2,11 +2,11 @@
 
 ::
 
-    STORE/entries/     an entry as two files; see :mod:`encoders.loose`
+    STORE/entries/     an entry a file; see :mod:`encoders.loose`
     STORE/shards/      many entries together; see :mod:`encoders.shards`
 
 The key is the hash of the request, so other weights, layers or frames never meet by accident. An
-entry is written as two files; :meth:`FeatureStore.pack` puts many into shards, as git does with
+entry is written as a file; :meth:`FeatureStore.pack` puts many into shards, as git does with
 its objects, so that a store of millions has few files. Its own files count before a shard.
 """
 
@@ -20,6 +20,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from encoders.grid import size_of
 from encoders.identity import EncoderIdentity
 from encoders.index import Row
 from encoders.loose import LooseEntries
@@ -28,13 +29,14 @@ from encoders.shards import DamagedShard, Shards
 from registry import lazily
 
 if TYPE_CHECKING:
-    from encoders.entry import DTYPES as DTYPES
+    from encoders.arrays import FeatureArrays, Mapped
     from encoders.entry import Entries, Origin
+    from encoders.features import DTYPES as DTYPES
     from encoders.features import FeatureMap, FeatureStream
 
 __all__ = ["DTYPES", "FeatureRequest", "FeatureStore", "StaleFeatures"]
-# torch is imported where tensors are read or written, and not to list or delete
-__getattr__, __dir__ = lazily(__name__, {"DTYPES": "encoders.entry"})
+# torch is imported where tensors are given or asked for, and for nothing else
+__getattr__, __dir__ = lazily(__name__, {"DTYPES": "encoders.features"})
 
 
 class FeatureStore:
@@ -125,6 +127,20 @@ class FeatureStore:
         Raises:
             StaleFeatures: the entry is damaged, or of another schema.
         """
+        found = self._asked(request)
+        return None if found is None else found[0].features(found[1])
+
+    def arrays(self, request: FeatureRequest) -> FeatureArrays | None:
+        """As :meth:`read`, for NumPy: torch is not imported.
+
+        Raises:
+            StaleFeatures: see :meth:`read`.
+        """
+        found = self._asked(request)
+        return None if found is None else found[0].arrays(found[1])
+
+    def _asked(self, request: FeatureRequest) -> tuple[Mapped, Sequence[float]] | None:
+        """What an entry has, and its stride."""
         found = self._found(request.key)
         if found is None:
             return None
@@ -133,14 +149,14 @@ class FeatureStore:
         if manifest["request"] != json.loads(json.dumps(asdict(request))):
             raise StaleFeatures(f"feature store: {path} was edited; delete it to extract again")
         try:
-            return opened()
+            return opened(), manifest["stride"]
         except StaleFeatures:
             if path.exists():
                 raise
             moved = self._found(request.key)  # into a shard, by another process, just now
             if moved is None:
                 raise
-            return moved[1]()
+            return moved[1](), moved[0]["stride"]
 
     def entries(self) -> Iterator[dict[str, Any]]:
         """Manifests, each with its ``key``: of entries of their own, then of those in shards."""
@@ -225,14 +241,24 @@ class FeatureStore:
             raise StaleFeatures(f"feature store {self.folder}: no entry {key}; extract it first")
         manifest, opened = found
         require_made_of(manifest, f"entry {key[:12]}", source, encoder)
-        return opened()
+        return opened().features(manifest["stride"])
 
-    def write(self, request: FeatureRequest, source: str, features: FeatureMap) -> None:
+    def write(
+        self, request: FeatureRequest, source: str, features: FeatureMap | FeatureArrays
+    ) -> None:
         """Store the features of one clip, whole or not at all.
 
         Raises:
             ValueError: more than one episode, or values that the dtype cannot hold.
         """
+        from encoders.arrays import FeatureArrays
+        from encoders.entry import Origin
+
+        if isinstance(features, FeatureArrays):
+            size = size_of(features.stride, features.values.shape)
+            with self.begin([request], Origin(source, size, features.times)) as entries:
+                entries.add([features.values])
+            return
         from encoders.features import streamed
 
         layer = request.encoder.layer
@@ -272,7 +298,7 @@ class FeatureStore:
         """
         return self.loose.begin(requests, origin)
 
-    def _found(self, key: str) -> tuple[dict[str, Any], Callable[[], FeatureMap]] | None:
+    def _found(self, key: str) -> tuple[dict[str, Any], Callable[[], Mapped]] | None:
         """An entry's manifest, and what opens its tensors."""
         manifest = self.loose.manifest(key)
         if manifest is not None:
@@ -283,16 +309,12 @@ class FeatureStore:
         require_sealed(f"{row.index}, entry {row.key[:12]}", row.manifest)
         return row.manifest, partial(self._of_shard, row)
 
-    def _of_shard(self, row: Row) -> FeatureMap:
-        from encoders.features import FeatureMap
-
+    def _of_shard(self, row: Row) -> Mapped:
         require_sealed(f"{row.index}, entry {row.key[:12]}", row.manifest)
         try:
-            values, times = self.shards.tensors(row)
+            return self.shards.tensors(row)
         except DamagedShard as error:
             raise StaleFeatures(
                 f"feature store: entry {row.key[:12]}: {error}; `vidphys store delete` the key "
                 f"{row.key} to extract again"
             ) from error
-        stride = row.manifest["stride"]
-        return FeatureMap(values[None], (stride[0], stride[1]), times)

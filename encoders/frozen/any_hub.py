@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from encoders.frozen.adapter import Adapter
 from encoders.frozen.base import Dtype, FrozenEncoder
-from encoders.frozen.hub_states import PIXELS, inputs_of, states_of
+from encoders.frozen.hub_states import FRAME_BY_FRAME, PIXELS, inputs_of, states_of
 from encoders.frozen.published import configuration, published
 from encoders.frozen.runtimes import Runtime
 from encoders.frozen.token_order import ask_order
@@ -36,6 +36,8 @@ from encoders.weights import config_of, find_weights, weights_path
 CODE_VERSION = 1
 PREPROCESSOR = ("preprocessor_config.json", "video_preprocessor_config.json")
 FRAMES = ("num_frames", "frames_per_clip")  # what configurations call a window
+ANY_LENGTH = 16  # frames of a window where a model of clips takes any number
+TOWERS = ("vision_model", "video_model", "video_encoder")  # of models that see, what sees
 RESAMPLE = {2: "bilinear", 3: "bicubic"}  # as the processors number them
 
 
@@ -88,11 +90,13 @@ class AnyHubEncoder(FrozenEncoder):
     ) -> None:
         config: Any = model.config
         self.look, self.side, self.what = look, side, name
-        frames = next((int(getattr(config, key)) for key in FRAMES if hasattr(config, key)), 1)
-        self.video, self.place = frames > 1, next(model.parameters()).device
         self.input = next(key for key in PIXELS if key in inputs_of(model))
+        usual = ANY_LENGTH if self.input == PIXELS[0] else 1
+        frames = next((int(getattr(config, key)) for key in FRAMES if hasattr(config, key)), usual)
+        self.video, self.place = frames > 1, next(model.parameters()).device
         states = partial(states_of, model.eval(), self.input)
-        self.order = ask_order(name, states, self._blank(frames))
+        blurred = config.model_type in FRAME_BY_FRAME
+        self.order = ask_order(name, states, self._blank(frames), 2 if blurred else 0)
         layers = numbered(self.order.layers)
         windowing = Windowing(frames, settings.hop, frames // self.order.grid.frames)
         words = windowing_words(windowing, settings.frame_stride)
@@ -195,7 +199,9 @@ def _model(name: str, config: Mapping[str, Any], filled_from: Path | None) -> nn
     except (KeyError, ValueError, TypeError, OSError) as error:
         said = " ".join(str(error).split())[:300]
         raise ValueError(f"{name}: transformers cannot make a {kind!r} of it ({said})") from error
-    return getattr(made, "vision_model", made)
+    for tower in TOWERS:
+        made = getattr(made, tower, made)
+    return made
 
 
 def shown(folder: Path, config: Any, usual: Look | None = None) -> tuple[Look, int]:

@@ -14,10 +14,11 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
-from encoders.features import FeatureMap, FeatureStream, stride_of
+from encoders.features import FeatureMap, FeatureStream
 from encoders.frozen.runtimes import Maps, Runtime, check_runtime, under_runtime
 from encoders.frozen.tokens import chosen_layer
 from encoders.frozen.windows import Window, Windowing, feature_times, seen_by, windows
+from encoders.grid import stride_of
 from encoders.identity import EncoderIdentity
 
 Dtype = Literal["float32", "bfloat16", "float16"]

@@ -13,6 +13,9 @@ from torch import Tensor, nn
 PIXELS = ("pixel_values_videos", "pixel_values")  # what models call their input
 SIDE_BY_SIDE = ("xclip_vision_model",)  # kinds that take the frames of all clips as one batch
 SPACE_THEN_TIME = ("videoprism_vision_model",)
+# kinds with a token a frame, after one of the class, which the last state lacks; their embedding
+# lets a frame's neighbours in
+FRAME_BY_FRAME = ("pe_video_encoder",)
 
 
 def inputs_of(model: nn.Module) -> list[str]:
@@ -44,6 +47,8 @@ def states_of(model: nn.Module, name: str, pixels: Tensor) -> tuple[Tensor, ...]
         states = _called(model, name, pixels.flatten(0, 1))
         return tuple(x[:, 1:].unflatten(0, (n, frames)).flatten(1, 2) for x in states)
     states = _called(model, name, pixels)
+    if config.model_type in FRAME_BY_FRAME:
+        return tuple(x[:, 1:] for x in states[:-1]) + states[-1:]
     if config.model_type in SPACE_THEN_TIME:
         n, frames = pixels.shape[:2]
         spatial = config.num_spatial_layers + 1  # and the embedding

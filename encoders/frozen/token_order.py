@@ -62,13 +62,14 @@ class TokenOrder:
         return cells.permute(0, axes[0], 4, axes[1], axes[2])
 
 
-def ask_order(name: str, states: States, blank: Tensor) -> TokenOrder:
+def ask_order(name: str, states: States, blank: Tensor, blur: int = 0) -> TokenOrder:
     """Find out how a network orders its tokens.
 
     Args:
         name: of the network, for messages.
         states: from its pixels to all hidden states, that of the embedding first.
         blank: pixels as it takes them, ``(1, 3, H, W)`` or ``(1, f, 3, H, W)``.
+        blur: frames on either side that an embedding lets in.
 
     Raises:
         ValueError: its tokens are in no order that is known here.
@@ -77,7 +78,7 @@ def ask_order(name: str, states: States, blank: Tensor) -> TokenOrder:
         found = states(blank)
         first, layers = found[0], len(found) - 1
         for asked in _candidates(blank, first, layers):
-            if _fits(states, blank, first, asked):
+            if _fits(states, blank, first, asked, blur):
                 return asked
     raise ValueError(
         f"{name}: hidden states {tuple(first.shape)} are in no order that is known; register an "
@@ -112,7 +113,7 @@ def _grids(blank: Tensor, tokens: int) -> list[tuple[Grid, int]]:
     return sorted(found, key=lambda pair: pair[1])
 
 
-def _fits(states: States, blank: Tensor, first: Tensor, asked: TokenOrder) -> bool:
+def _fits(states: States, blank: Tensor, first: Tensor, asked: TokenOrder, blur: int) -> bool:
     """Whether bright patches at three unlike places change the tokens that stand for them."""
     grid = asked.grid
     for t, h, w in {
@@ -123,9 +124,10 @@ def _fits(states: States, blank: Tensor, first: Tensor, asked: TokenOrder) -> bo
         changed = asked.maps(states(_lit(blank, grid, t, h, w))[0] - first)[0].norm(dim=1)
         most = torch.unravel_index(changed.argmax(), changed.shape)
         # an embedding whose patches overlap may change a neighbour more
-        slack = 2 if asked.channels else 0
+        near = 2 if asked.channels else 0
+        slack = max(near, blur), near, near
         off = (abs(int(a) - b) for a, b in zip(most, (t, h, w), strict=True))
-        if changed.max() == 0 or any(x > slack for x in off):
+        if changed.max() == 0 or any(x > most for x, most in zip(off, slack, strict=True)):
             return False
     return True
 

@@ -16,6 +16,7 @@ from encoders.identity import IdentifiedEncoder
 from encoders.release import WeightsFile
 
 SCALE = re.compile(r"norm|scale|gamma|lambda")  # vectors that multiply, which begin at one
+VERSION = 2  # raised when the same seed draws other weights
 Network = TypeVar("Network", bound=nn.Module)
 SPREAD = (
     0.02  # of weights that belong to no layer which could draw them (the usual of transformers)
@@ -70,16 +71,16 @@ def fresh(build: Callable[[], Network], seed: int) -> tuple[Network, WeightsFile
 
 
 def _word(seed: int) -> str:
-    return f"drawn anew by seed {seed}"
+    return f"drawn anew by seed {seed}, version {VERSION}"
 
 
 def _draw(module: nn.Module) -> None:
     reset = getattr(module, "reset_parameters", None)
     if callable(reset):
         reset()
-        return
     for name, weight in module.named_parameters(recurse=False):
-        if weight.dim() > 1 or not SCALE.search(f"{type(module).__name__}.{name}".lower()):
-            weight.normal_(std=SPREAD)
-        else:
+        if weight.dim() <= 1 and SCALE.search(f"{type(module).__name__}.{name}".lower()):
+            # also where a layer would begin near zero: a control whose blocks do nothing is none
             weight.fill_(0.0 if name == "bias" else 1.0)
+        elif not callable(reset):
+            weight.normal_(std=SPREAD)

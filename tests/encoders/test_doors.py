@@ -21,6 +21,7 @@ MEAN, STD = (0.4, 0.5, 0.6), (0.2, 0.3, 0.4)
 SMALL = {"hidden_size": 32, "num_hidden_layers": 3, "num_attention_heads": 2}
 SMALL |= {"intermediate_size": 48, "image_size": 32}
 VIT = {**SMALL, "patch_size": 8}
+TEXT = {"hidden_size": 32, "intermediate_size": 48, "num_attention_heads": 2}
 STAGES = {"hidden_sizes": [8, 12, 16, 24], "depths": [1, 1, 1, 1]}
 IMAGES = {
     "vit": lambda: hub.ViTConfig(**VIT),
@@ -267,3 +268,40 @@ def test_an_order_that_is_not_known_is_refused_rather_than_guessed():
 def test_a_door_that_leads_nowhere_is_an_import_path():
     with pytest.raises(RegistryError, match="cannot be imported"):
         load_encoder("no_such_package:encoder", {})
+
+
+@pytest.mark.parametrize("told", ["pe_video", "pe_video_encoder"])
+def test_a_model_with_a_token_a_frame_is_its_librarys_whatever_the_length(tmp_path, told):
+    sees = {
+        **TEXT,
+        "num_hidden_layers": 2,
+        "head_dim": 16,
+        "vision_config": {
+            "architecture": "vit_pe_core_small_patch16_384",
+            "model_args": {"embed_dim": 32, "depth": 1, "num_heads": 2, "img_size": 32},
+            "num_classes": 24,
+        },
+    }
+    reads = {"model_type": "modernbert", "num_hidden_layers": 1, **TEXT}
+    if told == "pe_video":
+        model = saved(hub.PeVideoConfig(video_config=sees, text_config=reads), tmp_path)
+        model = model.video_encoder
+    else:
+        model = saved(hub.PeVideoEncoderConfig(**sees), tmp_path)
+    shown = json.loads((tmp_path / "preprocessor_config.json").read_text())
+    size = {"size": {"height": 32, "width": 32}}
+    (tmp_path / "preprocessor_config.json").write_text(json.dumps(shown | size))
+    encoder = load_encoder(f"hf:{tmp_path}", {"batch": 1})
+    frames, times = frames_for(encoder, 16)
+    found = encoder.encode_layers(frames, times, encoder.layers)
+    with torch.no_grad():
+        states = []
+        for layer in model.layers:
+            layer.register_forward_hook(lambda _, __, out: states.append(out[:, 1:]))
+        states[-1:] = [model(normalised(frames)).last_hidden_state]
+    assert len(encoder.layers) == len(states) == 2
+    for maps, state in zip(found.values(), states, strict=True):
+        torch.testing.assert_close(maps.values[..., 0, 0], state, atol=1e-5, rtol=1e-4)
+        assert maps.times.tolist() == times.tolist()
+    short = load_encoder(f"hf:{tmp_path}", {"dtype": "bfloat16"})(frames, times).values
+    assert float((short - found["2"].values).norm() / short.norm()) < 0.05

@@ -12,7 +12,7 @@ import torch
 
 from encoders import shards as module
 from encoders.store import FeatureStore, StaleFeatures
-from tests.shared.stored import TIMES, fill, made, request
+from tests.shared.stored import TIMES, fill, made, parts_of, put_together, request
 from vidphys.cli import main
 
 
@@ -130,9 +130,10 @@ def test_what_a_killed_writer_left_in_the_index_is_taken_back(tmp_path):
 
 def test_a_damaged_entry_is_not_packed(tmp_path):
     store = fill(tmp_path, range(2))
-    damaged = tmp_path / "entries" / f"{request(0).key}.safetensors"
-    damaged.write_bytes(damaged.read_bytes()[:-1] + b"x")
-    assert store.pack() == 1 and len(files(store)) == 2
+    damaged = tmp_path / "entries" / f"{request(0).key}.entry"
+    tensors, said = parts_of(damaged)
+    put_together(damaged, tensors[:-1] + b"x", said)
+    assert store.pack() == 1 and files(store) == [damaged]
     assert store.verify() == [request(0).key]
 
 
@@ -193,3 +194,27 @@ def test_the_verb(tmp_path, capsys):
     assert "no entry" in capsys.readouterr().err
     assert main(["store", "delete", str(tmp_path / "s"), "--encoder", "fake"]) == 0
     assert "2 entries of fake were deleted" in capsys.readouterr().out
+
+
+def test_one_that_hangs_at_work_is_told_after_a_while_and_changes_nothing(tmp_path, monkeypatch):
+    store = fill(tmp_path, [1])
+    store.pack()
+    fill(tmp_path, [2])
+    monkeypatch.setattr(module, "WAIT", 0.1)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    with store.shards.alone():
+        assert main(["store", "pack", str(tmp_path)]) == 2
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["lock", "000000.bin", "index.sqlite", "000001.bin"])
+def test_nothing_is_written_through_a_link(tmp_path, name, capsys):
+    fill(tmp_path / "store", [1]).pack()
+    precious = tmp_path / "precious"
+    precious.write_bytes(b"mine")
+    (tmp_path / "store" / "shards" / name).unlink(missing_ok=True)
+    (tmp_path / "store" / "shards" / name).symlink_to(precious)
+    fill(tmp_path / "store", [2])
+    assert main(["store", "pack", str(tmp_path / "store")]) == 2
+    assert f"{name} is a link" in capsys.readouterr().err
+    assert precious.read_bytes() == b"mine"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ from encoders.identity import EncoderIdentity
 from encoders.manifests import StaleFeatures
 from encoders.release import file_sha256
 from encoders.store import FeatureRequest, FeatureStore
+from tests.shared.stored import as_older, fill, made, parts_of, put_together, request
 
 IDENTITY = EncoderIdentity("fake", 1, "a" * 64, "none", "8", 128, "float32")
 
@@ -106,47 +109,69 @@ def test_half_precision_is_kept_as_such(
     assert store.read(other) is None
 
 
-def entry_files(store: FeatureStore) -> tuple[Path, Path]:
-    (manifest,) = (store.folder / "entries").glob("*.json")
-    return manifest, manifest.with_suffix(".safetensors")
+def entry_file(store: FeatureStore) -> Path:
+    (entry,) = (store.folder / "entries").iterdir()
+    return entry
 
 
 def test_damage_is_refused(tmp_path: Path, request_: FeatureRequest, features: FeatureMap) -> None:
     store = FeatureStore(tmp_path / "store")
     store.write(request_, "clip.mp4", features)
-    manifest, data = entry_files(store)
-    whole, text = data.read_bytes(), manifest.read_text()
-    data.write_bytes(whole[:-1])
-    with pytest.raises(StaleFeatures, match=r"cut short; delete .*\.json to extract again"):
+    entry = entry_file(store)
+    tensors, said = parts_of(entry)
+    entry.write_bytes(entry.read_bytes()[:-1])
+    with pytest.raises(StaleFeatures, match=r"is not a manifest .*; delete it to extract again"):
         store.read(request_)
-    data.write_bytes(b"\xff" * len(whole))
+    put_together(entry, b"", said)
+    with pytest.raises(StaleFeatures, match=r"damaged .*; delete .*\.entry to extract again"):
+        store.read(request_)
+    put_together(entry, b"\xff" * len(tensors), said)
     with pytest.raises(StaleFeatures, match="is damaged"):
         store.read(request_)
-    data.unlink()
-    with pytest.raises(StaleFeatures, match="is missing"):
-        store.read(request_)
-    data.write_bytes(whole)
-    manifest.write_text(text[: len(text) // 2])
+    put_together(entry, tensors, said[: len(said) // 2])
     with pytest.raises(StaleFeatures, match="is not a manifest"):
         store.read(request_)
-    manifest.write_text(text.replace('"schema_version": 2', '"schema_version": 99'))
+    put_together(entry, tensors, said.replace(b'"schema_version": 2', b'"schema_version": 99'))
     with pytest.raises(StaleFeatures, match="schema version 99"):
         store.read(request_)
-    manifest.write_text(text.replace('"layer": "8"', '"layer": "4"'))
+    put_together(entry, tensors, said.replace(b'"layer": "8"', b'"layer": "4"'))
     with pytest.raises(StaleFeatures, match="was edited"):
         store.read(request_)
 
 
+def test_an_older_store_is_read_checked_and_packed(tmp_path: Path) -> None:
+    store = fill(tmp_path, range(4))
+    as_older(tmp_path)
+    assert torch.equal(store.read(request(0)).values, made(0).values)
+    assert len([*store.entries()]) == 4 and store.verify() == []
+    tensors = tmp_path / "entries" / f"{request(1).key}.safetensors"
+    tensors.write_bytes(tensors.read_bytes()[:-1])
+    with pytest.raises(StaleFeatures, match=r"cut short; delete .*\.json to extract again"):
+        store.read(request(1))
+    tensors.unlink()
+    with pytest.raises(StaleFeatures, match="is missing"):
+        store.read(request(1))
+    assert store.verify() == [request(1).key]
+    store.write(request(2), "clip.mp4", made(5))  # again, which counts before the older one
+    assert len([*store.entries()]) == 4
+    assert torch.equal(store.read(request(2)).values, made(5).values)
+    assert store.drop(request(3).key) and not store.has(request(3))
+    assert store.pack() == 2
+    assert [path.name for path in (tmp_path / "entries").iterdir()] == [f"{request(1).key}.json"]
+    assert torch.equal(store.read(request(2)).values, made(5).values)
+
+
+@pytest.mark.parametrize("place", [-1, 200])
 def test_verify_finds_a_flipped_bit(
-    tmp_path: Path, request_: FeatureRequest, features: FeatureMap
+    tmp_path: Path, request_: FeatureRequest, features: FeatureMap, place: int
 ) -> None:
     store = FeatureStore(tmp_path / "store")
     store.write(request_, "clip.mp4", features)
     assert store.verify() == []
-    _, data = entry_files(store)
-    content = bytearray(data.read_bytes())
-    content[-1] ^= 1
-    data.write_bytes(content)
+    entry = entry_file(store)
+    content = bytearray(entry.read_bytes())
+    content[place] ^= 1
+    entry.write_bytes(content)
     assert store.verify() == [request_.key]
 
 
@@ -157,19 +182,16 @@ def test_an_interrupted_write_leaves_nothing_that_is_read(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     store = FeatureStore(tmp_path / "store")
-    for survives in (0, 1):
-        calls = iter(range(9))
 
-        def fsync(_: int, calls: object = calls, survives: int = survives) -> None:
-            if next(calls) == survives:  # type: ignore[call-overload]
-                raise OSError("disk is full")
+    def fsync(_: int) -> None:
+        raise OSError("disk is full")
 
-        with monkeypatch.context() as patch:
-            patch.setattr(os, "fsync", fsync)
-            with pytest.raises(OSError, match="disk is full"):
-                store.get(request_, "clip.mp4", lambda: features)
-        assert store.read(request_) is None
-        assert not list(store.folder.rglob("*.partial"))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", fsync)
+        with pytest.raises(OSError, match="disk is full"):
+            store.get(request_, "clip.mp4", lambda: features)
+    assert store.read(request_) is None
+    assert not list(store.folder.rglob("*.partial"))
     assert torch.equal(store.get(request_, "clip.mp4", lambda: features).values, features.values)
 
 
@@ -201,13 +223,48 @@ def test_entries_are_listed_with_their_manifests(
     assert {r["key"] for r in rows} == {request_.key, other.key}
     assert {tuple(r["request"]["frames"]) for r in rows} == {(0, 2, 4), (1, 3, 5)}
     assert all(r["shape"] == [3, 5, 4, 2] for r in rows)
-    manifest = json.loads((store.folder / "entries" / f"{other.key}.json").read_text())
-    assert manifest["request"]["times"] == [0.0, 0.1, 0.2]
-    data = store.folder / "entries" / f"{other.key}.safetensors"
-    assert data.stat().st_size == manifest["bytes"]
+    tensors, said = parts_of(store.folder / "entries" / f"{other.key}.entry")
+    assert json.loads(said)["request"]["times"] == [0.0, 0.1, 0.2]
+    assert len(tensors) == json.loads(said)["bytes"]
 
 
 def test_one_clip_at_a_time(tmp_path: Path, request_: FeatureRequest, features: FeatureMap) -> None:
     two = dataclasses.replace(features, values=features.values.expand(2, -1, -1, -1, -1))
     with pytest.raises(ValueError, match="one clip at a time, got a batch of 2"):
         FeatureStore(tmp_path / "store").write(request_, "clip.mp4", two)
+
+
+WITHOUT_TORCH = """
+import sys
+from pathlib import Path
+import numpy as np
+from encoders import FeatureArrays, FeatureRequest, FeatureStore, EncoderIdentity
+
+who = EncoderIdentity("mine", 1, "0" * 64, "none", "last", 32, "float32")
+values = np.arange(64, dtype=np.float32).reshape(2, 8, 2, 2)
+store = FeatureStore(Path(sys.argv[1]))
+for number, dtype in enumerate(("float16", "bfloat16", "float32")):
+    request = FeatureRequest(who, f"{number}" * 64, (0, 1), (0.0, 0.1), (32, 48), dtype)
+    store.write(request, "clip.mp4", FeatureArrays(values, (16.0, 24.0), np.array([0.0, 0.1])))
+for packed in (0, store.pack()):
+    for number, dtype in enumerate(("float16", "bfloat16", "float32")):
+        request = FeatureRequest(who, f"{number}" * 64, (0, 1), (0.0, 0.1), (32, 48), dtype)
+        found = store.arrays(request)
+        assert np.array_equal(found.values, values) and found.stride == (16.0, 24.0)
+        assert found.values.dtype == (np.float16 if dtype == "float16" else np.float32)
+        assert found.times.tolist() == [0.0, 0.1]
+print("torch" in sys.modules)
+"""
+
+
+def test_arrays_are_written_packed_and_read_without_torch(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TORCH, str(tmp_path)], capture_output=True, text=True
+    )
+    assert done.stdout == "False\n", done.stderr
+    (first,) = (e for e in FeatureStore(tmp_path).entries() if e["request"]["dtype"] == "bfloat16")
+    store, key = FeatureStore(tmp_path), first["key"]
+    found = store._found(key)[1]().features(first["stride"])
+    assert found.values.dtype == torch.bfloat16
+    assert torch.equal(found.values.flatten(), torch.arange(64.0).bfloat16())
+    assert not store.verify()

@@ -47,19 +47,34 @@ def test_networks_without_any_file_are_built_as_they_are_released(tmp_path, monk
     assert torch.equal(torch.get_rng_state(), before)
     assert videomae.network.config.hidden_size == 384 and len(videomae.layers) == 12
     assert dinov2(CLIP[:, :1], TIMES[:1]).values.shape == (1, 1, 384, 4, 4)
-    assert load_encoder("i3d", {"seed": 0}).identity.weights_sha256 == "drawn anew by seed 0"
+    assert (
+        load_encoder("i3d", {"seed": 0}).identity.weights_sha256
+        == "drawn anew by seed 0, version 2"
+    )
     with pytest.raises(WeightsMissing, match=r"no file but config.json.*hf download a/b config"):
         load_encoder("hf:a/b", {"seed": 0})
 
 
 def test_vectors_that_scale_begin_at_one_and_places_are_drawn():
+    class LayerScale(nn.Module):
+        """As some libraries have it: near zero, so that a new block does nothing."""
+
+        def __init__(self):
+            super().__init__()
+            self.gamma = nn.Parameter(torch.empty(8))
+            self.reset_parameters()
+
+        def reset_parameters(self):
+            nn.init.constant_(self.gamma, 1e-5)
+
     class Blocks(nn.Module):
         def __init__(self):
             super().__init__()
             self.token, self.lambda1 = (nn.Parameter(torch.full((8,), 5.0)) for _ in range(2))
+            self.scale = LayerScale()
 
     found = drawn_anew(Blocks(), 0)
-    assert found.lambda1.tolist() == [1.0] * 8
+    assert found.lambda1.tolist() == found.scale.gamma.tolist() == [1.0] * 8
     assert 0 < float(found.token.detach().abs().max()) < 0.1
 
 

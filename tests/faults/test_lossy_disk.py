@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import threading
 from pathlib import Path
 
 import pyarrow as pa
@@ -44,6 +45,7 @@ class Disk:
     def __init__(self, root: Path) -> None:
         self.root, self.left = root, None
         self.synced: dict[int, bytes] = {}
+        self.counting = threading.Lock()
         self.patch = pytest.MonkeyPatch()
         sync = os.fsync
 
@@ -64,10 +66,11 @@ class Disk:
         return call
 
     def _count(self) -> None:
-        if self.left is not None:
-            if self.left == 0:
-                raise PowerCut
-            self.left -= 1
+        with self.counting:  # files are synced side by side
+            if self.left is not None:
+                if self.left == 0:
+                    raise PowerCut
+                self.left -= 1
 
     def lose(self) -> None:
         """After a power cut: of each file what was synced of it; a name without bytes is empty."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import torch
 
@@ -29,3 +30,24 @@ def fill(folder, numbers, **identity):
     for number in numbers:
         store.write(request(number, **identity), "clip.mp4", made(number))
     return store
+
+
+def parts_of(entry: Path) -> tuple[bytes, bytes]:
+    """The tensors and the manifest in an entry's file."""
+    whole = entry.read_bytes()
+    begin = -4 - int.from_bytes(whole[-4:], "little")
+    return whole[:begin], whole[begin:-4]
+
+
+def put_together(entry: Path, tensors: bytes, manifest: bytes) -> None:
+    """The reverse of :func:`parts_of`."""
+    entry.write_bytes(tensors + manifest + len(manifest).to_bytes(4, "little"))
+
+
+def as_older(folder: Path) -> None:
+    """Lay entries down as stores of before did, a manifest and its tensors each."""
+    for entry in (folder / "entries").glob("*.entry"):
+        tensors, manifest = parts_of(entry)
+        entry.with_suffix(".safetensors").write_bytes(tensors)
+        entry.with_suffix(".json").write_bytes(manifest)
+        entry.unlink()

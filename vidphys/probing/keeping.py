@@ -12,7 +12,7 @@ from torch.nn import functional
 
 LEVELS = 127  # of 8 bits, on either side of zero
 FEWER = 4  # cells on a side
-SCALE_BYTES = 2  # of a channel's scale, which is a float16
+SCALE_BYTES, MEAN_BYTES = 2, 4  # of a channel's scale and mean, a float16 and a float32
 
 
 @dataclass(frozen=True)
@@ -33,16 +33,24 @@ class Keeping:
 
 
 def in_eight_bits(maps: Float[Tensor, "e c h w"]) -> Float[Tensor, "e c h w"]:
-    """Rounded to whole numbers of -127 to 127, with a scale for each channel of each example.
+    """Rounded to 8 bits around each channel's mean over cells, which stays as it is.
+
+    Motion lies in small changes of that mean, below a step of the loudest cell. So what is kept
+    beside the bits is the mean less that of the bits: together they give the true mean, whatever
+    was rounded.
 
     Example:
-        >>> maps = torch.tensor([[[[127.0, 31.6]], [[1270.0, 4.0]]]])  # one example, two channels
-        >>> in_eight_bits(maps).flatten().tolist()
-        [127.0, 32.0, 1270.0, 0.0]
+        >>> maps = torch.tensor([[[[227.0, 131.6, 40.4, 1.0]]]])  # one channel, of mean 100
+        >>> kept = in_eight_bits(maps)
+        >>> [round(x, 1) for x in kept.flatten().tolist()], round(float(kept.mean()), 4)
+        ([227.0, 132.0, 40.0, 1.0], 100.0)
     """
-    scale = maps.float().abs().amax((-2, -1), keepdim=True) / LEVELS
+    whole = maps.float()
+    apart = whole - whole.mean((-2, -1), keepdim=True)
+    scale = apart.abs().amax((-2, -1), keepdim=True) / LEVELS
     scale = scale.half().float().clamp_min(torch.finfo(torch.float16).tiny)
-    return (maps.float() / scale).round().clamp(-LEVELS, LEVELS) * scale
+    bits = (apart / scale).round().clamp(-LEVELS, LEVELS) * scale
+    return bits + (whole - bits).mean((-2, -1), keepdim=True)
 
 
 def in_fewer_cells(maps: Float[Tensor, "e c h w"]) -> Float[Tensor, "e c h2 w2"]:
@@ -55,13 +63,13 @@ def _fewer(height: int, width: int) -> tuple[int, int]:
 
 
 def _as_bytes(channels: int, height: int, width: int) -> int:
-    return channels * (height * width + SCALE_BYTES)
+    return channels * (height * width + SCALE_BYTES + MEAN_BYTES)
 
 
 KEPT = {
     keeping.name: keeping
     for keeping in (
-        Keeping("int8", "8 bits, a scale for each channel", in_eight_bits, _as_bytes),
+        Keeping("int8", "8 bits, a scale and a mean for each channel", in_eight_bits, _as_bytes),
         Keeping(
             f"{FEWER}x{FEWER}",
             "the mean over blocks of cells, 16 bits",

@@ -15,11 +15,21 @@ def maps_of(count=80, side=8):
 @pytest.mark.parametrize("loud", [1e-3, 1.0, 100.0])
 def test_eight_bits_err_by_half_a_step_of_each_channel(loud):
     maps = maps_of() * torch.tensor([1.0, 50.0, 1e-3]).reshape(1, 3, 1, 1) * loud
-    step = maps.abs().amax((-2, -1), keepdim=True) / 127
+    step = (maps - maps.mean((-2, -1), keepdim=True)).abs().amax((-2, -1), keepdim=True) / 127
     error = (KEPT["int8"].keep(maps.half()) - maps.half().float()).abs()
     loud_enough = step > 1e-4  # of what a float16 holds in full
-    assert (error <= 0.51 * step)[loud_enough.expand_as(error)].all()
+    assert (error <= 0.65 * step)[loud_enough.expand_as(error)].all()
     assert (error > 0.4 * step)[loud_enough.expand_as(error)].any()
+
+
+@pytest.mark.parametrize("name", ["int8", "4x4-int8"])
+def test_eight_bits_keep_the_mean_over_cells(name):
+    """Of maps that one loud cell gives a coarse step; the mean changes by a thousandth of it."""
+    maps = maps_of(40) + 300
+    maps[:, :, 0, 0] = 1000
+    maps += torch.arange(40.0).reshape(-1, 1, 1, 1) * 1e-3
+    means = [each.mean((-2, -1), dtype=torch.float64) for each in (KEPT[name].keep(maps), maps)]
+    assert (means[0] - means[1]).abs().max() < 1e-4
 
 
 def test_a_silent_channel_stays_silent():
@@ -32,7 +42,7 @@ def test_what_is_kept_takes_as_many_bytes_as_said():
     assert cells.shape == (80, 3, 4, 4)
     assert cells[0, 0, 0, 1] == pytest.approx(float(maps[0, 0, :2, 2:4].mean()), abs=1e-6)
     bytes_of = {name: keeping.bytes(3, 8, 8) for name, keeping in KEPT.items()}
-    assert bytes_of == {"int8": 3 * 66, "4x4": 3 * 16 * 2, "4x4-int8": 3 * 18}
+    assert bytes_of == {"int8": 3 * 70, "4x4": 3 * 16 * 2, "4x4-int8": 3 * 22}
     assert KEPT["4x4"].bytes(3, 2, 8) == 2 * 3 * 2 * 4
 
 
