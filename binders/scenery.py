@@ -93,9 +93,9 @@ def lumps(
     count, labels = cv2.connectedComponents(core, connectivity=4)
     keep = np.ones(count, bool)
     edge = max(1, round(EDGE * min(labels.shape)))
-    inner = labels.copy()
-    inner[edge:-edge, edge:-edge] = 0
-    keep[np.unique(inner)] = keep[0] = False
+    for cut in (labels[:edge], labels[-edge:], labels[:, :edge], labels[:, -edge:]):
+        keep[cut] = False
+    keep[0] = False
     labels, whole = _without_arms(core, labels, count)
     count = len(whole)
     keep = keep[whole] & (np.bincount(labels.ravel(), minlength=count) > 0)
@@ -122,26 +122,30 @@ def _without_arms(
 
     ground = cv2.copyMakeBorder(core, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     deep = cv2.distanceTransform(ground, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    half = np.zeros(count, np.float32)
-    np.maximum.at(half, labels.ravel(), deep.ravel())
-    inner = ((deep > ARM * half[labels]) & (labels > 0)).astype(np.uint8)
+    inside = np.nonzero(labels)  # few of a picture's pixels
+    region, half = labels[inside], np.zeros(count, np.float32)
+    np.maximum.at(half, region, deep[inside])
+    arm, inner = ARM * half[region], np.zeros_like(core)
+    inner[inside] = deep[inside] > arm
     parts, numbers = cv2.connectedComponents(inner, connectivity=8)
     if parts == 1:
         return labels, np.arange(count)
-    away, nearest = cv2.distanceTransformWithLabels(1 - inner, cv2.DIST_L2, 5)
+    away, nearest = (x[inside] for x in cv2.distanceTransformWithLabels(1 - inner, cv2.DIST_L2, 5))
+    seeds, whole = numbers[inside], np.zeros(parts, int)
     of_seed = np.zeros(nearest.max() + 1, int)
-    of_seed[nearest[inner > 0]] = numbers[inner > 0]
-    part = of_seed[nearest]
-    whole = np.zeros(parts, int)
-    whole[numbers.ravel()] = labels.ravel()
+    of_seed[nearest[seeds > 0]] = seeds[seeds > 0]
+    whole[seeds] = region
     whole[0] = 0
-    part = np.where((whole[part] == labels) & (away <= ARM * half[labels]), part, 0)
-    before = np.bincount(labels.ravel(), minlength=count)
-    after = np.bincount(labels[part > 0].ravel(), minlength=count)
+    part = of_seed[nearest]
+    part = np.where((whole[part] == region) & (away <= arm), part, 0)
+    before = np.bincount(region, minlength=count)
+    after = np.bincount(region[part > 0], minlength=count)
     stout = after > STOUT * before
     alone = np.zeros(count, int)
     alone[whole] = np.arange(parts)
-    return np.where(stout[labels], alone[labels], part), whole
+    cut_off = np.zeros(labels.shape, int)
+    cut_off[inside] = np.where(stout[region], alone[region], part)
+    return cut_off, whole
 
 
 def _ghosts(
@@ -150,24 +154,23 @@ def _ghosts(
     """Which regions stand out from what is around them in the background, not in the picture."""
     import cv2
 
-    inside = np.nonzero(labels.ravel())[0]
     around = cv2.dilate(labels.astype(np.uint16), np.ones((AROUND, AROUND), np.uint8))
-    beside = np.nonzero((around * (above == 0)).ravel())[0]
+    inside, beside = np.nonzero(labels), np.nonzero(around * (above == 0))
+    pixels = [(label[where], where) for label, where in ((labels, inside), (around, beside))]
+    counts = [np.bincount(label, minlength=count) for label, _ in pixels]
 
     def stands_out(picture: np.ndarray) -> np.ndarray:
         apart = np.zeros(count)
         for channel in range(3):
-            values = picture[..., channel].ravel()
-            means = [
-                np.bincount(label[where], values[where], minlength=count)
-                / np.maximum(np.bincount(label[where], minlength=count), 1)
-                for label, where in ((labels.ravel(), inside), (around.ravel(), beside))
-            ]
-            apart += (means[0] - means[1]) ** 2
+            within, without = (
+                np.bincount(label, picture[..., channel][where], minlength=count)
+                / np.maximum(number, 1)
+                for (label, where), number in zip(pixels, counts, strict=True)
+            )
+            apart += (within - without) ** 2
         return apart
 
-    surrounded = np.bincount(around.ravel()[beside], minlength=count) > 0
-    return surrounded & (stands_out(image) < GHOST**2 * stands_out(background))
+    return (counts[1] > 0) & (stands_out(image) < GHOST**2 * stands_out(background))
 
 
 class _Totals:

@@ -129,10 +129,10 @@ def _along(
         hue = _hue(n)
         axes.plot(times, seen[:, n], ".", color=hue, ms=3, label=_body(n, bodies, "recorded"))
         if path is not None:
-            axes.plot(path[0], path[1][:, n, axis], color=_darker(hue), lw=1.2, label="model")
+            axes.plot(path[0], path[1][:, n, axis], color=darker(hue), lw=1.2, label="model")
         for name, (when, places) in rolled.items():
             if name == "model":
-                axes.plot(when, places[:, n, axis], color=_darker(hue), lw=2.2, label="foretold")
+                axes.plot(when, places[:, n, axis], color=darker(hue), lw=2.2, label="foretold")
             else:
                 style = CHANGED[laws.index(name) % len(CHANGED)]
                 axes.plot(when, places[:, n, axis], color=hue, lw=1, ls=style, label=name)
@@ -143,7 +143,7 @@ def _along(
     axes.tick_params(labelsize=8)
 
 
-def _darker(colour: str) -> tuple[float, ...]:
+def darker(colour: str) -> tuple[float, ...]:
     """For a line that lies upon the marks of its own hue."""
     from matplotlib.colors import to_rgb
 
@@ -202,7 +202,7 @@ def _way(
     for n in range(positions.shape[1]):
         axes.plot(*positions[:, n].T, ".", color=_hue(n), ms=3)
         if path is not None:
-            axes.plot(*path[1][:, n].T, color=_darker(_hue(n)), lw=0.8)
+            axes.plot(*path[1][:, n].T, color=darker(_hue(n)), lw=0.8)
     axes.set(aspect="equal", xlabel=_in("x", unit), ylabel=_in("y", unit))
     axes.tick_params(labelsize=8)
 

@@ -10,7 +10,7 @@ from dynamics.terms import Pendulum, Well
 from tests.vidphys.diagnose.test_explanations import Oracle
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.formula import ByFormula, _potentials
-from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, Verdict
 from vidphys.diagnose.formula.formula import ALIKE, Formula
 from vidphys.diagnose.formula.formula import Verdict as Judged
 from vidphys.diagnose.formula.grammar import words
@@ -39,10 +39,11 @@ class Blind(Oracle):
     """One that explains so much of a recording."""
 
     status: str = NOT
+    bent: bool = False
 
     @property
     def verdict(self):
-        return Verdict(self.status, 0.5, 1.0, 0.0, 1.0)
+        return Verdict(self.status, 0.5, 1.0, 0.0, 1.0, bent=self.bent)
 
 
 def test_a_formula_foretells_what_was_held_out_and_is_told_with_units_and_intervals(found):
@@ -73,6 +74,19 @@ def test_it_is_sought_only_where_nothing_explains_the_recording(monkeypatch, mot
     monkeypatch.setattr(choice.ByFormula, "sought", lambda *_: "no formula: it is late")
     answer = choice.understand(motion, END)
     assert isinstance(answer.explanation, Blind) and answer.no_formula == "no formula: it is late"
+
+
+def test_a_law_whose_force_is_not_quite_the_body_s_gives_way_to_a_formula_that_foretells_more(
+    monkeypatch, motion, found
+):
+    bent = Blind(motion, END, status=MOSTLY, bent=True)
+    monkeypatch.setattr(choice, "_known", lambda *_: (None, bent))
+    monkeypatch.setattr(choice.ByFormula, "sought", lambda *_: found)
+    monkeypatch.setattr(choice, "_error", lambda x: 1.0 if x is bent else 0.5)
+    assert choice.understand(motion, END).explanation is found
+    monkeypatch.setattr(choice, "_error", lambda x: 1.0 if x is bent else 0.9)
+    answer = choice.understand(motion, END)
+    assert answer.explanation is bent and "foretell" in answer.no_formula
 
 
 def made(*words_with_numbers):

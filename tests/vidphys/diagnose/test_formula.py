@@ -105,6 +105,18 @@ def test_derivatives_of_a_roll_are_those_of_its_numbers_and_its_start():
                                    by[inside[:10].nonzero()[0]], atol=1e-4)  # fmt: skip
 
 
+def test_steps_lose_no_energy_that_a_friction_would_be_found_for():
+    t = 0.63 * np.arange(1000)[None]  # ten frames a swing
+    pieces = cut(np.cos(t), t, 1000, 1.0).joined()
+    path = Law(pull, (), -1.1, 1.1).roll(
+        np.array([1.0]), np.array([[1.0, 0.0]]), t, pieces.substeps
+    )
+    last = slice(-50, -1)
+    columns = np.stack([np.cos(t[0, last]), np.sin(t[0, last])], -1)
+    size = np.linalg.norm(np.linalg.lstsq(columns, path[0, last, 0], rcond=None)[0])
+    assert size == pytest.approx(1.0, abs=8e-4)
+
+
 @pytest.fixture(scope="module")
 def duffing():
     return coordinate_law(*developed()[0].recording(0))

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Model
@@ -17,9 +18,10 @@ from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, likeliest_errors
-from vidphys.diagnose.mechanisms.mechanism import find_mechanism, of_lawful_bodies
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units, scale_of
@@ -360,9 +362,10 @@ def test_a_camera_askew_is_told_from_the_motion_and_its_view_has_an_inverse():
     assert told.error > 0.015 * told.value  # that the plane is turned shortens all lengths
 
 
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
-    upper, lower, share = 0.25, 0.2, 0.4  # metres; of both masses, that the lower one has
+def double_pendulum(
+    upper: float, lower: float, share: float, angles: tuple[float, float]
+) -> np.ndarray:
+    """Places of both weights, ``(t, 2, 2)``, let go at rest; ``share`` of the mass is below."""
 
     def slope(_, y):
         (a, b), (u, v) = y[:2], y[2:]
@@ -373,10 +376,43 @@ def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
         return [u, v, *np.linalg.solve(mass, force)]
 
     times = np.arange(150) * STEP
-    a, b = solve_ivp(slope, (0, 5), [0.7, -0.4, 0, 0], t_eval=times, rtol=1e-9, atol=1e-9).y[:2]
+    begin = [*angles, 0, 0]
+    a, b = solve_ivp(slope, (0, 5), begin, t_eval=times, rtol=1e-9, atol=1e-9).y[:2]
     first = np.stack([0.1 + upper * np.sin(a), 0.4 - upper * np.cos(a)], -1)
     second = first + lower * np.stack([np.sin(b), -np.cos(b)], -1)
-    places = np.stack([first, second], 1)[:, list(order)]
+    return np.stack([first, second], 1)
+
+
+def test_of_two_weights_that_both_swing_on_arcs_the_law_tells_which_is_above():
+    places = double_pendulum(0.25, 0.25, 0.6, (0.2, 0.28))[:, [1, 0]]
+    rods = rods_in_picture(noisy(places, 5e-4))
+    assert rods is not None and rods.rods.order == (1, 0)
+    assert rods.left < 0.03 * rods.spread
+    beside = np.concatenate([places, places[::-1, :1] + 0.5], 1)  # something else that swings
+    looked_at, said = of_lawful_bodies(noisy(beside, 5e-4))
+    assert looked_at.bodies == 2 and said[0].startswith("3 things move")
+
+
+def test_a_ball_is_told_from_the_hand_that_carries_and_throws_it():
+    times = np.arange(45) / 30
+    free = np.maximum(times - 0.8, 0)
+    swing = np.sin(3 * np.minimum(times, 0.8) ** 2)
+    carried = np.stack([-0.5 + 0.2 * swing, -0.3 + 0.1 * np.minimum(times, 0.8)], -1)
+    ball = carried + np.stack([0.9 * free, 2.2 * free - 3.2 * free**2], -1)
+    hand = carried + [0.03, -0.05]
+    hand[30:] = np.nan  # out of the picture
+    late = np.stack([0.6 - 0.5 * times, -0.6 + 0.05 * times], -1)
+    late[:20] = np.nan
+    looked_at, said = of_lawful_bodies(noisy(np.stack([ball, hand, late], 1), 5e-4))
+    assert looked_at.bodies == 1 and len(said) == 1
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
+    upper, lower, share = 0.25, 0.2, 0.4  # metres; of both masses, that the lower one has
+    places = double_pendulum(upper, lower, share, (0.7, -0.4))
+    first, places = places[:, 0], places[:, list(order)]
     given = answer(noisy(places, 5e-4), False, 0.3, camera=True)
     assert given.data["terms"] == ["chain"] and given.data["explained"]
     told = given.data["mechanism"][0]["quantities"]

@@ -80,7 +80,14 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     late = tail(0.0)
     late.forecasts["model"][25:] += miss
     found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
-    law = SimpleNamespace(mechanism=found, forecast=lambda: late, _period=np.inf, impossible="")
+    law = SimpleNamespace(
+        mechanism=found,
+        forecast=lambda: late,
+        _period=np.inf,
+        _bent=False,
+        impossible="",
+        unfollowed={},
+    )
     for held in (late.forecasts, late.errors):
         held["constant velocity"] = held["persistence"]
     assert ByMechanism.verdict.func(law).status == status

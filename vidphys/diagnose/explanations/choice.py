@@ -54,7 +54,7 @@ def understand(
     """What a recording shows: by laws fitted to the whole of it, by the menu, or by a formula.
 
     The menu is asked where the laws do not explain all, and believed where it foretells more; a
-    formula is sought where neither explains anything.
+    formula is sought where neither explains anything, or where the force is not quite theirs.
 
     Args:
         motion: the whole recording.
@@ -67,14 +67,17 @@ def understand(
     units = units or Units()
     found, explanation = _known(motion, end, angles, camera, units)
     one = motion.bodies == 1 and motion.space == 1 and not motion.inputs
-    if explanation is None or _status(explanation) != NOT or not one:
+    if explanation is None or not one or not (_status(explanation) == NOT or _bent(explanation)):
         return Understood(found, explanation)
     sought = ByFormula.sought(motion, end, units, progress)
     if isinstance(sought, str):
         return Understood(found, explanation, sought)
+    said = f"no formula: {sought.law.text} fits, but does not foretell"
     if _status(sought) == NOT:
-        said = f"no formula: {sought.law.text} fits, but does not foretell what was held out"
-        return Understood(found, explanation, f"{said}; a longer recording would tell")
+        said = f"{said} what was held out; a longer recording would tell"
+        return Understood(found, explanation, said)
+    if _bent(explanation) and not _error(sought) < CLEARLY * _error(explanation):
+        return Understood(found, explanation, f"{said} more than the law above")
     return Understood(found, sought)
 
 
@@ -121,6 +124,11 @@ def _status(explanation: Explanation) -> str:
     if explanation.verdict is None:
         return EXPLAINED if explanation.explained else NOT
     return explanation.verdict.status
+
+
+def _bent(explanation: Explanation) -> bool:
+    """Whether its force is not quite the body's."""
+    return explanation.verdict is not None and explanation.verdict.bent
 
 
 def _error(explanation: Explanation) -> float:

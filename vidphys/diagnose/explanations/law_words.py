@@ -7,6 +7,7 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
+from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
 from vidphys.diagnose.recordings.units import GRAVITY, Units
 from vidphys.statistics import NORMAL_95
 
@@ -108,6 +109,17 @@ def what_is_left(mechanism: Mechanism, units: Units) -> str:
             "mistakes leave it."
         )
     return text + ", different in every frame, as noise is."
+
+
+def beside(body: int, swing: OwnSwing, units: Units, alone: bool) -> str:
+    """Of a swing that is left of a body's: what it tells of, and what would tell more."""
+    whose = "" if alone else f" of body {body + 1}'s way"
+    return (
+        f"What is left{whose} swings by itself, by {units.length(swing.size)} at "
+        f"{swing.rate:.3g} rad/s, as no error of a camera does: something that was not followed "
+        "moves with it. A recording in which all that hangs or is tied together is followed would "
+        "tell."
+    )
 
 
 def _ruler(fit: Fit, units: Units) -> list[str]:

@@ -11,16 +11,25 @@ import numpy as np
 from vidphys.diagnose.explanations.changed import asked_of, under
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
-from vidphys.diagnose.explanations.law_words import CLEAR, rivals, told, what_is_left
+from vidphys.diagnose.explanations.law_words import CLEAR, beside, rivals, told, what_is_left
 from vidphys.diagnose.explanations.scene import as_scene
-from vidphys.diagnose.explanations.verdict import EXPLAINED, NEAR, NOT, Verdict, judge
+from vidphys.diagnose.explanations.verdict import (
+    EXPLAINED,
+    MOSTLY,
+    NEAR,
+    NOT,
+    Verdict,
+    beyond_noise,
+    judge,
+)
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.diagnose.mechanisms.unfollowed import OwnSwing, alike_every_time, own_swing
 from vidphys.diagnose.recordings.motion import Motion
-from vidphys.diagnose.recordings.noise import Noise, noise_of
+from vidphys.diagnose.recordings.noise import Noise, measure_noise, noise_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.statistics import NORMAL_95
 
@@ -102,10 +111,32 @@ class ByMechanism(Explanation):
         if "centre" in found.kinds and tail is not None:  # far from the place it goes straight on
             apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
             straight = bool(np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread)
-        judged = judge(found.share, found.left, found.spread, tail, self._period, straight)
+        judged = judge(
+            found.share, found.left, found.spread, tail, self._period, straight, self._bent
+        )
         # A free power of the distance to an unseen place fits too much: all must be foretold.
         bent = "centre" in found.kinds and judged.status != EXPLAINED
-        return replace(judged, status=NOT) if self.impossible or bent else judged
+        if self.impossible or bent:
+            return replace(judged, status=NOT)
+        partly = judged.status == EXPLAINED and self.unfollowed
+        return replace(judged, status=MOSTLY) if partly else judged
+
+    @cached_property
+    def unfollowed(self) -> dict[int, OwnSwing]:
+        """By body: the swing of something that moves with it and was not followed."""
+        swings = {g.bodies[0]: own_swing(g.fit) for g in self.whole.groups if len(g.bodies) == 1}
+        return {body: swing for body, swing in swings.items() if swing is not None}
+
+    @property
+    def _bent(self) -> bool:
+        """Whether the force is not quite the law's, of one coordinate, which no lens bends."""
+        fit, motion = self.whole.groups[0].fit, self.motion
+        if motion.bodies > 1 or motion.space > 1 or fit.model.law.walls:
+            return False
+        alike = alike_every_time(fit)
+        if alike is None:
+            return beyond_noise(fit.left, measure_noise(motion).sigma, fit.spread)
+        return alike
 
     @property
     def _period(self) -> float:
@@ -131,6 +162,7 @@ class ByMechanism(Explanation):
         out = [line for group in whole.groups for line in told(group, self.told_in, alone)]
         out += [what_is_left(self.mechanism, self.told_in), *rivals(whole)]
         out += [self.impossible] if self.impossible else []
+        out += [beside(body, x, self.told_in, alone) for body, x in self.unfollowed.items()]
         if "input" in self.mechanism.kinds:
             out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:

@@ -20,7 +20,7 @@ from vidphys.diagnose.explanations.forecast import (
     roll,
 )
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
-from vidphys.diagnose.explanations.verdict import Verdict, judge
+from vidphys.diagnose.explanations.verdict import Verdict, beyond_noise, judge
 from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
@@ -91,7 +91,7 @@ class ByMenu(Explanation):
 
     @property
     def sure(self) -> bool:
-        return self.found.sure
+        return self.found.sure and not (self.verdict is not None and self.verdict.bent)
 
     @property
     def fastest(self) -> float:
@@ -142,7 +142,9 @@ class ByMenu(Explanation):
             np.sqrt(np.nanmean(((seen - np.nanmean(seen, 1, keepdims=True)) ** 2).sum(-1)))
         )
         left = float(np.sqrt(self.inference.fitted.variance * self.motion.space))
-        return judge(1 - (left / spread) ** 2, left, spread, tail)
+        alone = self.motion.bodies == 1 and self.motion.space == 1
+        bent = alone and beyond_noise(left, self.found.noise.sigma, spread)
+        return judge(1 - (left / spread) ** 2, left, spread, tail, bent=bent)
 
     def forecast(self) -> Validation | None:
         return self._tail

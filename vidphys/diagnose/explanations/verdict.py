@@ -16,6 +16,8 @@ LONG = 1 / 3  # of the frames held out, that must be foretold
 AS_GOOD = 1.2  # times the best simple forecast's error; a constant pull is one of those
 SWINGS = 2.0  # or so many, where motion is chaotic
 FOUND_AGAIN = 0.9  # or more of those frames, with the last ones: beside a bounce that comes early
+MISSED = 1.5  # times the noise, beyond which more than noise is left
+SLIGHT = 0.005  # of the spread, that it must be as well
 AVERAGED = 5  # frames, over which a forecast's error is taken
 
 
@@ -31,6 +33,7 @@ class Verdict:
             out.
         held_out: seconds of them.
         missed: share of the held-out frames that show bodies and are not foretold.
+        bent: whether what is left says that the force is not quite the law's.
     """
 
     status: str
@@ -39,6 +42,7 @@ class Verdict:
     horizon: float | None
     held_out: float
     missed: float = 0.0
+    bent: bool = False
 
 
 def judge(
@@ -48,6 +52,7 @@ def judge(
     tail: Validation | None,
     period: float = np.inf,
     straight: bool = False,
+    bent: bool = False,
 ) -> Verdict:
     """The verdict on a model.
 
@@ -58,6 +63,7 @@ def judge(
         period: seconds of a swing, about; two of them are far ahead whatever was held out.
         straight: whether the model itself says that bodies go straight on from where the simple
             forecasts begin; only bodies that stay are then a rival.
+        bent: see :class:`Verdict`; at most mostly explained.
     """
     if tail is None or len(tail.times) < 2:
         status = MOSTLY if share >= ALL else NOT
@@ -82,13 +88,22 @@ def judge(
     best = min(tail.errors[name] for name in rivals)
     to_the_end = tail.errors["model"] < max(AS_GOOD * best, enough)
     far = to_the_end and (again or horizon >= LONG * held_out)
-    if share >= ALL and horizon >= held_out and better:
+    if share >= ALL and horizon >= held_out and better and not bent:
         status = EXPLAINED
     elif share >= MOST and better and (far or horizon >= SWINGS * period):
         status = MOSTLY
     else:
         status = NOT
-    return Verdict(status, share, left, horizon, held_out, missed)
+    return Verdict(status, share, left, horizon, held_out, missed, bent)
+
+
+def beyond_noise(left: float, noise: float, spread: float) -> bool:
+    """Whether a fit leaves more of one coordinate than noise.
+
+    Args:
+        left, noise, spread: standard deviations of what it leaves, of the noise, of the motion.
+    """
+    return left > max(MISSED * noise, SLIGHT * spread)
 
 
 def _rms(miss: np.ndarray) -> float:

@@ -18,8 +18,8 @@ MARGIN, NEAREST = 0.25, 0.6  # of the width, that it goes beyond; and of a lowes
 STEPS, TRIES = 40, 6
 PATIENCE, FAR_ABOVE = 8, 3.0  # steps until a law is given up that misses so many times too much
 FAR = 1e3  # times the spread of the places, beyond which a roll has gone astray
-FINEST = 4  # steps in a frame interval, at most
-TURN = 0.3  # radians of the fastest swing in a step
+FINEST = 6  # steps in a frame interval, at most
+TURN = 0.2  # radians of the fastest swing in a step; longer ones lose energy, as by a friction
 ENOUGH = 1e-5  # of the squares, by which a step must lower them
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Line(Chart):
     along: tuple[float, ...]
     name = "line"
 
-    @property
+    @cached_property
     def across(self) -> np.ndarray:
         """Directions across the line, ``(d, d - 1)``."""
         full = np.linalg.svd(np.array(self.along)[None])[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -21,6 +22,7 @@ TRIED = 2  # of several guesses, those that begin nearest
 BEHIND = 25.0  # times the best law's cost, from which another one is dropped
 HELD = 0.003  # of the spread: what moving a wall by a spread costs, or a view by what is usual
 TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is dropped
+SETTLED = 2.0  # times a frame's cost so far, up to which a law foretold the frames that are new
 MOST = 1e6  # times the spread, by which a law that flew apart counts as missing a frame
 PURE = ("restitution", "along", "grip", "spin", "turn", "mass", "rub", "steeper")  # of no unit
 SOFT = 0.03  # of the spread: errors beyond count by their size while a fit begins
@@ -47,16 +49,21 @@ def race(
         runners: laws with guesses: the law's numbers, then the starts of all clips.
         lengths: frames of those beginnings; ever longer by a share where not given.
     """
-    scale, running = spread_of(clips), [(model, guesses, guesses) for model, guesses in runners]
+    scale = spread_of(clips)
+    running = [(model, guesses, guesses, 0.0) for model, guesses in runners]
     longest = max(len(c.times) for c in clips)
     for count in lengths or _lengths(longest):
         part = [clip.upto(count) for clip in clips]
         tries = LAST if count == longest else ON_THE_WAY
         ended = []
-        for model, guesses, first in running:
+        for model, guesses, first, a_frame in running:
             near = sorted(guesses, key=lambda x: _cost(part, model, x, scale))[:TRIED]
-            found = [_least_squares(part, model, guess, scale, tries) for guess in near]
-            good = [x for x in found if x is not None]
+            good: list[OptimizeResult] = []
+            for guess in near:
+                found = _least_squares(part, model, guess, scale, tries)
+                good += [] if found is None else [found]
+                if found is not None and found.cost <= SETTLED * a_frame * count:
+                    break
             if good:
                 best = min(good, key=lambda x: x.cost)
                 ended.append((float(best.cost), model, best.x, first))
@@ -64,9 +71,24 @@ def race(
             return []
         most = BEHIND * max(min(cost for cost, *_ in ended), count * SOFT**2 * TINY)
         # The first guesses stay in the race: what few frames bent may be better as it was.
-        running = [(model, [x, *first], first) for cost, model, x, first in ended if cost <= most]
-    fits = [with_errors(list(clips), model, x[0], scale) for model, x, _ in running]
+        running = [
+            (model, [x, *first], first, cost / count)
+            for cost, model, x, first in ended
+            if cost <= most
+        ]
+    unwalled = {_open(model): cost / count for cost, model, *_ in ended if not model.law.walls}
+    fits = [
+        with_errors(list(clips), model, x[0], scale)
+        for model, x, _, a_frame in running
+        # Walls that explain nothing cost numbers, and every law after them the time to fit it.
+        if not model.law.walls or a_frame < unwalled.get(_open(model), np.inf)
+    ]
     return [x for x in fits if x is not None]
+
+
+def _open(model: Model) -> Model:
+    """The same without walls."""
+    return Model(replace(model.law, walls=()), model.charts)
 
 
 def _lengths(frames: int) -> list[int]:

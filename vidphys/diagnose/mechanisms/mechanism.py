@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.chain import chained
-from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, pictured, ranked, roughly
+from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit
@@ -17,14 +17,9 @@ from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
-from vidphys.diagnose.recordings.parted import parted
 
 MOST_CLIPS, MOST_BODIES = 8, 4
-MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
 GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
-ASKEW = 0.15  # of the spread: the same before the camera's view is set right
-STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
-SELDOM = 0.5  # of another body's frames
 SURELY = 10.0  # standard errors, by which the link between two rods is there
 MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
@@ -133,10 +128,10 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
         return None
     motion, stride = thinned(motion), _stride(motion)
     first, groups = 0, _groups(motion, angles, camera)
-    if groups is None or not all(_holds(g.fit) for g in groups if len(g.bodies) == 1):
+    if groups is None or not all(holds(g.fit) for g in groups if len(g.bodies) == 1):
         later = _first_lawful(motion, angles)
         found = _groups(motion.cut(later), angles, camera) if later else None
-        if found is not None and all(_holds(group.fit) for group in found):
+        if found is not None and all(holds(group.fit) for group in found):
             first, groups = later, found
     if groups is None:
         return None
@@ -144,48 +139,6 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
     if groups[0].fit.model.law.restoring == "chain":
         begin = motion.times[-1, 0] + np.array([clip.begin for clip in groups[0].fit.clips])
     return Mechanism(groups, first * stride, begin)
-
-
-def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
-    """The motion of bodies that a law moves, where there are such beside others; else of all.
-
-    A hand, a shadow or a face is followed as well as a ball, but moves by no law.
-
-    Args:
-        motion: of what was followed in a clip.
-
-    Returns:
-        The motion, and what a person should know of those that were left out.
-    """
-    if motion.bodies == 1:
-        return motion, ()
-    rods = rods_in_picture(motion) if motion.bodies == 2 else None
-    if rods is not None and rods.left < GOOD * rods.spread:
-        return _of(motion, list(rods.rods.order)), ()  # from the pivot on
-    motion = parted(motion)
-    met = [body for group in _meeting(thinned(motion), camera=True) for body in group.bodies]
-    lawful = []
-    for body in range(min(motion.bodies, MOST_TRIED)):
-        if body in met:
-            continue
-        alone = _of(motion, [body])
-        first, last = alone.shown()
-        if last - first >= LEAST_FRAMES:
-            clips = frames_of(thinned(alone.cut(first, last)))
-            if _lawful(clips):
-                lawful.append(body)
-    found = met + _seen_enough(motion, lawful)
-    if len(found) == motion.bodies or (not found and motion.bodies == 2):
-        return motion, ()  # of two that no law moves alone, each may move the other
-    found = sorted(found) or [0]  # the binder's likeliest
-    said = (
-        f"{motion.bodies} things move; {len(found)} of them are looked at, as bodies of the scene"
-    )
-    return _of(motion, found), (said,)
-
-
-def _of(motion: Motion, bodies: list[int]) -> Motion:
-    return replace(motion, positions=motion.positions[:, :, bodies], mass=motion.mass[:, bodies])
 
 
 def thinned(motion: Motion) -> Motion:
@@ -205,7 +158,7 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
         rods = chained(motion) if angles else rods_in_picture(motion)
         if rods is not None and rods.left < GOOD * rods.spread and _linked(rods):
             return (Group((0, 1), rods),)
-    groups = [] if angles else _meeting(motion, camera)
+    groups = [] if angles else meeting(motion, camera)
     met = {body for group in groups for body in group.bodies}
     for body in range(motion.bodies):
         if body in met:
@@ -225,12 +178,12 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
     return tuple(groups)
 
 
-def _meeting(motion: Motion, camera: bool) -> list[Group]:
+def meeting(motion: Motion, camera: bool) -> list[Group]:
     """Bodies that meet each other, and then go on by the law of collisions."""
     groups = []
     for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
         fits = colliding(frames_of(motion, party), camera)
-        if fits and _holds(fits[0]):
+        if fits and holds(fits[0]):
             groups.append(Group(party, fits[0], tuple(fits[1:])))
     return groups
 
@@ -241,25 +194,9 @@ def _linked(rods: Fit) -> bool:
     return link > SURELY * error
 
 
-def _holds(fit: Fit) -> bool:
+def holds(fit: Fit) -> bool:
     """Whether a law leaves little, or nothing that lasts."""
     return fit.left < GOOD * fit.spread or fit.errors.smooth < fit.errors.white
-
-
-def _lawful(clips: Sequence[Frames]) -> bool:
-    """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
-    fits = roughly(clips, angles=False)
-    if any(_holds(fit) for fit in fits):
-        return True
-    askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]
-    return any(fit.left < STRAIGHTENED * fit.spread for fit in askew)
-
-
-def _seen_enough(motion: Motion, bodies: list[int]) -> list[int]:
-    """Without those seen in far fewer frames than another: a body's shadow, or a piece of it."""
-    seen = motion.seen.mean((0, 1))
-    most = max((seen[body] for body in bodies), default=0.0)
-    return [body for body in bodies if seen[body] > SELDOM * most]
 
 
 def _first_lawful(motion: Motion, angles: bool) -> int:
@@ -273,7 +210,7 @@ def _first_lawful(motion: Motion, angles: bool) -> int:
         for body in range(motion.bodies):
             frames = frames_of(rest, [body])
             enough = min(len(clip.stretches[0].times) for clip in frames) >= LEAST_FRAMES
-            laws = [x for x in roughly(frames, angles) if _holds(x)] if enough else []
+            laws = [x for x in roughly(frames, angles) if holds(x)] if enough else []
             worst = max(worst, min((x.left for x in laws), default=np.inf))
         if np.isfinite(worst):
             tried.append((first, worst))

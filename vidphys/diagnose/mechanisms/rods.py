@@ -15,6 +15,8 @@ from vidphys.diagnose.mechanisms.guesses import circle_through
 from vidphys.diagnose.recordings.motion import Motion
 
 STIFF = 0.06  # of its length, by which a rod's length may vary
+RIGID = 0.02  # of their distance, by which that of two that a rod joins may vary
+OFTEN = 0.5  # of the frames, in which both are seen
 TELLING = 10.0  # frames of a clip that tell of a length, as a tracker's mistakes last
 SOFT = 0.03  # of the upper rod: misses beyond count by their size
 DOWN = -np.pi / 2  # the direction from which a rod's angle counts
@@ -95,12 +97,24 @@ def rods_in_picture(motion: Motion) -> RodsFit | None:
     Args:
         motion: one clip of two bodies, up is up.
     """
+    found = []
     for rods in _candidates(motion.positions[0]):
         angles = rods.angles(motion.positions[0])
         fit = chained(replace(motion, positions=angles[None, :, :, None]))
         if fit is not None:
-            return RodsFit(**{name: getattr(fit, name) for name in Fit.__match_args__}, rods=rods)
-    return None
+            found.append(
+                RodsFit(**{name: getattr(fit, name) for name in Fit.__match_args__}, rods=rods)
+            )
+    # In small swings the lower weight is nearly on a circle too, but of rods it is not the law's.
+    return min(found, key=lambda x: x.left, default=None)
+
+
+def at_one_distance(motion: Motion) -> bool:
+    """Whether two bodies of a clip go as if a rod were between them."""
+    both = motion.positions[0][motion.seen[0].all(-1)]
+    apart = np.linalg.norm(both[:, 1] - both[:, 0], axis=-1)
+    usual = len(both) > OFTEN * motion.positions.shape[1]
+    return usual and bool(np.std(apart) < RIGID * apart.mean())
 
 
 def _candidates(places: np.ndarray) -> Iterator[Rods]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vidphys.data.frames import Frames
+from vidphys.data.frames import Frames, blank
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
@@ -29,7 +29,6 @@ from vidphys.progress import Progress
 from vidphys.statistics import NORMAL_95
 
 FEWEST = 10  # frames that are fitted at least, where some are held out
-BLANK = 160  # pixels of a recording's pictures where there is no clip
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Answered:
         when, path = self.rolled["model"]
         extent = float(np.nanmax(np.abs(self.positions))) * 1.1
         if frames is None:
-            frames = np.full((len(self.times), BLANK, BLANK, 3), 255, np.uint8)
+            frames = blank(len(self.times))
         else:
             extent = 1.0  # normalised image units
         arrays: dict[str, Any] = {

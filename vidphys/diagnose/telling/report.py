@@ -16,6 +16,11 @@ from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.advice import Advice
 
+BENT = (
+    "What is left is more than noise: the force may not be quite this law's. A recording of larger "
+    "and smaller swings would tell which it is."
+)
+
 
 def summary(found: Diagnosis, explanation: Explanation | None) -> list[str]:
     """What is said of the motion, a sentence each.
@@ -27,6 +32,7 @@ def summary(found: Diagnosis, explanation: Explanation | None) -> list[str]:
     if explanation is None:
         return [f"No answer: {found.refused}."]
     lines = [_verdict(explanation.verdict)] if explanation.verdict is not None else []
+    lines += [BENT] if explanation.verdict is not None and explanation.verdict.bent else []
     return lines + explanation.lines()
 
 

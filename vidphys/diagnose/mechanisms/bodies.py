@@ -1,0 +1,117 @@
+"""Which of the things that were followed in a clip are bodies that a law moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+from vidphys.diagnose.mechanisms.choose import pictured, roughly
+from vidphys.diagnose.mechanisms.frames import Frames, frames_of
+from vidphys.diagnose.mechanisms.mechanism import GOOD, holds, meeting, thinned
+from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.recordings.parted import parted
+
+MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
+ASKEW = 0.15  # of the spread: the same before the camera's view is set right
+STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
+SELDOM = 0.5  # of another body's frames
+ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
+RELEASED = 0.6  # of the frames, after which a hand has let go
+
+
+def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
+    """The motion of bodies that a law moves, where there are such beside others; else of all.
+
+    A hand, a shadow or a face is followed as well as a ball, but moves by no law.
+
+    Args:
+        motion: of what was followed in a clip.
+
+    Returns:
+        The motion, and what a person should know of those that were left out.
+    """
+    if motion.bodies == 1:
+        return motion, ()
+    pairs = [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
+    for pair in pairs:
+        rods = rods_in_picture(_of(motion, pair))
+        if rods is not None and rods.left < GOOD * rods.spread:
+            chain = [pair[end] for end in rods.rods.order]  # from the pivot on
+            return _of(motion, chain), _said(motion.bodies, 2)
+    followed, motion = motion, parted(motion)
+    met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
+    lawful = []
+    for body in range(min(motion.bodies, MOST_TRIED)):
+        if body in met:
+            continue
+        alone = _of(motion, [body])
+        first, last = alone.shown()
+        if last - first >= LEAST_FRAMES:
+            clips = frames_of(thinned(alone.cut(first, last)))
+            if _lawful(clips):
+                lawful.append(body)
+    if not met and not _stay(motion, lawful):
+        let_go = _released(followed, before=min(lawful, default=motion.bodies))
+        if let_go:
+            return _of(followed, let_go), _said(motion.bodies, len(let_go))
+    found = met + _seen_enough(motion, lawful)
+    for pair in pairs:
+        if set(pair) & set(found) and at_one_distance(_of(motion, pair)):
+            found = [*found, *(set(pair) - set(found))]  # a rod may join them
+    if len(found) == motion.bodies or (not found and motion.bodies == 2):
+        return motion, ()  # of two that no law moves alone, each may move the other
+    found = sorted(found) or [0]  # the binder's likeliest
+    return _of(motion, found), _said(motion.bodies, len(found))
+
+
+def _said(all_: int, looked_at: int) -> tuple[str, ...]:
+    """What a person should know, if anything."""
+    if looked_at == all_:
+        return ()
+    return (f"{all_} things move; {looked_at} of them are looked at, as bodies of the scene",)
+
+
+def _stay(motion: Motion, bodies: list[int]) -> list[int]:
+    """Those that are seen in nearly all frames."""
+    return [body for body in bodies if motion.seen[..., body].mean() > ALWAYS]
+
+
+def _released(motion: Motion, before: int) -> list[int]:
+    """Bodies that stay, and that a law moves once what held them has let go.
+
+    A hand that lets go comes and goes, and for so short a time any law fits it.
+
+    Args:
+        before: the likeliest body that a law moves already: of those likelier than it.
+    """
+    found = []
+    for body in _stay(motion, list(range(min(before, MOST_TRIED)))):
+        rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
+        first, last = rest.shown()
+        if last - first >= LEAST_FRAMES + 2:
+            clips = frames_of(thinned(rest.cut(first, last)))
+            if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
+                found.append(body)
+    return found
+
+
+def _of(motion: Motion, bodies: list[int]) -> Motion:
+    return replace(motion, positions=motion.positions[:, :, bodies], mass=motion.mass[:, bodies])
+
+
+def _lawful(clips: Sequence[Frames]) -> bool:
+    """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
+    fits = roughly(clips, angles=False)
+    if any(holds(fit) for fit in fits):
+        return True
+    askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]
+    return any(fit.left < STRAIGHTENED * fit.spread for fit in askew)
+
+
+def _seen_enough(motion: Motion, bodies: list[int]) -> list[int]:
+    """Without those seen in far fewer frames than another: a body's shadow, or a piece of it."""
+    seen = motion.seen.mean((0, 1))
+    most = max((seen[body] for body in bodies), default=0.0)
+    return [body for body in bodies if seen[body] > SELDOM * most]
