@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -151,6 +151,7 @@ def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
             run.abandon()
             raise InputError(f"{config.input}: {error}") from error
         _write(run.path / "rollout.npz", reading, changed)
+        run.tell(flags={x.name: {**asdict(x), "raised": x.raised} for x in reading.flags})
         extent = pipeline.reader.half_extent
         with console.drawing("the recording"):
             words = told_law(config.coupling, config.law, aim)
@@ -196,6 +197,9 @@ def _write(path: Path, reading: Reading, changed: Forecast | None) -> None:
 def _show(run: RunFolder, reading: Reading, changed: Forecast | None, console: Console) -> None:
     from vidphys.reading.seen import Seen
 
+    for flag in reading.flags:
+        if flag.raised:
+            console.warn(f"the clip is unlike those of the training: {flag}")
     for name, found in named(reading.rollout, changed):
         for finding in found.findings:
             console.warn(f"{name}: {finding}")

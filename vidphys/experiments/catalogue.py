@@ -24,7 +24,9 @@ from vidphys.experiments.pixels import (
     probes,
     readout_controls,
     surprise,
+    unfamiliar,
 )
+from vidphys.experiments.recorded import table as recorded
 
 TABLES: Registry[Table] = Registry("table", "vidphys.tables")
 for table in (
@@ -66,6 +68,7 @@ for table in (
     storms.DIAGNOSE_STORMS,
     filmed.FILMED,
     formulas.FORMULAS,
+    recorded.RECORDED,
     probes.PROBES,
     pixel_heads.PIXEL_HEADS,
     perception_speed.PERCEPTION_SPEED,
@@ -73,6 +76,7 @@ for table in (
     readout_controls.POOLED_CONTROL,
     consistency.CONSISTENCY,
     surprise.SURPRISE,
+    unfamiliar.UNFAMILIAR,
     encoder_scale.ENCODER_SCALE,
 ):
     TABLES.register(table.name, table)

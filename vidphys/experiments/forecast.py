@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from vidphys.experiments.core.cell import Unit
 from vidphys.experiments.costs import Cost, Costs
 from vidphys.presets import Preset
+from vidphys.runs.engine import EngineName
 from vidphys.runs.schedule import makespan
 
-START_SECONDS = 8.0  # until a worker has imported what it needs
+# Of a command and its engine: imports, its processes, its report; measured on a busy machine.
+START_SECONDS: dict[EngineName, float] = {"local": 14.0, "ray": 28.0}
 MINUTE, HOUR = 60.0, 3600.0
 
 
@@ -21,9 +23,11 @@ class Forecast:
 
     Args:
         units: what each costs and how that is known, or ``None`` where nothing is known.
+        engine: that runs them.
     """
 
     units: Mapping[Unit, tuple[Cost, str] | None]
+    engine: EngineName = "local"
 
     @property
     def known(self) -> list[tuple[Cost, str]]:
@@ -47,7 +51,7 @@ class Forecast:
 
     def wall(self, workers: int) -> float:
         """Seconds until all are done."""
-        return makespan(self.seconds, workers, START_SECONDS)
+        return makespan(self.seconds, workers, START_SECONDS[self.engine])
 
     def sentence(self, workers: int) -> str:
         """In words, for so many workers."""
@@ -62,9 +66,15 @@ class Forecast:
         )
 
 
-def forecast(units: Sequence[Unit], preset: str, sizes: Preset, costs: Costs) -> Forecast:
+def forecast(
+    units: Sequence[Unit],
+    preset: str,
+    sizes: Preset,
+    costs: Costs,
+    engine: EngineName = "local",
+) -> Forecast:
     """What units will take, by what is known of each."""
-    return Forecast({unit: costs.of(unit, preset, sizes) for unit in units})
+    return Forecast({unit: costs.of(unit, preset, sizes) for unit in units}, engine)
 
 
 def told_seconds(seconds: float) -> str:

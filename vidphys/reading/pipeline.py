@@ -17,14 +17,18 @@ from torch import Tensor, nn
 
 from binders.tracks import Tracks
 from dynamics import Parameters, PhaseState, build, from_config, to_config
+from encoders.features import FeatureMap
 from encoders.frozen.catalogue import load_encoder
 from readouts.kinds import MapShape, Recipe
 from vidphys.data.charts import chart_from_config
+from vidphys.data.extraction import Axes
 from vidphys.data.frames import Frames
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed
+from vidphys.reading.familiar import Familiar, Flag, Limit
 from vidphys.reading.forecasts import Forecast, forecast, state_at
 from vidphys.reading.laws import Law
+from vidphys.reading.memory import FeatureMemory
 from vidphys.reading.reader import LoadedEncoder, Reader, steady
 from vidphys.reading.steering import Aim
 from vidphys.runs import checkpoint
@@ -43,6 +47,7 @@ class Reading:
         law: that held, batch of one.
         state: at the last frame, in coordinates of the chart, batch of one.
         rollout: from there on, under the same law.
+        flags: how it compares with the clips of the training.
     """
 
     tracks: Tracks
@@ -50,6 +55,7 @@ class Reading:
     law: Parameters
     state: PhaseState
     rollout: Forecast
+    flags: tuple[Flag, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,11 +66,13 @@ class Pipeline:
         reader: frames to tracks.
         recipe: of its readout.
         dynamics: of the tracks.
+        familiar: what its training saw; ``None`` for one of before that was kept.
     """
 
     reader: Reader
     recipe: Recipe
     dynamics: Dynamics
+    familiar: Familiar | None = None
 
     def __call__(
         self,
@@ -88,12 +96,27 @@ class Pipeline:
         """
         self._check_head(head)
         law = law or Parameters(torch.ones(1), torch.ones(1, self.reader.bodies))
-        tracks = self.reader.read(frames, times)
+        tracks, strange = self._read(frames, times)
         camera = self.reader.camera(frames)
         clip = Followed(steady(tracks, camera), law)
         state = state_at(self.dynamics.heads[head], clip, len(times), self.dynamics)
         rolled = self.roll(state, float(times[-1]), law, beyond, head)
-        return Reading(tracks, camera, law, state, rolled)
+        known = self.familiar
+        flags = () if known is None else known.flags(strange, clip, self.dynamics)
+        return Reading(tracks, camera, law, state, rolled, tuple(flags))
+
+    def _read(self, frames: Frames, times: np.ndarray) -> tuple[Tracks, Tensor]:
+        """The tracks of a clip, and how strange each of its feature frames is."""
+        look, strange = self.reader.look(frames, times), torch.zeros(0)
+
+        def see(axes: Axes) -> FeatureMap:
+            nonlocal strange
+            features = look(axes)
+            if self.familiar is not None and not axes:
+                strange = self.familiar.memory.distance(features.values[0])
+            return features
+
+        return self.reader.closely(see, torch.tensor(times)), strange
 
     def roll(
         self,
@@ -138,6 +161,7 @@ def save_pipeline(folder: Path, pipeline: Pipeline) -> None:
     assert isinstance(readout, nn.Module)
     parts: dict[str, nn.Module] = {"readout": readout}
     parts |= {f"heads/{name}": head for name, head in dynamics.heads.items()}
+    known = pipeline.familiar
     tensors = {
         f"{part}/{key}": value.clone()  # parts of a readout may share theirs, files may not
         for part, module in parts.items()
@@ -160,7 +184,10 @@ def save_pipeline(folder: Path, pipeline: Pipeline) -> None:
         "chart": dynamics.chart.to_config(),
         "interval": dynamics.interval,
         "heads": {name: to_config(term) for name, term in dynamics.terms.items()},
+        "familiar": None if known is None else known.to_config(),
     }
+    if known is not None:
+        tensors |= {f"memory/{key}": value for key, value in vars(known.memory).items()}
     checkpoint.save(folder / FILE, tensors, meta)
 
 
@@ -209,7 +236,14 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
         meta["side"],
         meta.get("mirrors", False),
     )
-    return Pipeline(reader, recipe, dynamics)
+    return Pipeline(reader, recipe, dynamics, _familiar(tensors, meta))
+
+
+def _familiar(tensors: dict[str, Tensor], meta: dict[str, Any]) -> Familiar | None:
+    if meta.get("familiar") is None:
+        return None
+    limits = {name: Limit(*numbers) for name, numbers in meta["familiar"].items()}
+    return Familiar(FeatureMemory(**checkpoint.under("memory", tensors)), limits)
 
 
 def _recipe(meta: dict[str, Any]) -> Recipe:

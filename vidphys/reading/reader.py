@@ -101,6 +101,10 @@ class Reader:
             frames: RGB bytes ``(t, H, W, 3)``, row 0 on top.
             times: seconds of each.
         """
+        return self.closely(self.look(frames, times), torch.tensor(times))
+
+    def look(self, frames: Frames, times: np.ndarray) -> Callable[[Axes], FeatureMap]:
+        """What gives the features of a clip's frames mirrored along some of their axes."""
         network, seconds = self.encoder.network, torch.tensor(times)
         size, layer = (frames.shape[1], frames.shape[2]), network.identity.layer
 
@@ -111,7 +115,7 @@ class Reader:
             rounded = ([values.to(STORED) for values in piece] for piece in found.pieces)
             return replace(found, pieces=rounded).whole()[layer]
 
-        return self.closely(see, seconds)
+        return see
 
     def tracks(self, features: FeatureMap, times: Tensor) -> Tracks:
         """Positions as they are seen, world units, of clips whose frames are at ``times``.

@@ -23,6 +23,7 @@ from vidphys.data.extraction import Axes, extract
 from vidphys.data.splits import Split
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
+from vidphys.reading.familiar import familiar_of
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import Layer, LoadedEncoder, Reader, steady
 from vidphys.reading.seen_clips import AUTO, SeenClip, Stage, labelled, split_of
@@ -196,4 +197,7 @@ def understand(
         how = settings.head_steps, settings.seed, save_to, stage(f"{name} head"), settings.on_nan
         heads[name] = fit_head(each, samples, chart, *how, settings.device)
     dynamics = Dynamics(chart, samples.interval, terms, heads)
-    return Pipeline(perceived.reader, perceived.chosen.candidate.recipe, dynamics)
+    layer = perceived.chosen.candidate.layer
+    maps = [clip.features[layer].values[0] for clip in perceived.clips]
+    familiar = familiar_of(maps, perceived.split, followed, dynamics)
+    return Pipeline(perceived.reader, perceived.chosen.candidate.recipe, dynamics, familiar)

@@ -302,7 +302,7 @@ def test_an_unknown_table_is_refused_with_the_nearest_name():
         study.choose(["stabilty"])
     everything, pictures = study.choose(["all"]), study.choose(["pixels"])
     assert {t.name for t in everything}.isdisjoint(t.name for t in pictures)
-    assert study.choose(["pixels", "all", "ladder", "filmed"]) == tuple(TABLES.values())
+    assert study.choose(["pixels", "all", "ladder", "filmed", "recorded"]) == tuple(TABLES.values())
     assert not {"ladder", "filmed"} & {t.name for t in (*everything, *pictures)}
     assert "stability" in {t.name for t in everything}
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from binders.motion import MotionBinder
 from vidphys.data.video import ClipSelection
-from vidphys.diagnose.mechanisms.mechanism import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.recordings.clips import follow_clip
 from vidphys.diagnose.telling.answers import answer
 from vidphys.statistics import NORMAL_95

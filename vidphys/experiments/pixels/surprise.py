@@ -9,7 +9,7 @@ largest over windows of a clip, as here).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import torch
@@ -26,8 +26,8 @@ from vidphys.experiments.pixels.seen import Perceived, pixel_scene
 from vidphys.perception.catalogue import RUNGS
 from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
-from vidphys.shooting.initial_state import by_shooting, choose_slack
-from vidphys.shooting.step import model_step, roll
+from vidphys.shooting.foretold import missed
+from vidphys.shooting.initial_state import choose_slack
 
 RUNGS_ASKED = ("renderer", "cnn-supervised", "dino-tiny", "hiera")
 CONTEXTS = (4, 7, 12)  # frames that a state is read from
@@ -125,22 +125,13 @@ def surprise(
     """
     frames = tracks.positions.shape[1]
     ends = range(CONTEXTS[-1], frames - AHEAD + 1, AHEAD)
-    dt, every = model_step(interval)
-    law = params.map(Tensor.float)
     found = []
     for end in ends:
-        past = slice(end - context, end)
-        seen = replace(
-            tracks,
-            positions=tracks.positions[:, past].float(),
-            confidence=tracks.confidence[:, past].float(),
-            times=tracks.times[past],
+        window = slice(end - context, end + AHEAD)
+        seen = Tracks(
+            tracks.positions[:, window], tracks.confidence[:, window], tracks.times[window]
         )
-        with torch.no_grad():
-            start = by_shooting(head, seen, law, interval, slack).map(Tensor.float)
-            foretold = roll(head, start, law, AHEAD, dt, every).q
-        missed = (foretold - tracks.positions[:, end : end + AHEAD]).norm(dim=-1)
-        found.append(missed.mean((1, 2)))
+        found.append(missed(head, seen, params, interval, AHEAD, slack))
     return torch.stack(found).amax(0)
 
 

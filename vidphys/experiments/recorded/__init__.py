@@ -1,0 +1,1 @@
+"""Tracks of known motions as tables, without a camera: what is said of them, and how surely."""
