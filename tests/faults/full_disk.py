@@ -21,6 +21,7 @@ from safetensors import safe_open
 from tests.shared.serial import serially
 from tests.shared.small_clips import know_cells, write_clip
 from tests.shared.small_studies import TINY
+from tests.shared.stored import parts_of
 from vidphys import presets
 from vidphys.cli import main
 from vidphys.runs import pool
@@ -51,17 +52,17 @@ def said(work: Callable[[], int]) -> tuple[int, str]:
 def left(disk: Path) -> dict[str, bytes]:
     """Tensors and labels: what must be the same bits however the work was cut.
 
-    A checkpoint that is written once more at the same step is called so: that name is left out. So
-    are tensors of a store that no manifest names: they are not read, and swept later.
+    A checkpoint that is written once more at the same step is called so: that name is left out.
     """
-    kinds = (".safetensors", ".csv", ".avi")
+    kinds = (".safetensors", ".entry", ".csv", ".avi")
     files = sorted(path for path in disk.rglob("*") if path.is_file() and path.suffix in kinds)
-    files = [p for p in files if p.parent.name != "entries" or p.with_suffix(".json").exists()]
     return {str(p.relative_to(disk)).replace("-again.", "."): content(p) for p in files}
 
 
 def content(path: Path) -> bytes:
     """Its bytes; of tensors the words beside them come in any order."""
+    if path.suffix == ".entry":
+        return parts_of(path)[0]
     if path.suffix != ".safetensors":
         return path.read_bytes()
     with safe_open(path, "numpy") as file:

@@ -67,7 +67,8 @@ def plan(config: PlanConfig) -> int:
     tables, cells = _asked(config)
     with option("--cells"):
         units = units_of(tables, seeds, cells)
-    found = forecast(units, config.preset, sizes, known_costs(config.measured, config.device))
+    known = known_costs(config.measured, config.device)
+    found = forecast(units, config.preset, sizes, known, config.engine)
     if config.json:
         print(json.dumps(_as_data(found, config.workers)))
         return 0

@@ -6,19 +6,33 @@ all nodes see, so that a driver that died loses nothing that was finished.
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
+import threading
 import warnings
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from vidphys.errors import InputError
+from vidphys.runs.ending import SIGNALS
 from vidphys.runs.needs import Needs
 from vidphys.runs.pool import TRIES, Message, WorkerLost, WorkerWarning
 from vidphys.runs.worker import outcome, quietly_with_one_thread
 
 POLL_SECONDS = 0.5
 STORE_BYTES = 2**27  # of objects, which pass through it by name only
+# Of a cluster that is started here. On a machine that has much to do its processes start late, and
+# would be given up; and at the niceness of 15 that Ray gives them, its workers would get no time.
+OWN = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_worker_niceness": "0",
+    "RAY_raylet_start_wait_time_s": "120",
+    "RAY_agent_register_timeout_ms": "120000",
+    "RAY_worker_register_timeout_seconds": "180",
+}
 MISSING = "the engine ray needs Ray, which is not installed: pip install 'vidphys[ray]'"
 
 
@@ -58,13 +72,18 @@ class Cluster:
             self.ray.shutdown()  # its tasks end with their driver
 
     def _join(self) -> None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         # A task without a share of a card sees none; Ray says of itself that this will be so.
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         own: dict[str, Any] = {"num_cpus": self.workers, "object_store_memory": STORE_BYTES}
-        where = {"address": self.address} if self.address is not None else own
+        if self.address is None:
+            # "local", else Ray looks for a cluster itself, and finds traces of one that is gone.
+            where = {"address": "local", "include_dashboard": False, **own}
+            set_up_own()
+        else:
+            where = {"address": self.address}
         try:
-            self.ray.init(**where, include_dashboard=False, log_to_driver=False)
+            with _own_signals():
+                self.ray.init(**where, log_to_driver=False, logging_level=logging.WARNING)
         except Exception as error:  # Ray raises whatever stopped it, of no common kind
             what = "cannot be started here" if self.address is None else f"at {self.address}: none"
             raise InputError(f"a Ray cluster {what} ({error})") from error
@@ -117,6 +136,24 @@ class Cluster:
             return self.ray.get(board.take.remote(), timeout=10 * POLL_SECONDS)
         except (self.ray.exceptions.RayError, TimeoutError):
             return []
+
+
+def set_up_own() -> None:
+    """Tell Ray of a cluster that it is about to start here."""
+    for name, value in OWN.items():
+        os.environ.setdefault(name, value)
+
+
+@contextmanager
+def _own_signals() -> Iterator[None]:
+    """Ray takes SIGTERM for itself; here it means that the work is kept and the process ends."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 class _Board:

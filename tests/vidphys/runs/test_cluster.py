@@ -6,21 +6,26 @@ processes wait for each other no longer than a few seconds.
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
 import warnings
+from contextlib import ExitStack
+from types import SimpleNamespace
 
 import pytest
 
 from tests.shared.errands import errand
+from tests.shared.nodes import cluster, node
 from vidphys.errors import InputError
-from vidphys.runs import cluster
+from vidphys.runs.cluster import Cluster
 from vidphys.runs.engine import engine_of
 from vidphys.runs.needs import Needs
 from vidphys.runs.pool import WorkerLost, WorkerWarning
 
+LONG = pytest.mark.skipif(
+    "VIDPHYS_FAULTS" not in os.environ, reason="make faults runs it, half a minute"
+)
 KINDS = {"a": "write", "b": "once", "c": "fail", "d": "write", "e": "die"}
 
 
@@ -36,33 +41,16 @@ def run(engine, folder, kinds):
     return {n: error for n, error in failures}, sorted(finished), shown, lost, done
 
 
-def ports():
-    names = "metrics_agent", "runtime_env_agent", "dashboard_agent_listen", "metrics_export"
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in names]
-    found = {f"{n}_port": s.getsockname()[1] for n, s in zip(names, sockets, strict=True)}
-    for each in sockets:
-        each.close()
-    return found
-
-
 @pytest.fixture(scope="module")
 def nodes():
-    """A cluster of two nodes of one core each, on this machine."""
+    """A cluster with a node of one core, on this machine."""
     pytest.importorskip("ray")
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    os.environ.setdefault("RAY_raylet_start_wait_time_s", "120")
-    os.environ.setdefault("RAY_agent_register_timeout_ms", "120000")
-    from ray.cluster_utils import Cluster
-
-    try:  # with ports of ours: for those that it chooses itself Ray waits 15 s and no longer
-        made = Cluster(
-            initialize_head=True,
-            head_node_args={"num_cpus": 1, "object_store_memory": 10**8, **ports()},
-        )
-    except Exception as error:
-        pytest.skip(f"no Ray cluster starts here: {error}")
-    yield made
-    made.shutdown()
+    with ExitStack() as stack:
+        try:
+            made = stack.enter_context(cluster())
+        except Exception as error:
+            pytest.skip(f"no Ray cluster starts here: {error}")
+        yield made
 
 
 def check(found):
@@ -79,9 +67,10 @@ def test_a_cluster_does_the_same(tmp_path, nodes):
     check(run(engine_of("ray", 2, nodes.address), tmp_path / "run", KINDS))
 
 
+@LONG
 @pytest.mark.timeout(400)
 def test_a_lost_node_loses_its_running_tasks_only(tmp_path, nodes):
-    other = nodes.add_node(num_cpus=2, object_store_memory=10**8, **ports())
+    other = nodes.add_node(**node(2))
     folder, kinds = tmp_path / "run", {name: "slow" for name in "abcdefgh"}
 
     def lose(done):
@@ -114,6 +103,7 @@ print(len(tasks), engine_of("ray", 1, sys.argv[2])(errand, tasks, print, print))
 """
 
 
+@LONG
 @pytest.mark.timeout(400)
 def test_a_driver_that_was_killed_goes_on_where_it_was(tmp_path, nodes):
     folder = tmp_path / "run"
@@ -137,4 +127,25 @@ def test_what_an_engine_refuses(monkeypatch):
         engine_of("local", 1, "auto")
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(InputError, match="pip install"):
-        cluster.Cluster(1, None, Needs())
+        Cluster(1, None, Needs())
+
+
+def test_a_cluster_of_ones_own_is_new_and_leaves_signals_as_they_were(monkeypatch):
+    asked = []
+
+    def init(**how):
+        asked.append((how, os.environ["RAY_USAGE_STATS_ENABLED"]))
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # Ray's own handler ends the driver
+
+    left = SimpleNamespace(init=init, shutdown=lambda: asked.append("left"))
+    monkeypatch.setitem(sys.modules, "ray", left)
+    monkeypatch.setattr(os, "environ", {})
+    before = signal.getsignal(signal.SIGTERM)
+    engine = engine_of("ray", 3)
+    engine._join()
+    how, told = asked[0]
+    # "local": of a cluster that is gone there may be a trace, which Ray would follow else
+    assert how["address"] == "local" and how["num_cpus"] == 3 and not how["include_dashboard"]
+    assert told == "0" and signal.getsignal(signal.SIGTERM) is before
+    engine_of("ray", 3, "10.0.0.1:6379")._join()
+    assert asked[1][0]["address"] == "10.0.0.1:6379" and "num_cpus" not in asked[1][0]
