@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
+from viz.mp4 import draw_mp4
 from viz.overlay import world_to_pixel
 from viz.recording import COLOURS, VIDEO_ARRAYS
 from viz.showcase import Arrays, check_video, half_extent
+from viz.whole import whole
 
 TRAIL = 1.0  # seconds of a path that are shown behind a body
 DIMMED = 0.35  # of a frame's brightness, after the clip has ended
@@ -27,33 +29,33 @@ def write_film(video: Arrays, path: Path, law: str = "another law") -> None:
     Args:
         video: as :func:`viz.recording.write_overlay_recording` takes it. The film goes on, over
             the last frame dimmed, until the rollout ends.
-        path: the ``.mp4`` to write.
+        path: the ``.mp4`` to write, replaced as a whole or not at all.
         law: what ``changed`` is called.
 
     Raises:
         ValueError: an array is missing or has the wrong shape, or OpenCV cannot write such a file.
+        OSError: the disk is full.
     """
-    import cv2
-
     check_video(video)
     times = np.asarray(video["frame_times"], np.float64)
     interval = float(np.median(np.diff(times)))
+    height, width = video["frames"].shape[1:3]
+    zoom = max(1, -(-LEAST // max(height, width)))
+    size = zoom * width // 2 * 2, zoom * height // 2 * 2  # the codec wants even
     pictures = _pictures(video, times, interval)
-    _, first = next(pictures)
-    zoom = max(1, -(-LEAST // max(first.shape[:2])))
-    size = zoom * first.shape[1] // 2 * 2, zoom * first.shape[0] // 2 * 2  # the codec wants even
-    path.parent.mkdir(parents=True, exist_ok=True)
-    code = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(path), code, 1 / interval, size)
-    if not writer.isOpened():
-        raise ValueError(f"write_film: OpenCV cannot write {path}; name a file that ends in .mp4")
-    try:
-        for time, picture in _pictures(video, times, interval):
-            canvas = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
-            _draw(canvas, video, time, law)
-            writer.write(cv2.cvtColor(canvas, cv2.COLOR_RGB2BGR))
-    finally:
-        writer.release()
+    with whole(path) as part:
+        draw_mp4(part, _drawn(video, pictures, size, law), 1 / interval, size)
+
+
+def _drawn(
+    video: Arrays, pictures: Iterable[tuple[float, np.ndarray]], size: tuple[int, int], law: str
+) -> Iterator[np.ndarray]:
+    import cv2
+
+    for time, picture in pictures:
+        canvas = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+        _draw(canvas, video, time, law)
+        yield canvas
 
 
 def _pictures(

@@ -32,7 +32,7 @@ def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
             contents=contents,
             name=name,
             visual_bounds=square,
-            overrides={f"{entity}/trail": _growing() for entity in entities},
+            overrides={f"{entity}/trail": growing() for entity in entities},
         )
 
     about = rrb.TextDocumentView(origin="/about", name="About")
@@ -42,7 +42,7 @@ def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
             origin="/camera",
             name="What was observed, and the track",
             visual_bounds=_whole_picture(showcase["frame_times"], showcase["frames"]),
-            overrides={"camera/track/trail": _growing()},
+            overrides={"camera/track/trail": growing()},
         )
         left = [camera, about]
     plots: list[rrb.View | rrb.Container] = [
@@ -68,7 +68,7 @@ def showcase_layout(showcase: Arrays) -> rrb.Blueprint:
     rows = rrb.Vertical(worlds, rrb.Horizontal(*plots), phase, row_shares=[10, 7, 2])
     # The list of recordings stays open: cells are there to be compared.
     panels = rrb.BlueprintPanel(state="expanded"), rrb.SelectionPanel(state="collapsed")
-    return rrb.Blueprint(rows, _clock((first, last)), *panels)
+    return rrb.Blueprint(rows, clock((first, last)), *panels)
 
 
 def overlay_layout(video: Arrays) -> rrb.Blueprint:
@@ -80,14 +80,14 @@ def overlay_layout(video: Arrays) -> rrb.Blueprint:
         origin="/video",
         name="Observed, read out, rolled out",
         visual_bounds=_whole_picture(video["frame_times"], video["frames"]),
-        overrides={f"video/{role}/trail": _growing(seconds=1.0) for role in roles},
+        overrides={f"video/{role}/trail": growing(seconds=1.0) for role in roles},
     )
     lines = [_plot(f"{n}(t), world units", [f"position_{n}/{r}" for r in roles]) for n in "xy"]
     phase = rrb.StateTimelineView(origin="/phase", name="Phase")
     about = rrb.TextDocumentView(origin="/about", name="About")
     right = rrb.Vertical(*lines, phase, about, row_shares=[5, 5, 2, 3])
     columns = rrb.Horizontal(picture, right, column_shares=[2, 3])
-    return rrb.Blueprint(columns, _clock(), collapse_panels=True)
+    return rrb.Blueprint(columns, clock(), collapse_panels=True)
 
 
 def rolled_layout(
@@ -113,7 +113,7 @@ def rolled_layout(
         contents=[f"+ /world/{role}/**" for role in roles],
         name="The episode",
         visual_bounds=square,
-        overrides={f"world/{role}/trail": _growing() for role in roles},
+        overrides={f"world/{role}/trail": growing() for role in roles},
     )
     about = rrb.TextDocumentView(origin="/about", name="About")
     above = rrb.Horizontal(world, about, column_shares=[3, 2])
@@ -126,7 +126,7 @@ def rolled_layout(
             above, _plot("Energy", names, (0.0, last), energies), phase, row_shares=[10, 5, 2]
         )
     panels = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
-    return rrb.Blueprint(rows, _clock((0.0, last)), *panels)
+    return rrb.Blueprint(rows, clock((0.0, last)), *panels)
 
 
 def _whole_picture(times: np.ndarray, frames: np.ndarray) -> rrb.VisualBounds2D:
@@ -164,7 +164,7 @@ def _plot(
     return rrb.TimeSeriesView(origin="/", contents=contents, name=name, axis_x=axis, axis_y=height)
 
 
-def _growing(
+def growing(
     seconds: float | None = None,
 ) -> tuple[rrb.VisibleTimeRanges | rrb.Visualizer, ...]:
     """Show a trail's pieces of the past (of the last ``seconds``), not of the present alone."""
@@ -179,7 +179,8 @@ def _growing(
     return span, rr.LineStrips2D.from_fields().visualizer()
 
 
-def _clock(window: tuple[float, float] | None = None) -> rrb.TimePanel:
+def clock(window: tuple[float, float] | None = None) -> rrb.TimePanel:
+    """Of a recording; a window (seconds) is passed in eight seconds, again and again."""
     import rerun as rr
     import rerun.blueprint as rrb
 

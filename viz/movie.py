@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from viz.diagnosis import HUES
+from viz.mp4 import draw_mp4
 from viz.overlay import energy_range, world_to_pixel
 from viz.showcase import Arrays, check_showcase, half_extent, laws_of
 from viz.whole import whole
@@ -46,7 +47,8 @@ def write_movie(showcase: Arrays, meta: Mapping[str, str], path: Path) -> None:
         elif path.suffix == ".gif":
             _as_gif(part, list(_pictures(figure, draw, count, GIF_RATE)))
         else:
-            _as_film(part, _pictures(figure, draw, count, RATE))
+            size = round(DOTS * SIZE[0]), round(DOTS * SIZE[1])
+            draw_mp4(part, _pictures(figure, draw, count, RATE), RATE, size)
 
 
 def _pictures(
@@ -61,20 +63,6 @@ def _pictures(
         canvas.draw()
         figure.set_layout_engine("none")  # it stays as it is, and takes long to find
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _as_film(path: Path, pictures: Iterator[np.ndarray]) -> None:
-    import cv2
-
-    width, height = (round(side * DOTS) for side in SIZE)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, (width, height))
-    if not writer.isOpened():
-        raise ValueError(f"OpenCV cannot write {path}")
-    try:
-        for picture in pictures:
-            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    finally:
-        writer.release()
 
 
 def _as_gif(path: Path, pictures: list[np.ndarray]) -> None:

@@ -94,8 +94,9 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
             (F, N, 2)``, what the readout predicts; ``rollout (R, N, 2)`` at ``rollout_times (R,)``,
             which may end after the clip. Positions in world units (y upwards, origin at the image
             centre) with ``half_extent``, the world length of half of the longer image side.
-            Optional ``track (F, N, 2)``, what was observed; ``changed`` and ``changed_times``, a
-            rollout under another law; ``train_end``, seconds.
+            Optional ``track (F, N, 2)``, what was observed; ``attention (F, N, h, w)``, how much
+            each cell of a grid over the picture counted for a body; ``changed`` and
+            ``changed_times``, a rollout under another law; ``train_end``, seconds.
         meta: what is shown, in words; ``cell`` becomes the recording's name.
         path: the ``.rrd`` to write, replaced as a whole or not at all.
 
@@ -112,6 +113,9 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     factor = tape.pictures("video/image", stamps, video["frames"])
     radius = 0.014 * max(height, width) / factor
     after = np.array([stamps[-1] + interval])
+    if "attention" in video:
+        until, stored = np.append(stamps, after), (height / factor, width / factor)
+        tape.attention("video/attention", until, video["attention"], stored)
     for role, (key, times) in VIDEO_ARRAYS.items():
         if key not in video:
             continue

@@ -1,34 +1,57 @@
-"""Recordings for the viewer's page, to whoever was told their address, on this machine alone."""
+"""rerun's viewer on a page of ours, with recordings, to whoever was told its address.
+
+All of it comes from one server on this machine, and the page may ask nobody else: rerun's own page
+asks for fonts, and reports what is looked at.
+"""
 
 from __future__ import annotations
 
+import mimetypes
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
-from viz.loopback import NAMES, Loopback, LoopbackAnswer
+from viz.loopback import Loopback, LoopbackAnswer
+from viz.page import render
+
+POLICY = (
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; connect-src 'self' data: blob:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
 
 
 @contextmanager
-def serving(recordings: Sequence[Path], port: int, page_port: int) -> Iterator[list[str]]:
-    """Serve files on 127.0.0.1 while the block runs; gives the address of each.
+def serving(
+    recordings: Sequence[Path], code: Mapping[str, bytes], told: Mapping[str, Any], port: int
+) -> Iterator[str]:
+    """Serve the page on 127.0.0.1 while the block runs; gives its address.
 
     Args:
-        recordings: the files.
-        port: where they are served.
-        page_port: where the page is that may read them.
+        recordings: the files that it opens.
+        code: of the viewer, by name (:func:`viz.viewer.web_code`).
+        told: what ``templates/viewer.html`` says until the viewer is there, and ``at``, seconds of
+            the recordings at which they stand still at first, or ``None`` to play.
+        port: where it is served; 0 takes any that is free.
+
+    Raises:
+        OSError: the port is taken.
     """
     server = _Server(port, _Answer)
     server.files = {f"{k}/{quote(file.name)}": file for k, file in enumerate(recordings)}
-    server.pages = {f"http://{name}:{page_port}" for name in NAMES}
+    at = None if told["at"] is None else round(told["at"] * 1e9)
+    shown = {"files": list(server.files), "at": at}
+    page = render("viewer.html", {**told, "shown": shown}).encode()
+    server.kept = {"": page, **code}
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
-        yield [server.address + name for name in server.files]
+        yield server.address
     finally:
         server.shutdown()
         server.server_close()
@@ -37,41 +60,31 @@ def serving(recordings: Sequence[Path], port: int, page_port: int) -> Iterator[l
 
 class _Server(Loopback):
     files: dict[str, Path]
-    pages: set[str]
+    kept: dict[str, bytes]
 
 
 class _Answer(LoopbackAnswer):
     server: _Server
 
     def do_GET(self) -> None:
-        file = self._file()
-        if file is None:
-            return
-        with file.open("rb") as content:
-            self.send_response(HTTPStatus.OK)
-            self.send_header("Content-Type", "application/octet-stream")
-            self.send_header("Content-Length", str(file.stat().st_size))
-            self._allow()
-            shutil.copyfileobj(content, self.wfile)
-
-    def do_OPTIONS(self) -> None:
-        if self._file() is not None:
-            self.send_response(HTTPStatus.NO_CONTENT)
-            self.send_header("Access-Control-Allow-Methods", "GET")
-            self._allow()
-
-    def _file(self) -> Path | None:
-        """What is asked for; a refusal is sent where it is nothing of ours."""
         name = self.asked()
         if name is None:
-            return None
-        if name not in self.server.files:
+            return
+        if name in self.server.kept:
+            content = self.server.kept[name]
+            kind = mimetypes.guess_type(name)[0] or "text/html; charset=utf-8"
+            self._head(kind, len(content))
+            self.wfile.write(content)
+        elif name in self.server.files:
+            with self.server.files[name].open("rb") as file:
+                self._head("application/octet-stream", self.server.files[name].stat().st_size)
+                shutil.copyfileobj(file, self.wfile)
+        else:
             self.send_error(HTTPStatus.NOT_FOUND)
-        return self.server.files.get(name)
 
-    def _allow(self) -> None:
-        """The end of the head, in which the viewer's page alone is let read the answer."""
-        origin = self.headers.get("Origin")
-        if origin in self.server.pages:
-            self.send_header("Access-Control-Allow-Origin", origin)
+    def _head(self, kind: str, size: int) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(size))
+        self.send_header("Content-Security-Policy", POLICY)
         self.guarded()

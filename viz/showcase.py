@@ -12,6 +12,7 @@ from registry.seal import are_sealed
 SCHEMA_VERSION = "2"
 Arrays = Mapping[str, np.ndarray]
 ROLES = ("truth", "prediction", "counterfactual_truth", "counterfactual")
+OF_THE_FILE = ("schema_version", "seal")  # of no interest beside a recording
 
 
 def read_showcase(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
@@ -41,7 +42,7 @@ def read_showcase(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
             "cell again"
         )
     check_showcase(arrays)
-    return arrays, meta
+    return arrays, {key: text for key, text in meta.items() if key not in OF_THE_FILE}
 
 
 def check_showcase(showcase: Arrays) -> None:

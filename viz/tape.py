@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viz.overlay import picture_factor, shrink, stored_as_jpeg
+from viz.overlay import BODY_COLOURS, picture_factor, shrink, stored_as_jpeg
 from viz.whole import whole
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ COLOURS: dict[str, Colour] = {
     "twin": (230, 110, 40),
 }
 PHASE_COLOURS: tuple[Colour, ...] = ((0, 120, 90), (180, 90, 20), (90, 90, 90))
+VEIL = 160  # of 255, how much of a picture the veil of attention covers
 MAX_FRAMES = 400  # longer clips are thinned evenly; tracks keep every instant
 
 
@@ -116,12 +117,17 @@ class Tape:
 
     def series(self, entity: str, times: np.ndarray, values: np.ndarray, role: str) -> None:
         """Scalars ``(T,)`` or ``(T, N)`` as lines in the role's colour."""
+        self.line(entity, times, values, self.names.get(role, role), COLOURS[role])
+
+    def line(
+        self, entity: str, times: np.ndarray, values: np.ndarray, name: str, colour: Colour
+    ) -> None:
+        """Scalars ``(T,)`` or ``(T, N)`` as lines of one colour; several are counted."""
         import rerun as rr
 
         rows = np.asarray(values, np.float64).reshape(len(times), -1)
-        name = self.names.get(role, role)
         names = [name] if rows.shape[1] == 1 else [f"{name} {n + 1}" for n in range(rows.shape[1])]
-        colours = [COLOURS[role]] * rows.shape[1]
+        colours = [colour] * rows.shape[1]
         line = rr.SeriesLines(colors=colours, names=names, widths=[2.0] * rows.shape[1])
         self.stream.log(entity, line, static=True)
         seen = np.isfinite(rows).all(1)
@@ -137,12 +143,40 @@ class Tape:
         factor = picture_factor(times, frames)
         for k in range(0, len(frames), -(-len(frames) // MAX_FRAMES)):
             picture = rr.Image(shrink(frames[k], factor))
-            self.stream.set_time("sim_time", duration=float(times[k]))
-            self.stream.set_time("step", sequence=round(float(times[k]) / self.step))
+            self._at(times[k])
             encode = stored_as_jpeg(times, frames)
             self.stream.log(entity, picture.compress(jpeg_quality=90) if encode else picture)
         self.stream.reset_time()
         return factor
+
+    def attention(
+        self, entity: str, times: np.ndarray, shares: np.ndarray, size: tuple[float, float]
+    ) -> None:
+        """Shares ``(F, N, h, w)`` as a veil over pictures of a size; it ends at the last of times.
+
+        Each body has its colour; what counts most for it is covered most.
+
+        Args:
+            entity: its name.
+            times: ``(F + 1,)``, seconds.
+            shares: of a grid over the picture, for each body.
+            size: (height, width) of the pictures as they are stored, pixels.
+        """
+        import rerun as rr
+
+        rows, columns = shares.shape[2:]
+        stretch = np.diag([size[1] / columns, size[0] / rows, 1.0])
+        self.stream.log(entity, rr.Transform3D(mat3x3=stretch), static=True)
+        colours = np.array([BODY_COLOURS[n % len(BODY_COLOURS)] for n in range(shares.shape[1])])
+        for k in range(0, len(shares), -(-len(shares) // MAX_FRAMES)):
+            each = shares[k] / shares[k].max((1, 2), keepdims=True)
+            tint = np.einsum("nhw,nc->hwc", each, colours) / each.sum(0)[..., None].clip(1e-9)
+            veil = np.concatenate([tint, VEIL * each.max(0)[..., None]], -1).astype(np.uint8)
+            self._at(times[k])
+            self.stream.log(entity, rr.Image(veil, color_model="RGBA", draw_order=-5.0))
+        self._at(times[-1])
+        self.stream.log(entity, rr.Clear(recursive=False))
+        self.stream.reset_time()
 
     def phases(self, marks: Mapping[float, str]) -> None:
         """What holds from each instant (seconds) on."""
@@ -160,6 +194,11 @@ class Tape:
             self.stream.save(part, default_blueprint=layout)
             self.stream.flush()
             self.stream.disconnect()
+
+    def _at(self, time: float) -> None:
+        """What is logged next is of this instant, seconds."""
+        self.stream.set_time("sim_time", duration=float(time))
+        self.stream.set_time("step", sequence=round(float(time) / self.step))
 
     def _when(self, times: np.ndarray) -> list[rr.TimeColumn]:
         import rerun as rr

@@ -27,6 +27,7 @@ WITHOUT_MODEL = {
     "clip/persistence": "standing still",
     "clip/constant-velocity": "going straight on",
 }
+KNOWN = ("experiment", "cells")  # settings that the title says
 STATIC = ("run.json", "records.parquet", "report.html", ".lock")
 
 
@@ -46,10 +47,12 @@ def write_told(run: Path) -> Path:
         raise ValueError(f"report: {run} is a run of '{kind}', which has no report of this kind")
     said, rows = _summary(run), _records(run)
     sentences = _of_diagnosis(settings, said) if said else _of_run(kind, settings)
+    more = _of_forecasts(rows) if kind == "train" else []
+    more += _of_rollout(about) if kind == "rollout" else []
     told = {
         "title": TITLES[kind],
-        "sentences": sentences + (_of_forecasts(rows) if kind == "train" else []),
-        "figure": _figure(run, kind),
+        "sentences": sentences + more,
+        "figure": _figure(run, kind, _other_law(settings)),
         "law": _law(run),
         "rows": rows,
         "commands": _commands(run, kind),
@@ -61,7 +64,11 @@ def write_told(run: Path) -> Path:
             and not {"parts", "checkpoints"} & set(file.relative_to(run).parts)
             and file.name not in STATIC
         ),
-        "settings": settings,
+        "settings": {
+            name: ", ".join(map(str, value)) if isinstance(value, list) else value
+            for name, value in settings.items()
+            if value not in (None, []) and name not in KNOWN
+        },
     }
     return write_page(run, "told.html", told)
 
@@ -90,14 +97,42 @@ def _of_diagnosis(settings: Mapping[str, Any], said: Sequence[str]) -> list[tupl
 def _of_run(kind: str, settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was asked of a model; what holds stands in the numbers."""
     if kind == "rollout":
-        changes = [f"G = {settings['coupling']:g}"] if settings.get("coupling") is not None else []
-        changes += [" times ".join(x.split("=", 1)) for x in settings.get("law") or ()]
-        other = f", and under another law: {', '.join(changes)}" if changes else ""
+        other = _other_law(settings)
+        other = f", and under another law: {other}" if other else ""
         return [("Asked:", f"how it goes on for {settings.get('beyond')} s{other}.")]
     if kind == "fit":
         return [("Asked:", "the numbers of a law whose terms a diagnosis gave.")]
     seen = settings.get("encoder")
     return [("Asked:", f"what can be read and foretold of clips{f' over {seen}' if seen else ''}.")]
+
+
+def _other_law(settings: Mapping[str, Any]) -> str:
+    """What a rollout was changed by, in words; nothing where it was not."""
+    coupling = settings.get("coupling")
+    words = [] if coupling is None else [f"G = {coupling:g}".replace("-", "\u2212")]
+    return ", ".join(
+        [*words, *(" times ".join(x.split("=", 1)) for x in settings.get("law") or ())]
+    )
+
+
+def _of_rollout(about: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Whether the clip is like those that the model was trained on, and what cannot be known."""
+    flags = (about.get("flags") or {}).values()
+    unlike = [
+        f"{flag['name']} {number(flag['value'])}, where {number(flag['limit']['value'])} is rarely "
+        "exceeded"
+        for flag in flags
+        if flag["raised"]
+    ]
+    if unlike:
+        first = [("Open:", f"the clip is unlike those of the training: {'; '.join(unlike)}.")]
+    elif flags:
+        first = [
+            ("Holds:", "the clip is like those of the training, in what is seen and in its law.")
+        ]
+    else:
+        first = []
+    return [*first, ("Not known:", "how far it is off: nothing was recorded that far on.")]
 
 
 def _of_forecasts(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
@@ -166,24 +201,26 @@ def _records(run: Path) -> list[dict[str, Any]]:
     ]
 
 
-def _figure(run: Path, kind: str) -> Drawn | None:
-    """The figure of a diagnosis as it lies there, or one drawn of a rollout's arrays."""
-    path = run / "figures" / "diagnosis.svg"
+def _figure(run: Path, kind: str, other: str) -> Drawn | None:
+    """The figure as it lies there, or one drawn of a rollout's arrays."""
+    path = run / "figures" / ("clip.svg" if kind == "train" else "diagnosis.svg")
     if kind == "rollout":
         path = run / "figures" / "rollout.svg"
-        if not _draw_rollout(run, path):
+        if not _draw_rollout(run, path, other):
             return None
     if not path.is_file():
         return None
     caption = "Dots: recorded. Lines: the model; dashed: other laws. A hue is a body."
+    if kind in ("rollout", "train"):
+        caption += " Shaded: what is foretold."
     return inline_svg(
         path.read_text(encoding="utf-8"), "Tracks and the model along each axis", caption
     )
 
 
-def _draw_rollout(run: Path, path: Path) -> bool:
+def _draw_rollout(run: Path, path: Path, other: str) -> bool:
     """Tracks, how they go on, and how they would under the other law."""
-    from viz.diagnosis import diagnosis_figure
+    from viz.going_on import FORETOLD, going_on_figure
 
     try:
         with np.load(run / "rollout.npz", allow_pickle=False) as file:
@@ -191,10 +228,10 @@ def _draw_rollout(run: Path, path: Path) -> bool:
     except (OSError, ValueError):
         return False
     when = arrays["rollout_times"]
-    rolled = {"model": (when, arrays["rollout"])}
+    rolled = {FORETOLD: (when, arrays["rollout"])}
     if "changed" in arrays:
-        rolled["another law"] = (when, arrays["changed"])
-    save_svg(diagnosis_figure(arrays["times"], arrays["track"], rolled), path)
+        rolled[f"under {other}" if other else "under another law"] = when, arrays["changed"]
+    save_svg(going_on_figure(arrays["times"], arrays["track"], rolled), path)
     return True
 
 

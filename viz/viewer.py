@@ -1,4 +1,4 @@
-"""The viewer as a program: opened in a window, served to a browser, recordings merged.
+"""The viewer as a program: opened in a window, its code for a browser, recordings merged.
 
 It runs as a process of its own, which reads the files; nothing of rerun is imported here.
 """
@@ -10,12 +10,18 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from urllib.parse import quote
+from urllib.request import urlopen
+
+from viz.whole import whole
 
 _LAUNCH = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
-WEB_PORT, DATA_PORT = 9090, 9876
+WEB_PORT = 9090
+WEB_CODE = ("re_viewer.js", "re_viewer_bg.wasm")
+PATIENCE = 60  # seconds that the code is waited for
 INTERRUPTED = 130  # exit code
 
 
@@ -35,34 +41,44 @@ def open_window(recordings: Sequence[Path]) -> None:
     _check(_run(_command(*map(str, recordings)), _quiet()))
 
 
-def serve_page(web_port: int) -> None:
-    """Serve the viewer's page on 127.0.0.1 alone, until interrupted.
+def web_code() -> dict[str, bytes]:
+    """What a page starts the viewer with: its script and its WebAssembly, by their names.
 
-    It answers whoever asks, so it is given no recording: :mod:`viz.served` has them.
+    rerun has them inside of its program, whose own server is asked for them and ended.
 
     Raises:
-        RuntimeError: the server ended with an error.
+        RuntimeError: it does not hand them out.
     """
-    ports = ("--port", str(free_port()), "--web-viewer-port", str(web_port))
+    port = free_port()
+    ports = ("--port", str(free_port()), "--web-viewer-port", str(port))
     command = _command("--serve-web", "--bind", "127.0.0.1", *ports)
-    _check(_run(command, _quiet() | {"RUST_LOG": "warn"}))
+    environment = _quiet() | {"RUST_LOG": "error"}
+    with subprocess.Popen(
+        command, env=environment, start_new_session=True, stdout=subprocess.DEVNULL
+    ) as started:
+        try:
+            return {name: _fetched(started, port, name) for name in WEB_CODE}
+        finally:
+            _end(started)
 
 
-def web_address(web_port: int, recordings: Sequence[str]) -> str:
-    """Where a browser finds the page with these recordings, which are given by their addresses."""
-    sources = "".join(f"url={quote(address, safe='')}&" for address in recordings)
-    return f"http://127.0.0.1:{web_port}/?{sources}hide_welcome_screen"
+def _fetched(server: subprocess.Popen[bytes], port: int, name: str) -> bytes:
+    """A file of rerun's server, which may only just be starting."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            with urlopen(f"http://127.0.0.1:{port}/{name}", timeout=PATIENCE) as answer:
+                return answer.read()
+        except OSError as error:
+            if server.poll() is not None or time.monotonic() > end:
+                raise RuntimeError(f"viewer: rerun does not hand out {name} ({error})") from error
+            time.sleep(0.02)
 
 
-def free_ports() -> tuple[int, int]:
-    """(web page, data): the usual two, or others if one of them is taken."""
-    if _is_free(WEB_PORT) and _is_free(DATA_PORT):
-        return WEB_PORT, DATA_PORT
-    return free_port(), free_port()
-
-
-def free_port() -> int:
-    """Any."""
+def free_port(wanted: int = 0) -> int:
+    """``wanted``, or any other where that is taken."""
+    if wanted and _is_free(wanted):
+        return wanted
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return one.getsockname()[1]
@@ -74,15 +90,10 @@ def merge(recordings: Sequence[Path], path: Path) -> None:
     Raises:
         RuntimeError: they could not be merged.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    command = _command("rrd", "merge", "-o", str(part), *map(str, recordings))
-    try:
+    with whole(path) as part:
+        command = _command("rrd", "merge", "-o", str(part), *map(str, recordings))
         done = subprocess.run(command, env=_quiet(), capture_output=True, text=True)
         _check(done.returncode, done.stderr)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _run(command: list[str], environment: dict[str, str]) -> int:
@@ -92,11 +103,17 @@ def _run(command: list[str], environment: dict[str, str]) -> int:
         try:
             return started.wait()
         except KeyboardInterrupt:
-            if sys.platform == "win32":
-                started.terminate()
-            else:
-                os.killpg(started.pid, signal.SIGTERM)
+            _end(started)
             return INTERRUPTED
+
+
+def _end(started: subprocess.Popen[bytes]) -> None:
+    """End a process with all that it started."""
+    if sys.platform == "win32":
+        started.terminate()
+    else:
+        with suppress(ProcessLookupError):  # it has ended by itself
+            os.killpg(started.pid, signal.SIGTERM)
 
 
 def _command(*arguments: str) -> list[str]:

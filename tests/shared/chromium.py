@@ -16,14 +16,18 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+DRAWING = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--ignore-gpu-blocklist")
 WRONG = ("Runtime.exceptionThrown", "Log.entryAdded")
 
 
 class Chromium:
-    """One tab; ``with Chromium(folder) as tab``."""
+    """One tab; ``with Chromium(folder) as tab``, which draws in WebGL too if ``drawing`` is set."""
 
-    def __init__(self, folder: Path, width: int = 1400, height: int = 900) -> None:
+    def __init__(
+        self, folder: Path, width: int = 1400, height: int = 900, drawing: bool = False
+    ) -> None:
         self.folder, self.width, self.height = folder, width, height
+        self.drawing = DRAWING if drawing else ("--disable-gpu",)
         self.events: list[dict[str, Any]] = []
         self.session: str | None = None
         self._number, self._read = 0, b""
@@ -32,7 +36,7 @@ class Chromium:
         for_it, self._to = os.pipe()
         self._from, from_it = os.pipe()
         ask = f'exec "$0" "$@" 3<&{for_it} 4>&{from_it}'
-        options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe"]
+        options = ["--headless=new", "--no-sandbox", "--remote-debugging-pipe", *self.drawing]
         options += [f"--user-data-dir={self.folder}"]
         self._process = subprocess.Popen(
             ["bash", "-c", ask, str(CHROMIUM), *options],

@@ -1,9 +1,12 @@
 """A film shows what is drawn over each frame, and goes on after the clip."""
 
+import resource
+
 import cv2
 import numpy as np
 import pytest
 
+from viz import film as module
 from viz.film import write_film
 from viz.recording import COLOURS
 
@@ -63,3 +66,31 @@ def test_a_small_clip_is_enlarged_and_lost_bodies_leave_no_mark(tmp_path):
     assert frames[5, 100:, :].std() < 8
     with pytest.raises(ValueError, match="missing rollout"):
         write_film({k: v for k, v in video.items() if k != "rollout"}, tmp_path / "no.mp4")
+
+
+@pytest.fixture
+def short_of_room():
+    """A disk on which no file grows beyond some bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.usefixtures("short_of_room")
+def test_a_full_disk_leaves_the_film_of_before(tmp_path):
+    (tmp_path / "clip.mp4").write_bytes(b"of before")
+    with pytest.raises(OSError, match="not written whole"):
+        write_film(clip(), tmp_path / "clip.mp4")
+    assert [p.name for p in tmp_path.iterdir()] == ["clip.mp4"]
+    assert (tmp_path / "clip.mp4").read_bytes() == b"of before"
+
+
+def test_a_film_that_is_broken_off_leaves_the_one_of_before(tmp_path, monkeypatch):
+    (tmp_path / "clip.mp4").write_bytes(b"of before")
+    left = iter(range(5))
+    monkeypatch.setattr(module, "_draw", lambda *_: next(left))
+    with pytest.raises((StopIteration, RuntimeError)):
+        write_film(clip(), tmp_path / "clip.mp4")
+    assert (tmp_path / "clip.mp4").read_bytes() == b"of before"
+    assert [p.name for p in tmp_path.iterdir()] == ["clip.mp4"]

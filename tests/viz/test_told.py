@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from viz.going_on import going_on_figure
 from viz.told import write_told
 
 
@@ -26,3 +28,41 @@ def test_a_training_says_first_whether_it_foretells(tmp_path, error, said):
     pq.write_table(pa.Table.from_pylist(rows), tmp_path / "records.parquet")
     page = write_told(tmp_path).read_text()
     assert said in page and f"RMSE {error:g} against 0.15" in page
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        (False, "<b>Holds:</b> the clip is like those of the training"),
+        (True, "<b>Open:</b> the clip is unlike those of the training: doubt 3, where 2 is rarely"),
+    ],
+)
+def test_a_rollout_says_whether_its_clip_is_like_the_training_and_which_law_is_drawn(
+    tmp_path, raised, said
+):
+    flag = {"name": "doubt", "value": 3.0, "limit": {"value": 2.0}, "raised": raised}
+    settings = {"experiment": "rollout", "beyond": 1.0, "coupling": -1.0, "law": [], "stop": None}
+    about = {"settings": settings, "flags": {"doubt": flag}}
+    (tmp_path / "run.json").write_text(json.dumps(about))
+    (tmp_path / "figures").mkdir()
+    times, ahead = np.arange(5) * 0.1, 0.4 + np.arange(9) * 0.1
+    rolled = np.random.default_rng(0).standard_normal((9, 2, 2))
+    arrays = {"times": times, "track": rolled[:5], "rollout_times": ahead, "rollout": rolled}
+    np.savez(tmp_path / "rollout.npz", **arrays, changed=-rolled)
+    page = write_told(tmp_path).read_text()
+    assert said in page and "nothing was recorded that far on" in page
+    assert "<td>None</td>" not in page and ">coupling</th>" in page
+    assert "under G = \u22121" in page
+
+
+def test_all_that_is_foretold_is_inside_and_another_law_may_leave():
+    times, ahead = np.arange(5.0), 4 + np.arange(5.0)
+    foretold = np.linspace(0, 8, 5)[:, None, None] * np.ones((5, 1, 2))
+    rolled = {"foretold": (ahead, foretold), "under G = -1": (ahead, -100 * foretold)}
+    figure = going_on_figure(times, np.zeros((5, 1, 2)), rolled)
+    along = {axes.get_ylabel(): axes for axes in figure.axes if axes.get_xlabel() != "x"}
+    for name in "xy":
+        low, high = along[name].get_ylim()
+        assert high >= 8 and -20 < low <= 0
+        line = next(x for x in along[name].lines if x.get_label() == "under G = -1")
+        assert line.get_linestyle() == "--"

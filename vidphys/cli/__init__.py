@@ -47,6 +47,7 @@ VERBS = {
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SHOWING = ("view", "play")  # they have nothing that could go on
 OK, WRONG_INPUT = 0, 2
+URL = re.compile(r"[a-z][a-z0-9+.-]+:/")  # as a path has it: one slash, for two are one there
 STAGES = ("dynamics", "renderers", "encoders", "binders", "readouts", "viz", "loops", "registry")
 
 
@@ -121,7 +122,7 @@ def _run(verb: str, rest: list[str]) -> int:
 
 
 def _require_values(config: Any) -> None:
-    """Refuse what no verb can use: infinite numbers, and names that libraries cannot be told.
+    """Refuse what no verb can use: infinite numbers, names that libraries cannot be told, URLs.
 
     Raises:
         InputError: of which option.
@@ -134,6 +135,12 @@ def _require_values(config: Any) -> None:
                 raise InputError(f"`{option}` {each}: must be a finite number")
             if isinstance(each, str | Path) and not is_utf8(str(each)):
                 raise InputError(f"`{option}` {str(each)!a}: the name is not UTF-8; rename it")
+            if isinstance(each, Path) and URL.match(str(each)) and not each.exists():
+                told = str(each).replace(":/", "://", 1)
+                raise InputError(
+                    f"`{option}` {told}: a URL; here a file or folder is needed, and a bucket is "
+                    "only read and written by vidphys store push and pull --url"
+                )
 
 
 def _one_line(message: Warning | str, category: type[Warning], *_: object) -> str:

@@ -12,7 +12,7 @@ from vidphys.cli.recordings import told_law
 if TYPE_CHECKING:
     from vidphys.play import Asked, Piece, Stage
 
-MOST_INSTANTS = 101  # of a role; a recording of three bodies stays well below 50 kB
+MOST_INSTANTS = 101  # of a role
 ENERGIES = {"truth true": "truth", "model true": "model", "model own": "own"}
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from vidphys.reading.training import Perceived
 
 ARRAYS = 1  # schema of what a rollout keeps
-BLANK = 160  # pixels of a recording's pictures where there is no clip
 
 
 def record_training(run: Path, perceived: Perceived, told: Told, selection: ClipSelection) -> None:
@@ -33,19 +32,36 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
         selection: the frames that were used of it.
     """
     from vidphys.data.video import open_video
+    from vidphys.reading.attention import attention_of
     from vidphys.reading.clip_dynamics import FACTORED
     from viz.recording import write_overlay_recording
 
     clip, extent = perceived.clips[told.clip], perceived.reader.half_extent
     video = open_video(clip.file.path, selection)
-    arrays = {
+    arrays: dict[str, Any] = {
         **_pictures(video, perceived.tracks[told.clip].positions[0], extent),
         "track": extent * clip.labels.positions[0].numpy(),
         **_rolled("rollout", told.forecasts[FACTORED], video, extent * clip.camera),
         "train_end": np.asarray(video.times[told.start - 1]),
     }
+    features = clip.features[perceived.chosen.candidate.layer]
+    attention = attention_of(perceived.reader.readout, features, len(video.frames))
+    if attention is not None:
+        arrays["attention"] = attention.numpy()
+    _draw_clip(run, video.times, arrays)
     meta = {"cell": "clip", "clip": video.path.name}
     write_overlay_recording(arrays, meta, run / "recordings" / "clip.rrd")
+
+
+def _draw_clip(run: Path, times: np.ndarray, arrays: Mapping[str, np.ndarray]) -> None:
+    """The scored clip and what was foretold of it, for the report."""
+    from viz.figures import save_svg
+    from viz.going_on import FORETOLD, going_on_figure
+
+    rolled = {FORETOLD: (arrays["rollout_times"], arrays["rollout"])}
+    path = run / "figures" / "clip.svg"
+    path.parent.mkdir(exist_ok=True)
+    save_svg(going_on_figure(times, arrays["track"], rolled), path)
 
 
 def record_rollout(
@@ -100,6 +116,7 @@ def write_tracks_recording(
         pictures: frames and times of the clip that the tracks are of, in normalised image units.
         film: the video file to draw it into as well.
     """
+    from vidphys.data.frames import blank
     from viz.recording import write_overlay_recording
 
     times, places = track
@@ -110,7 +127,7 @@ def write_tracks_recording(
     if pictures is None:
         everything = [shown, *(_plane(there) for _, there in rolled.values())]
         extent = 1.1 * max(float(np.nanmax(np.abs(x), initial=1e-9)) for x in everything)
-        frames, when = np.full((len(times), BLANK, BLANK, 3), 255, np.uint8), times
+        frames, when = blank(len(times)), times
     else:
         (frames, when), extent = pictures, 1.0
         after = np.clip(np.searchsorted(times, when - 1e-6), 0, len(times) - 1)

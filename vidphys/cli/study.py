@@ -127,7 +127,8 @@ def _foretell(
     from vidphys.experiments.forecast import forecast
 
     left = [unit for unit in units if not all(run.is_done(part) for part in unit.parts)]
-    found = forecast(left, config.preset, sizes, known_costs([run.path], config.device))
+    known = known_costs([run.path], config.device)
+    found = forecast(left, config.preset, sizes, known, config.engine)
     if found.seconds and found.wall(config.workers) > LONG_SECONDS:
         console.note(found.sentence(config.workers))
 

@@ -7,8 +7,12 @@ import json
 import shutil
 import socket
 import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import tyro
@@ -27,6 +31,7 @@ class ViewConfig:
     Args:
         run: the run's folder, or a recording (.rrd).
         cell: cells to show (grounding/head), or `all`; one if none is named, and all are saved.
+        seeds: show one cell's model of every seed side by side, rolled from one start.
         web: serve the viewer to a browser, on this machine only.
         save: write the recordings to this .rrd file, or into this folder, instead of showing them.
         movie: write one cell's episode as a film of eight seconds (.mp4 or .gif), or its last
@@ -35,6 +40,7 @@ class ViewConfig:
 
     run: Annotated[Path, tyro.conf.Positional]
     cell: tuple[str, ...] = ()
+    seeds: bool = False
     web: bool = False
     save: Path | None = None
     movie: Path | None = None
@@ -54,6 +60,8 @@ def view(config: ViewConfig) -> None:
 
     if sum((config.web, config.save is not None, config.movie is not None)) > 1:
         raise InputError("view: --web, --save and --movie exclude each other; give one of them")
+    if config.seeds and config.movie is not None:
+        raise InputError("view: --movie shows one model, --seeds several; give one of them")
     if config.movie is not None:
         _film(config, config.movie)
         return
@@ -66,13 +74,29 @@ def view(config: ViewConfig) -> None:
     if config.save is not None and config.save.suffix and _is_taken(config.save):
         raise InputError(f"view: --save {config.save} exists; remove it or choose another path")
     folder = config.run.parent if config.run.suffix == ".rrd" else config.run
-    recordings = [_recording(folder, file) for file in chosen.values()]
-    if config.save is not None:
-        _save(recordings, config.save)
-    elif config.web:
-        _serve(recordings)
-    else:
-        viewer.open_window(recordings)
+    with TemporaryDirectory() as drawn:
+        if config.seeds:
+            recordings = [_seeds(config.run, chosen, Path(drawn))]
+        else:
+            recordings = [_recording(folder, file) for file in chosen.values()]
+        if config.save is not None:
+            _save(recordings, config.save)
+        elif config.web:
+            _serve(folder, chosen, recordings)
+        else:
+            viewer.open_window(recordings)
+
+
+def _seeds(run: Path, chosen: Mapping[str, Path], folder: Path) -> Path:
+    """The recording of one cell's seeds, under the cell's name."""
+    from vidphys.cli.seeds import write_seeds
+
+    if len(chosen) != 1 or "" in chosen:
+        raise InputError("view: --seeds shows one cell of a ladder; choose it by --cell NAME")
+    ((cell, file),) = chosen.items()
+    path = folder / f"{file.stem}.rrd"
+    write_seeds(run, cell, path)
+    return path
 
 
 def _film(config: ViewConfig, target: Path) -> None:
@@ -170,6 +194,7 @@ def _recording(run: Path, file: Path) -> Path:
 def _save(recordings: list[Path], target: Path) -> None:
     """Into one file if ``target`` ends in .rrd, else one file each into that folder."""
     from viz import viewer
+    from viz.whole import whole
 
     if target.suffix == ".rrd":
         viewer.merge(recordings, target)
@@ -182,7 +207,8 @@ def _save(recordings: list[Path], target: Path) -> None:
         raise InputError(f"view: --save would overwrite {taken[0]}; choose another folder")
     target.mkdir(parents=True, exist_ok=True)
     for recording in recordings:
-        shutil.copyfile(recording, target / recording.name)
+        with whole(target / recording.name) as part:
+            shutil.copyfile(recording, part)
     print(f"wrote {len(recordings)} recording(s) into {target}")
 
 
@@ -191,15 +217,23 @@ def _is_taken(path: Path) -> bool:
     return path.exists() or path.is_symlink()
 
 
-def _serve(recordings: list[Path]) -> None:
+def _serve(run: Path, chosen: Mapping[str, Path], recordings: list[Path]) -> None:
     from viz import viewer
+    from viz.poster import poster
     from viz.served import serving
 
-    web, data = viewer.free_ports()
-    forward = f"ssh -N -L {web}:127.0.0.1:{web} -L {data}:127.0.0.1:{data} {socket.gethostname()}"
-    with serving(recordings, data, web) as addresses:
-        print(f"open      {viewer.web_address(web, addresses)}")
+    port = viewer.free_port(viewer.WEB_PORT)
+    forward = f"ssh -N -L {port}:127.0.0.1:{port} {socket.gethostname()}"
+    told = poster(run, next(iter(chosen.values())))
+    with serving(recordings, viewer.web_code(), told, port) as address:
+        print(f"open      {address}")
         print(f"from elsewhere, first run there: {forward}")
-        print("Ctrl-C ends it; rerun's page reports usage when online, its settings turn that off")
+        print("Ctrl-C ends it")
         sys.stdout.flush()
-        viewer.serve_page(web)
+        with suppress(KeyboardInterrupt):  # it is the way to end it
+            wait()
+
+
+def wait() -> None:
+    """Until interrupted."""
+    threading.Event().wait()

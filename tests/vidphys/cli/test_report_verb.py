@@ -59,7 +59,7 @@ def test_a_rollout_is_drawn_from_its_arrays(tmp_path):
     np.savez(run / "rollout.npz", **arrays, changed=rolled[10:])
     assert main(["report", str(run)]) == 0
     page = (run / "report.html").read_text()
-    assert "G = -1, friction times 0" in page and page.count("<svg") == 1
+    assert "G = \u22121, friction times 0" in page and page.count("<svg") == 1
     assert (run / "figures" / "rollout.svg").is_file()
 
 

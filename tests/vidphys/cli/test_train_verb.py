@@ -335,6 +335,8 @@ class TestRollout:
             assert torch.equal(one.state.flat, two.state.flat)
             assert torch.equal(one.rollout.positions, two.rollout.positions)
             assert one.rollout.positions.shape[1:] == (1, 2)
+            assert one.flags == two.flags
+            assert [flag.name for flag in one.flags] == ["features", "doubt", "physics"]
 
     def test_a_pipeline_of_an_older_version_reads_as_it_did(
         self, folder: Path, tmp_path: Path
@@ -345,12 +347,28 @@ class TestRollout:
         now = load_pipeline(run).reader.read(clip.frames, clip.times)
         path = run / "checkpoints" / "pipeline.json"
         tensors, meta = checkpoint.load(path)
-        del meta["mirrors"]
+        del meta["mirrors"], meta["familiar"]
         old = {**meta, "readout": {"channels": 3, "bodies": 1, "width": 8}}
         checkpoint.save(path, tensors, old)
-        reader = load_pipeline(run).reader
+        pipeline = load_pipeline(run)
+        reader = pipeline.reader
         assert torch.equal(reader.read(clip.frames, clip.times).positions, now.positions)
+        assert pipeline(clip.frames, clip.times).flags == ()
         assert not reader.mirrors
+
+    def test_a_clip_of_another_kind_is_said_to_be_one(
+        self, trained: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        run, clip = trained
+        other, told = tmp_path / "other.avi", {}
+        write_video(other, 255 - pictures(swing(FRAMES, 0.5)), RATE)
+        for name, shown in (("same", clip), ("other", other)):
+            assert rollout(run, shown, tmp_path / name) == 0
+            warned = capsys.readouterr().err
+            flags = json.loads((tmp_path / name / "run.json").read_text())["flags"]
+            told[name] = "unlike those of the training: what the encoder sees lies" in warned
+            assert flags["features"]["raised"] == told[name]
+        assert told == {"same": False, "other": True}
 
     def test_a_changed_law_changes_the_rollout(
         self, trained: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
