@@ -22,6 +22,7 @@ import pytest
 
 from dynamics import HEADS, to_config
 from encoders.frozen import ENCODERS, load_encoder
+from encoders.store import FeatureStore
 from tests.shared.small_studies import TINY, with_short_lyapunov_times
 from vidphys.cli import main
 from vidphys.data.formats import FORMATS, ClipFormat, format_of
@@ -122,7 +123,7 @@ def test_extract(which: str, tmp_path: Path, request: pytest.FixtureRequest) -> 
     store = ["--out", str(tmp_path / "store"), "--encoder", "edges", "--options", "cell=8"]
     assert len(clips) == 3
     assert main(["extract", *clips, *store, "--quiet"]) == 0
-    (one, *_) = [json.loads(p.read_text()) for p in (tmp_path / "store" / "entries").glob("*.json")]
+    (one, *_) = FeatureStore(tmp_path / "store").entries()
     assert SOURCE in one["request"]["encoder"]["preprocessing"] and one["shape"][2:] == [4, 4]
 
 

@@ -26,8 +26,7 @@ ALLOWED = {
         "vidphys/data/provenance.py",  # the decoder's version, which no run changes
         "vidphys/probing/atlas.py",  # the clips of an atlas, decoded once for all its units
         "vidphys/data/sets/__init__.py",  # lists of clips, by their files' times of change
-        "vidphys/data/sets/huggingface.py",  # open tables, likewise
-        "vidphys/data/sets/lerobot.py",  # likewise
+        "vidphys/data/sets/apart.py",  # rows of their tables, likewise
         "viz/page.py",  # the pages' templates, which are constants
     },
     "sets threads": set(),
