@@ -118,12 +118,7 @@ def _other_law(settings: Mapping[str, Any]) -> str:
 def _of_rollout(about: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Whether the clip is like those that the model was trained on, and what cannot be known."""
     flags = (about.get("flags") or {}).values()
-    unlike = [
-        f"{flag['name']} {number(flag['value'])}, where {number(flag['limit']['value'])} is rarely "
-        "exceeded"
-        for flag in flags
-        if flag["raised"]
-    ]
+    unlike = [flag["said"] for flag in flags if flag["raised"]]
     if unlike:
         first = [("Open:", f"the clip is unlike those of the training: {'; '.join(unlike)}.")]
     elif flags:

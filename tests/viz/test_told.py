@@ -34,13 +34,19 @@ def test_a_training_says_first_whether_it_foretells(tmp_path, error, said):
     ("raised", "said"),
     [
         (False, "<b>Holds:</b> the clip is like those of the training"),
-        (True, "<b>Open:</b> the clip is unlike those of the training: doubt 3, where 2 is rarely"),
+        (True, "<b>Open:</b> the clip is unlike those of the training: twice its limit."),
     ],
 )
 def test_a_rollout_says_whether_its_clip_is_like_the_training_and_which_law_is_drawn(
     tmp_path, raised, said
 ):
-    flag = {"name": "doubt", "value": 3.0, "limit": {"value": 2.0}, "raised": raised}
+    flag = {
+        "name": "doubt",
+        "value": 3.0,
+        "limit": {"value": 2.0},
+        "raised": raised,
+        "said": "twice its limit",
+    }
     settings = {"experiment": "rollout", "beyond": 1.0, "coupling": -1.0, "law": [], "stop": None}
     about = {"settings": settings, "flags": {"doubt": flag}}
     (tmp_path / "run.json").write_text(json.dumps(about))

@@ -151,7 +151,9 @@ def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
             run.abandon()
             raise InputError(f"{config.input}: {error}") from error
         _write(run.path / "rollout.npz", reading, changed)
-        run.tell(flags={x.name: {**asdict(x), "raised": x.raised} for x in reading.flags})
+        run.tell(
+            flags={x.name: {**asdict(x), "raised": x.raised, "said": str(x)} for x in reading.flags}
+        )
         extent = pipeline.reader.half_extent
         with console.drawing("the recording"):
             words = told_law(config.coupling, config.law, aim)

@@ -36,17 +36,19 @@ class FeatureMemory:
         Raises:
             ValueError: no maps.
         """
-        rng, seen = Generator().manual_seed(0), torch.zeros(0)
-        for values in maps:
+        rng, lots, seen = Generator().manual_seed(0), torch.zeros(0), torch.zeros(0)
+        for values in maps:  # each cell draws a lot; the lowest of all are looked at
             cells = values.movedim(1, -1).flatten(0, -2)
-            few = torch.randperm(len(cells), generator=rng)[:SEEN]
+            drawn = torch.rand(len(cells), generator=rng)
+            few = drawn.argsort()[:SEEN]
             found = cells[few].float()
+            lots = torch.cat([lots, drawn[few]])
             seen = torch.cat([seen, found]) if len(seen) else found
             if len(seen) > 2 * SEEN:
-                seen = seen[torch.randperm(len(seen), generator=rng)[:SEEN]]
+                lots, seen = _lowest(lots, seen)
         if not len(seen):
             raise ValueError("`maps`: there are none")
-        seen = seen[torch.randperm(len(seen), generator=rng)[:SEEN]]
+        _, seen = _lowest(lots, seen)
         mean, scale = seen.mean(0), seen.std(0, correction=0)
         scale = scale.clamp_min(1e-3 * float(scale.max().clamp_min(1e-3)))
         return cls(mean, scale, _core((seen - mean) / scale))
@@ -60,6 +62,11 @@ class FeatureMemory:
         cells = (values.float().movedim(1, -1) - self.mean) / self.scale
         near = torch.cdist(cells.flatten(0, -2), self.kept).amin(-1)
         return near.reshape(len(values), -1).amax(-1) / len(self.mean) ** 0.5
+
+
+def _lowest(lots: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
+    chosen = lots.argsort()[:SEEN]
+    return lots[chosen], cells[chosen]
 
 
 def _core(cells: Tensor) -> Tensor:

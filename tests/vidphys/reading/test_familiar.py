@@ -93,6 +93,12 @@ def test_what_is_rare_is_kept_where_much_is_left_out(monkeypatch):
         FeatureMemory.of([])
 
 
+def test_of_many_clips_each_counts_for_as_much(monkeypatch):
+    monkeypatch.setattr("vidphys.reading.memory.SEEN", 300)
+    memory = FeatureMemory.of(torch.full((25, 1, 4, 4), float(k)) for k in range(20))
+    assert float(memory.mean) == pytest.approx(9.5, abs=1)  # three standard errors
+
+
 @given(st.integers(1, 300), st.integers(0, 5))
 def test_a_limit_is_exceeded_as_seldom_as_it_says(n, seed):
     """By exchangeability: of n + 1 numbers in any order, the last is beyond the others' limit."""
