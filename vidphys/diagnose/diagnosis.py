@@ -12,7 +12,7 @@ from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.inference.changes import Switch, find_switch
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
-from vidphys.diagnose.inference.measured import remeasured
+from vidphys.diagnose.inference.measured import settled
 from vidphys.diagnose.inference.power import infer_with_power
 from vidphys.diagnose.inference.search import infer, ranked
 from vidphys.diagnose.inference.weigh import weigh
@@ -20,7 +20,6 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.mending import Mended, mend
 
-LOOKS = 2  # at the residual, for what it says of the measurement
 SMOOTH = 2  # degree of the polynomials by which motion is told from noise
 STILL = 1e-12  # of the size of the positions, below which a change is rounding
 SHUFFLES = 100  # orders of the frames that motion is compared with
@@ -106,19 +105,11 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
         refused = nothing_to_see(motion)
     if refused:
         return Diagnosis(motion, noise, refused)
+    settle = partial(settled, infer=partial(infer_with_power, angles=angles))
+    found = settle(motion)
+    found = weigh(motion, found.inference, settle, partial(ranked, angles=angles)) or found
+    motion, inference, power = found.motion, found.inference, found.power
     noise = measure_noise(motion)
-    inference, power = infer_with_power(motion, angles)
-    for _ in range(LOOKS):
-        seen = None if inference.sure and not inference.kicks else remeasured(motion, inference)
-        if seen is None:
-            break
-        motion, noise = seen, measure_noise(seen)
-        inference, power = infer_with_power(motion, angles)
-    weighed = weigh(
-        motion, inference, partial(infer, angles=angles), partial(ranked, angles=angles)
-    )
-    if weighed is not None:
-        motion, inference = weighed.motion, weighed.inference
     switch = find_switch(motion, inference)
     if switch is not None:
         parts = _parts(motion, switch, angles)

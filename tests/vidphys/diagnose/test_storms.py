@@ -68,6 +68,20 @@ def test_swapped_names_go_back():
         assert (away < 0.1).mean() > 0.95
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_names_go_back_where_false_finds_and_gaps_lie_beside(seed):
+    path = paths("trap", 3, seed)
+    rng = np.random.default_rng(seed)
+    motion = mend(motion_of(MEASURES["all"](path, SIGMA, rng), STEP)).motion
+    away = np.linalg.norm(motion.positions[:, :, :, None] - path[:, :, None], axis=-1)
+    nearest, name = np.sort(away, -1), away.argmin(-1)
+    assert (nearest[motion.seen][:, 0] > 8 * SIGMA).mean() < 0.001
+    apart = motion.seen & (nearest[..., 1] > 0.1)
+    own = np.ma.masked_array(name, ~apart)
+    assert (own == np.ma.median(own, axis=1, keepdims=True)).mean() > 0.98
+    assert motion.seen.mean() > 0.8
+
+
 def test_what_was_mended_and_what_stays_open_is_said():
     found = diagnose_motion(measured("trap", "outliers"))
     assert found.told and "frames of a body fit none" in found.mended.said[0]
@@ -120,6 +134,21 @@ def test_noise_with_a_memory_is_neither_a_bath_nor_a_force():
         assert found.motion.colour is not None
     bath = diagnose_motion(measured("langevin", "white", 3))
     assert bath.motion.colour is None and "bath" in bath.kinds
+
+
+# masses that nobody told
+
+
+@pytest.mark.parametrize("ratio, measure", [(1.3, "white"), (4.0, "ar1")])
+def test_masses_that_nobody_told_are_found_also_between_those_first_tried(ratio, measure):
+    mass = np.array([1.0, ratio]) / np.sqrt(ratio)
+    law = Kind("held", lambda q, v, t: 1.5 * trapped(q, v, t) / mass[:, None], None)
+    path = path_of(law, Setting(0.0, STEP, 2, 1))
+    rng = np.random.default_rng(0)
+    found = diagnose_motion(motion_of(MEASURES[measure](path, SIGMA, rng), STEP))
+    assert found.kinds == {"trap"} and found.explained
+    told = found.motion.mass[0]
+    assert told[1] / told[0] == pytest.approx(ratio, rel=0.03)
 
 
 # terms that stand together

@@ -7,10 +7,12 @@ and the terms are looked for again.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.recordings.motion import Motion
@@ -20,7 +22,37 @@ from vidphys.diagnose.weak.windows import Windows, cut_windows
 
 FRAMES = (16, 24)  # of a window, at least and at most: several memories, and few swings
 BESIDE_KICKS = 40.0  # gain of log likelihood by a memory, where kicks explain it nearly as well
+LOOKS = 2  # at the residual, for what it says of the measurement
 FAR, BESIDE = 8.0, 3.0  # usual residuals: of a frame that is wrong, and of its neighbours
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A motion as it was measured, and what follows from it.
+
+    Args:
+        motion: without what its residual shows to be wrong, and with its noise's colour.
+        inference: of its terms.
+        power: which powers of the coupling are possible, where couplings are known.
+    """
+
+    motion: Motion
+    inference: Inference
+    power: PowerVerdict | None
+
+
+def settled(
+    motion: Motion, infer: Callable[[Motion], tuple[Inference, PowerVerdict | None]]
+) -> Settled:
+    """Find the terms, look what they leave, and find them again where that tells something."""
+    inference, power = infer(motion)
+    for _ in range(LOOKS):
+        seen = None if inference.sure and not inference.kicks else remeasured(motion, inference)
+        if seen is None:
+            break
+        motion = seen
+        inference, power = infer(motion)
+    return Settled(motion, inference, power)
 
 
 def remeasured(motion: Motion, inference: Inference) -> Motion | None:

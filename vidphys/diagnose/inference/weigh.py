@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.measured import Settled
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.recordings.motion import Motion
@@ -21,24 +22,18 @@ SWEEPS = 3
 FARTHEST = 10.0  # ratio of two masses
 ROUGH = np.linspace(-np.log(FARTHEST), np.log(FARTHEST), 7)  # logarithms of a ratio
 FRAMES = (12, 24)  # of the windows in which masses are tried
-HELPS = 0.8  # of the residual with equal masses, to which other masses must bring it to go on
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """The motion with masses, of mean one in the logarithm, and what follows for the terms."""
-
-    motion: Motion
-    inference: Inference
+STEP = float(ROUGH[1] - ROUGH[0])
+ENOUGH = {"xatol": 0.01, "fatol": 0.5, "maxfev": 80}  # of a logarithm, and of log likelihood
+HELPS = 10.0  # gain of log likelihood by each mass, from which to go on
 
 
 def weigh(
     motion: Motion,
     inference: Inference,
-    infer: Callable[[Motion], Inference],
+    infer: Callable[[Motion], Settled],
     ranked: Callable[[Motion, int], Sequence[Structure]],
-) -> Weighed | None:
-    """Masses under which the menu explains the motion, if there are any.
+) -> Settled | None:
+    """Masses under which the menu explains the motion, of mean one in the logarithm, if any do.
 
     Args:
         motion: of two or three bodies whose masses are not known.
@@ -49,23 +44,32 @@ def weigh(
     unknown = np.allclose(motion.mass, 1.0) and 2 <= motion.bodies <= FEW
     if not unknown or inference.leftover.explained or not inference.structure.terms:
         return None
-    size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
-    most = HELPS * ranked(motion, size)[0].misfit
-    tried = [np.array([0.0, *rest]) for rest in product(ROUGH, repeat=motion.bodies - 1)]
-    found = [(ranked(_with(motion, logs), size)[0], logs) for logs in tried]
-    best, logs = max(found, key=lambda one: one[0].score)
-    if not best.misfit < most:
-        return None
-    inference = replace(inference, fitted=replace(inference.fitted, structure=best))
-    for _ in range(SWEEPS):
-        for body in range(1, motion.bodies):
-            logs[body] = _near(motion, inference, logs, body)
-        weighed = _with(motion, logs)
+    logs = _likeliest(motion, inference, ranked)
+    for _ in range(SWEEPS if logs is not None else 0):
         # Nearer masses may show terms that stood for others under wrong ones.
-        inference = infer(weighed)
-        if inference.leftover.explained:
-            return Weighed(weighed, inference)
+        found = infer(_with(motion, logs))
+        if found.inference.leftover.explained:
+            return found
+        for body in range(1, motion.bodies):
+            logs[body] = _near(found, logs, body)
     return None
+
+
+def _likeliest(
+    motion: Motion, inference: Inference, ranked: Callable[[Motion, int], Sequence[Structure]]
+) -> np.ndarray | None:
+    """Logarithms of the masses under which some terms are likeliest; ``None`` if all are alike."""
+    size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
+
+    def score(rest: Sequence[float] | np.ndarray) -> float:
+        return ranked(_with(motion, np.array([0.0, *rest])), size)[0].score
+
+    rough = np.array(max(product(ROUGH, repeat=motion.bodies - 1), key=score))
+    simplex = rough + STEP / 2 * np.vstack([np.zeros(len(rough)), np.eye(len(rough))])
+    options = {"initial_simplex": simplex, **ENOUGH}
+    found = minimize(lambda rest: -score(rest), rough, method="Nelder-Mead", options=options)
+    gain = -found.fun - score(np.zeros(len(rough)))
+    return np.array([0.0, *found.x]) if gain > HELPS * len(rough) else None
 
 
 def _with(motion: Motion, logs: np.ndarray) -> Motion:
@@ -73,24 +77,16 @@ def _with(motion: Motion, logs: np.ndarray) -> Motion:
     return replace(motion, mass=np.tile(mass, (motion.clips, 1)))
 
 
-def _left(motion: Motion, inference: Inference, logs: np.ndarray, body: int, log: float) -> float:
-    """What the same terms leave if the logarithm of one mass is this."""
-    trial = logs.copy()
-    trial[body] = log
-    return _residual(_with(motion, trial), inference)
+def _near(found: Settled, logs: np.ndarray, body: int) -> float:
+    """The logarithm of one mass with which the same terms leave least."""
 
+    def left(log: float) -> float:
+        trial = logs.copy()
+        trial[body] = log
+        return _residual(_with(found.motion, trial), found.inference)
 
-def _near(motion: Motion, inference: Inference, logs: np.ndarray, body: int) -> float:
-    """The same between the neighbours of what was found so far."""
-    step = float(ROUGH[1] - ROUGH[0])
-    bounds = (logs[body] - step, logs[body] + step)
-    found = minimize_scalar(
-        lambda log: _left(motion, inference, logs, body, float(log)),
-        bounds=bounds,
-        method="bounded",
-        options={"xatol": 1e-3},
-    )
-    return float(found.x)
+    bounds = (logs[body] - STEP / 2, logs[body] + STEP / 2)
+    return float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
 
 
 def _residual(motion: Motion, inference: Inference) -> float:

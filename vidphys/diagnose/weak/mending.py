@@ -20,6 +20,8 @@ DEGREE = 2
 BY_BOTH, BY_ONE = 8.0, 5.0  # robust standard deviations, beyond which a frame is foretold by none
 SPIKE = 2.0  # of the same, up to which the rest of a track is smooth
 ROUNDS = 4  # a false find spoils what its neighbours are foretold by
+PASSES = 3
+SINGULAR = 1e-6  # of a frame's own residual, below which nothing else says where it should be
 NEAR = 2  # frames within which one round takes out only the worst
 SMOOTH, JUMPS = 7.0, 20.0  # of a usual misfit: exchanged tracks leave less, tracks as they are more
 
@@ -54,10 +56,12 @@ class Mended:
 def mend(motion: Motion) -> Mended:
     """Take out false finds, and give bodies their names back."""
     q = motion.positions.copy()
-    found = _without_false_finds(q, motion.times)
-    swaps = _with_own_names(q, motion.times) if motion.bodies > 1 else 0
-    if swaps:
-        found += _without_false_finds(q, motion.times)
+    found = swaps = 0
+    for _ in range(PASSES):  # names first: where they change, true finds look false
+        named, gone = _with_own_names(q, motion.times), _without_false_finds(q, motion.times)
+        found, swaps = found + gone, swaps + named
+        if not gone:
+            break
     if not found and not swaps:
         return Mended(motion, 0, 0)
     return Mended(replace(motion, positions=q), found, swaps)
@@ -180,7 +184,7 @@ def _likeliest_swap(
         smooth = (kept > JUMPS * usual) & (other < np.maximum(SMOOTH * usual, 0.02 * kept))
         smooth &= np.isfinite(kept) & np.isfinite(other)
         for frame in np.flatnonzero(smooth):
-            ratio = float(kept[frame] / max(other[frame], np.finfo(float).tiny))
+            ratio = float(kept[frame] / max(other[frame] + usual, np.finfo(float).tiny))
             if ratio > gain and (int(frame) + 1, i, j) not in done:
                 best, gain = (int(frame) + 1, i, j), ratio
     return best
@@ -191,7 +195,8 @@ def _misfits(
 ) -> np.ndarray:
     """Misfit ``(t - 1,)`` of one polynomial to a body before each frame and one from it on.
 
-    NaN where too few frames show either.
+    The frame that fits it worst is left out, as it may be a false find. NaN where too few frames
+    show either.
     """
     frames = len(times)
     out = np.full(frames - 1, np.nan)
@@ -209,6 +214,8 @@ def _misfits(
     since = (times[both] - times[at][:, None]) / (times[1] - times[0])
     design = since[..., None] ** np.arange(DEGREE + 1)
     x = x - x.mean(1, keepdims=True)
-    fitted = design @ (np.linalg.pinv(design) @ x)
-    out[at] = ((x - fitted) ** 2).sum((1, 2))
+    hat = design @ np.linalg.pinv(design)
+    left_over = ((x - hat @ x) ** 2).sum(2)
+    own = 1 - np.einsum("kii->ki", hat)  # of its residual, what a frame did not pull away itself
+    out[at] = left_over.sum(1) - (left_over / np.maximum(own, SINGULAR)).max(1)
     return out
