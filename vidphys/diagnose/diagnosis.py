@@ -110,7 +110,7 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     found = weigh(motion, found.inference, settle, partial(ranked, angles=angles)) or found
     motion, inference, power = found.motion, found.inference, found.power
     noise = measure_noise(motion)
-    switch = find_switch(motion, inference)
+    switch = None if inference.sure else find_switch(motion, inference)
     if switch is not None:
         parts = _parts(motion, switch, angles)
         if parts and all(part.leftover.explained for part in parts):

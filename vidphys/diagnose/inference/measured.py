@@ -9,20 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 
 from vidphys.coupling_power import PowerVerdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.refine import refine
+from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.noise import measure_noise
 from vidphys.diagnose.weak.colour import colour_of
 from vidphys.diagnose.weak.paths import smooth
 from vidphys.diagnose.weak.windows import Windows, cut_windows
 
 FRAMES = (16, 24)  # of a window, at least and at most: several memories, and few swings
 BESIDE_KICKS = 40.0  # gain of log likelihood by a memory, where kicks explain it nearly as well
+SUPPOSED = (0.85, 0.6)  # correlations from frame to frame
 LOOKS = 2  # at the residual, for what it says of the measurement
+WITHOUT_RIVAL = 4.0  # and where nothing explains the motion without one
 FAR, BESIDE = 8.0, 3.0  # usual residuals: of a frame that is wrong, and of its neighbours
 
 
@@ -44,7 +49,25 @@ class Settled:
 def settled(
     motion: Motion, infer: Callable[[Motion], tuple[Inference, PowerVerdict | None]]
 ) -> Settled:
-    """Find the terms, look what they leave, and find them again where that tells something."""
+    """Find the terms, look what they leave, and find them again where that tells something.
+
+    Where nothing explains the motion, noise with a memory may hide behind wrong terms: one is
+    supposed, and believed if terms that then explain all leave noise that has it.
+    """
+    found = _looked_at(motion, infer)
+    if found.inference.leftover.explained or found.motion.colour is not None:
+        return found
+    for correlation in SUPPOSED:
+        other = _looked_at(_supposed(motion, correlation), infer)
+        rest = other.inference
+        if rest.leftover.explained and not rest.kicks and _residual_colour(other) is not None:
+            return other
+    return found
+
+
+def _looked_at(
+    motion: Motion, infer: Callable[[Motion], tuple[Inference, PowerVerdict | None]]
+) -> Settled:
     inference, power = infer(motion)
     for _ in range(LOOKS):
         seen = None if inference.sure and not inference.kicks else remeasured(motion, inference)
@@ -55,6 +78,32 @@ def settled(
     return Settled(motion, inference, power)
 
 
+def _supposed(motion: Motion, correlation: float) -> Motion:
+    """With noise that is so correlated from frame to frame, and in differences what it is."""
+    noise = measure_noise(motion)
+    weights = np.array([(-1) ** k * comb(noise.order, k) for k in range(noise.order + 1)])
+    apart = np.abs(np.subtract.outer(np.arange(len(weights)), np.arange(len(weights))))
+    shown = weights @ correlation**apart @ weights / (weights @ weights)
+    memory = -motion.interval / np.log(correlation)
+    return replace(motion, colour=Colour(noise.sigma / float(np.sqrt(shown)), memory))
+
+
+def _residual_colour(found: Settled) -> Colour | None:
+    residual = _residual(found.motion, found.inference)
+    return None if residual is None else colour_of(*residual, WITHOUT_RIVAL)
+
+
+def _residual(motion: Motion, inference: Inference) -> tuple[Windows, np.ndarray] | None:
+    """What the terms leave in windows of a few swings; ``None`` where they cannot be fitted."""
+    size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
+    windows = cut_windows(motion, min(size, motion.positions.shape[1]))
+    try:
+        fitted = refine(windows, smooth(windows, inference.noise.sigma), inference.structure)
+    except (FloatingPointError, np.linalg.LinAlgError):
+        return None
+    return windows, fitted.residual
+
+
 def remeasured(motion: Motion, inference: Inference) -> Motion | None:
     """The motion as its residual shows that it was measured; ``None`` where nothing is new.
 
@@ -62,19 +111,17 @@ def remeasured(motion: Motion, inference: Inference) -> Motion | None:
         motion: tracks.
         inference: of them.
     """
-    size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
-    windows = cut_windows(motion, min(size, motion.positions.shape[1]))
-    try:
-        fitted = refine(windows, smooth(windows, inference.noise.sigma), inference.structure)
-    except (FloatingPointError, np.linalg.LinAlgError):
+    left = _residual(motion, inference)
+    if left is None:
         return None
-    wrong = _spikes(windows, fitted.residual)
+    windows, residual = left
+    wrong = _spikes(windows, residual)
     if wrong.any():
         positions = motion.positions.copy()
         window, frame, body = np.nonzero(wrong)
         positions[windows.clip[window], windows.first[window] + frame, body] = np.nan
         return replace(motion, positions=positions)
-    colour = colour_of(windows, fitted.residual, *([BESIDE_KICKS] if inference.kicks else []))
+    colour = colour_of(windows, residual, *([BESIDE_KICKS] if inference.kicks else []))
     known = colour is None or (motion.colour is not None and motion.colour.near(colour))
     return None if known else replace(motion, colour=colour)
 

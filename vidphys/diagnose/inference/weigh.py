@@ -45,7 +45,9 @@ def weigh(
     if not unknown or inference.leftover.explained or not inference.structure.terms:
         return None
     logs = _likeliest(motion, inference, ranked)
-    for _ in range(SWEEPS if logs is not None else 0):
+    if logs is None:
+        return None
+    for _ in range(SWEEPS):
         # Nearer masses may show terms that stood for others under wrong ones.
         found = infer(_with(motion, logs))
         if found.inference.leftover.explained:
