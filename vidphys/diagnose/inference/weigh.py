@@ -24,7 +24,7 @@ ROUGH = np.linspace(-np.log(FARTHEST), np.log(FARTHEST), 7)  # logarithms of a r
 FRAMES = (12, 24)  # of the windows in which masses are tried
 STEP = float(ROUGH[1] - ROUGH[0])
 ENOUGH = {"xatol": 0.01, "fatol": 0.5, "maxfev": 80}  # of a logarithm, and of log likelihood
-HELPS = 10.0  # gain of log likelihood by each mass, from which to go on
+HELPS = 3.0  # gain of log likelihood by each mass, from which to go on
 
 
 def weigh(
