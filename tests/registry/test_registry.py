@@ -76,12 +76,3 @@ def test_our_own_parts_are_known_without_a_look_at_every_distribution(monkeypatc
         "vidphys", importlib.metadata.version("vidphys")
     )
     assert found.sources("registry:Registry") == {}
-
-
-def test_where_nothing_says_what_is_ours_every_distribution_is_looked_at(monkeypatch):
-    def gone(name):
-        raise importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(importlib.metadata, "distribution", gone)
-    found: Registry = Registry("shape", "example.shapes")
-    assert found.source("registry:Registry").ours

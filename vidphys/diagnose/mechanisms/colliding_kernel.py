@@ -118,7 +118,7 @@ def _nearest(s: np.ndarray, later: np.ndarray, one: int, two: int) -> float:
     return min(max(toward / square, 0.0), 1.0) if square > 0.0 else 1.0
 
 
-@uncounted
+@kernel
 def _collide(
     s: np.ndarray,
     v: np.ndarray,
