@@ -8,11 +8,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from queue import Queue
 from threading import Event, Thread
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import TypeVar
 
 T = TypeVar("T")
 QUICK = 0.002  # seconds of a piece of work, below which its hand-over costs more than it gains
+WORKED = 0.1  # of them by the processor, at least: else the process waited for its turn
 
 
 def ahead(work: Iterable[Callable[[], T]], most: int = 2) -> Iterator[T]:
@@ -27,9 +28,9 @@ def ahead(work: Iterable[Callable[[], T]], most: int = 2) -> Iterator[T]:
     """
     coming = iter(work)
     for each in coming:
-        begun = perf_counter()
+        begun, worked = perf_counter(), thread_time()
         found = each()
-        if perf_counter() - begun > QUICK:
+        if perf_counter() - begun > QUICK and thread_time() - worked > WORKED * QUICK:
             yield from _by_threads(found, coming, most)
         else:
             yield found

@@ -112,6 +112,12 @@ def test_what_takes_its_time_is_made_before_it_is_asked_for_and_errors_come_at_t
     with pytest.raises(ZeroDivisionError):
         next(found)
 
+    started.clear()
+    monkeypatch.setattr(module, "WORKED", np.inf)
+    monkeypatch.setattr(module, "QUICK", 1e-12)
+    found = ahead([lambda: 1, second, lambda: 3])
+    assert next(found) == 1 and not started.is_set()  # it only waited for its turn
+
     def items():
         yield from range(3)
         raise ValueError("no more")
