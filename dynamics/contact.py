@@ -6,8 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynamics.activations import TANH
 from dynamics.couplings import PairLaw
-from dynamics.mlp import MLP, TANH
+from dynamics.mlp import MLP
 from dynamics.pairs import pair_indices
 from dynamics.ports import Port
 from dynamics.potentials import PairPotential

@@ -9,23 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from dynamics.powers import COUPLINGS
 from dynamics.state import Parameters
-
-
-def _linear(g: Tensor) -> Tensor:
-    return g
-
-
-def _cubic(g: Tensor) -> Tensor:
-    return g**3
-
-
-COUPLINGS: dict[str, Callable[[Tensor], Tensor]] = {
-    "linear": _linear,
-    "even": torch.abs,
-    "quadratic": torch.square,
-    "cubic": _cubic,
-}
 
 
 def _mass(params: Parameters) -> tuple[Tensor, Tensor]:

@@ -23,12 +23,13 @@ import torch
 from torch import Tensor
 from torch.nn import Linear
 
+from dynamics.activations import TANH
 from dynamics.compiled.episodes import Episodes, told
 from dynamics.compiled.head import PARTS, Backend, CompiledHead, refusal
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Trajectory
 from dynamics.integrators import leapfrog
-from dynamics.mlp import MLP, TANH
+from dynamics.mlp import MLP
 from dynamics.potentials import DisplacementPotential, PairPotential
 from dynamics.state import Parameters, PhaseState
 from dynamics.unstructured import ResidualMap

@@ -39,7 +39,7 @@ class HardDisks(Head):
         ValueError: a diameter outside (0, box / 2).
 
     Example:
-        >>> from dynamics.rollout import rollout
+        >>> from dynamics.rolling import rollout
         >>> q = torch.tensor([[[-0.5, 0.0], [0.5, 0.0]]], dtype=torch.float64)
         >>> p = torch.tensor([[[1.0, 0.0], [0.0, 0.0]]], dtype=torch.float64)
         >>> law = Parameters(torch.ones(1).double(), torch.ones(1, 2).double())

@@ -6,9 +6,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynamics.activations import TANH
 from dynamics.couplings import PairLaw
 from dynamics.hamiltonian import Hamiltonian
-from dynamics.mlp import MLP, TANH
+from dynamics.mlp import MLP
 from dynamics.pairs import pair_indices
 from dynamics.potentials import REACH, SPREAD, Potential
 from dynamics.state import Parameters, PhaseState

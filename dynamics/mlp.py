@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-TANH, SOFTPLUS, SILU = "tanh", "softplus", "silu"
+from dynamics.activations import SILU, SOFTPLUS, TANH
 
 # (network, rows) -> the same numbers as torch's operations give, or None where it does not know
 # such a network or such rows.

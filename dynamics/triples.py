@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from dynamics.couplings import COUPLINGS
 from dynamics.mlp import MLP
 from dynamics.potentials import SPREAD, soft_length
+from dynamics.powers import COUPLINGS
 from dynamics.state import Parameters
 
 REACH = 0.7  # world units: the distance that lands half-way
@@ -29,7 +29,7 @@ class TriplePotential(nn.Module):
     psi must not change when two of its distances are exchanged.
 
     Args:
-        coupling: the function c, of :data:`dynamics.couplings.COUPLINGS`.
+        coupling: the function c, of :data:`dynamics.powers.COUPLINGS`.
     """
 
     def __init__(self, coupling: str = "linear") -> None:

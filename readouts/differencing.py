@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
-from dynamics.state import PhaseState
+from dynamics import PhaseState
 
 
 def central_difference(

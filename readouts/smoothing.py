@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dynamics.state import PhaseState
+from dynamics import PhaseState
 
 Step = Callable[[PhaseState, Tensor], PhaseState]
 

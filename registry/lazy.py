@@ -15,7 +15,7 @@ def lazily(
 
     Args:
         package: its ``__name__``.
-        homes: the module that each name lies in.
+        homes: the module that each name lies in, or which it is.
 
     Example:
         >>> get, names = lazily("registry", {"sqrt": "math"})
@@ -29,6 +29,7 @@ def lazily(
     def get(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
-        return getattr(importlib.import_module(homes[name]), name)
+        home = importlib.import_module(homes[name])
+        return home if home.__name__ == f"{package}.{name}" else getattr(home, name)
 
     return get, lambda: sorted({*vars(sys.modules[package]), *homes})

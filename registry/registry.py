@@ -12,7 +12,7 @@ import hashlib
 import importlib
 import importlib.metadata
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -184,6 +184,15 @@ class Registry(Mapping[str, T], Generic[T]):
         return importlib.metadata.entry_points(group=self.group)
 
     @cached_property
+    def _own(self) -> Collection[str]:
+        """Our own top-level packages: most parts are of these, and they are quickly known."""
+        try:
+            told = importlib.metadata.distribution(HOME).read_text("top_level.txt")
+        except importlib.metadata.PackageNotFoundError:
+            return ()
+        return (told or "").split()
+
+    @cached_property
     def _owners(self) -> Mapping[str, list[str]]:
         """Distributions by top-level package; read once, for it takes a tenth of a second."""
         return importlib.metadata.packages_distributions()
@@ -195,7 +204,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def _owner(self, module: str) -> Source:
         """The distribution whose top-level package a module lies in; else the module itself."""
-        names = self._owners.get(_top(module), ())
+        names = [HOME] if _top(module) in self._own else self._owners.get(_top(module), ())
         if not names:
             file = getattr(sys.modules.get(module), "__file__", None)
             code = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12] if file else ""

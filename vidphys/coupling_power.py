@@ -13,55 +13,14 @@ import torch
 from torch import Tensor
 
 from dynamics import PairLaw, PhaseState, Rollout
-from dynamics.couplings import COUPLINGS
+from dynamics.powers import COUPLINGS
+from vidphys.coupling_verdict import CANDIDATES, LIMIT, UNEXPLAINED, PowerVerdict, deciding_query
 
-CANDIDATES = ("linear", "even", "quadratic", "cubic")
 SOFTENINGS = (0.1, 0.2, 0.4, 0.8, 1.6)  # world units, of the inverse-square forces fitted
 REACHES = (0.25, 0.5, 1.0, 2.0, 4.0)  # world units, of the forces of finite range fitted
 FOLDS = 5
 RIDGE = 1e-8  # over the mean squared size of a column
 WORST = 2.0  # relative error at which a miss is cut off: that of a force with the wrong sign
-LIMIT = 4.0  # standard deviations by which a candidate must be worse to be ruled out
-UNEXPLAINED = 0.5  # share of the force above which no candidate counts as an explanation
-QUERIES = (-1.0, -0.5, 2.0, -2.0)  # over the median coupling that was seen, cheapest first
-APART = 0.2  # of the force at the median coupling, by which a query must part two candidates
-SUPPORTED, UNDECIDED, CONTRADICTED, UNEXPLAINED_LAW = (
-    "supported",
-    "undecided",
-    "contradicted",
-    "unexplained",
-)
-
-
-@dataclass(frozen=True)
-class PowerVerdict:
-    """What the data say.
-
-    Args:
-        supported: candidates that explain the data equally well; none where no candidate does.
-        unexplained: share of the held-out force that each candidate leaves, 0 to about 1.
-        query: the coupling to measure next, where more than one candidate is left and one
-            measurement parts them all.
-        why: one sentence.
-    """
-
-    supported: tuple[str, ...]
-    unexplained: dict[str, float]
-    query: float | None
-    why: str
-
-    def of(self, assumed: str) -> str:
-        """Standing of the power that a model assumes.
-
-        Returns:
-            ``supported`` (by itself), ``undecided``, ``contradicted`` or ``unexplained``. Anything
-            but the first is a warning not to trust a counterfactual of the coupling.
-        """
-        if not self.supported:
-            return UNEXPLAINED_LAW
-        if assumed not in self.supported:
-            return CONTRADICTED
-        return SUPPORTED if len(self.supported) == 1 else UNDECIDED
 
 
 @dataclass(frozen=True)
@@ -120,7 +79,7 @@ def coupling_power(
 
     Args:
         forces: see :func:`measured_forces`.
-        candidates: of :data:`dynamics.couplings.COUPLINGS`.
+        candidates: of :data:`dynamics.powers.COUPLINGS`.
         box: side of a periodic box in world units.
 
     Raises:
@@ -147,23 +106,6 @@ def coupling_power(
     advice = "no single coupling parts them" if query is None else f"measure at G = {query:.3g}"
     why = f"{', '.join(supported)} fit equally well; {advice}"
     return PowerVerdict(supported, unexplained, query, why)
-
-
-def deciding_query(candidates: Sequence[str], seen: float) -> float | None:
-    """The nearest coupling at which all candidates, equal at ``seen``, say different things.
-
-    Raises:
-        ValueError: ``seen`` is zero, where all candidates agree that there is no force.
-    """
-    if seen == 0:
-        raise ValueError("deciding_query: the coupling that was seen must not be zero")
-    at = torch.tensor(seen, dtype=torch.float64)
-    for factor in QUERIES:
-        said = torch.stack([COUPLINGS[c](factor * at) / COUPLINGS[c](at) for c in candidates])
-        gaps = said.sort().values.diff()
-        if bool((gaps >= APART).all()):
-            return factor * seen
-    return None
 
 
 def _as_good(errors: Tensor, best: Tensor) -> bool:

@@ -7,39 +7,14 @@ count, which is why no bar is met where it flatters (``experiments/core/bars.py`
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from dynamics import PhaseState
+from vidphys.summary import FAILED, INVALID, OK, Summary
 
-OK, FAILED, INVALID, VOID = "ok", "failed", "invalid", "void"
 ENERGY_NEAR_ZERO = 1e-3
-
-
-@dataclass(frozen=True)
-class Summary:
-    """One number over a batch of episodes; ``value`` is None unless ``status`` is ok."""
-
-    value: float | None
-    status: str
-    episodes: int
-    nonfinite: int
-
-    @classmethod
-    def of(cls, value: float, episodes: int, nonfinite: int = 0) -> Summary:
-        """A number, or a failure where it is none: NaN or infinite.
-
-        Example:
-            >>> Summary.of(float("inf"), episodes=4)
-            Summary(value=None, status='failed', episodes=4, nonfinite=0)
-        """
-        if math.isfinite(value):
-            return cls(float(value), OK, episodes, nonfinite)
-        return cls(None, FAILED, episodes, nonfinite)
 
 
 def energy_drift(energy: Float[Tensor, "b t"], scale: Float[Tensor, " b"]) -> Float[Tensor, "b t"]:

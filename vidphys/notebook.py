@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 if TYPE_CHECKING:
     from dynamics.head import Head
-    from dynamics.rollout import Rollout
+    from dynamics.rolling import Rollout
     from vidphys.diagnose.diagnosis import Diagnosis
     from vidphys.diagnose.telling.answers import Answered
 
@@ -25,7 +25,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # 
 def load_ipython_extension(shell: Any) -> None:
     """Tell IPython how ours are shown; ``%load_ext vidphys`` calls it."""
     page = shell.display_formatter.formatters["text/html"]
-    page.for_type_by_name("dynamics.rollout", "Rollout", rollout_html)
+    page.for_type_by_name("dynamics.rolling", "Rollout", rollout_html)
     page.for_type_by_name("dynamics.head", "Head", head_html)
     page.for_type_by_name("vidphys.diagnose.diagnosis", "Diagnosis", diagnosis_html)
     page.for_type_by_name("vidphys.diagnose.telling.answers", "Answered", answered_html)

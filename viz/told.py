@@ -192,7 +192,7 @@ def _records(run: Path) -> list[dict[str, Any]]:
             if row["value"] is None
             else Cell(number(row["value"]), row["value"]),
         }
-        for row in pq.read_table(file).to_pylist()
+        for row in pq.ParquetFile(file).read().to_pylist()
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from dynamics.build import build
+from dynamics.building import build
 from dynamics.state import Parameters, PhaseState
 from dynamics.terms import HEADS
 

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
+from dynamics.activations import SILU, SOFTPLUS, TANH
+from dynamics.mlp import MLP
 from loops.kernels import inlined, kernel
 
 TILE = 64

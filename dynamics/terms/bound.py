@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from dynamics import collide, curves, each, links
-from dynamics.bound import Bound
-from dynamics.generalised import GeneralisedHamiltonian
-from dynamics.integrators import INTEGRATORS
 from dynamics.terms.ports import Drag
 from dynamics.terms.term import TERMS, HeadTerm, Sizes, Term
 from registry import unknown
+
+if TYPE_CHECKING:
+    from dynamics import collide, curves, each, links
+    from dynamics.bound import Bound
 
 B = TypeVar("B", bound="OnCircle")
 
@@ -27,6 +27,8 @@ class BoundTerm(HeadTerm):
         """Where the bodies may be."""
 
     def build(self, sizes: Sizes) -> Bound:
+        from dynamics.bound import Bound
+
         curve = self.curve()
         return Bound(curve, self.law.build(replace(sizes, space=1, box=None)))
 
@@ -54,6 +56,8 @@ class OnLine(BoundTerm):
     law: HeadTerm
 
     def curve(self) -> curves.Curve:
+        from dynamics import curves
+
         return curves.Line(self.point, self.direction)
 
     def counted_in(self, length: float, seconds: float) -> OnLine:
@@ -111,6 +115,8 @@ class OnArc(OnCircle):
     law: HeadTerm
 
     def curve(self) -> curves.Curve:
+        from dynamics import curves
+
         return curves.Arc(self.pivot, self.across, self.down)
 
 
@@ -128,6 +134,8 @@ class OnCurve(BoundTerm):
     law: HeadTerm
 
     def curve(self) -> curves.Curve:
+        from dynamics import curves
+
         return curves.Drawn(self.points)
 
     def counted_in(self, length: float, seconds: float) -> OnCurve:
@@ -151,6 +159,8 @@ class OnChain(OnCircle):
     law: HeadTerm
 
     def curve(self) -> curves.Curve:
+        from dynamics import curves
+
         return curves.Chain(self.pivot, self.across, self.down, self.lengths)
 
     def build(self, sizes: Sizes) -> Bound:
@@ -186,6 +196,10 @@ class Links(HeadTerm):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> links.Links:
+        from dynamics import links
+        from dynamics.generalised import GeneralisedHamiltonian
+        from dynamics.integrators import INTEGRATORS
+
         inertia = self.inertia or (0.0,) * len(self.lengths)
         for name, found in (("lengths", self.lengths), ("masses", self.masses)):
             if len(found) != sizes.bodies or len(inertia) != sizes.bodies:
@@ -236,6 +250,8 @@ class Spring(Term):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> each.Spring:
+        from dynamics import each
+
         _two_of("Spring", self.first, self.second, sizes)
         return each.Spring(self.first, self.second, self.stiffness, self.rest, self.learned)
 
@@ -266,6 +282,8 @@ class Contact(Term):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> collide.Contact:
+        from dynamics import collide
+
         _two_of("Contact", self.first, self.second, sizes)
         return collide.Contact(
             self.first,
@@ -306,6 +324,8 @@ class Each(HeadTerm):
     contacts: tuple[Contact, ...] = ()
 
     def build(self, sizes: Sizes) -> each.Each:
+        from dynamics import each
+
         if len(self.laws) != sizes.bodies:
             raise ValueError(
                 f"Each: laws must have {sizes.bodies} entries, one of each body, got "

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from dynamics import attention, events, generalised, graph, hamiltonian, stochastic, unstructured
-from dynamics.angles import AnglePotential
-from dynamics.head import Head
-from dynamics.integrators import INTEGRATORS, Integrator
-from dynamics.metric import CholeskyMetric
-from dynamics.mlp import TANH
+from dynamics.activations import TANH
 from dynamics.terms.kinetic import Fixed
 from dynamics.terms.ports import Drag
 from dynamics.terms.potentials import Displacement, summed
 from dynamics.terms.term import TERMS, HeadTerm, KineticTerm, PortTerm, PotentialTerm, Sizes
-from dynamics.walls import Wall
-from dynamics.walls import Walled as WalledHead
 from registry import unknown
+
+if TYPE_CHECKING:
+    from dynamics import generalised, hamiltonian
+    from dynamics.head import Head
+    from dynamics.integrators import Integrator
 
 
 @TERMS.register("hamiltonian")
@@ -63,6 +61,8 @@ class Hamiltonian(HeadTerm):
             raise ValueError("Hamiltonian: potentials is empty; use NoPotential() for no force")
 
     def build(self, sizes: Sizes) -> hamiltonian.Hamiltonian:
+        from dynamics import hamiltonian
+
         sizes = replace(sizes, box=self.box)
         return hamiltonian.Hamiltonian(
             self.kinetic.build(sizes),
@@ -85,6 +85,8 @@ def _each(what: str, parts: object, kind: type) -> None:
 
 
 def _integrator(name: str) -> Integrator:
+    from dynamics.integrators import INTEGRATORS
+
     if name not in INTEGRATORS:
         raise unknown("integrator", name, INTEGRATORS)
     return INTEGRATORS[name]
@@ -108,13 +110,15 @@ class Walled(HeadTerm):
     normal: tuple[float, ...]
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import walls
+
         if len(self.normal) != sizes.space:
             raise ValueError(
                 f"Walled: normal must have {sizes.space} numbers, one of each dimension of space, "
                 f"got {self.normal}"
             )
-        wall = Wall(self.place, self.restitution, self.normal)
-        return WalledHead(self.free.build(sizes), wall)
+        wall = walls.Wall(self.place, self.restitution, self.normal)
+        return walls.Walled(self.free.build(sizes), wall)
 
     def counted_in(self, length: float, seconds: float) -> Walled:
         return replace(super().counted_in(length, seconds), place=self.place / length)
@@ -128,6 +132,8 @@ class HardDisks(HeadTerm):
     box: float = 4.0
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import events
+
         # Learning approaches the diameter from above, where every collision that was seen can be.
         return events.HardDisks(self.box, 0.4 * self.box, learned=True)
 
@@ -147,7 +153,7 @@ class Generalised(HeadTerm):
         ports: joint friction.
     """
 
-    made: ClassVar[type[generalised.Generalised]]
+    made: ClassVar[str]  # in :mod:`dynamics.generalised`
     metric: str = "mass"
     factored: bool = True
     width: int = 64
@@ -159,8 +165,13 @@ class Generalised(HeadTerm):
         _each(f"{type(self).__name__}: ports", self.ports, Drag)
 
     def build(self, sizes: Sizes) -> generalised.Generalised:
+        from dynamics import generalised
+        from dynamics.angles import AnglePotential
+        from dynamics.metric import CholeskyMetric
+
         joints, network = sizes.coordinates, (self.width, self.activation)
-        return self.made(
+        made: type[generalised.Generalised] = getattr(generalised, self.made)
+        return made(
             CholeskyMetric(joints, *network, self.metric),
             AnglePotential(joints, 0 if self.factored else sizes.conditions, *network),
             _integrator(self.integrator),
@@ -174,7 +185,7 @@ class Generalised(HeadTerm):
 class GeneralisedHamiltonian(Generalised):
     """By Hamilton's equations (generalised HNN; SymODEN with the ``inverse`` metric)."""
 
-    made = generalised.GeneralisedHamiltonian
+    made = "GeneralisedHamiltonian"
 
 
 @TERMS.register("lagrangian")
@@ -182,7 +193,7 @@ class GeneralisedHamiltonian(Generalised):
 class Lagrangian(Generalised):
     """By the Euler-Lagrange equations, stepped in (q, dq/dt) (DeLaN)."""
 
-    made = generalised.Lagrangian
+    made = "Lagrangian"
 
 
 @TERMS.register("residual")
@@ -194,6 +205,8 @@ class Residual(HeadTerm):
     angles: bool = False
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import unstructured
+
         size = sizes.bodies, sizes.space, sizes.conditions
         return unstructured.ResidualMap(*size, self.width, sizes.dt, self.angles)
 
@@ -206,6 +219,8 @@ class Flow(HeadTerm):
     width: int = 256
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import unstructured
+
         size = sizes.bodies, sizes.space, sizes.conditions
         return unstructured.NeuralODE(*size, self.width, sizes.dt)
 
@@ -218,6 +233,8 @@ class Diffusion(HeadTerm):
     width: int = 128
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import stochastic
+
         size = sizes.bodies, sizes.space, sizes.conditions
         return stochastic.NeuralSDE(*size, self.width, sizes.dt)
 
@@ -231,6 +248,8 @@ class Graph(HeadTerm):
     factored: bool = False
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import graph
+
         return graph.GraphNetwork(sizes.space, self.width, self.factored, sizes.dt)
 
 
@@ -242,4 +261,6 @@ class Attention(HeadTerm):
     width: int = 96
 
     def build(self, sizes: Sizes) -> Head:
+        from dynamics import attention
+
         return attention.SetTransformer(sizes.space, self.width, sizes.dt)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from dynamics import kinetic
-from dynamics.mlp import TANH
+from dynamics.activations import TANH
 from dynamics.terms.term import TERMS, KineticTerm, Sizes
+
+if TYPE_CHECKING:
+    from dynamics.kinetic import Kinetic
 
 
 @TERMS.register("fixed")
@@ -14,7 +17,9 @@ from dynamics.terms.term import TERMS, KineticTerm, Sizes
 class Fixed(KineticTerm):
     """T = sum |p|^2 / 2m; nothing is learned."""
 
-    def build(self, sizes: Sizes) -> kinetic.Kinetic:
+    def build(self, sizes: Sizes) -> Kinetic:
+        from dynamics import kinetic
+
         return kinetic.FixedKinetic()
 
 
@@ -26,7 +31,9 @@ class PerBody(KineticTerm):
     width: int = 64
     activation: str = TANH
 
-    def build(self, sizes: Sizes) -> kinetic.Kinetic:
+    def build(self, sizes: Sizes) -> Kinetic:
+        from dynamics import kinetic
+
         return kinetic.BodyKinetic(sizes.space, self.width, self.activation)
 
 
@@ -38,5 +45,7 @@ class FreeKinetic(KineticTerm):
     width: int = 64
     activation: str = TANH
 
-    def build(self, sizes: Sizes) -> kinetic.Kinetic:
+    def build(self, sizes: Sizes) -> Kinetic:
+        from dynamics import kinetic
+
         return kinetic.FreeKinetic(sizes.coordinates, sizes.conditions, self.width, self.activation)

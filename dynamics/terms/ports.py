@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from dynamics import bath, contact, ports
-from dynamics.friction import Friction
-from dynamics.ports import Port
 from dynamics.terms.term import TERMS, PortTerm, Sizes
+
+if TYPE_CHECKING:
+    from dynamics import bath
+    from dynamics.friction import Friction
+    from dynamics.ports import Port
 
 
 @TERMS.register("linear-friction")
@@ -17,6 +19,8 @@ class LinearFriction(PortTerm):
     """dp/dt = -gamma p with a learned gamma > 0."""
 
     def build(self, sizes: Sizes) -> Port:
+        from dynamics import ports
+
         return ports.LinearFriction()
 
 
@@ -36,6 +40,8 @@ class Drag(PortTerm):
     rate: float | None = None
 
     def build(self, sizes: Sizes) -> Friction:
+        from dynamics.friction import Friction
+
         return Friction(self.law, self.strength, self.rate)
 
     def counted_in(self, length: float, seconds: float) -> Drag:
@@ -52,6 +58,8 @@ class Restitution(PortTerm):
     """Overlapping bodies that approach bounce with a learned restitution."""
 
     def build(self, sizes: Sizes) -> Port:
+        from dynamics import contact
+
         return contact.Restitution(sizes.box)
 
 
@@ -63,6 +71,8 @@ class FreeImpulse(PortTerm):
     width: int = 64
 
     def build(self, sizes: Sizes) -> Port:
+        from dynamics import contact
+
         return contact.FreeImpulse(sizes.box, self.width)
 
 
@@ -71,10 +81,13 @@ class FreeImpulse(PortTerm):
 class Bath(PortTerm):
     """Diagonal friction that is positive, and the noise that belongs to it."""
 
-    made: ClassVar[type[bath.Bath]] = bath.PassiveBath
+    made: ClassVar[str] = "PassiveBath"  # in :mod:`dynamics.bath`
 
     def build(self, sizes: Sizes) -> bath.Bath:
-        return self.made(sizes.bodies, sizes.space)
+        from dynamics import bath
+
+        made: type[bath.Bath] = getattr(bath, self.made)
+        return made(sizes.bodies, sizes.space)
 
 
 @TERMS.register("untied-bath")
@@ -82,7 +95,7 @@ class Bath(PortTerm):
 class UntiedBath(Bath):
     """The same with noise that is learned apart from the friction."""
 
-    made = bath.UntiedBath
+    made = "UntiedBath"
 
 
 @TERMS.register("full-bath")
@@ -90,7 +103,7 @@ class UntiedBath(Bath):
 class FullBath(Bath):
     """Friction between all coordinates, with correlated noise."""
 
-    made = bath.FullBath
+    made = "FullBath"
 
 
 @TERMS.register("factored-bath")
@@ -98,7 +111,7 @@ class FullBath(Bath):
 class FactoredBath(Bath):
     """A learned positive multiple of the friction that is told."""
 
-    made = bath.FactoredBath
+    made = "FactoredBath"
 
 
 @TERMS.register("constant-bath")
@@ -113,6 +126,8 @@ class ConstantBath(Bath):
     rate: float | None = None
 
     def build(self, sizes: Sizes) -> bath.ConstantBath:
+        from dynamics import bath
+
         return bath.ConstantBath(sizes.bodies, sizes.space, self.rate)
 
     def counted_in(self, length: float, seconds: float) -> ConstantBath:
@@ -124,7 +139,7 @@ class ConstantBath(Bath):
 class DrivenBath(Bath):
     """One learned friction, less a learned multiple of the drive that is told."""
 
-    made = bath.DrivenBath
+    made = "DrivenBath"
 
 
 @TERMS.register("state-dependent-bath")

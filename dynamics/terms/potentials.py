@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from dynamics import contact, coupling_maps, fields, hybrid, potentials, triples
-from dynamics.couplings import PairLaw
-from dynamics.mlp import TANH
-from dynamics.potentials import Potential
+from dynamics.activations import TANH
 from dynamics.terms.term import TERMS, PotentialTerm, Sizes
+
+if TYPE_CHECKING:
+    from dynamics.couplings import PairLaw
+    from dynamics.potentials import Potential
 
 
 def summed(terms: Sequence[PotentialTerm], sizes: Sizes) -> Potential:
     """The potential that is all of these together."""
+    from dynamics import potentials
+
     parts = [term.build(sizes) for term in terms]
     return parts[0] if len(parts) == 1 else potentials.SumPotential(parts)
 
@@ -32,6 +36,8 @@ class Pair(PotentialTerm):
 
     def law(self, sizes: Sizes) -> PairLaw:
         """All of it but phi."""
+        from dynamics.couplings import PairLaw
+
         return PairLaw(self.source, self.coupling, sizes.box)
 
 
@@ -44,6 +50,8 @@ class Displacement(Pair):
     activation: str = TANH
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import potentials
+
         law = self.law(sizes)
         return potentials.DisplacementPotential(sizes.space, self.width, self.activation, law)
 
@@ -57,6 +65,8 @@ class Radial(Pair):
     activation: str = TANH
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import potentials
+
         return potentials.RadialPotential(self.width, self.activation, self.law(sizes))
 
 
@@ -75,6 +85,8 @@ class Knots(Pair):
     reach: float = 1.0
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import contact
+
         return contact.KnotPotential(self.knots, self.reach, self.law(sizes))
 
     def counted_in(self, length: float, seconds: float) -> Knots:
@@ -91,6 +103,8 @@ class Triple(PotentialTerm):
     activation: str = TANH
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import triples
+
         return triples.LearnedTriple(self.width, self.activation, self.coupling)
 
 
@@ -108,6 +122,8 @@ class Uniform(PotentialTerm):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import fields
+
         _dimensions("Uniform: acceleration", self.acceleration, sizes)
         return fields.UniformField(sizes.space, self.acceleration, self.learned)
 
@@ -131,6 +147,8 @@ class Trap(PotentialTerm):
     learned: bool = False
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import potentials
+
         _dimensions("Trap: centre", self.centre, sizes)
         return potentials.HarmonicTrap(self.stiffness, self.centre, self.learned)
 
@@ -155,6 +173,8 @@ class Pendulum(PotentialTerm):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import fields
+
         return fields.Pendulum(self.rate2, self.length, self.learned)
 
     def counted_in(self, length: float, seconds: float) -> Pendulum:
@@ -178,6 +198,8 @@ class Well(PotentialTerm):
     learned: bool = True
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import fields
+
         return fields.Well(self.stiffness, self.push, self.second, self.third, self.learned)
 
     def counted_in(self, length: float, seconds: float) -> Well:
@@ -217,6 +239,8 @@ class Mapped(PotentialTerm):
     activation: str = TANH
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import coupling_maps
+
         return coupling_maps.MappedPotential(
             sizes.coordinates, self.width, self.activation, self.features
         )
@@ -231,6 +255,8 @@ class FreePotential(PotentialTerm):
     activation: str = TANH
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import potentials
+
         return potentials.FreePotential(
             sizes.coordinates, sizes.conditions, self.width, self.activation
         )
@@ -242,6 +268,8 @@ class NoPotential(PotentialTerm):
     """V = 0."""
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import potentials
+
         return potentials.NoPotential()
 
 
@@ -259,5 +287,7 @@ class Shortcut(PotentialTerm):
     width: int = 64
 
     def build(self, sizes: Sizes) -> Potential:
+        from dynamics import hybrid
+
         whole = summed(self.beside, sizes)
         return hybrid.Shortcut(whole, sizes.space, self.width, sizes.box)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from dynamics.head import Head
-from dynamics.kinetic import Kinetic
-from dynamics.ports import Port
-from dynamics.potentials import Potential
 from registry import Registry, unknown
+
+if TYPE_CHECKING:
+    from dynamics.head import Head
+    from dynamics.kinetic import Kinetic
+    from dynamics.ports import Port
+    from dynamics.potentials import Potential
 
 T = TypeVar("T", bound="Term")
 

@@ -25,10 +25,11 @@ from dynamics import (
     terms,
     yoshida4,
 )
-from dynamics.build import parameter_count
+from dynamics.activations import SILU, SOFTPLUS, TANH
+from dynamics.building import parameter_count
 from dynamics.fields import UniformField
 from dynamics.kinetic import BodyKinetic, FixedKinetic, FreeKinetic, Kinetic
-from dynamics.mlp import MLP, SILU, SOFTPLUS, TANH
+from dynamics.mlp import MLP
 from dynamics.pairs import pair_indices
 from dynamics.potentials import (
     DisplacementPotential,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -33,6 +35,18 @@ def test_f12_a_run_says_its_threads_and_instructions(tmp_path):
     assert made["machine"]["threads"] == torch.get_num_threads()
     assert made["machine"]["instructions"] == torch.backends.cpu.get_cpu_capability()
     assert made["versions"]["torch"] == torch.__version__.split("+")[0] or made["versions"]["torch"]
+
+
+def test_a_run_in_which_torch_computes_nothing_does_not_load_it(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from vidphys.runs.folder import RunFolder\n"
+        f"with RunFolder.at_work(Path(sys.argv[1]), {SETTINGS}, threads=0) as run: pass\n"
+        "assert 'torch' not in sys.modules and set(run.manifest()['machine']) == {'processor'}"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "r")], check=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        RunFolder.open(tmp_path / "r", SETTINGS)  # what was not said then has not changed
 
 
 @pytest.mark.parametrize(

@@ -64,3 +64,15 @@ def test_two_givers_of_one_name_are_both_named(shapes, monkeypatch):
     installed(monkeypatch, ("disk", "pathlib:Path"))
     with pytest.raises(ValueError, match=r"shape 'disk': given by .*pytest.* uninstall one"):
         shapes["disk"]
+
+
+def test_our_own_parts_are_known_without_a_look_at_every_distribution(monkeypatch):
+    def slow():
+        raise AssertionError("every distribution was looked at")
+
+    monkeypatch.setattr(importlib.metadata, "packages_distributions", slow)
+    found: Registry = Registry("shape", "example.shapes")
+    assert found.source("registry:Registry") == Source(
+        "vidphys", importlib.metadata.version("vidphys")
+    )
+    assert found.sources("registry:Registry") == {}

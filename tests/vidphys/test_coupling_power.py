@@ -17,16 +17,15 @@ from dynamics import (
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import PairPotential
 from dynamics.triples import LearnedTriple, PlummerTriple
-from vidphys.coupling_power import (
+from vidphys.coupling_power import coupling_power, measured_forces
+from vidphys.coupling_verdict import (
     CANDIDATES,
     CONTRADICTED,
     SUPPORTED,
     UNDECIDED,
     UNEXPLAINED_LAW,
     PowerVerdict,
-    coupling_power,
     deciding_query,
-    measured_forces,
 )
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.coupling import selection

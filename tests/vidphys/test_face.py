@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import dynamics
 import vidphys
 
 PACKAGES = (
@@ -47,6 +48,16 @@ def test_a_package_has_every_name_that_it_offers(package):
 def test_names_are_loaded_when_touched():
     assert not set(HEAVY) & set(loaded_after("import vidphys, viz, registry, loops"))
     assert "torch" in loaded_after("import vidphys; vidphys.build")
+
+
+def test_a_model_as_data_needs_no_torch_and_what_rolls_it_comes_with_what_makes_it_fast():
+    assert not {"torch", "dynamics.head"} & set(
+        loaded_after("from dynamics import terms; terms.to_config(terms.HEADS['gns'])")
+    )
+    for name in set(dynamics.__all__) - {"terms", "HEADS", "from_config", "to_config"}:
+        assert dynamics.HOMES[name] != "dynamics.terms"
+    assert "dynamics.engines" in loaded_after("from dynamics import PhaseState")
+    assert "dynamics.engines" in loaded_after("import readouts")
 
 
 def test_frozen_encoders_do_not_load_their_libraries():

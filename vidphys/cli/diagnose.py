@@ -15,6 +15,7 @@ from vidphys.cli.who import WhoOptions
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from vidphys.cli.drawing import Drawer, Drawing
     from vidphys.data.frames import Frames
     from vidphys.diagnose.recordings.tables import Loaded
     from vidphys.diagnose.recordings.units import Units
@@ -120,6 +121,14 @@ def diagnose(config: DiagnoseConfig) -> None:
     if config.look:
         _look(config)
         return
+    from vidphys.cli.drawing import Drawer
+    from vidphys.data.dataset import is_clip
+
+    with Drawer(aside=not is_clip(config.input)) as drawer:  # pictures are seldom handed over
+        _diagnose(config, given, drawer)
+
+
+def _diagnose(config: DiagnoseConfig, given: dict[str, str], drawer: Drawer) -> None:
     from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
     from viz.told import write_told
@@ -127,8 +136,9 @@ def diagnose(config: DiagnoseConfig) -> None:
     points = [] if config.trade is None else _measured(config.trade)
     loaded, frames = _load(config, given)
     about = {**_about(config), "trade": sorted(point.key for point in points)}
+    threads = 0 if frames is None else None  # of torch, which takes a second to load
     with (
-        RunFolder.at_work(config.out, about, config.overwrite) as run,
+        RunFolder.at_work(config.out, about, config.overwrite, threads) as run,
         Console(config.quiet, 2, "diagnose") as console,
     ):
         try:
@@ -147,9 +157,11 @@ def diagnose(config: DiagnoseConfig) -> None:
             run.abandon()
             raise InputError(f"{config.input}: {error}") from error
         console.done(0)
+        _clear(run)
+        drawn = drawer.begin(lambda: _drawing(run, config, found, frames))
         _keep(run, config, loaded, found)
         with console.drawing("the diagnosis"):
-            _draw(run, config, found, frames)
+            _film(drawn(), config, found, frames)
         with console.drawing("the report"):
             write_told(run.path)
         console.done(1)
@@ -262,13 +274,17 @@ def _about(config: DiagnoseConfig) -> dict[str, Any]:
     }
 
 
+def _clear(run: RunFolder) -> None:
+    """Of an earlier answer, which perhaps had more to say."""
+    for name in WRITTEN:
+        (run.path / name).unlink(missing_ok=True)
+
+
 def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answered) -> None:
     from vidphys.data.dataset import is_clip
     from vidphys.diagnose.recordings.tables import write_tracks
     from vidphys.runs.atomic import write_json, write_with
 
-    for name in WRITTEN:  # perhaps by an earlier answer, which had more to say
-        (run.path / name).unlink(missing_ok=True)
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
     write_with(run.path / "summary.txt", lambda path: _write(path, text))
     write_json(run.path / "diagnosis.json", {"schema_version": SCHEMA_VERSION, **found.data})
@@ -307,32 +323,33 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
     return recorder
 
 
-def _draw(run: RunFolder, config: DiagnoseConfig, found: Answered, frames: Frames | None) -> None:
-    from vidphys.cli.recordings import draw_film, followed_alone
-    from viz.diagnosis import diagnosis_figure
-    from viz.figures import save_svg
-    from viz.recording import write_overlay_recording
+def _drawing(
+    run: RunFolder, config: DiagnoseConfig, found: Answered, frames: Frames | None
+) -> Drawing:
+    from vidphys.cli.drawing import Drawing
 
-    units = found.told_in
-    wall = found.data.get("wall")
-    figure = diagnosis_figure(
-        found.times,
-        units.per * found.positions,
-        {name: (when, units.per * path) for name, (when, path) in found.rolled.items()},
-        None if found.path is None else (found.path[0], units.per * found.path[1]),
-        said=found.headline,
-        unit=units.name,
-        picture=None if frames is None else (frames[len(frames) // 2], units.per),
-        probability=found.probability,
-        wall=None if wall is None else {**wall, "place": units.per * wall["place"]},
-        holds=found.data["terms"] if found.data["explained"] else (),
-    )
-    save_svg(figure, run.path / "figures" / "diagnosis.svg")
-    arrays = found.showcase(frames)
-    law = next((name for name in found.rolled if name != "model"), "")
-    if arrays is not None:
-        meta = {"cell": "diagnosis", "clip": config.input.name, **({"law": law} if law else {})}
-        write_overlay_recording(arrays, meta, run.path / "recordings" / "diagnosis.rrd")
+    units, wall = found.told_in, found.data.get("wall")
+    figure = {
+        "times": found.times,
+        "positions": units.per * found.positions,
+        "rolled": {name: (when, units.per * path) for name, (when, path) in found.rolled.items()},
+        "path": None if found.path is None else (found.path[0], units.per * found.path[1]),
+        "said": found.headline,
+        "unit": units.name,
+        "picture": None if frames is None else (frames[len(frames) // 2], units.per),
+        "probability": found.probability,
+        "wall": None if wall is None else {**wall, "place": units.per * wall["place"]},
+        "holds": found.data["terms"] if found.data["explained"] else (),
+    }
+    law = found.law
+    meta = {"cell": "diagnosis", "clip": config.input.name, **({"law": law} if law else {})}
+    return Drawing(run.path, figure, found.showcase(frames), meta)
+
+
+def _film(drawing: Drawing, config: DiagnoseConfig, found: Answered, frames: Frames | None) -> None:
+    """The clip with what was foretold drawn over it, where that is asked for."""
+    from vidphys.cli.recordings import draw_film, followed_alone
+
     if config.video is not None and frames is not None:
-        shown = arrays or followed_alone(found.times, found.positions, frames)
-        draw_film(shown, config.video, law)
+        shown = drawing.arrays or followed_alone(found.times, found.positions, frames)
+        draw_film(shown, config.video, found.law)

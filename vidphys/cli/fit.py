@@ -166,7 +166,7 @@ def _clip_of(tracks: Path) -> str | None:
 
 
 def _record(config: FitConfig, found: Trained) -> Recorder:
-    from dynamics.build import parameter_count
+    from dynamics.building import parameter_count
     from vidphys.reading.numbers import numbers_of
     from vidphys.runs.records import Origin, Recorder
 

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from torch import Tensor
 
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from vidphys.data.frames import Frames
     from vidphys.data.video import ClipSelection, Video
     from vidphys.reading.forecasts import Forecast

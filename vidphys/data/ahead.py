@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from queue import Queue
 from threading import Event, Thread
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import TypeVar
 
 T = TypeVar("T")
 QUICK = 0.002  # seconds of a piece of work, below which its hand-over costs more than it gains
+WORKED = 0.1  # of them by the processor, below which the process only waited for its turn
 
 
 def ahead(work: Iterable[Callable[[], T]], most: int = 2) -> Iterator[T]:
     """Results in order, ``most`` of them made at once while an earlier one is used.
 
-    That begins with the first piece that takes its time; those before it are made when they are
-    asked for. What goes wrong is raised where its result is asked for.
+    That begins with a piece that takes its time, and ends with one that only waited for its turn:
+    others are made when they are asked for. What goes wrong is raised where its result is asked
+    for.
 
     Example:
         >>> [*ahead([lambda: 1, lambda: 2, lambda: 3])]
@@ -37,16 +39,23 @@ def ahead(work: Iterable[Callable[[], T]], most: int = 2) -> Iterator[T]:
 
 def _by_threads(first: T, coming: Iterator[Callable[[], T]], most: int) -> Iterator[T]:
     with ThreadPoolExecutor(most) as pool:
-        waiting: deque[Future[T]] = deque(pool.submit(each) for each in islice(coming, most))
+        waiting = deque(pool.submit(_timed, each) for each in islice(coming, most))
         try:
             yield first
             while waiting:
-                found = waiting.popleft().result()
-                waiting.extend(pool.submit(each) for each in islice(coming, 1))
+                found, worked = waiting.popleft().result()
+                if worked > WORKED * QUICK:
+                    waiting.extend(pool.submit(_timed, each) for each in islice(coming, 1))
                 yield found
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
+    """What it gives, and the seconds of the processor; to ask for those alone takes a while."""
+    begun = thread_time()
+    return work(), thread_time() - begun
 
 
 def prefetched(items: Iterable[T], most: int = 2) -> Iterator[T]:

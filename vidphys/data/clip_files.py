@@ -6,14 +6,15 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import torch
-
-from dynamics import Parameters
 from vidphys.data.formats.base import Frames
 from vidphys.data.labels import Labels
 from vidphys.errors import InputError
 from vidphys.runs.atomic import sha256
+
+if TYPE_CHECKING:
+    from dynamics import Parameters
 
 Fact = str | int | float | bool
 Decoded = tuple[float, int, Frames]  # frames a second and count, as declared, and the frames
@@ -64,6 +65,10 @@ class ClipFile:
         Raises:
             InputError: masses of another number of bodies.
         """
+        import torch
+
+        from dynamics import Parameters
+
         mass = (1.0,) * bodies if self.mass is None else self.mass
         if len(mass) != bodies:
             raise InputError(

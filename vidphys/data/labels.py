@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
-from binders.tracks import Tracks
 from vidphys.data.formats import Recording, read_recording
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
+    from binders import Tracks
     from vidphys.data.video import ClipSelection, Video
 
 HALF = 0.5  # of a frame interval: a label's time may be off by so much
@@ -73,6 +72,10 @@ def read_labels(
     Raises:
         InputError: not such a table, one of another length or of other times than the clip.
     """
+    import torch
+
+    from binders import Tracks
+
     labels = Labels.of(labels) if isinstance(labels, Path) else labels
     where = labels.path or f"{video.path}: {labels.name}"
     try:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy import special
 
-from vidphys.coupling_power import PowerVerdict
+from vidphys.coupling_verdict import PowerVerdict
 from vidphys.diagnose.inference.changes import Switch, find_switch
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again

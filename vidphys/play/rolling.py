@@ -16,7 +16,7 @@ from torch import Tensor
 from dynamics import DynamicsWarning, Head, Parameters, PhaseState, Rollout, rollout
 from dynamics.compiled import CompiledHead
 from dynamics.domain import EXTENTS, FAR, extents
-from dynamics.rollout import first_bad_step
+from dynamics.rolling import first_bad_step
 from vidphys.errors import InputError
 from vidphys.play.asked import Asked
 from vidphys.play.rows import numbers, table

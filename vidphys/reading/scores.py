@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import torch
 
 from binders.tracks import Tracks
-from vidphys.metrics import FAILED, OK, Summary
 from vidphys.reading.clip_dynamics import friction_of
 from vidphys.reading.forecasts import Forecast, forecast, forecast_error, naive_forecasts, state_at
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import steady
 from vidphys.reading.training import Perceived, labelled
 from vidphys.runs.records import Recorder
+from vidphys.summary import FAILED, OK, Summary
 from vidphys.training.candidates import TrainedReadout, best_of
 from vidphys.training.readouts import position_rmse, read_all
 

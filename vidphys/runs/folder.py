@@ -105,7 +105,8 @@ class RunFolder:
                 there are any, the settings of each of the ``rungs``.
             overwrite: give up what lies there if it is another run: it is moved aside, and deleted
                 when the work has ended well.
-            threads: that compute, where it is not this process with torch's number of them.
+            threads: that compute, where it is not this process with torch's number of them; 0 where
+                torch computes nothing.
 
         Raises:
             InputError: another process is at work there, another run lies there, or something

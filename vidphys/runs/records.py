@@ -8,14 +8,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from torch import Tensor
 
 from vidphys.errors import InputError
-from vidphys.metrics import FAILED, OK, VOID, Summary
 from vidphys.runs.atomic import write_with
+from vidphys.summary import FAILED, OK, VOID, Summary
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,8 @@ def read_table(path: Path) -> pa.Table:
             only read.
     """
     try:
-        table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # no data sets' reader
+            table = file.read()
         marks = dict(table.schema.metadata or {})
         version = int(marks.pop(SCHEMA, b"1"))
         if version > SCHEMA_VERSION:

@@ -22,7 +22,8 @@ def surroundings(threads: int | None = None) -> dict[str, Any]:
     """For ``run.json``.
 
     Args:
-        threads: that compute; torch's own number of this process where none is given.
+        threads: that compute; torch's own number of this process where none is given, and 0 where
+            torch computes nothing: it is then not loaded to be asked.
     """
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -65,6 +66,8 @@ def _versions() -> dict[str, str]:
 
 
 def _machine(threads: int | None) -> dict[str, Any]:
+    if threads == 0:
+        return {"processor": _processor()}
     import torch
 
     return {

@@ -35,7 +35,7 @@ def serve(pipe: Connection) -> None:
     for number in SIGNALS:
         signal.signal(number, _leave)  # what a training puts in its place saves a step first
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-    _end_with_parent()
+    end_with_parent()
     threading.Thread(target=_watch, args=(said,), daemon=True).start()
     try:
         quietly_with_one_thread()
@@ -98,7 +98,7 @@ def _leave(*_: object) -> None:
     os._exit(INTERRUPTED)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Have the system tell this process to end when its parent does; elsewhere the watch does."""
     if sys.platform == "linux":
         import ctypes

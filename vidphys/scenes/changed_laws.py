@@ -19,7 +19,7 @@ def gravity_of_power(coupling: str) -> Scene:
     """Softened gravity with V = c(G) sum m m phi.
 
     Args:
-        coupling: of :data:`dynamics.couplings.COUPLINGS`: ``linear`` is gravity itself; under
+        coupling: of :data:`dynamics.powers.COUPLINGS`: ``linear`` is gravity itself; under
             ``even`` and ``quadratic`` a change of sign changes nothing.
 
     Raises:

@@ -14,7 +14,7 @@ from torch import Generator, Tensor
 from dynamics import Hamiltonian, Parameters, PhaseState, Rollout
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import HarmonicTrap, Potential, SumPotential
-from dynamics.rollout import first_bad_step
+from dynamics.rolling import first_bad_step
 from dynamics.stiffness import QuadraticPotential, Stiffness
 from vidphys.errors import InputError
 from vidphys.scenes.scene import Sampler, Scene

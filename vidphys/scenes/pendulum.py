@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Generator, Tensor
 
 from dynamics import Parameters, PhaseState, Rollout
-from dynamics.rollout import first_bad_step
+from dynamics.rolling import first_bad_step
 from vidphys.errors import InputError
 from vidphys.scenes.draws import Range, normal, uniform
 from vidphys.scenes.engine import ENGINE_STEP, JOINTS, Engine

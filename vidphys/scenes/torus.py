@@ -11,7 +11,7 @@ from dynamics import Hamiltonian, PairLaw, Parameters, PhaseState, Rollout
 from dynamics.contact import SoftContact
 from dynamics.events import HardDisks
 from dynamics.kinetic import FixedKinetic
-from dynamics.rollout import first_bad_step
+from dynamics.rolling import first_bad_step
 from vidphys.errors import InputError
 from vidphys.scenes.draws import Range, at_rest, normal, uniform
 from vidphys.scenes.scene import Sampler, Scene

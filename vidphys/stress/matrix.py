@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from vidphys.errors import InputError
-from vidphys.metrics import FAILED, OK, Summary
 from vidphys.runs.atomic import write_json
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder
@@ -34,6 +33,7 @@ from vidphys.stress import (
 from vidphys.stress.case import SILENT, SKIPPED, Case
 from vidphys.stress.figures import figure_rows
 from vidphys.stress.verdict import Outcome, judge
+from vidphys.summary import FAILED, OK, Summary
 
 SCHEMA_VERSION = 1
 

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, Parameters, Rollout
-from dynamics.rollout import first_bad_step
+from dynamics.rolling import first_bad_step
 from readouts.differencing import central_difference
 from vidphys.progress import Progress
 from vidphys.shooting.aim import PRECISE, surprise

@@ -33,6 +33,7 @@ def test_importing_a_stage_costs_nothing(stage):
         "def refuse(*a, **k): raise OSError('network')\n"
         "socket.socket.connect = refuse\n"
         f"import {stage}\n"
+        f"[getattr({stage}, name) for name in {stage}.__all__]\n"
         f"print([m for m in {HEAVY!r} if m in sys.modules and m != {stage!r}])"
     )
     done = subprocess.run(

@@ -112,6 +112,12 @@ def test_what_takes_its_time_is_made_before_it_is_asked_for_and_errors_come_at_t
     with pytest.raises(ZeroDivisionError):
         next(found)
 
+    started.clear()
+    monkeypatch.setattr(module, "WORKED", np.inf)  # all of them only waited for their turn
+    found = ahead([lambda: 1, lambda: 2, lambda: 3, second, lambda: 5], most=2)
+    assert [next(found) for _ in range(3)] == [1, 2, 3] and not started.is_set()
+    assert [*found] == [2, 5]
+
     def items():
         yield from range(3)
         raise ValueError("no more")

@@ -24,11 +24,11 @@ from vidphys.experiments.core.dissipation import (
 )
 from vidphys.experiments.core.scoring import Question
 from vidphys.experiments.friction.drag import DRAG, drag_cell
-from vidphys.metrics import Summary
 from vidphys.presets import OracleSizes
 from vidphys.scenes import certify
 from vidphys.scenes.drag import dragged_gravity
 from vidphys.scenes.pendulum import pendulum
+from vidphys.summary import Summary
 
 F64 = torch.float64
 GAMMA, MASS = 0.7, 2.0

@@ -19,7 +19,7 @@ from dynamics import (
     terms,
     yoshida4,
 )
-from dynamics.build import parameter_count
+from dynamics.building import parameter_count
 from dynamics.coupling_maps import MAPS, coupling_map
 from dynamics.stiffness import LinearField, QuadraticPotential, Stiffness
 from vidphys.errors import InputError

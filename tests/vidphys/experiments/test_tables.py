@@ -18,12 +18,12 @@ from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.experiments.core.losses import energy_penalised, noisy
 from vidphys.experiments.core.members import Examples, one_step, train_members
 from vidphys.experiments.core.oracle import true_segments
-from vidphys.metrics import Summary
 from vidphys.presets import OracleSizes, PixelSizes, Preset
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder, merged_tables
 from vidphys.scenes import gravity, lyapunov_time
 from vidphys.shooting.step import roll
+from vidphys.summary import Summary
 from vidphys.training.ensemble import Ensemble, Stacked, stack
 from vidphys.training.loop import FitSettings, fit
 from vidphys.training.segments import scale_of, segment_loss

@@ -12,12 +12,12 @@ import torch
 
 import vidphys
 from vidphys.errors import InputError
-from vidphys.metrics import Summary
 from vidphys.runs.asked import asked_of
 from vidphys.runs.atomic import write_with
 from vidphys.runs.code import code_version
 from vidphys.runs.folder import FILES, FOLDERS, MixedCodeWarning, RunFolder
 from vidphys.runs.records import Origin, Recorder
+from vidphys.summary import Summary
 
 SETTINGS = {"preset": "quick", "cells": ["a/b"], "seeds": [0], "sizes": (1, 2)}
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import torch
 from pydantic import Field, JsonValue, model_validator
 
-from dynamics import build, from_config, terms, to_config
+from dynamics import from_config, terms, to_config
 from dynamics.terms import HeadTerm, PortTerm, PotentialTerm, Term
 from vidphys.boundary import Above, Closed, Number, Word, read_json
 from vidphys.diagnose.explanations.bounds import require_bounded
@@ -159,6 +158,10 @@ def read_specification(path: Path) -> tuple[HeadTerm, Mapping[str, Any]]:
     Raises:
         InputError: not a specification, or of another version; the field that is wrong is named.
     """
+    import torch
+
+    from dynamics import build
+
     held = read_json(path, Specification, "a scene specification; `vidphys diagnose` writes one")
     try:
         term = from_config(held.terms)

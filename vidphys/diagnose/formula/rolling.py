@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from loops import kernel
+from loops import kernel, uncounted
 
 SPEEDS = ("v", "v |v|", "sgn(v)", "v^3")  # words of the speed, by their number below
 
 
-@kernel
+@uncounted
 def _looked_up(
     table: np.ndarray,
     low: float,
@@ -55,7 +55,7 @@ def _looked_up(
     return slope / step
 
 
-@kernel
+@uncounted
 def _word(
     code: int,
     v: float,
@@ -70,7 +70,7 @@ def _word(
     return v * v * v, 3 * v * v
 
 
-@kernel
+@uncounted
 def _accelerate(
     state: np.ndarray,
     law: tuple,
@@ -95,7 +95,7 @@ def _accelerate(
         out[1, k] = slope * state[0, k] + rate * state[1, k] + forced
 
 
-@kernel
+@uncounted
 def _moved(
     state: np.ndarray,
     rate: np.ndarray,

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import comb
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, make_smoothing_spline
 
 from vidphys.diagnose.formula.shooting import Fit, Law, Pieces, cut, fit_law, fit_stages
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 KNOTS = 24
 PIECE = 0.6  # swings in a piece, about
@@ -152,6 +155,10 @@ def smoothed(x: np.ndarray, times: np.ndarray, share: float) -> Smoothed:
 
 def _through(t: np.ndarray, x: np.ndarray, far: float) -> BSpline:
     """The smoothest spline no farther than that from the places, root mean square."""
+    from scipy.interpolate import (
+        make_smoothing_spline,  # a tenth of a second to load, and seldom asked
+    )
+
     step = float(np.median(np.diff(t)))
     low, high = np.log(SOFTEST) + 3 * np.log(step), np.log(STIFFEST) + 3 * np.log(step)
     for _ in range(BISECTIONS):

@@ -13,7 +13,7 @@ from math import comb
 
 import numpy as np
 
-from vidphys.coupling_power import PowerVerdict
+from vidphys.coupling_verdict import PowerVerdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.recordings.colour import Colour

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
-from dynamics.couplings import COUPLINGS
-from vidphys.coupling_power import CANDIDATES, LIMIT, UNEXPLAINED, PowerVerdict, deciding_query
+from dynamics.powers import COUPLINGS
+from vidphys.coupling_verdict import CANDIDATES, LIMIT, UNEXPLAINED, PowerVerdict, deciding_query
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import PAIR, field_of
 from vidphys.diagnose.inference.search import infer
@@ -68,7 +67,7 @@ def which_power(inference: Inference, coupling: np.ndarray) -> PowerVerdict:
 def _log_likelihood(inference: Inference, name: str, coupling: np.ndarray) -> tuple[float, float]:
     """Of the structure with pair forces that go with one power, and the share it leaves."""
     windows, structure = inference.windows, inference.structure
-    strength = COUPLINGS[name](torch.from_numpy(coupling)).numpy()
+    strength = COUPLINGS[name](coupling)
     field = field_of(windows, inference.fitted.paths, strength)
     columns = np.concatenate([term.columns(field) for term in structure.terms], -1)
     ratio = inference.kicks / inference.fitted.variance

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
-from dynamics.couplings import COUPLINGS
+from dynamics.powers import COUPLINGS
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import (
     FRICTIONS,
@@ -74,11 +73,10 @@ def infer(motion: Motion, angles: bool = False, power: str = "linear") -> Infere
         motion: tracks.
         angles: whether positions are joint angles (a pendulum is then on the menu).
         power: how forces of pairs go with the coupling, where it is known; of
-            :data:`dynamics.couplings.COUPLINGS`.
+            :data:`dynamics.powers.COUPLINGS`.
     """
     if motion.coupling is not None:
-        scaled = COUPLINGS[power](torch.from_numpy(motion.coupling)).numpy()
-        motion = replace(motion, coupling=scaled)
+        motion = replace(motion, coupling=COUPLINGS[power](motion.coupling))
     noise = measure_noise(motion)
     floor = NUMERICAL * float(np.nanstd(motion.positions))
     search = _Search(motion, angles, max(noise.sigma, floor), floor)

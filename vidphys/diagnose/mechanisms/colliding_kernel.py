@@ -15,14 +15,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from loops import kernel
+from loops import kernel, uncounted
 
 HALVINGS = 45
 MOST = 32  # events in a step
 TINY = 1e-9  # of the speeds: bodies that approach so slowly touch
 
 
-@kernel
+@uncounted
 def _accelerate(
     v: np.ndarray, force: np.ndarray, friction: np.ndarray, still: np.ndarray, out: np.ndarray
 ) -> None:
@@ -38,14 +38,14 @@ def _accelerate(
             out[b, i] = 0.0 if still[b] else force[i] - rate * v[b, i]
 
 
-@kernel
+@uncounted
 def _ahead(v: np.ndarray, h: float, a: np.ndarray, out: np.ndarray) -> None:
     for b in range(len(v)):
         for i in range(v.shape[1]):
             out[b, i] = v[b, i] + h * a[b, i]
 
 
-@kernel
+@uncounted
 def _step(
     s: np.ndarray,
     v: np.ndarray,
@@ -71,7 +71,7 @@ def _step(
             work[6, b, i] = v[b, i] + h / 6 * (a1[b, i] + 2 * inner + a4[b, i])
 
 
-@kernel
+@uncounted
 def _dot(a: np.ndarray, b: np.ndarray) -> float:
     total = 0.0
     for i in range(len(a)):
@@ -79,7 +79,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> float:
     return total
 
 
-@kernel
+@uncounted
 def _apart(s: np.ndarray, one: int, two: int) -> float:
     total = 0.0
     for i in range(s.shape[1]):
@@ -87,7 +87,7 @@ def _apart(s: np.ndarray, one: int, two: int) -> float:
     return np.sqrt(total)
 
 
-@kernel
+@uncounted
 def _gap(s: np.ndarray, one: int, two: int, reach: float, side: float) -> float:
     """How far two bodies are from touching; on a line they keep their order."""
     if s.shape[1] == 1:
@@ -95,7 +95,7 @@ def _gap(s: np.ndarray, one: int, two: int, reach: float, side: float) -> float:
     return _apart(s, one, two) - reach
 
 
-@kernel
+@uncounted
 def _closing(s: np.ndarray, v: np.ndarray, one: int, two: int, side: float) -> float:
     """Speed at which their distance falls."""
     if s.shape[1] == 1:
@@ -106,7 +106,7 @@ def _closing(s: np.ndarray, v: np.ndarray, one: int, two: int, side: float) -> f
     return total / _apart(s, one, two)
 
 
-@kernel
+@uncounted
 def _nearest(s: np.ndarray, later: np.ndarray, one: int, two: int) -> float:
     """Share of a step after which two bodies are nearest, on straight lines."""
     square, toward = 0.0, 0.0
@@ -143,7 +143,7 @@ def _collide(
     v[two] += lighter[two] * push
 
 
-@kernel
+@uncounted
 def _until_halt(v: np.ndarray, body: int, law: tuple, still: np.ndarray, a: np.ndarray) -> float:
     """Seconds until dry friction halts a body that decelerates so; infinite where it never does."""
     force, friction = law
@@ -153,7 +153,7 @@ def _until_halt(v: np.ndarray, body: int, law: tuple, still: np.ndarray, a: np.n
     return _dot(v[body], v[body]) / slowing if slowing > 0.0 else np.inf
 
 
-@kernel
+@uncounted
 def _until_contact(
     s: np.ndarray,
     v: np.ndarray,
@@ -185,13 +185,13 @@ def _until_contact(
     return high
 
 
-@kernel
+@uncounted
 def _beyond(s: np.ndarray, wall: np.ndarray) -> float:
     """How far a body is behind its wall."""
     return _dot(wall[1 : 1 + s.shape[1]], s[int(wall[0])]) - wall[1 + s.shape[1]]
 
 
-@kernel
+@uncounted
 def _until_wall(
     s: np.ndarray,
     v: np.ndarray,
@@ -215,7 +215,7 @@ def _until_wall(
     return high
 
 
-@kernel
+@uncounted
 def _bounce(v: np.ndarray, wall: np.ndarray) -> None:
     """Turn a body's speed across its wall round; what is along it keeps a share of its own."""
     body, size = int(wall[0]), v.shape[1]

@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from loops import kernel
+from loops import kernel, uncounted
 
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
 HALVINGS = 40
@@ -32,7 +32,7 @@ CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that p
 SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
 
 
-@kernel
+@uncounted
 def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
     """Acceleration away from a fixed place, over the distance."""
     size, squared = len(s), 0.0
@@ -43,7 +43,7 @@ def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
     return strength / near * far ** (-power - 1.0)
 
 
-@kernel
+@uncounted
 def _accelerate(
     s: np.ndarray,
     v: np.ndarray,
@@ -83,7 +83,7 @@ def _accelerate(
         out[1] = (two - link * one) / size_of
 
 
-@kernel
+@uncounted
 def _holds(
     s: np.ndarray,
     force: np.ndarray,
@@ -106,7 +106,7 @@ def _holds(
     return pull <= dry * dry
 
 
-@kernel
+@uncounted
 def _step(
     s: np.ndarray,
     v: np.ndarray,
@@ -142,7 +142,7 @@ def _step(
         work[9, i] = v[i] + h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
 
 
-@kernel
+@uncounted
 def _beyond(
     s: np.ndarray,
     wall: np.ndarray,
@@ -153,7 +153,7 @@ def _beyond(
     return depth
 
 
-@kernel
+@uncounted
 def _bounce(
     s: np.ndarray,
     v: np.ndarray,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from vidphys.diagnose.recordings.motion import Motion
 
@@ -44,6 +43,10 @@ def evened(motion: Motion) -> Motion:
 
 def _read(times: np.ndarray, path: np.ndarray, grid: np.ndarray, step: float) -> np.ndarray:
     """Places ``(grid, d)`` on the spline through ``(t, d)``; NaN away from what was seen."""
+    from scipy.interpolate import (
+        make_interp_spline,  # a tenth of a second to load, and seldom asked
+    )
+
     out = np.full((len(grid), path.shape[1]), np.nan)
     if len(times) <= CUBIC:
         return out

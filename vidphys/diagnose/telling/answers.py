@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vidphys.data.frames import Frames, blank
+from vidphys.data.frames import Frames
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
@@ -66,18 +66,24 @@ class Answered:
         used, *told = self.lines
         return [*[line for line in told if not line.startswith(" ")][:2], used]
 
-    def showcase(self, frames: Frames | np.ndarray | None) -> dict[str, Any] | None:
-        """Arrays of the recording; ``None`` where there is no plane to draw, or no forecast."""
+    @property
+    def law(self) -> str:
+        """The changed law that is drawn, in words; empty where none is."""
+        return next((name for name in self.rolled if name != "model"), "")
+
+    def showcase(self, frames: Frames | None) -> dict[str, Any] | None:
+        """Arrays of the recording; ``None`` where there is no plane to draw, or no forecast.
+
+        Without ``frames`` of a clip, they have none either.
+        """
         if self.positions.shape[-1] > 2 or "model" not in self.rolled:
             return None
         when, path = self.rolled["model"]
         extent = float(np.nanmax(np.abs(self.positions))) * 1.1
-        if frames is None:
-            frames = blank(len(self.times))
-        else:
+        if frames is not None:
             extent = 1.0  # normalised image units
         arrays: dict[str, Any] = {
-            "frames": frames,
+            **({} if frames is None else {"frames": frames}),
             "frame_times": self.times,
             "readout": _plane(self.positions),
             "rollout": _plane(path),
@@ -85,12 +91,9 @@ class Answered:
             "half_extent": np.asarray(extent),
             "train_end": np.asarray(when[0]),
         }
-        changed = next((name for name in self.rolled if name != "model"), None)
-        if changed is not None:
-            arrays["changed_times"], arrays["changed"] = (
-                self.rolled[changed][0],
-                _plane(self.rolled[changed][1]),
-            )
+        if self.law:
+            when, path = self.rolled[self.law]
+            arrays |= {"changed_times": when, "changed": _plane(path)}
         return arrays
 
 

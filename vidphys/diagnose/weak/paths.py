@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.interpolate import UnivariateSpline
 
 from vidphys.diagnose.weak.windows import UNSEEN, Windows
 
@@ -72,6 +71,8 @@ def _at_nodes(windows: Windows, coefficients: np.ndarray) -> Paths:
 
 def splined(windows: Windows, sigma: float) -> Paths:
     """Smoothing splines, for windows too long for a polynomial."""
+    from scipy.interpolate import UnivariateSpline  # a tenth of a second to load, and seldom asked
+
     shape = (len(windows), len(windows.nodes), *windows.frames.shape[2:])
     q, v, a = (np.zeros(shape) for _ in range(3))
     at = (windows.nodes + 1) / 2

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from vidphys import metrics
-from vidphys.coupling_power import PowerVerdict
+from vidphys.coupling_verdict import PowerVerdict
 from vidphys.diagnose.diagnosis import diagnose_motion
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.experiments.confusion.scenes import (

@@ -26,7 +26,7 @@ from vidphys.experiments.confusion.scores import (
 )
 from vidphys.experiments.confusion.second_law_questions import run_second_law
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.metrics import Summary
+from vidphys.summary import Summary
 
 # (noise in world units, seconds between frames); a preset takes as many as it has episodes for
 SETTINGS = (

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from vidphys.metrics import OK
+from vidphys.summary import OK
 
 FOLDER = Path(__file__).parents[1] / "bars"
 REMARKS = Path(__file__).parents[1] / "remarks.toml"

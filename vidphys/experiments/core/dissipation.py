@@ -15,9 +15,9 @@ from dynamics import Head, Parameters, PhaseState, Rollout
 from dynamics.integrators import Memory
 from vidphys import metrics
 from vidphys.experiments.core.scoring import Question
-from vidphys.metrics import FAILED, OK, Summary
 from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
+from vidphys.summary import FAILED, OK, Summary
 
 RETRACE_BELOW = 0.1  # return error that counts as a match; the study names no threshold
 LOST_ENERGY = 1e6  # of the start's scale: an episode beyond it has diverged, finite or not

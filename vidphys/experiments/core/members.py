@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from dynamics import Head
-from vidphys.metrics import FAILED, OK, Summary
 from vidphys.presets import OracleSizes
 from vidphys.progress import Progress
 from vidphys.runs.records import Recorder
 from vidphys.seeding import derive
+from vidphys.summary import FAILED, OK, Summary
 from vidphys.training.ensemble import Ensemble, Stacked, stack
 from vidphys.training.loop import (
     Batches,

@@ -5,13 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dynamics import Head, terms, to_config
-from vidphys.coupling_power import (
-    CONTRADICTED,
-    SUPPORTED,
-    UNDECIDED,
-    coupling_power,
-    measured_forces,
-)
+from vidphys.coupling_power import coupling_power, measured_forces
+from vidphys.coupling_verdict import CONTRADICTED, SUPPORTED, UNDECIDED
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import true_trajectories
 from vidphys.experiments.core.scoring import Question, score_inversion

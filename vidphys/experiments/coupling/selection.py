@@ -10,14 +10,8 @@ from torch import Generator, Tensor
 
 from dynamics import PhaseState, Rollout
 from vidphys import metrics
-from vidphys.coupling_power import (
-    CANDIDATES,
-    SUPPORTED,
-    Forces,
-    PowerVerdict,
-    coupling_power,
-    measured_forces,
-)
+from vidphys.coupling_power import Forces, coupling_power, measured_forces
+from vidphys.coupling_verdict import CANDIDATES, SUPPORTED, PowerVerdict
 from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.scenes import certify
 from vidphys.scenes.changed_laws import gravity_of_power

@@ -13,11 +13,11 @@ from torch import Generator, Tensor
 from dynamics import Head, NoSteadyState, Parameters, PhaseState, Rollout, rollout
 from vidphys.experiments.core.scoring import Question, score_changed_law
 from vidphys.experiments.heat.thermal import Measured, kinetic_temperature, measure_temperature
-from vidphys.metrics import FAILED, OK, Summary
 from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes.langevin import BathScene
 from vidphys.seeding import derive
+from vidphys.summary import FAILED, OK, Summary
 
 WALKERS = 16  # independent walkers for each held-out episode of the preset, in each setting
 BURN_IN, MEASURED = 20.0, 60.0  # seconds: ten relaxation times of the slowest bath, and then

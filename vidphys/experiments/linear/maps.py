@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.utils import _pytree as pytree
 
 from dynamics import Head, PhaseState, leapfrog, terms, to_config
-from dynamics.build import parameter_count
+from dynamics.building import parameter_count
 from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table

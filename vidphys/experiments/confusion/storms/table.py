@@ -16,7 +16,7 @@ from vidphys.experiments.confusion.storms.scenes import LISTED, Class, filmed
 from vidphys.experiments.confusion.storms.scores import Scored, ours, scores
 from vidphys.experiments.confusion.storms.unlisted import UNLISTED
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.metrics import Summary
+from vidphys.summary import Summary
 
 OURS, SINDY = "diagnose", "weak-sindy"
 PER_MEASURE = 16  # held-out episodes of the preset for one way of measuring of each class
