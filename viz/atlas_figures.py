@@ -128,7 +128,7 @@ def cost_figure(
             own = [key for key in mine if key[0] == name]
             scores = [mine[key].numbers["score"] for key in own]
             at = [costs[key] for key in own]
-            axes.plot(at, scores, marker, color=colour, ms=4, alpha=0.7, label=name)
+            axes.plot(at, scores, marker, color=colour, ms=4, label=name)
         front = sorted((costs[key], mine[key].numbers["score"]) for key in fronts[target])
         axes.step(*zip(*front, strict=True), where="post", color=INK, lw=1, alpha=0.6)
         axes.axhline(_rival(mine.values()), color=FAINT, lw=0.8, ls=":")

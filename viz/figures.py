@@ -19,15 +19,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, each with its own marker: told apart without colour as well.
+# After Okabe and Ito, each with its own marker: told apart without colour as well. Each stands
+# out on white, where figures are drawn, and on a dark page, where tables name the heads.
 STYLES = {
     "factored": ("#0072B2", "o"),
     "factored-radial": ("#009E73", "^"),
-    "factored-learned-kinetic": ("#56B4E9", "D"),
+    "factored-learned-kinetic": ("#3A8FC4", "D"),
     "symplectic": ("#CC79A7", "v"),
     "unstructured": ("#D55E00", "s"),
 }
-SPARE = (("#E69F00", "P"), ("#000000", "X"), ("#999999", "*"))
+SPARE = (("#A87900", "P"), ("#9A6A50", "X"), ("#7F7F7F", "*"))
 DRIFT_CAP = 1e4  # larger drifts are drawn at the cap; the records keep them
 INK, FAINT = "#222222", "#8a8a8a"
 _TEXT: dict[Any, Any] = {
@@ -157,7 +158,7 @@ def _rows_figure(records: Records) -> tuple[Figure, Axes, dict[Line, float]]:
 
 
 def _dots(axes: Axes, records: Records, levels: Mapping[Line, float], metric: str) -> None:
-    """Small marks for seeds, a large one for the mean, words for what has no number."""
+    """Small open marks for seeds, a large one for the mean, words for what has no number."""
     for line, level in levels.items():
         found = records.pick(line, metric, coupling=records.coupling)
         if found is None:
@@ -165,7 +166,7 @@ def _dots(axes: Axes, records: Records, levels: Mapping[Line, float], metric: st
         colour, marker = style(line.head, records.heads)
         if found.mean is not None:
             seeds = [level] * len(found.values)
-            axes.plot(found.values, seeds, marker, ms=5, color=colour, alpha=0.35, mew=0)
+            axes.plot(found.values, seeds, marker, ms=4, color=colour, mfc="none", mew=0.8)
             _once(axes, [found.mean], [level], line.head, color=colour, marker=marker, ms=9, ls="")
         if found.words:
             axes.annotate(
@@ -239,6 +240,7 @@ def _drift_lines(axes: Axes, records: Records, line: Line) -> str:
     if steps:
         axes.plot(steps, middle, color=colour, marker=marker, ms=5, lw=1.8, label=line.head)
         axes.fill_between(steps, middle, worst, color=colour, alpha=0.15, lw=0)
+        axes.plot(steps, worst, color=colour, lw=0.8, ls=":")
     return words
 
 

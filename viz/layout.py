@@ -91,6 +91,7 @@ def overlay_layout(video: Arrays) -> rrb.Blueprint:
 
 
 def rolled_layout(
+    roles: Sequence[str],
     centre: tuple[float, float],
     half: float,
     last: float,
@@ -99,6 +100,7 @@ def rolled_layout(
     """One episode large, with what is said of it; energies below.
 
     Args:
+        roles: that are there.
         centre: of the square that is shown.
         half: of its side.
         last: instant, seconds.
@@ -106,7 +108,7 @@ def rolled_layout(
     """
     import rerun.blueprint as rrb
 
-    roles, (x, y) = ("truth", "held", "twin", "model"), centre
+    x, y = centre
     square = rrb.VisualBounds2D(x_range=(x - half, x + half), y_range=(-y - half, half - y))
     world = rrb.Spatial2DView(
         origin="/",

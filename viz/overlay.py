@@ -165,8 +165,8 @@ def _paths(axes: Axes, showcase: Arrays, truth: str, guess: str, title: str) -> 
     for n in range(np.shape(showcase[truth])[1]):
         real, told = (np.asarray(showcase[key])[after, n].T for key in (truth, guess))
         first = n == 0
-        axes.plot(*past[:, n].T, color="#999999", lw=1, ls=":", label="observed" if first else None)
-        axes.plot(*real, color="#777777", lw=4, alpha=0.5, label="truth" if first else None)
+        axes.plot(*past[:, n].T, color="#767676", lw=1, ls=":", label="observed" if first else None)
+        axes.plot(*real, color="#8e8e8e", lw=4, label="truth" if first else None)
         axes.plot(*told, color=GUESS_COLOURS[guess], lw=1.6, label=guess if first else None)
         axes.plot(*real[:, :1], "o", color="#444444", ms=4)
     # One box for both laws, around what truly happens: a diverging prediction leaves it.
@@ -189,10 +189,9 @@ def _energies(upper: Axes, lower: Axes, showcase: Arrays, names: Mapping[str, st
             error = np.abs(energy - energy[0]) / np.abs(energy[0])
         real = role.endswith("truth")
         look: dict[str, Any] = {
-            "color": GUESS_COLOURS.get(role, "#777777"),
+            "color": GUESS_COLOURS.get(role, "#8e8e8e"),
             "ls": "--" if role.startswith("counterfactual") else "-",
             "lw": 4 if real else 1.6,
-            "alpha": 0.5 if real else 1.0,
         }
         upper.plot(times[after], energy, label=names[role], **look)
         lower.plot(times[after], np.where(error > 0, error, np.nan), **look)

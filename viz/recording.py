@@ -47,7 +47,8 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
             units; ``energy_*`` of each ``(T,)``; ``half_extent`` in world units; optional ``dt``,
             seconds of one simulation step (else the spacing of ``times``), ``long_times (L,)`` with
             ``energy_long (L,)``, and ``frames (F, H, W, 3)`` uint8 with ``frame_times (F,)`` and
-            ``track (F, N, 2)``. Non-finite instants are left blank.
+            ``track (F, N, 2)``, and with them ``attention (F, N, h, w)``. Non-finite instants are
+            left blank.
         meta: what is shown, in words; ``cell`` becomes the recording's name.
         path: the ``.rrd`` to write, replaced as a whole or not at all.
 
@@ -75,6 +76,9 @@ def write_recording(showcase: Arrays, meta: Mapping[str, str], path: Path) -> No
     if "frames" in showcase:
         stamps, (height, width) = showcase["frame_times"], showcase["frames"].shape[1:3]
         factor = tape.pictures("camera/image", stamps, showcase["frames"])
+        if "attention" in showcase:
+            until, size = np.append(stamps, times[times > 0][0]), (height / factor, width / factor)
+            tape.attention("camera/attention", until, showcase["attention"], size)
         track = world_to_pixel(showcase["track"], (height, width), extent) / factor
         radius = 0.012 * max(height, width) / factor
         tape.bodies("camera/track", stamps, track, BODY_COLOURS, radius)
@@ -94,9 +98,10 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
             (F, N, 2)``, what the readout predicts; ``rollout (R, N, 2)`` at ``rollout_times (R,)``,
             which may end after the clip. Positions in world units (y upwards, origin at the image
             centre) with ``half_extent``, the world length of half of the longer image side.
-            Optional ``track (F, N, 2)``, what was observed; ``attention (F, N, h, w)``, how much
-            each cell of a grid over the picture counted for a body; ``changed`` and
-            ``changed_times``, a rollout under another law; ``train_end``, seconds.
+            Optional ``track (F, N, 2)``, what was observed; ``attention (A, N, h, w)`` at
+            ``attention_times (A,)``, how much each cell of a grid over the picture counted for a
+            body; ``changed`` and ``changed_times``, a rollout under another law; ``train_end``,
+            seconds.
         meta: what is shown, in words; ``cell`` becomes the recording's name.
         path: the ``.rrd`` to write, replaced as a whole or not at all.
 
@@ -114,7 +119,8 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     radius = 0.014 * max(height, width) / factor
     after = np.array([stamps[-1] + interval])
     if "attention" in video:
-        until, stored = np.append(stamps, after), (height / factor, width / factor)
+        until = np.append(np.asarray(video["attention_times"], np.float64), after)
+        stored = height / factor, width / factor
         tape.attention("video/attention", until, video["attention"], stored)
     for role, (key, times) in VIDEO_ARRAYS.items():
         if key not in video:

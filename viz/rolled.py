@@ -57,17 +57,17 @@ def write_rolled_recording(rolled: Rolled, meta: Mapping[str, str], path: Path) 
     tape = Tape(meta, float(np.median(np.diff(times))), NAMES, shown)
     tape.turn_upright("world")
     centre, half = _square(rolled)
-    for role in ("truth", "held", "twin", "model"):
-        if role in rolled.ways:
-            radius = half * (0.03 if role in ("truth", "held") else 0.018)
-            tape.bodies(f"world/{role}", *rolled.ways[role], [COLOURS[role]], radius)
+    roles = [role for role in ("truth", "held", "twin", "model") if role in rolled.ways]
+    for role in roles:
+        radius = half * (0.03 if role in ("truth", "held") else 0.018)
+        tape.bodies(f"world/{role}", *rolled.ways[role], [COLOURS[role]], radius)
     for role, (when, values) in rolled.energies.items():
         tape.series(f"energy/{role}", when, values, role)
     tape.phases(dict(sorted({float(times[0]): ROLLED, **rolled.marks}.items())))
     energies = [values[np.isfinite(values)] for _, values in rolled.energies.values()]
     every = np.concatenate([np.zeros(0), *energies])
     ends = energy_range(float(every.min()), float(every.max())) if len(every) else None
-    tape.save(path, rolled_layout(centre, half, float(times[-1]), ends))
+    tape.save(path, rolled_layout(roles, centre, half, float(times[-1]), ends))
 
 
 def _square(rolled: Rolled) -> tuple[tuple[float, float], float]:

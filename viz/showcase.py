@@ -63,7 +63,9 @@ def check_showcase(showcase: Arrays) -> None:
         _shape("showcase", showcase, "energy_long", (count,))
     if "frames" in showcase:
         _require("showcase", showcase, ("frame_times", "track"))
-        _pictures("showcase", showcase, "track")
+        count = _pictures("showcase", showcase, "track")
+        if "attention" in showcase:
+            _attention("showcase", showcase, count, bodies)
 
 
 def laws_of(meta: Mapping[str, str]) -> dict[str, str]:
@@ -86,6 +88,9 @@ def check_video(video: Arrays) -> None:
     _scalar("video", video, "half_extent")
     count = _pictures("video", video, "readout")
     bodies = np.shape(video["readout"])[1]
+    if "attention" in video:
+        _require("video", video, ("attention_times",))
+        _attention("video", video, _instants("video", video, "attention_times"), (bodies,))
     if "track" in video:
         _shape("video", video, "track", (count, bodies, 2))
     for role in ("rollout", "changed"):
@@ -139,6 +144,12 @@ def _shape(who: str, arrays: Arrays, key: str, expected: tuple[int, ...]) -> Non
     if np.shape(arrays[key]) != expected:
         got = np.shape(arrays[key])
         raise ValueError(f"{who}: {key} must have shape {expected}, got {got}")
+
+
+def _attention(who: str, arrays: Arrays, frames: int, bodies: tuple[int, ...]) -> None:
+    """Shares of a grid over the picture, for each frame and body."""
+    grid = (*np.shape(arrays["attention"])[2:], 1, 1)[:2]
+    _shape(who, arrays, "attention", (frames, *bodies, *grid))
 
 
 def _instants(who: str, arrays: Arrays, key: str) -> int:

@@ -26,7 +26,7 @@ TONES = {
 }
 MARKS = {  # verdict -> colour and marker, told apart without colour as well
     "sound": ("#009E73", "o"),
-    "warned": ("#E69F00", "^"),
+    "warned": ("#A87900", "^"),
     "refused": ("#0072B2", "s"),
     "silently wrong": ("#D55E00", "X"),
 }
@@ -139,7 +139,7 @@ def axis_figure(name: str, cells: Cells) -> Figure:
         if drawn:
             x = [abs(cell["value"]) or least for cell in drawn]
             y = [_ratio(cell) for cell in drawn]
-            axes.plot(x, y, marker, ls="", color=colour, alpha=0.6, label=verdict, mew=0)
+            axes.plot(x, y, marker, ls="", color=colour, ms=4, label=verdict, mew=0)
     axes.axhline(1.0, color=INK, lw=1)
     axes.set_xscale("log")
     axes.set_yscale("log")

@@ -149,7 +149,7 @@ def _curves(
             list(known), list(known.values()), dashes, color=colour, marker=marker, ms=5, label=name
         )
         for x, values in kept.items():
-            axes.plot([x] * len(values), values, marker, color=colour, ms=2.5, alpha=0.6)
+            axes.plot([x] * len(values), values, marker, color=colour, ms=2.5)
             if len(values) < len(points[x]):
                 axes.plot(x, 0.985, "x", color=colour, ms=7, transform=axes.get_xaxis_transform())
     _scale(axes, "y", panel["logarithmic"])

@@ -168,7 +168,7 @@ class Tape:
         stretch = np.diag([size[1] / columns, size[0] / rows, 1.0])
         self.stream.log(entity, rr.Transform3D(mat3x3=stretch), static=True)
         colours = np.array([BODY_COLOURS[n % len(BODY_COLOURS)] for n in range(shares.shape[1])])
-        for k in range(0, len(shares), -(-len(shares) // MAX_FRAMES)):
+        for k in range(len(shares)):
             each = shares[k] / shares[k].max((1, 2), keepdims=True)
             tint = np.einsum("nhw,nc->hwc", each, colours) / each.sum(0)[..., None].clip(1e-9)
             veil = np.concatenate([tint, VEIL * each.max(0)[..., None]], -1).astype(np.uint8)

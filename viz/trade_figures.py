@@ -24,7 +24,6 @@ MARKS = (*STYLES.values(), *SPARE)
 UNITS = {"us": "µs", "ms": "ms", "s": "s", "ns": "ns", "bytes": "bytes"}
 EXACT = 0.2  # of the smallest other error: where one of exactly zero is drawn, as "0"
 SMALLEST = 1e-16  # error that a colour tells from zero
-FADED, FULL = 0.35, 1.0
 
 
 def pareto_figure(rows: Sequence[Row], by: str) -> Figure:
@@ -113,8 +112,7 @@ def _panel(axes: Axes, rows: Sequence[Row], by: str, kinds: Sequence[str]) -> No
             fmt=marker,
             color=colour,
             mfc="none" if failed else colour,
-            alpha=FULL if row["best"] else FADED,
-            ms=7 if row["best"] else 5,
+            ms=8 if row["best"] else 4,
             lw=1,
             label=kind,
         )

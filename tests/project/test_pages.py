@@ -17,7 +17,7 @@ BLOCKS = {page: blocks_of(page) for page in PAGES}
 TO_RUN = [page for page, blocks in BLOCKS.items() if blocks and page != TUTORIAL]
 
 
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(3600 if WHOLE else 1200)  # whole, on a machine that others use as well
 @pytest.mark.parametrize("page", TO_RUN, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_reader_can_follow_the_page(page, tmp_path, monkeypatch, capsys):
     reader = Reader(tmp_path, monkeypatch, only_parsing=page.name in SLOW and not WHOLE)

@@ -390,13 +390,24 @@ class TestRecording:
         video = make_video()
         shares = np.full((30, 1, 8, 4), 0.01, np.float32)
         shares[:, 0, 6, 1] = 0.64
-        write_overlay_recording(video | {"attention": shares}, {"cell": "x"}, tmp_path / "v.rrd")
+        video |= {"attention": shares, "attention_times": video["frame_times"]}
+        write_overlay_recording(video, {"cell": "x"}, tmp_path / "v.rrd")
         found = read_back(tmp_path / "v.rrd")["/video/attention"]
         veil = np.frombuffer(bytes(found["Image:buffer"][4][0]), np.uint8).reshape(8, 4, 4)
         assert tuple(veil[6, 1]) == (*BODY_COLOURS[0], 160) and veil[0, 0, 3] == 2
         scale = np.array(found["Transform3D:mat3x3"][0]).ravel()
         assert scale[0] == 360 / 4 and scale[4] == 640 / 8  # to the picture's pixels
         assert found["Clear:is_recursive"] and max(found["sim_time"]) == 10**9
+
+    def test_attention_of_a_rung_lies_over_its_context_and_ends_with_it(self, tmp_path):
+        showcase = make_showcase() | {"attention": np.full((16, 3, 4, 4), 1 / 16, np.float32)}
+        write_recording(showcase, {"cell": "x"}, tmp_path / "x.rrd")
+        found = read_back(tmp_path / "x.rrd")["/camera/attention"]
+        assert len(found["Image:buffer"]) == 16
+        assert found["Clear:is_recursive"] and max(seconds(found)) == pytest.approx(0.002)
+        with pytest.raises(ValueError, match="attention must have shape"):
+            showcase["attention"] = showcase["attention"][:, :2]
+            write_recording(showcase, {"cell": "x"}, tmp_path / "y.rrd")
 
     def test_a_real_clip_is_drawn_over_and_ends_before_the_rollout(self, tmp_path):
         video = make_video()

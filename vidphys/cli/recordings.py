@@ -33,7 +33,7 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
         selection: the frames that were used of it.
     """
     from vidphys.data.video import open_video
-    from vidphys.reading.attention import attention_of
+    from vidphys.reading.attention import attention_of, drawn_frames
     from vidphys.reading.clip_dynamics import FACTORED
     from viz.recording import write_overlay_recording
 
@@ -46,9 +46,8 @@ def record_training(run: Path, perceived: Perceived, told: Told, selection: Clip
         "train_end": np.asarray(video.times[told.start - 1]),
     }
     features = clip.features[perceived.chosen.candidate.layer]
-    attention = attention_of(perceived.reader.readout, features, len(video.frames))
-    if attention is not None:
-        arrays["attention"] = attention.numpy()
+    drawn = drawn_frames(len(video.frames))
+    arrays |= _attended(attention_of(perceived.reader.readout, features, drawn), video)
     _draw_clip(run, video.times, arrays)
     meta = {"cell": "clip", "clip": video.path.name}
     write_overlay_recording(arrays, meta, run / "recordings" / "clip.rrd")
@@ -90,6 +89,7 @@ def record_rollout(
     arrays: dict[str, Any] = {
         **_pictures(video, reading.tracks.positions[0], extent),
         **_rolled("rollout", reading.rollout, video, reading.camera),
+        **_attended(reading.attention, video),
     }
     if changed is not None:
         arrays |= _rolled("changed", changed, video, reading.camera)
@@ -211,6 +211,16 @@ def _pictures(video: Video, read: Tensor, extent: float) -> dict[str, Any]:
         "readout": read.numpy(),
         "half_extent": np.asarray(extent),
     }
+
+
+def _attended(shares: Tensor | None, video: Video) -> dict[str, np.ndarray]:
+    """What the readout attends to, where it does."""
+    from vidphys.reading.attention import drawn_frames
+
+    if shares is None:
+        return {}
+    drawn = drawn_frames(len(video.frames)).numpy()
+    return {"attention": shares.numpy(), "attention_times": video.times[drawn]}
 
 
 def _rolled(name: str, found: Forecast, video: Video, camera: Tensor) -> dict[str, np.ndarray]:

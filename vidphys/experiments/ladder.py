@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from binders import Tracks
 from dynamics import HEADS, Head, Rollout, to_config
 from encoders.frozen import ENCODERS
 from renderers.worlds import PALETTE
-from vidphys.data.clips import Clips
 from vidphys.experiments.core.bars import rows_of
 from vidphys.experiments.core.cell import Cell, CellTask, Table, Unit
 from vidphys.experiments.core.oracle import (
@@ -122,8 +120,7 @@ class RungCell(PixelCell):
         for one in scored:
             _keep(head, one.head, one.question, one.folder)
         for best in scored[-1:]:  # the last readout is the better one
-            clips, tracks = perceived.seen.test, perceived.test
-            _show(task, seed, best.head, best.question, best.rolled, clips, tracks)
+            _show(task, seed, best.head, best.question, best.rolled, perceived)
 
 
 def _keep(name: str, head: Head, question: Question, folder: Path | None) -> None:
@@ -139,13 +136,15 @@ def _show(
     head: Head,
     question: Question,
     rolled: Rollout,
-    clips: Clips | None = None,
-    tracks: Tracks | None = None,
+    perceived: Perceived | None = None,
 ) -> None:
     """Keep the arrays of a cell's recording."""
     if task.showcase is not None and seed == task.shown:
         meta = {"cell": task.cell, "seed": str(seed)}
-        write_showcase(task.showcase, head, question, rolled, meta, clips, tracks)
+        seen = (
+            () if perceived is None else (perceived.seen.test, perceived.test, perceived.attention)
+        )
+        write_showcase(task.showcase, head, question, rolled, meta, *seen)
 
 
 class Rungs(Mapping[str, Cell]):

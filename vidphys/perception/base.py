@@ -9,6 +9,8 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from torch import Tensor
+
 from binders import Tracks
 from dynamics import Head
 from vidphys.data.clips import Clips
@@ -39,6 +41,19 @@ class Attentive(Perception, Protocol):
 
     def closely(self, clips: Clips) -> Tracks:
         """As :meth:`tracks`, for the few clips that something is asked about."""
+        ...
+
+
+@runtime_checkable
+class Looking(Perception, Protocol):
+    """A perception that can tell what its readout attends to."""
+
+    def attention(self, clips: Clips) -> Tensor | None:
+        """How much each cell counts for each body in every frame of a clip ``(t, n, h, w)``.
+
+        Args:
+            clips: one alone.
+        """
         ...
 
 

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from binders import Tracks
 from encoders.features import FeatureMap
@@ -40,6 +41,7 @@ from vidphys.perception.base import (
     Perception,
 )
 from vidphys.perception.palette import PaletteTracking
+from vidphys.reading.attention import attention_of
 from vidphys.reading.reader import LoadedEncoder, Reader
 from vidphys.seeding import derive
 from vidphys.training.candidates import Examples
@@ -95,6 +97,12 @@ class FrozenPerception:
     def closely(self, clips: Clips) -> Tracks:
         """As :meth:`tracks`, averaged over the frames and their mirror images."""
         return _precise(self.reader.closely(partial(self._see, clips), clips.times))
+
+    def attention(self, clips: Clips) -> Tensor | None:
+        """What the readout attends to in one clip; ``None`` where it averages over all cells."""
+        network = self.reader.encoder.network
+        features = encode_clips(network, clips, None)
+        return attention_of(self.reader.readout, features, torch.arange(clips.frames.shape[1]))
 
     def _see(self, clips: Clips, axes: Axes) -> FeatureMap:
         seen = replace(clips, frames=mirrored(clips.frames, axes))

@@ -24,6 +24,7 @@ from vidphys.data.charts import chart_from_config
 from vidphys.data.extraction import Axes
 from vidphys.data.frames import Frames
 from vidphys.errors import InputError
+from vidphys.reading.attention import attention_of, drawn_frames
 from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed
 from vidphys.reading.familiar import Familiar, Flag, Limit
 from vidphys.reading.forecasts import Forecast, forecast, state_at
@@ -48,6 +49,8 @@ class Reading:
         state: at the last frame, in coordinates of the chart, batch of one.
         rollout: from there on, under the same law.
         flags: how it compares with the clips of the training.
+        attention: what the readout attends to in the frames that are drawn, ``(f, n, h, w)``; see
+            :func:`vidphys.reading.attention.attention_of`.
     """
 
     tracks: Tracks
@@ -56,6 +59,7 @@ class Reading:
     state: PhaseState
     rollout: Forecast
     flags: tuple[Flag, ...] = ()
+    attention: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -96,27 +100,30 @@ class Pipeline:
         """
         self._check_head(head)
         law = law or Parameters(torch.ones(1), torch.ones(1, self.reader.bodies))
-        tracks, strange = self._read(frames, times)
+        tracks, strange, attention = self._read(frames, times)
         camera = self.reader.camera(frames)
         clip = Followed(steady(tracks, camera), law)
         state = state_at(self.dynamics.heads[head], clip, len(times), self.dynamics)
         rolled = self.roll(state, float(times[-1]), law, beyond, head)
         known = self.familiar
         flags = () if known is None else known.flags(strange, clip, self.dynamics)
-        return Reading(tracks, camera, law, state, rolled, tuple(flags))
+        return Reading(tracks, camera, law, state, rolled, tuple(flags), attention)
 
-    def _read(self, frames: Frames, times: np.ndarray) -> tuple[Tracks, Tensor]:
-        """The tracks of a clip, and how strange each of its feature frames is."""
-        look, strange = self.reader.look(frames, times), torch.zeros(0)
+    def _read(self, frames: Frames, times: np.ndarray) -> tuple[Tracks, Tensor, Tensor | None]:
+        """The tracks of a clip, how strange its feature frames are, and what is attended to."""
+        look, strange, attention = self.reader.look(frames, times), torch.zeros(0), None
 
         def see(axes: Axes) -> FeatureMap:
-            nonlocal strange
+            nonlocal strange, attention
             features = look(axes)
+            if not axes:
+                drawn = drawn_frames(len(frames))
+                attention = attention_of(self.reader.readout, features, drawn)
             if self.familiar is not None and not axes:
                 strange = self.familiar.memory.distance(features.values[0])
             return features
 
-        return self.reader.closely(see, torch.tensor(times)), strange
+        return self.reader.closely(see, torch.tensor(times)), strange, attention
 
     def roll(
         self,

@@ -389,7 +389,8 @@ class TestRollout:
                 length = found["rollout_times"][-1] - found["times"][-1]
                 assert length == pytest.approx(3.0, abs=0.02)
                 apart[name] = float(np.abs(found["rollout"] - found["changed"]).max())
-            assert (tmp_path / name / "recordings" / "rollout.rrd").is_file()
+            recording = (tmp_path / name / "recordings" / "rollout.rrd").read_bytes()
+            assert b"/video/attention" in recording
         assert apart["flip"] > 0.01 and apart["free"] > 1e-5 and apart["same"] == 0
         assert "the changed law" in capsys.readouterr().out
 

@@ -79,9 +79,15 @@ def test_the_readout_learns_where_bodies_are_and_features_are_made_once(encoder,
     error = (tracks.positions - clips.states.q).norm(dim=-1)
     nowhere = clips.states.q.norm(dim=-1)
     assert float(error.median()) < 0.2 * float(nowhere.median())
+    shares, grid = perception.attention(clips.first(1)), Blocks()(clips.frames, clips.times)
+    assert shares.shape == (9, 3, 8, 8)
+    looked = 4 * torch.einsum("tnhw,hwd->tnd", shares, grid.cell_centres())
+    assert float((looked - clips.states.q[0]).norm(dim=-1).mean()) < 0.8 * float(
+        clips.states.q[0].norm(dim=-1).mean()
+    )
     unseen = render_clips(gravity(mass=(1.0, 1.0)), WORLD, 4, 7, 40, 0, "test")
     perception.tracks(unseen)
-    assert encoder.clips == len(clips) + len(unseen)
+    assert encoder.clips == len(clips) + 1 + len(unseen)
 
 
 def test_a_video_encoders_feature_frame_tells_where_bodies_are_in_each_of_its_frames(

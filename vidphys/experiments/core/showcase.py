@@ -30,9 +30,9 @@ def write_showcase(
     meta: dict[str, str],
     clips: Clips | None = None,
     tracks: Tracks | None = None,
-    episode: int = 0,
+    attention: Tensor | None = None,
 ) -> None:
-    """One episode under both laws, in truth and by the head; every array is kept.
+    """The first episode under both laws, in truth and by the head; every array is kept.
 
     Args:
         path: ``.safetensors`` file; ``meta`` goes into its header.
@@ -41,17 +41,17 @@ def write_showcase(
         rolled: what the head was scored by under the law that held, ``DRIFT_STEPS`` or more.
         meta: strings (cell, seed, ...).
         clips, tracks: the frames seen until t0 and what was perceived in them.
-        episode: which of the held-out ones.
+        attention: ``(t, n, h, w)``, what was attended to in the first episode's.
     """
-    one = question.alone(episode, SHOWN_STEPS)
+    one = question.alone(0, SHOWN_STEPS)
     scene, params = one.scene, one.params
     flipped = params.with_coupling(FLIPPED)
     truth, other = one.reference(params), one.reference(flipped)
     # With all others: one episode by itself does not roll in fused loops.
     changed = question.ask(head, SHOWN_STEPS, question.params.with_coupling(FLIPPED))
-    counterfactual = _first(changed, episode, SHOWN_STEPS // question.every)
-    predicted = _first(rolled, episode, SHOWN_STEPS // question.every)
-    long = _first(rolled, episode, DRIFT_STEPS[-1] // question.every)
+    counterfactual = _first(changed, SHOWN_STEPS // question.every)
+    predicted = _first(rolled, SHOWN_STEPS // question.every)
+    long = _first(rolled, DRIFT_STEPS[-1] // question.every)
     arrays = {
         "times": truth.times,
         "truth": _path(truth.states),
@@ -66,7 +66,9 @@ def write_showcase(
         "energy_long": scene.energy(long, params)[0],
     }
     if clips is not None and tracks is not None:
-        arrays |= _seen(clips, tracks, episode)
+        arrays |= _seen(clips, tracks)
+    if attention is not None:
+        arrays["attention"] = attention
     extent = 4.0 if clips is None else clips.world.camera.half_extent
     arrays["half_extent"] = torch.tensor(extent, dtype=torch.float64)
     arrays["dt"] = torch.tensor(scene.dt, dtype=torch.float64)
@@ -81,18 +83,18 @@ def keep_showcase(path: Path, arrays: Mapping[str, Tensor], meta: Mapping[str, s
     write_with(path, lambda partial: save_file(whole, partial, metadata=header))
 
 
-def _first(rolled: Rollout, episode: int, steps: int) -> PhaseState:
-    """The start of an episode and so many stored states after it, ``(1, t, n, d)``."""
-    return rolled.states.map(lambda x: x[episode : episode + 1, : steps + 1])
+def _first(rolled: Rollout, steps: int) -> PhaseState:
+    """The start of the first episode and so many stored states after it, ``(1, t, n, d)``."""
+    return rolled.states.map(lambda x: x[:1, : steps + 1])
 
 
 def _path(states: PhaseState) -> Tensor:
     return states.q[0].double()
 
 
-def _seen(clips: Clips, tracks: Tracks, episode: int) -> dict[str, Tensor]:
+def _seen(clips: Clips, tracks: Tracks) -> dict[str, Tensor]:
     """The context: frames as pictures, and perceived positions, at times up to t0 = 0."""
-    frames = clips.frames[episode]
+    frames = clips.frames[0]
     channels = frames.shape[1]
     picture = frames.new_zeros(len(frames), 3, *frames.shape[2:])
     for c in range(3):
@@ -101,5 +103,5 @@ def _seen(clips: Clips, tracks: Tracks, episode: int) -> dict[str, Tensor]:
     return {
         "frames": picture.permute(0, 2, 3, 1),
         "frame_times": times,
-        "track": tracks.positions[episode].double(),
+        "track": tracks.positions[0].double(),
     }

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, PhaseState
@@ -15,7 +17,14 @@ from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.core.scoring import Question
-from vidphys.perception.base import Attentive, FitTask, Foreseeing, Grounding, Perception
+from vidphys.perception.base import (
+    Attentive,
+    FitTask,
+    Foreseeing,
+    Grounding,
+    Looking,
+    Perception,
+)
 from vidphys.perception.relabel import relabel
 from vidphys.presets import PixelSizes
 from vidphys.progress import Progress
@@ -71,6 +80,13 @@ class Perceived:
     test: Tracks
     under: Callable[[Head], Tracks]
     head: Head | None = None
+
+    @cached_property
+    def attention(self) -> Tensor | None:
+        """What is attended to in the first held-out clip, where the perception can tell."""
+        if not isinstance(self.perception, Looking):
+            return None
+        return self.perception.attention(self.seen.test.first(1))
 
     @property
     def plain_start(self) -> PhaseState:
