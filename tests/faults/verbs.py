@@ -29,6 +29,7 @@ CHANGES = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 QUICK = ("--steps", "4", "--head-steps", "2", "--shift", "1", "--readout", "attention")
 CELLS = ("--encoder", "cells")
+TABLE = ("--cells", "truth", "unstructured")  # one that learns, one that does not
 ATLAS = ("--encoders", "cells", "--targets", "position", "--folds", "2", "--workers", "1")
 RENDERED = ("--clips", "8", "--frames", "6", "--image", "32")  # what an atlas is made of
 ANYWHERE = ("extract", "view", "export", "report", "store")  # that hold no run's folder
@@ -47,7 +48,7 @@ def commands(made: Path, out: Path) -> dict[str, list[str]]:
         "fit": ["fit", table, "--specification", str(told), "--steps", "4", *to],
         "rollout": ["rollout", str(made / "fit"), table, "--beyond", "0.5", *to],
         "ladder": ["ladder", "--cells", "oracle/unstructured", "--workers", "1", *to],
-        "reproduce": ["reproduce", "inversion", "--seeds", "1", "--workers", "1", *to],
+        "reproduce": ["reproduce", "inversion", *TABLE, "--seeds", "1", "--workers", "1", *to],
         "stress": ["stress", "--axes", "foreign", *to],
         "trade": ["trade", "--fronts", "drawing", *to],
         "film": ["film", "--clips", "1", *to],
