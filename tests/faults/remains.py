@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
 from safetensors import safe_open
 
+from encoders.placing import STALE_SECONDS
+from encoders.shards import OWN, Shards
 from tests.shared.stored import parts_of
 
 TIMED = ("seconds", "created")  # columns that two runs need not share
@@ -15,16 +18,32 @@ Remains = dict[str, object]
 
 
 def left(disk: Path) -> Remains:
-    """The content of each file by its name, but of locks.
+    """The content of each file by its name, but of locks and what is being written.
 
     A checkpoint that is written once more at the same step is called so: that name is left out.
     """
-    files = sorted(path for path in disk.rglob("*") if path.is_file() and path.name not in LOCKS)
+    files = sorted(path for path in disk.rglob("*") if path.is_file() and not passing(path))
     return {str(p.relative_to(disk)).replace("-again.", "."): content(p) for p in files}
 
 
+def passing(path: Path) -> bool:
+    """A lock, or a part that has been touched of late: a killed one's child may be at it."""
+    part = ".partial" in path.suffixes and time.time() - path.stat().st_mtime < STALE_SECONDS
+    return part or path.name in LOCKS
+
+
 def content(path: Path) -> object:
-    """Its bytes; of tensors the words beside them come in any order, and rows lose their times."""
+    """Its bytes; of tensors the words beside them come in any order, and rows lose their times.
+
+    Of an index of shards, its entries with their tensors; what else lies in shards nobody reads.
+    """
+    if path.name == f"{OWN}.sqlite":
+        shards = Shards(path.parent)
+        return {
+            row.key: (row.manifest, shards.tensors(row).values.tobytes()) for row in shards.rows()
+        }
+    if path.parent.joinpath(f"{OWN}.sqlite").exists():
+        return b""
     if path.suffix == ".entry":
         return parts_of(path)[0]
     if path.suffix == ".parquet":
