@@ -16,19 +16,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import safe_open
 
+from tests.faults.remains import differing, left, shared
 from tests.shared.serial import serially
 from tests.shared.small_clips import know_cells, write_clip
 from tests.shared.small_studies import TINY
-from tests.shared.stored import parts_of
 from vidphys import presets
 from vidphys.cli import main
 from vidphys.runs import pool
 
 MIB, PAGE = 2**20, 4096
 ROOM = 64 * MIB
-TIMED = ("seconds", "created")  # what two runs need not share
 VERBS = ("render", "train", "ladder")
 
 
@@ -47,28 +45,6 @@ def said(work: Callable[[], int]) -> tuple[int, str]:
     with contextlib.redirect_stderr(heard), contextlib.redirect_stdout(io.StringIO()):
         code = work()
     return code, heard.getvalue()
-
-
-def left(disk: Path) -> dict[str, bytes]:
-    """Tensors and labels: what must be the same bits however the work was cut.
-
-    A checkpoint that is written once more at the same step is called so: that name is left out.
-    """
-    kinds = (".safetensors", ".entry", ".csv", ".avi")
-    files = sorted(path for path in disk.rglob("*") if path.is_file() and path.suffix in kinds)
-    return {str(p.relative_to(disk)).replace("-again.", "."): content(p) for p in files}
-
-
-def content(path: Path) -> bytes:
-    """Its bytes; of tensors the words beside them come in any order."""
-    if path.suffix == ".entry":
-        return parts_of(path)[0]
-    if path.suffix != ".safetensors":
-        return path.read_bytes()
-    with safe_open(path, "numpy") as file:
-        arrays = [(key, file.get_tensor(key)) for key in sorted(file.keys())]
-        about = {k: v for k, v in sorted((file.metadata() or {}).items()) if k != "seal"}
-    return repr([about, *((key, a.dtype, a.shape, a.tobytes()) for key, a in arrays)]).encode()
 
 
 def empty(disk: Path) -> list[str]:
@@ -94,11 +70,15 @@ def sweep(verb: str, folder: Path, points: int) -> dict[str, object]:
     disk = folder / "disk"
     disk.mkdir()
     arguments = command(verb, folder, disk)
-    mount(disk, ROOM)
-    code, heard = said(lambda: main(arguments))
-    assert code == 0, heard
-    whole, used = left(disk), subprocess.check_output(["du", "-sB1", str(disk)]).split()[0]
-    unmount(disk)
+    runs = []
+    for _ in range(2):
+        mount(disk, ROOM)
+        code, heard = said(lambda: main(arguments))
+        assert code == 0, heard
+        runs.append(left(disk))
+        used = subprocess.check_output(["du", "-sB1", str(disk)]).split()[0]
+        unmount(disk)
+    whole = shared(*runs)
     found = {"points": 0, "full": 0, "tracebacks": [], "empty": [], "lost": [], "differ": []}
     for size in np.unique(np.linspace(PAGE, int(used), points, endpoint=False) // PAGE * PAGE):
         mount(disk, int(size))
@@ -112,9 +92,8 @@ def sweep(verb: str, folder: Path, points: int) -> dict[str, object]:
         code, heard = said(lambda: main(arguments))
         if code != 0:
             found["lost"].append([int(size), heard])
-        elif left(disk) != whole:
-            now = left(disk)
-            found["differ"].append([int(size), sorted(k for k in whole if now.get(k) != whole[k])])
+        elif wrong := differing(disk, whole):
+            found["differ"].append([int(size), wrong])
         unmount(disk)
     return found
 

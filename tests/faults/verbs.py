@@ -13,14 +13,16 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from tests.shared.serial import serially
 from tests.shared.small_clips import know_cells, write_clip
-from tests.shared.small_studies import TINY
+from tests.shared.small_studies import TINY, with_short_lyapunov_times
 from vidphys import presets
 from vidphys.cli import main
 from vidphys.runs import pool
@@ -29,8 +31,18 @@ CHANGES = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 QUICK = ("--steps", "4", "--head-steps", "2", "--shift", "1", "--readout", "attention")
 CELLS = ("--encoder", "cells")
+TABLE = ("--cells", "truth", "unstructured")  # one that learns, one that does not
 ATLAS = ("--encoders", "cells", "--targets", "position", "--folds", "2", "--workers", "1")
 RENDERED = ("--clips", "8", "--frames", "6", "--image", "32")  # what an atlas is made of
+IMPORTED = (  # what verbs import late, and what takes long of it
+    *("matplotlib.figure", "pandas", "pyarrow.csv", "pyarrow.parquet", "rerun.blueprint"),
+    *("scipy.stats", "torch._dynamo", "encoders.frozen", "viz.atlas", "viz.recording"),
+    *("viz.report", "viz.results", "viz.stress", "vidphys.diagnose.telling.answers"),
+    *("vidphys.experiments.catalogue", "vidphys.probing.atlas", "vidphys.reading.training"),
+    *("vidphys.stress.matrix", "vidphys.testing.encoders"),
+    *(f"vidphys.cli.{verb}" for verb in ("fit", "ladder", "render", "reproduce", "rollout")),
+    *(f"vidphys.cli.{verb}" for verb in ("atlas", "stress", "train", "view")),
+)
 ANYWHERE = ("extract", "view", "export", "report", "store")  # that hold no run's folder
 
 
@@ -47,7 +59,7 @@ def commands(made: Path, out: Path) -> dict[str, list[str]]:
         "fit": ["fit", table, "--specification", str(told), "--steps", "4", *to],
         "rollout": ["rollout", str(made / "fit"), table, "--beyond", "0.5", *to],
         "ladder": ["ladder", "--cells", "oracle/unstructured", "--workers", "1", *to],
-        "reproduce": ["reproduce", "inversion", "--seeds", "1", "--workers", "1", *to],
+        "reproduce": ["reproduce", "inversion", *TABLE, "--seeds", "1", "--workers", "1", *to],
         "stress": ["stress", "--axes", "foreign", *to],
         "trade": ["trade", "--fronts", "drawing", *to],
         "film": ["film", "--clips", "1", *to],
@@ -96,21 +108,13 @@ def _into(asked: list[str], out: Path) -> list[str]:
 
 def readied() -> None:
     """Import all that a verb would, once, and make studies small."""
-    import matplotlib.figure
-    import pyarrow.parquet
-    import torch
-
-    import encoders.frozen
-    import vidphys.diagnose.telling.answers
-    import vidphys.reading.training
-    import viz.recording
-    from vidphys.cli import fit, ladder, render, reproduce, rollout, train
-
+    for name in IMPORTED:
+        import_module(name)
     torch.set_num_threads(1)
     presets.PRESETS["quick"] = TINY
     pool.run_all = serially
     know_cells(pytest.MonkeyPatch())
-    del matplotlib, pyarrow, encoders, vidphys, viz, fit, ladder, render, reproduce, rollout, train
+    with_short_lyapunov_times(pytest.MonkeyPatch())
 
 
 def forked(arguments: list[str], said: Path, before: Callable[[], None] | None = None) -> int:

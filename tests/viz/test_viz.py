@@ -951,6 +951,9 @@ def run_folder(tmp_path):
     return run
 
 
+CELLS_SHOWN = ("oracle-factored", "anonymous-tracker-unstructured")
+
+
 class TestView:
     def test_arguments(self, run_folder):
         config = tyro.cli(ViewConfig, args=[str(run_folder), "--cell", "a/b", "c/d", "--web"])
@@ -958,13 +961,38 @@ class TestView:
 
     def test_a_missing_recording_is_drawn_from_its_showcase(self, run_folder, tmp_path, capsys):
         view(ViewConfig(run_folder, save=tmp_path / "out"))
-        names = {path.name for path in (tmp_path / "out").iterdir()}
-        assert names == {"oracle-factored.rrd", "anonymous-tracker-unstructured.rrd"}
+        names = {path.stem for path in (tmp_path / "out").iterdir()}
+        assert names == set(CELLS_SHOWN)
         entities = read_back(tmp_path / "out" / "anonymous-tracker-unstructured.rrd")
         assert "anonymous-tracker/unstructured" in str(entities["/about"])
         assert "wrote 2 recording(s)" in capsys.readouterr().out
-        with pytest.raises(InputError, match="would overwrite"):
+
+    def test_parts_that_killed_ones_left_are_deleted_and_those_at_work_are_not(
+        self, run_folder, tmp_path
+    ):
+        for process in (1, 2):
+            part = tmp_path / "out" / f".oracle-factored.{process}.partial.rrd"
+            part.parent.mkdir(exist_ok=True)
+            part.write_bytes(b"half")
+        os.utime(part, (0, 0))
+        view(ViewConfig(run_folder, save=tmp_path / "out"))
+        left = {path.name for path in (tmp_path / "out").iterdir()}
+        assert left == {*(f"{name}.rrd" for name in CELLS_SHOWN), part.name.replace("2", "1")}
+
+    def test_a_folder_that_is_half_filled_is_gone_on_with(self, run_folder, tmp_path, capsys):
+        view(ViewConfig(run_folder, save=tmp_path / "out"))
+        kept, lost = (tmp_path / "out" / f"{name}.rrd" for name in CELLS_SHOWN)
+        whole, before = lost.read_bytes(), kept.stat().st_mtime_ns
+        lost.unlink()
+        capsys.readouterr()
+        view(ViewConfig(run_folder, save=tmp_path / "out"))
+        assert "wrote 1 recording(s)" in (said := capsys.readouterr().out)
+        assert "1 lay there" in said
+        assert (lost.read_bytes(), kept.stat().st_mtime_ns) == (whole, before)
+        kept.write_bytes(whole)
+        with pytest.raises(InputError, match=f"would overwrite .*{kept.name}"):
             view(ViewConfig(run_folder, save=tmp_path / "out"))
+        assert kept.read_bytes() == whole
 
     def test_a_copy_that_is_broken_off_is_not_there(self, run_folder, tmp_path, monkeypatch):
         def half(source: Path, target: Path) -> None:

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from filecmp import cmp
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -33,7 +34,8 @@ class ViewConfig:
         cell: cells to show (grounding/head), or `all`; one if none is named, and all are saved.
         seeds: show one cell's model of every seed side by side, rolled from one start.
         web: serve the viewer to a browser, on this machine only.
-        save: write the recordings to this .rrd file, or into this folder, instead of showing them.
+        save: write the recordings to this .rrd file, or into this folder, which the same command
+            goes on filling, instead of showing them.
         movie: write one cell's episode as a film of eight seconds (.mp4 or .gif), or its last
             picture (.png), instead of showing it.
     """
@@ -202,14 +204,17 @@ def _save(recordings: list[Path], target: Path) -> None:
         return
     if target.suffix or target.is_file():
         raise InputError(f"view: --save {target} is neither a .rrd file nor a folder; name one")
-    taken = [target / path.name for path in recordings if _is_taken(target / path.name)]
-    if taken:
-        raise InputError(f"view: --save would overwrite {taken[0]}; choose another folder")
+    places = {target / recording.name: recording for recording in recordings}
+    there = [place for place in places if _is_taken(place)]
+    for place in there:  # as the same command, stopped before its end, leaves it
+        if place.is_symlink() or not place.is_file() or not cmp(place, places[place], False):
+            raise InputError(f"view: --save would overwrite {place}; choose another folder")
     target.mkdir(parents=True, exist_ok=True)
-    for recording in recordings:
-        with whole(target / recording.name) as part:
-            shutil.copyfile(recording, part)
-    print(f"wrote {len(recordings)} recording(s) into {target}")
+    for place in places.keys() - there:
+        with whole(place) as part:
+            shutil.copyfile(places[place], part)
+    more = f"; {len(there)} lay there" if there else ""
+    print(f"wrote {len(places) - len(there)} recording(s) into {target}{more}")
 
 
 def _is_taken(path: Path) -> bool:
