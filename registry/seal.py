@@ -7,6 +7,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 SEAL = "seal"
 
 
@@ -48,6 +50,25 @@ def are_sealed(arrays: Mapping[str, Any], about: Mapping[str, str], schema: str)
     if SEAL not in about and "schema_version" not in about:
         return True
     return about.get("schema_version") == schema and about.get(SEAL) == arrays_seal(arrays, about)
+
+
+def sealed_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Numpy's arrays with the hash of them all, 32 bytes, as one more."""
+    return {**arrays, SEAL: np.frombuffer(bytes.fromhex(arrays_seal(arrays, {})), np.uint8)}
+
+
+def unsealed_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """What :func:`sealed_arrays` was given.
+
+    Raises:
+        ValueError: it was not this, or an array is missing; those of schema 1 had no hash.
+    """
+    plain = {name: array for name, array in arrays.items() if name != SEAL}
+    if SEAL not in arrays and int(arrays.get("schema_version", 1)) == 1:
+        return plain
+    if SEAL not in arrays or bytes(arrays[SEAL]).hex() != arrays_seal(plain, {}):
+        raise ValueError("its arrays do not fit their hash")
+    return plain
 
 
 def _hash(data: dict[str, Any]) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from viz import kept
 from viz.atlas_figures import Layer, Spot, cost_figure, depth_map
 from viz.figures import save_svg
 from viz.page import Drawn, inline_svg, write_page
@@ -25,19 +25,16 @@ def write_atlas(run: Path) -> Path:
     Raises:
         ValueError: the run's files are missing or cannot be read.
     """
-    import pyarrow.parquet as pq
-
     try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
-        said = json.loads((run / "atlas.json").read_text(encoding="utf-8"))
-        records = pq.read_table(run / "records.parquet").to_pylist()
-    except (OSError, ValueError) as error:
+        about, said = kept.words(run / "run.json"), kept.words(run / "atlas.json", unsealed=0)
+        records = kept.rows(run / "records.parquet")
+    except ValueError as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
     layers, spots = read_rows(records)
     fronts = {c["target"]: [tuple(each) for each in c["front"]] for c in said["choices"]}
     best = {c["target"]: (c["encoder"], c["layer"]) for c in said["choices"]}
     names = _named(START, spots)
-    kept = _named(KEPT, spots)
+    stays = _named(KEPT, spots)
     told = {
         "title": "What each layer knows",
         "lead": _lead(about["settings"], said, records),
@@ -46,8 +43,17 @@ def write_atlas(run: Path) -> Path:
         "choices": said["choices"],
         "depths": said["depths"],
         "skipped": about["skipped"],
-        "columns": ("target", "encoder", "layer", "read by", "score", "selectivity", *names, *kept),
-        "rows": [_row(spot, names, kept) for spot in sorted(spots, key=_in_order)],
+        "columns": (
+            "target",
+            "encoder",
+            "layer",
+            "read by",
+            "score",
+            "selectivity",
+            *names,
+            *stays,
+        ),
+        "rows": [_row(spot, names, stays) for spot in sorted(spots, key=_in_order)],
     }
     return write_page(run, "atlas.html", told)
 

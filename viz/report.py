@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from viz import facts, figures, sections, tables
+from viz import facts, figures, kept, sections, tables
 from viz.cells import NOT_MEASURED, Cell, chosen_cell, mean_cell, number
 from viz.explain import how_to_read, what_spread_means
 from viz.headline import headline
@@ -80,28 +79,24 @@ PERCEIVED = "Errors of the perceived state at t = 0, before anything was rolled 
 
 def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
     """``run.json``, the records, and the per-episode inversion errors if there are any."""
-    import pyarrow.parquet as pq
-
     for name in ("run.json", "records.parquet"):
         if not (run / name).is_file():
             raise ValueError(f"report: {run / name} is missing; give the folder of a run")
     raw = run / "episodes.parquet"
     try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
-        records = Records(pq.read_table(run / "records.parquet").to_pylist())
-        wanted = [("metric", "==", "inversion_nmse")]
-        chosen = pq.read_table(raw, filters=wanted).to_pylist() if raw.is_file() else []
-    except (OSError, ValueError) as error:
+        about = kept.words(run / "run.json")
+        records = Records(kept.rows(run / "records.parquet"))
+        every = kept.rows(raw) if raw.is_file() else []
+        chosen = [row for row in every if row["metric"] == "inversion_nmse"]
+    except ValueError as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
     return about, records, Records(chosen) if chosen else None
 
 
 def read_play(run: Path) -> dict[str, Any] | None:
     """The law that the page rolls, if the run has one in ``play.json``."""
-    try:
-        return json.loads((run / "play.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
+    path = run / "play.json"
+    return kept.words(path) if path.is_file() else None
 
 
 def _sentences(records: Records, about: Mapping[str, Any]) -> list[tuple[str, str]]:

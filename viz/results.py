@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from viz import kept
 from viz.cells import NOT_MEASURED, Cell, number
 from viz.figures import DRIFT_CAP, save_svg
 from viz.margins import margin_figure
@@ -112,10 +113,8 @@ def _said(row: Mapping[str, Any]) -> str:
 
 def _by_table(run: Path) -> dict[str, list[dict[str, Any]]]:
     """The records of each table that left some."""
-    import pyarrow.parquet as pq
-
     found: dict[str, list[dict[str, Any]]] = {}
-    for record in pq.read_table(run / "records.parquet").to_pylist():
+    for record in kept.rows(run / "records.parquet"):
         found.setdefault(record["experiment"], []).append(record)
     return found
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from viz import kept
 from viz.cells import number
 from viz.sentences import law, verdicts
 from viz.showcase import Arrays
@@ -23,16 +24,13 @@ def story(run: Path, about: Mapping[str, str]) -> dict[str, str]:
         run: the folder; nothing is added where it has no records yet.
         about: ``cell``, ``seed`` and ``coupling`` of the showcase.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     told = dict(about)
     if "coupling" in about:
         told["trained on"] = "G > 0 only"
         told["asked"] = f"to go on under {law(float(about['coupling']))}, and under G = −1"
     try:
-        records = Records(pq.read_table(run / "records.parquet").to_pylist())
-    except (OSError, ValueError, pa.ArrowException):
+        records = Records(kept.rows(run / "records.parquet"))
+    except ValueError:
         return told
     line = _line(records, about.get("cell", ""))
     return told if line is None else told | _numbers(records, line)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from viz import kept
 from viz.cells import Cell, number
 from viz.figures import save_svg
 from viz.page import Drawn, inline_svg, write_page
@@ -38,9 +38,9 @@ def write_told(run: Path) -> Path:
         ValueError: ``run.json`` is missing or cannot be read, or is of another kind of run.
     """
     try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
+        about = kept.words(run / "run.json")
         settings = about["settings"]
-    except (OSError, ValueError, KeyError) as error:
+    except (ValueError, KeyError) as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
     kind = settings.get("experiment")
     if kind not in TITLES:
@@ -153,10 +153,9 @@ def _of_forecasts(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
 
 def _law(run: Path) -> list[dict[str, Any]]:
     """The numbers of a diagnosed law, with 95 % intervals, a body or a group of them at a time."""
-    try:
-        data = json.loads((run / "diagnosis.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    if not (run / "diagnosis.json").is_file():
         return []
+    data = kept.words(run / "diagnosis.json")
     parts = [
         (f"bodies {', '.join(str(n + 1) for n in part['bodies'])}", part["quantities"])
         for part in data.get("mechanism") or ()
@@ -179,8 +178,6 @@ def _value(found: Mapping[str, Any]) -> Cell:
 
 def _records(run: Path) -> list[dict[str, Any]]:
     """Every number of the records."""
-    import pyarrow.parquet as pq
-
     file = run / "records.parquet"
     if not file.is_file():
         return []
@@ -192,7 +189,7 @@ def _records(run: Path) -> list[dict[str, Any]]:
             if row["value"] is None
             else Cell(number(row["value"]), row["value"]),
         }
-        for row in pq.ParquetFile(file).read().to_pylist()
+        for row in kept.rows(file)
     ]
 
 
@@ -217,11 +214,9 @@ def _draw_rollout(run: Path, path: Path, other: str) -> bool:
     """Tracks, how they go on, and how they would under the other law."""
     from viz.going_on import FORETOLD, going_on_figure
 
-    try:
-        with np.load(run / "rollout.npz", allow_pickle=False) as file:
-            arrays = dict(file)
-    except (OSError, ValueError):
+    if not (run / "rollout.npz").is_file():
         return False
+    arrays = kept.arrays(run / "rollout.npz")
     when = arrays["rollout_times"]
     rolled = {FORETOLD: (when, arrays["rollout"])}
     if "changed" in arrays:

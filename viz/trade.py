@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from viz import kept
 from viz.cells import number
 from viz.figures import save_svg
 from viz.page import inline_svg, write_page
@@ -34,9 +35,9 @@ def write_trade(run: Path) -> Path:
         ValueError: the run's files are missing or cannot be read.
     """
     try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
+        about = kept.words(run / "run.json")
         rows = _rows(run)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise ValueError(f"report: {run} cannot be read: {error}") from error
     fronts = list(dict.fromkeys(row["front"] for row in rows))
     settings = about["settings"]
@@ -79,11 +80,9 @@ def _lead(rows: Sequence[Row], fronts: Sequence[str]) -> str:
 
 
 def _rows(run: Path) -> list[dict[str, Any]]:
-    import pyarrow.parquet as pq
-
-    profile = json.loads((run / "profile.json").read_text(encoding="utf-8"))
+    profile = kept.words(run / "profile.json")
     best = {_key(point) for point in profile["points"]}
-    rows = pq.read_table(run / "points.parquet").to_pylist()
+    rows = kept.rows(run / "points.parquet")
     for row in rows:
         for name in ("configuration", "units", "errors"):
             row[name] = json.loads(row[name])

@@ -124,12 +124,12 @@ def test_f12_every_file_of_a_run_says_its_schema(tmp_path):
     assert json.loads(run.manifest_path.read_text())["schema_version"] == 2
     write_arrays(run.path / "rollout.npz", {"track": np.zeros(2)})
     with np.load(run.path / "rollout.npz") as arrays:
-        assert int(arrays["schema_version"]) == 1
+        assert int(arrays["schema_version"]) == 2
     table = pa.table({"value": [0.5], "seed": pa.array([0], pa.int64())})
     run.finish("p", table, table)
     for write, held in ((study.write_verdicts, {}), (matrix.write_verdicts, {"counts", "cells"})):
         write(run, [])
-        assert json.loads((run.path / "verdicts.json").read_text())["schema_version"] == 1
+        assert json.loads((run.path / "verdicts.json").read_text())["schema_version"] == 2
         _, verdicts = read_verdicts(run.path)
         assert set(verdicts) >= set(held)
         assert "schema_version" not in verdicts
@@ -138,5 +138,5 @@ def test_f12_every_file_of_a_run_says_its_schema(tmp_path):
 def test_f12_verdicts_of_a_newer_schema_are_not_drawn(tmp_path):
     RunFolder.open(tmp_path / "r", SETTINGS)
     (tmp_path / "r" / "verdicts.json").write_text('{"schema_version": 9}')
-    with pytest.raises(ValueError, match="schema version 9, this reads 1"):
+    with pytest.raises(ValueError, match="schema version 9, this reads 2"):
         read_verdicts(tmp_path / "r")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
 
-SCHEMA_VERSION = 1  # of diagnosis.json
+SCHEMA_VERSION = 2  # of diagnosis.json; 1 had no seal
 WRITTEN = (
     "summary.txt",
     "report.html",
@@ -284,10 +284,11 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     from vidphys.data.dataset import is_clip
     from vidphys.diagnose.recordings.tables import write_tracks
     from vidphys.runs.atomic import write_json, write_with
+    from vidphys.runs.sealed import write_sealed
 
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
     write_with(run.path / "summary.txt", lambda path: _write(path, text))
-    write_json(run.path / "diagnosis.json", {"schema_version": SCHEMA_VERSION, **found.data})
+    write_sealed(run.path / "diagnosis.json", found.data, SCHEMA_VERSION)
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
     if is_clip(config.input):

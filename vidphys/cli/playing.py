@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from dynamics import Hamiltonian, Head, Parameters, PhaseState
 
 FILE = "play.json"
+SCHEMA = 2  # 1 was not said and had no seal
 CELL, TWIN = "oracle/factored", "oracle/unstructured"
 CELLS = (
     32,
@@ -32,7 +33,7 @@ def write_play(run: Path) -> Path | None:
     """Write the oracle's law and its twin's answers into the run folder; nothing without them."""
     from vidphys.errors import InputError
     from vidphys.opened import open_run
-    from vidphys.runs.atomic import write_json
+    from vidphys.runs.sealed import write_sealed
 
     opened = open_run(run)
     seeds = opened.settings["seeds"]
@@ -49,7 +50,7 @@ def write_play(run: Path) -> Path | None:
         twin = None
     if twin is not None:
         data["twin"] = _twin(twin, data)
-    write_json(run / FILE, data)
+    write_sealed(run / FILE, data, SCHEMA)
     return run / FILE
 
 

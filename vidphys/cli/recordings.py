@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vidphys.reading.scores import Told
     from vidphys.reading.training import Perceived
 
-ARRAYS = 1  # schema of what a rollout keeps
+ARRAYS = 2  # schema of arrays; 1 had no hash of them
 
 
 def record_training(run: Path, perceived: Perceived, told: Told, selection: ClipSelection) -> None:
@@ -188,11 +188,13 @@ def draw_film(arrays: Mapping[str, np.ndarray], path: Path, law: str = "") -> No
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Write an ``.npz`` that says its schema, whole or not at all."""
+    from registry.seal import sealed_arrays
     from vidphys.runs.atomic import write_with
 
     def save(partial: Path) -> None:
         with partial.open("wb") as file:
-            np.savez(file, allow_pickle=False, schema_version=np.array(ARRAYS), **arrays)
+            whole = sealed_arrays({"schema_version": np.array(ARRAYS), **arrays})
+            np.savez(file, allow_pickle=False, **whole)
 
     write_with(path, save)
 

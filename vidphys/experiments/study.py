@@ -25,15 +25,15 @@ from vidphys.experiments.core.cell import CellTask, Kept, OfRung, Report, Table,
 from vidphys.perception.catalogue import rung_settings
 from vidphys.presets import Preset
 from vidphys.runs.asked import asked_of
-from vidphys.runs.atomic import write_json
 from vidphys.runs.code import modules_of
 from vidphys.runs.cost import Cost, peak_memory
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import merged_tables
+from vidphys.runs.sealed import write_sealed
 from vidphys.seeding import of_roles
 
 T = TypeVar("T")
-VERDICTS = 1  # schema of verdicts.json
+VERDICTS = 2  # schema of verdicts.json; 1 had no seal
 ALL, PIXELS = "all", "pixels"  # the tables that need no pictures, and those that do
 
 
@@ -201,7 +201,7 @@ def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
                 for verdict in _of_role(role, table, mine, asked, reasons)
             ],
         }
-    write_json(run.path / "verdicts.json", {"schema_version": VERDICTS, **found})
+    write_sealed(run.path / "verdicts.json", found, VERDICTS)
     return found
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.parquet as pq
+from vidphys.errors import InputError
+from vidphys.runs.records import read_table
 
 
 def recordings_of(run: Path) -> dict[str, Path]:
@@ -23,7 +23,7 @@ def recordings_of(run: Path) -> dict[str, Path]:
 def _recorded_cells(run: Path) -> list[str]:
     """The names in the records: file names alone do not tell where the grounding ends."""
     try:
-        column = pq.read_table(run / "records.parquet", columns=["cell"])["cell"]
-    except (OSError, pa.ArrowInvalid):
+        column = read_table(run / "records.parquet")["cell"]
+    except (InputError, KeyError):
         return []
     return sorted(set(column.to_pylist()))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -11,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
+from registry.tables import read_hashed, write_hashed
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_with
 from vidphys.summary import FAILED, OK, VOID, Summary
@@ -46,9 +44,6 @@ class Origin:
 
 
 COUNTS = ("seed", "context")
-HASH = b"rows_sha256"  # in the metadata of a table
-SCHEMA = b"schema_version"  # likewise
-SCHEMA_VERSION = 2  # 1 did not say its number
 RECORD_SCHEMA = pa.schema(
     [(f.name, pa.int64() if f.name in COUNTS else pa.string()) for f in fields(Origin)]
     + [
@@ -190,40 +185,16 @@ def merged_tables(recorders: Sequence[Recorder]) -> tuple[pa.Table, pa.Table]:
 
 def write_table(path: Path, table: pa.Table) -> None:
     """Write a Parquet file that is whole or not there, with a hash of its rows."""
-    marked = {**(table.schema.metadata or {}), HASH: _hash(table)}
-    marked[SCHEMA] = str(SCHEMA_VERSION).encode()
-    whole = table.replace_schema_metadata(marked)
-    write_with(path, lambda partial: pq.write_table(whole, partial, write_page_checksum=True))
+    write_with(path, lambda partial: write_hashed(table, partial))
 
 
 def read_table(path: Path) -> pa.Table:
-    """Read a table back, with its metadata but for the hash, which what lies there must fit.
+    """See :func:`registry.tables.read_hashed`.
 
     Raises:
-        InputError: it is damaged, or a newer vidphys wrote it; one of before there was a hash is
-            only read.
+        InputError: the table is damaged, or a newer vidphys wrote it.
     """
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # no data sets' reader
-            table = file.read()
-        marks = dict(table.schema.metadata or {})
-        version = int(marks.pop(SCHEMA, b"1"))
-        if version > SCHEMA_VERSION:
-            raise InputError(
-                f"{path}: schema version {version}, this vidphys reads {SCHEMA_VERSION}"
-            )
-        unmarked = HASH not in marks and version == 1
-        good = unmarked or marks.pop(HASH, b"") == _hash(table)
-    except InputError:
-        raise
-    except (OSError, ValueError, pa.ArrowException) as error:
-        said = " ".join(str(error).split())
-        raise InputError(f"{path}: damaged ({said}); delete it and run again") from error
-    if not good:
-        raise InputError(f"{path}: damaged (its rows do not fit its hash); delete it and run again")
-    return table.replace_schema_metadata(marks or None)
-
-
-def _hash(table: pa.Table) -> bytes:
-    text = json.dumps([table.schema.names, table.to_pylist()], default=str)
-    return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest().encode()
+        return read_hashed(path)
+    except ValueError as error:
+        raise InputError(str(error)) from error

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from vidphys.errors import InputError
-from vidphys.runs.atomic import write_json
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.records import Origin, Recorder
 from vidphys.runs.sealed import read_sealed, write_sealed
@@ -36,6 +35,7 @@ from vidphys.stress.verdict import Outcome, judge
 from vidphys.summary import FAILED, OK, Summary
 
 SCHEMA_VERSION = 1
+VERDICTS = 2  # schema of verdicts.json; 1 had no seal
 
 
 @dataclass(frozen=True)
@@ -189,5 +189,5 @@ def write_verdicts(run: RunFolder, outcomes: Sequence[Outcome]) -> dict[str, Any
         "cells": [_plain(outcome) for outcome in outcomes],
         "figures": [asdict(row) for row in figure_rows(outcomes)],
     }
-    write_json(run.path / "verdicts.json", {"schema_version": SCHEMA_VERSION, **verdicts})
+    write_sealed(run.path / "verdicts.json", verdicts, VERDICTS)
     return verdicts

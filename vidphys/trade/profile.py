@@ -6,7 +6,6 @@ and a verb takes its options from that one as its profile.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -14,9 +13,9 @@ from typing import Any, TypeVar
 
 from vidphys.errors import InputError
 from vidphys.points.point import Point, Setting
-from vidphys.runs.atomic import write_json
+from vidphys.runs.sealed import read_sealed, write_sealed
 
-SCHEMA_VERSION = 1
+SCHEMA, UNSEALED = 2, 1  # the latter had no hash of itself
 Config = TypeVar("Config")
 _LOOK = ("encoder", "layer", "resolution", "frame_stride", "dtype")
 # verb -> the fronts whose configuration it takes, and which of the configuration's names it has
@@ -38,12 +37,11 @@ class Profile:
 def write_profile(path: Path, surroundings: dict[str, Any], points: Sequence[Point]) -> None:
     """Write a profile; see :func:`read_profile`."""
     content = {
-        "schema_version": SCHEMA_VERSION,
         "kind": "vidphys profile",
         "surroundings": surroundings,
         "points": [asdict(point) for point in points],
     }
-    write_json(path, content)
+    write_sealed(path, content, SCHEMA)
 
 
 def read_profile(path: Path) -> Profile:
@@ -52,14 +50,9 @@ def read_profile(path: Path) -> Profile:
     Raises:
         InputError: no such file, or not a profile of this version.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"`profile` {path}: cannot be read ({error})") from error
-    if not isinstance(content, dict) or content.get("kind") != "vidphys profile":
-        raise InputError(f"`profile` {path}: not a profile; `vidphys trade` writes one")
-    if content.get("schema_version") != SCHEMA_VERSION:
-        raise InputError(f"`profile` {path}: of another version; measure it again")
+    content = read_sealed(path, "a profile", "`vidphys trade` writes one", SCHEMA, (), UNSEALED)
+    if content.get("kind") != "vidphys profile":
+        raise InputError(f"{path}: not a profile; `vidphys trade` writes one")
     points = tuple(Point.from_dict(record) for record in content["points"])
     return Profile(content["surroundings"], points)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
+from registry.seal import unsealed_arrays
 from vidphys.data.formats.tables import arrays_of, headers_of
 from vidphys.errors import InputError
 
@@ -58,9 +61,13 @@ def episodes_of(path: Path) -> Iterator[Episode]:
 
 
 def _rolled(path: Path) -> Iterator[Episode]:
-    held = arrays_of(path, list(headers_of(path)))
-    sure = {"confidence": held["confidence"]} if "confidence" in held else {}
-    yield _moving("track", "follow what moves", held["times"], held["track"], sure)
+    try:
+        held = unsealed_arrays(arrays_of(path, list(headers_of(path))))
+        sure = {"confidence": held["confidence"]} if "confidence" in held else {}
+        track = _moving("track", "follow what moves", held["times"], held["track"], sure)
+    except (OSError, ValueError, EOFError, KeyError, RuntimeError, zlib.error, BadZipFile) as error:
+        raise InputError(f"{path}: damaged ({error}); roll out again") from error
+    yield track
     for name, task in ROLLED.items():
         if name in held:
             yield _moving(name, task, held["rollout_times"], held[name], {})
