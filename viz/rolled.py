@@ -58,11 +58,11 @@ def write_rolled_recording(rolled: Rolled, meta: Mapping[str, str], path: Path) 
     tape.turn_upright("world")
     centre, half = _square(rolled)
     roles = [role for role in ("truth", "held", "twin", "model") if role in rolled.ways]
-    for role in roles:
-        radius = half * (0.03 if role in ("truth", "held") else 0.018)
-        tape.bodies(f"world/{role}", *rolled.ways[role], [COLOURS[role]], radius)
-    for name, (when, values) in rolled.energies.items():
-        tape.series(f"energy/{name}", when, values, name)
+    for way in roles:
+        radius = half * (0.03 if way in ("truth", "held") else 0.018)
+        tape.bodies(f"world/{way}", *rolled.ways[way], [COLOURS[way]], radius)
+    for role, (when, values) in rolled.energies.items():
+        tape.series(f"energy/{role}", when, values, role)
     tape.phases(dict(sorted({float(times[0]): ROLLED, **rolled.marks}.items())))
     energies = [values[np.isfinite(values)] for _, values in rolled.energies.values()]
     every = np.concatenate([np.zeros(0), *energies])

@@ -307,7 +307,7 @@
     const all = head.left.length, left = head.left.filter((x) => x >= 0).length, bad = head.bad.filter((x) => x >= 0).length;
     const drawn = stage.dataset.ms ? `, drawn ${Math.round(Number(stage.dataset.ms))} ms after the change` : "";
     const done = ways.model.stored > head.steps / head.every;
-    by("said").textContent = `${all} × ${count(head.steps)} steps${done ? ` rolled in ${Math.round(head.ms)} ms by ${head.backend}` : " … "}${drawn}. `
+    by("said").textContent = `${all} × ${count(head.steps)} steps${done ? ` rolled in ${Math.round(head.ms)} ms by ${head.backend}` : " …"}${drawn}. `
       + `This episode: ${here() in head.left ? status(head.left[here()], head.bad[here()]) : "…"}. ${left ? left + " of " + all + " leave their valid range" : "None leaves its valid range"}, ${bad ? bad + " are not finite" : "all are finite"}.`;
     const seconds = now() * (ways.model.stored - 1) * ways.model.dt;
     by("time-said").textContent = `${plain(seconds)} s`;
