@@ -87,6 +87,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
         _bent=False,
         impossible="",
         unfollowed={},
+        whole=SimpleNamespace(groups=()),
     )
     for held in (late.forecasts, late.errors):
         held["constant velocity"] = held["persistence"]

@@ -11,7 +11,14 @@ import numpy as np
 from vidphys.diagnose.explanations.changed import asked_of, under
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
-from vidphys.diagnose.explanations.law_words import CLEAR, beside, rivals, told, what_is_left
+from vidphys.diagnose.explanations.law_words import (
+    CLEAR,
+    beside,
+    rivals,
+    swings_alike,
+    told,
+    what_is_left,
+)
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import (
     EXPLAINED,
@@ -118,7 +125,7 @@ class ByMechanism(Explanation):
         bent = "centre" in found.kinds and judged.status != EXPLAINED
         if self.impossible or bent:
             return replace(judged, status=NOT)
-        partly = judged.status == EXPLAINED and self.unfollowed
+        partly = judged.status == EXPLAINED and (self.unfollowed or swings_alike(self.whole))
         return replace(judged, status=MOSTLY) if partly else judged
 
     @cached_property

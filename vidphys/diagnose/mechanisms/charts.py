@@ -125,6 +125,11 @@ class Arc(Chart):
         lowest, _, up = self.vectors(geometry)
         return lowest + up
 
+    def slant(self, geometry: np.ndarray) -> float:
+        """Tangent of the angle at which the circle's plane is seen; from the front it is 0."""
+        long, short = np.linalg.svd(np.stack(self.vectors(geometry)[1:]))[1]
+        return float(np.sqrt(max(long**2 - short**2, 0.0)) / max(short, np.finfo(float).tiny))
+
     def length(self, geometry: np.ndarray) -> float:
         """Of the string, unit of the positions: the longer of the two, because slant shortens."""
         _, along, up = self.vectors(geometry)

@@ -9,6 +9,7 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import centred, told
+from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
@@ -28,6 +29,7 @@ VAGUE_RATE = 0.15  # of a stiffness: a standard error from which nothing was see
 TURNS = 2.5  # radians of a swing that are seen at least
 LEVEL = 2.0  # times its height, that a way is wide which is level, nearly
 UNTOLD = 0.5  # of a friction: a standard error from which the recording does not tell of it
+FLAT = 0.02  # radians from end to end, below which an arc is a line
 VAGUE = 0.5  # standard error of a restitution, from which no bounce tells of it
 
 
@@ -186,4 +188,12 @@ def makes_sense(found: Fit) -> bool:
             return False
         if name == "linear" and value < 0:  # a drive, which the menu tells of
             return False
-    return _pulls_back(found) and told(found)
+    return _pulls_back(found) and told(found) and not _flat(found)
+
+
+def _flat(found: Fit) -> bool:
+    """Whether its arc is so flat that it is a line."""
+    if not isinstance(found.model.charts[0], Arc):
+        return False
+    swings = [x[:, 0, 0] for x in found.model.coordinates(found.values, found.clips)]
+    return max(float(np.ptp(x)) for x in swings) < FLAT

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit, Model, residuals_of
 from vidphys.diagnose.mechanisms.frames import Frames, spread_of
 from vidphys.diagnose.mechanisms.uncertainty import with_errors
@@ -22,6 +23,7 @@ TRIED = 2  # of several guesses, those that begin nearest
 BEHIND = 25.0  # times the best law's cost, from which another one is dropped
 HELD = 0.003  # of the spread: what moving a wall by a spread costs, or a view by what is usual
 TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is dropped
+STEEP = 4.0  # tangent of an arc's slant, from which it is no law, and drops none
 SETTLED = 2.0  # times a frame's cost so far, up to which a law foretold the frames that are new
 MOST = 1e6  # times the spread, by which a law that flew apart counts as missing a frame
 PURE = ("restitution", "along", "grip", "spin", "turn", "mass", "rub", "steeper")  # of no unit
@@ -69,7 +71,12 @@ def race(
                 ended.append((float(best.cost), model, best.x, first))
         if not ended:
             return []
-        most = BEHIND * max(min(cost for cost, *_ in ended), count * SOFT**2 * TINY)
+        true = [
+            cost
+            for cost, model, x, _ in ended
+            if not _steep(model, residuals_of(part, model, x)[1])
+        ]
+        most = BEHIND * max(min(true, default=np.inf), count * SOFT**2 * TINY)
         # The first guesses stay in the race: what few frames bent may be better as it was.
         running = [
             (model, [x, *first], first, cost / count)
@@ -83,7 +90,13 @@ def race(
         # Walls that explain nothing cost numbers, and every law after them the time to fit it.
         if not model.law.walls or a_frame < unwalled.get(_open(model), np.inf)
     ]
-    return [x for x in fits if x is not None]
+    return [x for x in fits if x is not None and not _steep(x.model, x.geometry)]
+
+
+def _steep(model: Model, geometry: Sequence[np.ndarray]) -> bool:
+    """Whether an arc is seen so steeply that it shows whatever moves on a line."""
+    each = zip(model.charts, geometry, strict=True)
+    return any(isinstance(c, Arc) and c.aslant and c.slant(g) > STEEP for c, g in each)
 
 
 def _open(model: Model) -> Model:

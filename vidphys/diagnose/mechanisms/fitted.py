@@ -9,10 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.charts import Chart
+from vidphys.diagnose.mechanisms.charts import Arc, Chart
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Errors
+
+USUAL_SLANT = view.FAR * view.USUAL[0]  # tangent
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,19 @@ class Fit:
 
     @property
     def score(self) -> float:
-        """Log likelihood less Schwarz's price of every number."""
-        return self.log_likelihood - 0.5 * np.log(self.count) * len(self.covariance)
+        """Log likelihood less Schwarz's price of every number, and of an arc's slant."""
+        price = 0.5 * np.log(self.count) * len(self.covariance)
+        return self.log_likelihood - price - self._slanted
+
+    @property
+    def _slanted(self) -> float:
+        """What arcs cost that are seen aslant: seen edge on, one shows whatever moves on a line.
+
+        The slant's tangent is as of a camera's usual turn, with Cauchy's tails.
+        """
+        each = zip(self.model.charts, self.geometry, strict=True)
+        slants = [c.slant(g) for c, g in each if isinstance(c, Arc) and c.aslant]
+        return float(sum(np.log1p((slant / USUAL_SLANT) ** 2) for slant in slants))
 
     @property
     def left(self) -> float:

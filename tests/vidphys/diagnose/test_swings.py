@@ -1,0 +1,66 @@
+"""What swings on a line, and what on an arc, before a camera that does not face it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vidphys.diagnose.explanations.law_words import CLEAR, swings_alike
+from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.recordings.motion import motion_of
+
+STEP = 1 / 30
+
+
+def filmed(path, tilt):
+    """A plane's places ``(t, 2)`` as a camera shows them that is tilted against it."""
+    seen = view.seen(path, np.array([tilt, 0.0, 0.0]))
+    noise = np.random.default_rng(0).normal(0, 2e-4, path.shape)
+    return motion_of((seen + noise)[None, :, None], STEP)
+
+
+def swung(size, rate, damping, seconds=4.0):
+    times = np.arange(round(seconds / STEP)) * STEP
+    return size * np.exp(-damping * times / 2) * np.cos(rate * times + 0.4)
+
+
+@pytest.mark.parametrize("tilt", [-0.28, 0.2])
+def test_a_tilted_spring_is_no_pendulum_seen_edge_on(tilt):
+    along = np.array([0.99, 0.14])
+    path = np.array([-0.05, -0.16]) + swung(0.16, 4.2, 0.37)[:, None] * along
+    found = find_mechanism(filmed(path, tilt), camera=True)
+    assert found.kinds == {"trap", "linear"}
+    assert all(x.model.charts[0].name != "arc" for x in found.groups[0].others)
+    value, error = found.groups[0].fit.numbers["linear"]
+    assert abs(value - 0.37) < 4 * error
+
+
+def test_a_tilted_pendulum_stays_one():
+    angle = swung(0.35, 4.2, 0.2)
+    path = 0.6 * np.stack([np.sin(angle), 1 - np.cos(angle)], -1) * [1.0, 0.87] - [0.0, 0.2]
+    assert find_mechanism(filmed(path, 0.15), camera=True).kinds == {"pendulum", "linear"}
+
+
+@pytest.mark.parametrize(("up", "tangent"), [(1.0, 0.0), (np.cos(np.pi / 6), np.tan(np.pi / 6))])
+def test_the_slant_of_an_arc(up, tangent):
+    geometry = np.array([0.3, 0.1, 2.0, 0.0, 0.0, 2.0 * up])
+    assert Arc(aslant=True).slant(geometry) == pytest.approx(tangent)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "behind", "alike"),
+    [
+        ({"trap", "linear"}, 0.5 * CLEAR, True),
+        ({"trap", "linear"}, 1.5 * CLEAR, False),
+        ({"pendulum", "square"}, 0.5 * CLEAR, False),
+    ],
+)
+def test_a_spring_that_is_as_likely_as_a_pendulum_is_told(kinds, behind, alike):
+    fit, other = (
+        SimpleNamespace(kinds=frozenset(x), score=s)
+        for x, s in (({"pendulum", "linear"}, 0.0), (kinds, -behind))
+    )
+    found = SimpleNamespace(groups=[SimpleNamespace(fit=fit, others=[other])])
+    assert swings_alike(found) is alike
