@@ -160,6 +160,7 @@ def test_f10_a_drawing_that_fails_is_warned_of_and_the_numbers_stay(tmp_path, mo
         raise RuntimeError("no viewer\nhere")
 
     monkeypatch.setattr("viz.figures.save_svg", broken)
+    monkeypatch.setattr("vidphys.cli.drawing.LIBRARIES", ())  # this process draws
     path, run = table(tmp_path / "a.npz"), tmp_path / "run"
     assert main(["diagnose", str(path), "--out", str(run), "--quiet"]) == 0
     told = capsys.readouterr()
@@ -175,7 +176,10 @@ def test_f10_what_the_user_asked_to_be_drawn_is_no_mere_warning():
 
 
 def test_f10_no_verb_draws_before_its_numbers_are_kept():
-    """Every drawing of a run stands behind the guard, and that after the numbers."""
+    """Every drawing of a run stands behind the guard, and that after the numbers.
+
+    A table's diagnosis is drawn at the same time by another process, which cannot hurt them.
+    """
     home = Path(cli.__file__).parent
     for name, numbers in (
         ("diagnose", "_keep(run, config"),
