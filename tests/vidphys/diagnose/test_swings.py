@@ -1,5 +1,6 @@
 """What swings on a line, and what on an arc, before a camera that does not face it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from vidphys.diagnose.explanations.law_words import CLEAR, swings_alike
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.recordings.motion import motion_of
 
@@ -37,10 +39,27 @@ def test_a_tilted_spring_is_no_pendulum_seen_edge_on(tilt):
     assert abs(value - 0.37) < 4 * error
 
 
-def test_a_tilted_pendulum_stays_one():
+def pendulum():
     angle = swung(0.35, 4.2, 0.2)
-    path = 0.6 * np.stack([np.sin(angle), 1 - np.cos(angle)], -1) * [1.0, 0.87] - [0.0, 0.2]
-    assert find_mechanism(filmed(path, 0.15), camera=True).kinds == {"pendulum", "linear"}
+    return 0.6 * np.stack([np.sin(angle), 1 - np.cos(angle)], -1) * [1.0, 0.87] - [0.0, 0.2]
+
+
+def test_a_tilted_pendulum_stays_one():
+    assert find_mechanism(filmed(pendulum(), 0.15), camera=True).kinds == {"pendulum", "linear"}
+
+
+def test_an_arc_pays_for_its_slant_as_a_camera_for_an_unusual_turn():
+    fit = find_mechanism(filmed(pendulum(), 0.0)).groups[0].fit
+    model = replace(fit.model, charts=(Arc(aslant=True),))
+
+    def score(tangent):
+        up = np.cos(np.arctan(tangent))
+        return replace(
+            fit, model=model, geometry=(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 2 * up]),)
+        ).score
+
+    assert score(0.0) - score(USUAL_SLANT) == pytest.approx(np.log(2))
+    assert score(0.0) - score(100 * USUAL_SLANT) == pytest.approx(np.log(1 + 1e4))
 
 
 @pytest.mark.parametrize(("up", "tangent"), [(1.0, 0.0), (np.cos(np.pi / 6), np.tan(np.pi / 6))])
