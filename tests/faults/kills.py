@@ -36,6 +36,7 @@ from tests.faults.verbs import (
 STANDS = {"view": 1, "export": 1}  # operations of a verb into its work, at which it stands still
 USUAL = 3  # of all others
 REFUSED = 2  # rightly where all is there already: some write nothing over what is there
+TOLD = 1.0  # seconds, as times are told: what tells one must differ between two runs
 INSTANTS = 13  # random ones of each verb: 200 of all
 
 
@@ -43,6 +44,7 @@ def undisturbed(verb: str, made: Path, folder: Path) -> tuple[Remains, int, floa
     """What it leaves however often it is run, its file operations and its seconds."""
     disk, count, runs = folder / "disk", folder / "count", []
     for _ in range(2):
+        time.sleep(TOLD)
         began = time.monotonic()
         laid(verb, made, disk)
         code = ended(commands(made, disk)[verb], at_operation(disk, None, 0, count))

@@ -64,7 +64,7 @@ class Drawer:
         self.process: subprocess.Popen[bytes] | None = None
         if aside and sys.executable and not all(name in sys.modules for name in LIBRARIES):
             self.process = subprocess.Popen(
-                [sys.executable, "-c", START, *sys.path],
+                [sys.executable, "-P", "-c", START, *sys.path],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # an interrupt at the terminal is for its parent

@@ -36,7 +36,16 @@ NAMED = ("rungs", "sources")  # tables: the settings of each rung, where a forei
 MADE_BY = b"code_version"  # in the metadata of a part's tables
 MADE_OF = b"code_hash"  # likewise
 MAKERS = b"code_modules"  # likewise: those whose hash that is, none for all
-FOLDERS = ("parts", "checkpoints", "showcase", "recordings", "figures", "clips", "outcomes")
+FOLDERS = (
+    "parts",
+    "checkpoints",
+    "showcase",
+    "recordings",
+    "figures",
+    "clips",
+    "truth",
+    "outcomes",
+)
 FILES = (
     "run.json",
     "records.parquet",
