@@ -129,6 +129,7 @@ def diagnose(config: DiagnoseConfig) -> None:
 
 
 def _diagnose(config: DiagnoseConfig, given: dict[str, str], drawer: Drawer) -> None:
+    from vidphys.cli.drawing import drawing_of
     from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
     from viz.told import write_told
@@ -158,7 +159,7 @@ def _diagnose(config: DiagnoseConfig, given: dict[str, str], drawer: Drawer) -> 
             raise InputError(f"{config.input}: {error}") from error
         console.done(0)
         _clear(run)
-        drawn = drawer.begin(lambda: _drawing(run, config, found, frames))
+        drawn = drawer.begin(lambda: drawing_of(run.path, config.input.name, found, frames))
         _keep(run, config, loaded, found)
         with console.drawing("the diagnosis"):
             _film(drawn(), config, found, frames)
@@ -322,29 +323,6 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
     for metric, value in found.numbers.items():
         recorder.add_value(metric, value)
     return recorder
-
-
-def _drawing(
-    run: RunFolder, config: DiagnoseConfig, found: Answered, frames: Frames | None
-) -> Drawing:
-    from vidphys.cli.drawing import Drawing
-
-    units, wall = found.told_in, found.data.get("wall")
-    figure = {
-        "times": found.times,
-        "positions": units.per * found.positions,
-        "rolled": {name: (when, units.per * path) for name, (when, path) in found.rolled.items()},
-        "path": None if found.path is None else (found.path[0], units.per * found.path[1]),
-        "said": found.headline,
-        "unit": units.name,
-        "picture": None if frames is None else (frames[len(frames) // 2], units.per),
-        "probability": found.probability,
-        "wall": None if wall is None else {**wall, "place": units.per * wall["place"]},
-        "holds": found.data["terms"] if found.data["explained"] else (),
-    }
-    law = found.law
-    meta = {"cell": "diagnosis", "clip": config.input.name, **({"law": law} if law else {})}
-    return Drawing(run.path, figure, found.showcase(frames), meta)
 
 
 def _film(drawing: Drawing, config: DiagnoseConfig, found: Answered, frames: Frames | None) -> None:

@@ -14,9 +14,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vidphys.runs.worker import end_with_parent
+
+if TYPE_CHECKING:
+    from vidphys.data.frames import Frames
+    from vidphys.diagnose.telling.answers import Answered
 
 LIBRARIES = ("matplotlib.figure", "rerun")
 START = "import sys; sys.path[:] = sys.argv[1:]; import vidphys.cli.drawing as d; d.serve()"
@@ -51,6 +55,32 @@ class Drawing:
             white = {"frames": blank(len(self.arrays["frame_times"]))}
             path = self.run / "recordings" / "diagnosis.rrd"
             write_overlay_recording({**white, **self.arrays}, self.meta, path)
+
+
+def drawing_of(run: Path, name: str, found: Answered, frames: Frames | None) -> Drawing:
+    """What is drawn of an answer.
+
+    Args:
+        run: the run folder.
+        name: of the recording.
+        found: the answer.
+        frames: of the clip, where it was one.
+    """
+    units, wall = found.told_in, found.data.get("wall")
+    figure = {
+        "times": found.times,
+        "positions": units.per * found.positions,
+        "rolled": {name: (when, units.per * path) for name, (when, path) in found.rolled.items()},
+        "path": None if found.path is None else (found.path[0], units.per * found.path[1]),
+        "said": found.headline,
+        "unit": units.name,
+        "picture": None if frames is None else (frames[len(frames) // 2], units.per),
+        "probability": found.probability,
+        "wall": None if wall is None else {**wall, "place": units.per * wall["place"]},
+        "holds": found.data["terms"] if found.data["explained"] else (),
+    }
+    meta = {"cell": "diagnosis", "clip": name, **({"law": found.law} if found.law else {})}
+    return Drawing(run, figure, found.showcase(frames), meta)
 
 
 class Drawer:
