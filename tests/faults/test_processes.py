@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from vidphys.runs import pool
-from vidphys.runs.ending import INTERRUPTED
+from vidphys.runs.ending import INTERRUPTED, Ending
 from vidphys.runs.pool import WorkerLost, WorkerWarning, run_all
 
 HOME = Path(__file__).parents[2]
@@ -58,8 +58,8 @@ def heeds(process: int, number: int, how: tuple[str, ...] = ("SigCgt",)) -> bool
     return any(mask >> (number - 1) & 1 for mask in masks)
 
 
-def below(process: int) -> list[int]:
-    """All processes that descend from one."""
+def children_of(process: int) -> list[int]:
+    """The processes that one started itself and that still run."""
     parents = {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -68,13 +68,13 @@ def below(process: int) -> list[int]:
             continue
         if fields[0] != "Z":
             parents[int(path.parent.name)] = int(fields[1])
-    found, left = [], [process]
-    while left:
-        parent = left.pop()
-        children = [child for child, its in parents.items() if its == parent]
-        found += children
-        left += children
-    return found
+    return [child for child, parent in parents.items() if parent == process]
+
+
+def below(process: int) -> list[int]:
+    """All processes that descend from one."""
+    found = children_of(process)
+    return found + [each for child in found for each in below(child)]
 
 
 def is_alive(process: int) -> bool:
@@ -237,10 +237,21 @@ def test_f6_no_process_can_be_told_to_end_before_it_knows_how(tmp_path):
     run = started(str(tmp_path / "script.py"), "waits", str(tmp_path))
     until(lambda: heeds(run.pid, signal.SIGTERM))
     while not (tmp_path / "b").exists():
-        for process in below(run.pid):
+        for process in children_of(run.pid):  # theirs are libraries' own (ldconfig), soon gone
             with suppress(OSError):  # Python itself catches SIGINT at first, never SIGTERM
                 assert heeds(process, signal.SIGTERM, ("SigBlk", "SigCgt", "SigIgn"))
     ends_when_told(run, signal.SIGTERM)
+
+
+def test_f6_being_told_again_says_nothing_more(capfd):
+    with suppress(KeyboardInterrupt), Ending(grace=60) as ending:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        for _ in range(3):
+            time.sleep(0.1)  # whoever waits for the first has read it
+            signal.raise_signal(signal.SIGINT)
+    assert ending.asked
+    assert capfd.readouterr().err == ""
 
 
 def test_a_unit_that_failed_and_then_succeeds_is_no_failure_of_the_run(tmp_path, monkeypatch):

@@ -81,9 +81,9 @@ class Ending:
     def _watch(self, reading: int) -> None:
         while (told := os.read(reading, 1)) and told[0] not in SIGNALS:
             pass
-        os.close(reading)
         if told and not self._left.wait(self.grace):
             self._leave()
+        os.close(reading)  # last: later signals are written too
 
     def _leave(self) -> None:
         if self.said:  # past Python's own files, which the main thread may be holding
