@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 
@@ -36,6 +37,7 @@ def content(path: Path) -> object:
     """Its bytes; of tensors the words beside them come in any order, and rows lose their times.
 
     Of an index of shards, its entries with their tensors; what else lies in shards nobody reads.
+    Of a checkpoint its words, but not the name and the hash of the file of its tensors.
     """
     if path.name == f"{OWN}.sqlite":
         shards = Shards(path.parent)
@@ -46,6 +48,9 @@ def content(path: Path) -> object:
         return b""
     if path.suffix == ".entry":
         return parts_of(path)[0]
+    if path.suffix == ".json" and b'"tensors"' in (whole := path.read_bytes()):
+        told = json.loads(whole)  # of a checkpoint, whose tensors are compared for themselves
+        return told.get("meta", told)
     if path.suffix == ".parquet":
         table = pq.read_table(path)
         kept = table.drop_columns([name for name in TIMED if name in table.column_names])
