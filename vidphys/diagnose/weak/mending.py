@@ -17,6 +17,7 @@ from vidphys.diagnose.recordings.motion import Motion
 
 SIDE = 4  # frames before or after a frame, by which it is foretold
 DEGREE = 2
+BENDS = (2, 4)  # degrees across a meeting of two bodies: a gentle one and a sharp one
 BY_BOTH, BY_ONE = 8.0, 5.0  # robust standard deviations, beyond which a frame is foretold by none
 SPIKE = 2.0  # of the same, up to which the rest of a track is smooth
 ROUNDS = 4  # a false find spoils what its neighbours are foretold by
@@ -144,11 +145,15 @@ def _with_own_names(q: np.ndarray, times: np.ndarray) -> int:
     swaps = 0
     for clip in range(len(q)):
         tracks, seen = q[clip], np.isfinite(q[clip]).all(-1)
-        usual = _usual(tracks, times[clip], seen)
+        usual = {bend: _usual(tracks, times[clip], seen, bend) for bend in BENDS}
         done: set[tuple[int, int, int]] = set()
         while True:
-            found = _likeliest_swap(tracks, times[clip], seen, usual, done)
-            if found is None:
+            likely = [
+                _likeliest_swap(tracks, times[clip], seen, usual[bend], done, bend)
+                for bend in BENDS
+            ]
+            gain, found = max(likely)
+            if not gain:
                 break
             frame, i, j = found
             tracks[frame:, [i, j]] = tracks[frame:, [j, i]]
@@ -158,9 +163,9 @@ def _with_own_names(q: np.ndarray, times: np.ndarray) -> int:
     return swaps
 
 
-def _usual(tracks: np.ndarray, times: np.ndarray, seen: np.ndarray) -> float:
+def _usual(tracks: np.ndarray, times: np.ndarray, seen: np.ndarray, bend: int) -> float:
     """The misfit that bodies' own tracks usually have across a frame."""
-    own = [_misfits(tracks, times, seen, body, body) for body in range(tracks.shape[1])]
+    own = [_misfits(tracks, times, seen, body, body, bend) for body in range(tracks.shape[1])]
     misfit = np.concatenate(own)
     misfit = misfit[np.isfinite(misfit)]
     return float(np.median(misfit)) if len(misfit) else np.inf
@@ -172,30 +177,32 @@ def _likeliest_swap(
     seen: np.ndarray,
     usual: float,
     done: set[tuple[int, int, int]],
-) -> tuple[int, int, int] | None:
-    """First frame and two bodies whose exchange makes most smooth that was not; if any does."""
-    best, gain = None, 0.0
-    own = [_misfits(tracks, times, seen, body, body) for body in range(tracks.shape[1])]
+    bend: int,
+) -> tuple[float, tuple[int, int, int]]:
+    """How much smoother an exchange makes two tracks, and its first frame and bodies; 0 if none."""
+    best, gain = (0, 0, 0), 0.0
+    own = [_misfits(tracks, times, seen, body, body, bend) for body in range(tracks.shape[1])]
     for i, j in combinations(range(tracks.shape[1]), 2):
         kept = own[i] + own[j]
         if not (kept > JUMPS * usual).any():
             continue
-        other = _misfits(tracks, times, seen, i, j) + _misfits(tracks, times, seen, j, i)
+        each = [_misfits(tracks, times, seen, *two, bend) for two in ((i, j), (j, i))]
+        other = each[0] + each[1]
         smooth = (kept > JUMPS * usual) & (other < np.maximum(SMOOTH * usual, 0.02 * kept))
         smooth &= np.isfinite(kept) & np.isfinite(other)
         for frame in np.flatnonzero(smooth):
             ratio = float(kept[frame] / max(other[frame] + usual, np.finfo(float).tiny))
             if ratio > gain and (int(frame) + 1, i, j) not in done:
                 best, gain = (int(frame) + 1, i, j), ratio
-    return best
+    return gain, best
 
 
 def _misfits(
-    tracks: np.ndarray, times: np.ndarray, seen: np.ndarray, before: int, after: int
+    tracks: np.ndarray, times: np.ndarray, seen: np.ndarray, before: int, after: int, bend: int
 ) -> np.ndarray:
     """Misfit ``(t - 1,)`` of one polynomial to a body before each frame and one from it on.
 
-    The frame that fits it worst is left out, as it may be a false find. NaN where too few frames
+    It is of the degree ``bend``. The frame that fits it worst is left out, as it may be a false find. NaN where too few frames
     show either.
     """
     frames = len(times)
@@ -212,7 +219,7 @@ def _misfits(
     both = np.concatenate([left, right], 1)
     x = np.concatenate([tracks[left, before], tracks[right, after]], 1)
     since = (times[both] - times[at][:, None]) / (times[1] - times[0])
-    design = since[..., None] ** np.arange(DEGREE + 1)
+    design = since[..., None] ** np.arange(bend + 1)
     x = x - x.mean(1, keepdims=True)
     hat = design @ np.linalg.pinv(design)
     left_over = ((x - hat @ x) ** 2).sum(2)
