@@ -110,7 +110,7 @@ def test_a_grid_of_one_cell_is_refused() -> None:
 
 def test_joined_frames_are_the_same_frames_channels_last() -> None:
     first, second = labelled(4), labelled(2)
-    both = joined([first, second])
+    both = joined([first, second], 6)
     assert torch.equal(both.values, torch.cat([first.values, second.values]))
     assert torch.equal(both[torch.tensor([5])].targets, second.targets[1:])
     assert both.values.is_contiguous(memory_format=torch.channels_last)

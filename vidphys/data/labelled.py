@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
 import torch
 from torch import Tensor
 
 from encoders.features import FeatureMap
+from vidphys.data.room import room
 
 
 @dataclass(frozen=True)
@@ -121,14 +123,23 @@ def labelled_frames(features: FeatureMap, targets: Tensor, weight: Tensor) -> La
     )
 
 
-def joined(parts: Sequence[LabelledFrames]) -> LabelledFrames:
-    """Frames of the same grid in one, in memory, channels last: single cells are read fastest."""
-    count, first = sum(map(len, parts)), parts[0]
-    values = torch.empty(
-        (count, *first.values.shape[1:]),
-        dtype=first.values.dtype,
-        memory_format=torch.channels_last,
-    )
-    torch.cat([part.values for part in parts], out=values)
-    targets = torch.cat([part.targets for part in parts])
-    return LabelledFrames(values, first.centres, targets, torch.cat([p.weight for p in parts]))
+def joined(
+    parts: Iterable[LabelledFrames], count: int, folder: Path | None = None
+) -> LabelledFrames:
+    """Frames of the same grid in one, channels last: single cells are read fastest.
+
+    Args:
+        parts: looked at once, one after the other.
+        count: frames of all.
+        folder: where they lie if they are many; see :func:`vidphys.data.room.room`.
+    """
+    at, targets, weights = 0, [], []
+    for part in parts:
+        if not at:
+            (_, c, h, w), dtype, centres = part.values.shape, part.values.dtype, part.centres
+            values = room((count, h, w, c), dtype, folder).movedim(-1, 1)
+        values[at : at + len(part)] = part.values
+        targets.append(part.targets)
+        weights.append(part.weight)
+        at += len(part)
+    return LabelledFrames(values, centres, torch.cat(targets), torch.cat(weights))

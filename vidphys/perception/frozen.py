@@ -209,7 +209,8 @@ def fit_readout(
     train, kept = every[:last], every[last:]
     few = clips.first(0 if anchored else count - held_out)
     more = meeting(encoder.network, few, together or frames, task)
-    examples = Examples(joined([train, *more]), kept)
+    parts = [train, *more]
+    examples = Examples(joined(parts, sum(map(len, parts))), kept)
     bodies = clips.states.q.shape[2]
     shape = MapShape(features.values.shape[2], features.grid, bodies, frames // seen)
     readout = _train(encoder.name, examples, shape, task, pooled, how).eval()

@@ -13,7 +13,8 @@ from vidphys.reading.clip_dynamics import friction_of
 from vidphys.reading.forecasts import Forecast, forecast, forecast_error, naive_forecasts, state_at
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import steady
-from vidphys.reading.training import Perceived, labelled
+from vidphys.reading.seen_clips import pieces
+from vidphys.reading.training import Perceived
 from vidphys.runs.records import Recorder
 from vidphys.summary import FAILED, OK, Summary
 from vidphys.training.candidates import TrainedReadout, best_of
@@ -86,13 +87,18 @@ def _scored_rmse(perceived: Perceived, trained: TrainedReadout | None) -> float:
     """Of a readout, or of saying the mean training position, normalised image units."""
     clips, layer = perceived.clips, (trained or perceived.chosen).candidate.layer
     split = perceived.splits[layer]
-    scored = labelled(clips, layer, split.scored, split.each)
-    if trained is not None:
-        positions, _ = read_all(trained.module, scored.values, scored.centres)
-    else:
-        train = labelled(clips, layer, split.train, split.each)
-        positions = train.targets.mean(0).expand_as(scored.targets)
-    return position_rmse(positions, scored.targets, scored.weight)
+    if trained is None:
+        taught = pieces(clips, layer, split.train, split.each)
+        usual = torch.cat([some.targets for some in taught]).mean(0)
+    positions, targets, weights = [], [], []
+    for some in pieces(clips, layer, split.scored, split.each):
+        if trained is None:
+            positions.append(usual.expand_as(some.targets))
+        else:
+            positions.append(read_all(trained.module, some.values, some.centres)[0])
+        targets.append(some.targets)
+        weights.append(some.weight)
+    return position_rmse(*(torch.cat(every) for every in (positions, targets, weights)))
 
 
 def record_forecasts(

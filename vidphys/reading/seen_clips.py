@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from torch import Tensor
@@ -36,6 +37,7 @@ from vidphys.reading.reader import Layer, LoadedEncoder
 Stage = Callable[[str], Progress]
 AUTO, CLIP, TIME = "auto", "clip", "time"  # what clips are split by; else by one of their facts
 EPISODE = "episode_index"
+AT_ONCE = 64  # feature frames
 
 
 @dataclass(frozen=True)
@@ -191,9 +193,25 @@ def _groups(clips: Sequence[SeenClip], by: str) -> list[Hashable]:
 
 
 def labelled(
-    clips: Sequence[SeenClip], layer: Layer, frames: Sequence[Tensor], each: int
+    clips: Sequence[SeenClip],
+    layer: Layer,
+    frames: Sequence[Tensor],
+    each: int,
+    folder: Path | None = None,
 ) -> LabelledFrames:
     """Feature frames with what a readout should say of them.
+
+    Args:
+        clips, layer, frames, each: see :func:`pieces`.
+        folder: where they lie if they are many; see :func:`vidphys.data.room.room`.
+    """
+    return joined(pieces(clips, layer, frames, each), sum(map(len, frames)), folder)
+
+
+def pieces(
+    clips: Sequence[SeenClip], layer: Layer, frames: Sequence[Tensor], each: int
+) -> Iterator[LabelledFrames]:
+    """The same, a few frames at a time.
 
     Args:
         clips: of the data set.
@@ -201,10 +219,9 @@ def labelled(
         frames: numbers of the wanted feature frames of each clip.
         each: frames that a feature frame stands for.
     """
-    parts, centres = [], clips[0].features[layer].cell_centres()
+    centres = clips[0].features[layer].cell_centres()
     for clip, wanted in zip(clips, frames, strict=True):
         values = clip.features[layer].values[0]
         targets, weight = frame_targets(clip.labels, len(values), each)
-        if len(wanted):
-            parts.append(LabelledFrames(values[wanted], centres, targets[wanted], weight[wanted]))
-    return joined(parts)
+        for some in wanted.split(AT_ONCE) if len(wanted) else ():
+            yield LabelledFrames(values[some], centres, targets[some], weight[some])

@@ -127,7 +127,7 @@ def perceive(
         each = encoder.network.frames_per_feature
         split = splits[layer] = split_of(clips, layer, each, settings.share, settings.split_by)
         examples = Examples(
-            labelled(clips, layer, split.train, each), labelled(clips, layer, split.held_out, each)
+            *(labelled(clips, layer, some, each, folder) for some in (split.train, split.held_out))
         )
         shape = MapShape(examples.train.values.shape[1], examples.train.grid, bodies, each)
         name = "readouts" if layer is None else f"readouts, layer {layer}"

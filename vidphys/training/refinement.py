@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ import torch
 from torch import Generator, Tensor
 
 from readouts.local import LocalReadout, RefinedReadout, blocks, nearest_cells
-from vidphys.data.labelled import LabelledFrames
+from vidphys.data.labelled import LabelledFrames, joined
 from vidphys.placement import CPU, device_of, moved
 from vidphys.progress import Progress
 from vidphys.training.early_stopping import BestWeights
@@ -60,7 +61,7 @@ def train_refined(
     save = {name: folder and folder / f"{name}.json" for name in ("coarse", "fine", "doubt")}
     coarse = replace(fit_, steps=max(1, fit_.steps // PARTS))
     fine = replace(fit_, steps=max(1, fit_.steps - coarse.steps))
-    rough = _rough(readout, train), _rough(readout, held_out)
+    rough = _rough(readout, train, folder), _rough(readout, held_out, folder)
     moved = replace(settings, fit=coarse, cells=settings.cells // block)
     train_readout(readout.coarse, *rough, moved, seed, save["coarse"], progress)
     found, _ = read_all(readout.coarse, rough[0].values, rough[0].centres)
@@ -74,15 +75,18 @@ def train_refined(
     return ReadoutFit(best.error, best.step, learner.step, learner.loss)
 
 
-def _rough(readout: RefinedReadout, frames: LabelledFrames) -> LabelledFrames:
+def _rough(readout: RefinedReadout, frames: LabelledFrames, folder: Path | None) -> LabelledFrames:
     """The frames as attention reads them."""
     if readout.block == 1:
         return frames
-    values = []
-    for some in frames.values.split(SCORED_AT_ONCE):
-        averaged, centres = blocks(some, frames.centres, readout.block)
-        values.append(averaged.to(some.dtype))
-    return replace(frames, values=torch.cat(values), centres=centres)
+    return joined(_averaged(readout.block, frames), len(frames), folder)
+
+
+def _averaged(block: int, frames: LabelledFrames) -> Iterator[LabelledFrames]:
+    for begin in range(0, len(frames), SCORED_AT_ONCE):
+        some = frames[begin : begin + SCORED_AT_ONCE]
+        values, centres = blocks(some.values, some.centres, block)
+        yield replace(some, values=values.to(some.values.dtype), centres=centres)
 
 
 @dataclass(frozen=True)
@@ -161,7 +165,7 @@ def _fit_doubt(
     readout: RefinedReadout, frames: LabelledFrames, seed: int, save_to: Path | None
 ) -> None:
     with torch.no_grad():
-        given = [(v, frames.centres) for v in frames.values.split(SCORED_AT_ONCE)]
+        given = ((v, frames.centres) for v in frames.values.split(SCORED_AT_ONCE))
         looks = [moved(readout.look(*moved(x, device_of(readout))), CPU) for x in given]
     positions, evidence = (torch.cat(each) for each in zip(*looks, strict=True))
     distance = (positions - frames.targets).norm(dim=-1)

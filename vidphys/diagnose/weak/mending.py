@@ -202,8 +202,8 @@ def _misfits(
 ) -> np.ndarray:
     """Misfit ``(t - 1,)`` of one polynomial to a body before each frame and one from it on.
 
-    It is of the degree ``bend``. The frame that fits it worst is left out, as it may be a false find. NaN where too few frames
-    show either.
+    It is of the degree ``bend``. The frame that fits it worst is left out, as it may be a false
+    find. NaN where too few frames show either.
     """
     frames = len(times)
     out = np.full(frames - 1, np.nan)
