@@ -170,7 +170,7 @@ def train(config: TrainConfig) -> int:
         RunFolder.at_work(config.out, _about(config, dataset, encoders), config.overwrite) as run,
         Console(config.quiet, 4, "train") as console,
     ):
-        if not run.is_done(part):
+        if not (run.is_done(part) and _recording(run).exists()):  # which is drawn last
             try:
                 _train(config, dataset, encoders, binder, run, console)
             except InputError:
@@ -359,6 +359,10 @@ def _show(run: RunFolder, console: Console) -> None:
     for row in rows:
         value = "failed" if row["value"] is None else f"{row['value']:.4g}"
         console.result(f"{row['cell']:<50}{row['metric']:<28}{value}")
-    recording = run.path / "recordings" / "clip.rrd"
+    recording = _recording(run)
     if recording.exists():
         console.result(f"recording: {recording}")
+
+
+def _recording(run: RunFolder) -> Path:
+    return run.path / "recordings" / "clip.rrd"

@@ -216,6 +216,20 @@ class TestTraining:
         assert all(torch.equal(once[k], again[k]) for k in once)
         assert records(whole) == records(tmp_path / "cut")
 
+    def test_a_run_that_was_killed_while_it_drew_is_drawn_by_the_same_command(
+        self, trained: tuple[Path, Path], tmp_path: Path
+    ) -> None:
+        whole, run = trained[0], tmp_path / "run"
+        folder = whole.parent / "mine"
+        shutil.copytree(whole, run)
+        for drawn in ("recordings", "figures"):
+            shutil.rmtree(run / drawn)
+        assert train(folder, run) == 0
+        assert (run / "recordings" / "clip.rrd").exists()
+        drawn = Path("figures", "clip.svg")
+        assert (run / drawn).read_bytes() == (whole / drawn).read_bytes()
+        assert records(whole) == records(run)
+
     def test_a_finished_run_is_shown_again_and_another_one_refused(
         self, trained: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
