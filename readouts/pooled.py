@@ -35,7 +35,10 @@ class PooledReadout(FrameReadout):
 
     def fit_scale(self, values: Float[Tensor, "f c h w"]) -> None:
         """Standardise pooled features from now on by the statistics of these."""
-        self.scale.fit(torch.stack([v.float().mean((-2, -1)) for v in values])[..., None, None])
+        pooled = torch.empty(values.shape[:2], device=values.device)
+        for frame, value in enumerate(values):
+            torch.mean(value.float(), (-2, -1), out=pooled[frame])
+        self.scale.fit(pooled[..., None, None])
 
     def read(
         self, values: Float[Tensor, "f c h w"], centres: Float[Tensor, "h w 2"]

@@ -29,10 +29,13 @@ class FeatureScale(nn.Module):
 
     def fit(self, values: Float[Tensor, "f c h w"]) -> None:
         """Take the statistics of ``values``, over frames and cells."""
-        # in float64: stored features may be half precision
-        moments = [(v.double().mean((1, 2)), v.double().square().mean((1, 2))) for v in values]
-        mean = torch.stack([m for m, _ in moments]).mean(0)
-        square = torch.stack([s for _, s in moments]).mean(0)
+        # in float64: stored features may be half precision; room for all at once, see `joined`
+        moments = values.new_empty((2, len(values), values.shape[1]), dtype=torch.float64)
+        for frame, value in enumerate(values):
+            wide = value.double()
+            torch.mean(wide, (1, 2), out=moments[0, frame])
+            torch.mean(wide.square(), (1, 2), out=moments[1, frame])
+        mean, square = moments.mean(1)
         self.mean.copy_(mean)
         variance = (square - mean**2).clamp_min(0)
         floor = QUIET**2 * variance.mean()

@@ -133,13 +133,16 @@ def joined(
         count: frames of all.
         folder: where they lie if they are many; see :func:`vidphys.data.room.room`.
     """
-    at, targets, weights = 0, [], []
+    at = 0
     for part in parts:
         if not at:
+            # room for all at once: small tensors that are kept, one between two large ones that
+            # are not, would keep the memory of the large ones from being used again
             (_, c, h, w), dtype, centres = part.values.shape, part.values.dtype, part.centres
             values = room((count, h, w, c), dtype, folder).movedim(-1, 1)
-        values[at : at + len(part)] = part.values
-        targets.append(part.targets)
-        weights.append(part.weight)
+            targets = part.targets.new_empty((count, *part.targets.shape[1:]))
+            weight = part.weight.new_empty((count, *part.weight.shape[1:]))
+        for whole, some in zip((values, targets, weight), (part.values, part.targets, part.weight)):
+            whole[at : at + len(part)] = some
         at += len(part)
-    return LabelledFrames(values, centres, torch.cat(targets), torch.cat(weights))
+    return LabelledFrames(values, centres, targets, weight)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,3 +53,38 @@ def test_a_full_disk_is_told_before_anything_is_written(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         room(SHAPE, torch.float32, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+JOIN = """
+import sys
+from pathlib import Path
+
+import torch
+from readouts.scale import FeatureScale
+from vidphys.data import room
+from vidphys.data.labelled import LabelledFrames, joined
+
+room.HELD = 0  # features lie in a file, whatever they take
+
+def held():
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("RssAnon:")[1].split()[0]) / 1024  # MiB
+
+def parts(count, frames):
+    for _ in range(count):
+        values, one = torch.zeros(frames, 64, 14, 14), torch.ones(frames, 1)
+        yield LabelledFrames(values, torch.zeros(14, 14, 2), torch.zeros(frames, 1, 2), one)
+
+begin = held()
+frames = joined(parts(100, 64), 6400, Path(sys.argv[1]))  # 306 MiB of features
+FeatureScale(64).fit(frames.values)
+print(held() - begin)
+"""
+
+
+@pytest.mark.skipif(not MAPS.exists(), reason="asks the system what is held")
+def test_frames_are_joined_and_measured_in_little_memory(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", JOIN, tmp_path], capture_output=True, text=True, check=True
+    )
+    assert float(done.stdout) < 100
