@@ -142,7 +142,6 @@ def joined(
             values = room((count, h, w, c), dtype, folder).movedim(-1, 1)
             targets = part.targets.new_empty((count, *part.targets.shape[1:]))
             weight = part.weight.new_empty((count, *part.weight.shape[1:]))
-        for whole, some in zip((values, targets, weight), (part.values, part.targets, part.weight)):
-            whole[at : at + len(part)] = some
-        at += len(part)
+        here = slice(at, at := at + len(part))
+        values[here], targets[here], weight[here] = part.values, part.targets, part.weight
     return LabelledFrames(values, centres, targets, weight)
