@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from torch import nn
 
 from vidphys.errors import InputError
 from vidphys.runs import checkpoint
+from vidphys.runs.aside import sweep
 from vidphys.runs.checkpoint import DamagedCheckpointWarning
 from vidphys.training.ensemble import Ensemble
 from vidphys.training.loop import FitSettings, SkippedBatchWarning, fit
@@ -207,3 +211,27 @@ def test_f4_a_kill_between_any_two_writes_of_a_save_leaves_a_checkpoint(tmp_path
         checkpoint.save(path, STATE, {"step": 4}, keep_last=True)
         assert checkpoint.load(path)[1]["step"] == 4
         assert checkpoint.load(path.with_name("c.json.last"))[1]["step"] == 3
+
+
+KILLED_IN_A_WRITE = """
+import resource, signal, sys
+from pathlib import Path
+
+import torch
+from vidphys.runs import checkpoint
+
+signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # a write beyond the limit ends the process in it
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+checkpoint.save(Path(sys.argv[1]), {"w": torch.ones(4096)}, {"step": 1})
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="no limit of a file's size")
+def test_f4_what_a_kill_inside_a_write_leaves_has_a_name_that_is_swept(tmp_path):
+    folder = tmp_path / "checkpoints"
+    folder.mkdir()
+    asked = [sys.executable, "-c", KILLED_IN_A_WRITE, folder / "c.json"]
+    assert subprocess.run(asked, check=False).returncode == -signal.SIGXFSZ
+    assert len(list(folder.iterdir())) == 1
+    sweep(tmp_path, ["checkpoints"])
+    assert list(folder.iterdir()) == []

@@ -288,7 +288,7 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
     from vidphys.runs.sealed import write_sealed
 
     text = "\n".join((*loaded.notes, *found.lines)) + "\n"
-    write_with(run.path / "summary.txt", lambda path: _write(path, text))
+    write_with(run.path / "summary.txt", lambda path: path.write_text(text, encoding="utf-8"))
     write_sealed(run.path / "diagnosis.json", found.data, SCHEMA_VERSION)
     if found.specification is not None:
         write_json(run.path / "specification.json", found.specification)
@@ -296,10 +296,6 @@ def _keep(run: RunFolder, config: DiagnoseConfig, loaded: Loaded, found: Answere
         write_with(run.path / "tracks.csv", lambda path: write_tracks(path, loaded.motion))
     run.finish("diagnosis", *_record(config, found).tables())
     run.join()
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _record(config: DiagnoseConfig, found: Answered) -> Recorder:

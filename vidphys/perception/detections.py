@@ -9,7 +9,6 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from binders import Detections, detect
@@ -20,7 +19,7 @@ from renderers import AnonymousWorld
 from vidphys.data.clips import Clips
 from vidphys.errors import InputError
 from vidphys.perception.blobs import DrawnWorld, measured_world
-from vidphys.runs.atomic import write_with
+from vidphys.runs.atomic import write_tensors
 
 CHUNK = 64  # clips detected at once
 SCHEMA_VERSION = "2"  # 1 had neither a seal nor its number
@@ -154,7 +153,7 @@ def detections_of(
         both = {"positions": found.positions, "confidence": found.confidence}
         about = {"schema_version": SCHEMA_VERSION}
         about[SEAL] = arrays_seal({k: v.numpy() for k, v in both.items()}, about)
-        write_with(kept, lambda partial: save_file(both, partial, about))
+        write_tensors(kept, both, about)
     return found
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import torch
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from encoders.release import CONFIG, TENSORS, release_sha256
@@ -20,7 +19,7 @@ from vidphys.pretraining.dino import PatchDistillation
 from vidphys.pretraining.videomae import MaskedAutoencoding
 from vidphys.pretraining.vjepa2 import FeaturePrediction
 from vidphys.progress import Progress
-from vidphys.runs.atomic import write_json, write_with
+from vidphys.runs.atomic import write_json, write_tensors, write_with
 from vidphys.seeding import derive
 from vidphys.training.loop import FitSettings, fit
 
@@ -150,14 +149,10 @@ def write_release(out: Path, config: dict[str, Any], tensors: dict[str, Tensor])
     """Write ``config.json`` and half-precision ``model.safetensors``; returns the hash."""
     halves = {k: v.detach().cpu().half().contiguous() for k, v in tensors.items()}
     # as the hub's libraries write it: they refuse a file that does not name its framework
-    write_with(out / TENSORS, lambda partial: save_file(halves, partial, {"format": "pt"}))
+    write_tensors(out / TENSORS, halves, {"format": "pt"})
     text = json.dumps(config, indent=2, sort_keys=True) + "\n"
-    write_with(out / CONFIG, lambda partial: _write_text(partial, text))
+    write_with(out / CONFIG, lambda partial: partial.write_text(text, encoding="utf-8"))
     return release_sha256(out)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _record(

@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
-def write_with(path: Path, write: Callable[[Path], None]) -> None:
+def write_with(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` fill a temporary neighbour of ``path``, then rename it into place."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -26,11 +29,20 @@ def write_with(path: Path, write: Callable[[Path], None]) -> None:
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Write ``data`` as indented JSON; NaN and infinity are refused."""
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    write_with(path, lambda partial: partial.write_text(text, encoding="utf-8"))
 
-    def write(partial: Path) -> None:
-        partial.write_text(text, encoding="utf-8")
 
-    write_with(path, write)
+def write_tensors(
+    path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, str] | None = None
+) -> None:
+    """Write ``tensors`` as safetensors, with ``about`` as what is said of them.
+
+    Not by the library's own writer: killed, it leaves a file of a name that nobody sweeps.
+    """
+    from safetensors.torch import save
+
+    content = save(dict(tensors), None if about is None else dict(about))
+    write_with(path, lambda partial: partial.write_bytes(content))
 
 
 def sha256(path: Path) -> str:

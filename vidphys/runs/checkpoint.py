@@ -14,13 +14,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safetensors.torch import save_file
 from torch import Tensor
 
 from encoders.tensors import read_tensors
 from registry.seal import is_sealed, sealed
 from vidphys.errors import InputError
-from vidphys.runs.atomic import sha256, write_json, write_with
+from vidphys.runs.atomic import sha256, write_json, write_tensors, write_with
 
 SCHEMA_VERSION = 2
 UNSEALED = 1  # the schema of before the JSON held a hash of itself
@@ -57,7 +56,7 @@ def save(
         name = name.replace(".safetensors", "-again.safetensors")
     target = path.with_name(name)
     whole = {k: v.detach().contiguous() for k, v in tensors.items()}
-    write_with(target, lambda partial: save_file(whole, partial))
+    write_tensors(target, whole)
     record = {
         "schema_version": SCHEMA_VERSION,
         "tensors": name,
@@ -66,7 +65,7 @@ def save(
     }
     if keep_last and old is not None:
         content = path.read_bytes()
-        write_with(last, lambda partial: _write(partial, content))
+        write_with(last, lambda partial: partial.write_bytes(content))
     write_json(path, sealed(record))
     if not keep_last:
         last.unlink(missing_ok=True)
@@ -149,7 +148,3 @@ def _read(path: Path) -> dict[str, Any]:
             f"checkpoint {path}: damaged (its hash of itself differs); delete it to train again"
         )
     return record
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.write_bytes(content)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import Tensor
 
 from binders import Tracks
@@ -15,7 +14,7 @@ from dynamics import Head, PhaseState, Rollout
 from registry.seal import SEAL, arrays_seal
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.scoring import DRIFT_STEPS, Question
-from vidphys.runs.atomic import write_with
+from vidphys.runs.atomic import write_tensors
 
 SHOWN_STEPS = 500  # reference steps after t0
 FLIPPED = -1.0
@@ -80,7 +79,7 @@ def keep_showcase(path: Path, arrays: Mapping[str, Tensor], meta: Mapping[str, s
     whole = {name: array.contiguous() for name, array in arrays.items()}
     header = {**meta, "schema_version": SCHEMA_VERSION}
     header[SEAL] = arrays_seal({name: array.numpy() for name, array in whole.items()}, header)
-    write_with(path, lambda partial: save_file(whole, partial, metadata=header))
+    write_tensors(path, whole, header)
 
 
 def _first(rolled: Rollout, steps: int) -> PhaseState:
