@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -70,9 +71,32 @@ class Console:
             if name not in self.bars:
                 self.bars[name] = self.progress.add_task(name, total=steps)
             self.progress.update(self.bars[name], completed=step, visible=step < steps)
-        elif not self.quiet and time.monotonic() - self.last_line > LINE_SECONDS:
-            self.last_line = time.monotonic()
-            self._line(f"{name}: {step} of {steps} ({step / max(steps, 1):.0%})")
+        else:
+            self._seldom(f"{name}: {step} of {steps} ({step / max(steps, 1):.0%})")
+
+    @contextmanager
+    def busy(self, what: str) -> Iterator[None]:
+        """Say now and then that ``what`` goes on, where nothing says how far it is."""
+        if self.live:
+            task = self.progress.add_task(what, total=None)
+            try:
+                yield
+            finally:
+                self.progress.remove_task(task)
+            return
+        over = threading.Event()
+
+        def tell() -> None:
+            while not over.wait(LINE_SECONDS):
+                self._seldom(f"{what} goes on")
+
+        thread = threading.Thread(target=tell, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def done(self, _index: int) -> None:
         """Count one finished unit."""
@@ -113,7 +137,13 @@ class Console:
         """The last word, on standard output."""
         print(text)
 
+    def _seldom(self, text: str) -> None:
+        """A line, where the last one is old and none is unwanted."""
+        if not self.quiet and time.monotonic() - self.last_line >= LINE_SECONDS:
+            self._line(text)
+
     def _line(self, text: str) -> None:
+        self.last_line = time.monotonic()
         seconds = time.monotonic() - self.began
         print(f"[{self.name} {seconds:6.0f} s] {text}", file=sys.stderr, flush=True)
 

@@ -130,48 +130,59 @@ def diagnose(config: DiagnoseConfig) -> None:
 
 def _diagnose(config: DiagnoseConfig, given: dict[str, str], drawer: Drawer) -> None:
     from vidphys.cli.drawing import drawing_of
-    from vidphys.diagnose.telling.answers import answer
     from vidphys.runs.folder import RunFolder
     from viz.told import write_told
 
     points = [] if config.trade is None else _measured(config.trade)
-    loaded, frames = _load(config, given)
     about = {**_about(config), "trade": sorted(point.key for point in points)}
-    threads = 0 if frames is None else None  # of torch, which takes a second to load
-    with (
-        RunFolder.at_work(config.out, about, config.overwrite, threads) as run,
-        Console(config.quiet, 2, "diagnose") as console,
-    ):
-        try:
-            angles = loaded.angles or config.angles
-            found = answer(
-                loaded.motion,
-                angles,
-                config.hold_out,
-                points,
-                frames is not None,
-                replace(loaded.units, gravity=config.gravity),
-                loaded.used,
-                lambda step, steps, _: console.stage(("formula", step, steps)),
-            )
-        except ValueError as error:
-            run.abandon()
-            raise InputError(f"{config.input}: {error}") from error
+    with Console(config.quiet, 3, "diagnose") as console:
+        with console.busy(f"looking at {config.input.name}"):
+            loaded, frames = _load(config, given)
         console.done(0)
-        _clear(run)
-        drawn = drawer.begin(lambda: drawing_of(run.path, config.input.name, found, frames))
-        _keep(run, config, loaded, found)
-        with console.drawing("the diagnosis"):
-            _film(drawn(), config, found, frames)
-        with console.drawing("the report"):
-            write_told(run.path)
-        console.done(1)
+        threads = 0 if frames is None else None  # of torch, which takes a second to load
+        with RunFolder.at_work(config.out, about, config.overwrite, threads) as run:
+            try:
+                with console.busy("the search for the law"):
+                    found = _answer(config, loaded, frames, points, console)
+            except ValueError as error:
+                run.abandon()
+                raise InputError(f"{config.input}: {error}") from error
+            console.done(1)
+            _clear(run)
+            drawn = drawer.begin(lambda: drawing_of(run.path, config.input.name, found, frames))
+            _keep(run, config, loaded, found)
+            with console.drawing("the diagnosis"):
+                _film(drawn(), config, found, frames)
+            with console.drawing("the report"):
+                write_told(run.path)
+        console.done(2)
         for line in (*loaded.notes, *found.lines):
             console.result(line)
         summary, *others = (name for name in WRITTEN if (run.path / name).exists())
         console.result(f"written: {run.path / summary}, {', '.join(others)}")
         if config.video is not None:
             console.result(f"film: {config.video}")
+
+
+def _answer(
+    config: DiagnoseConfig,
+    loaded: Loaded,
+    frames: Frames | None,
+    points: list[Point],
+    console: Console,
+) -> Answered:
+    from vidphys.diagnose.telling.answers import answer
+
+    return answer(
+        loaded.motion,
+        loaded.angles or config.angles,
+        config.hold_out,
+        points,
+        frames is not None,
+        replace(loaded.units, gravity=config.gravity),
+        loaded.used,
+        lambda step, steps, _: console.stage(("formula", step, steps)),
+    )
 
 
 def _look(config: DiagnoseConfig) -> None:

@@ -295,7 +295,8 @@ def _train(
     selection = settings.selection
     try:
         store = FeatureStore(config.store)
-        clips = see(dataset, encoders, store, selection, binder, stage)
+        with console.busy("looking at the clips"):
+            clips = see(dataset, encoders, store, selection, binder, stage)
         _tell(run, console, dataset, clips)
         console.done(0)
         perceived = perceive(clips, dataset, encoders, store, settings, checkpoints, stage)
