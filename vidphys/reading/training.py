@@ -148,19 +148,21 @@ def perceive(
     tracks = tuple(
         reader.tracks(clip.features[layer], clip.labels.times)
         if asked is None
-        else _closely(reader, clip, store, settings.selection)
+        else _closely(reader, clip, store, settings.selection, stage)
         for clip, asked in zip(clips, splits[layer].asked, strict=True)
     )
     return Perceived(clips, splits, tuple(readouts), chosen, reader, tracks)
 
 
 def _closely(
-    reader: Reader, clip: SeenClip, store: FeatureStore, selection: ClipSelection
+    reader: Reader, clip: SeenClip, store: FeatureStore, selection: ClipSelection, stage: Stage
 ) -> Tracks:
     video, network = open_video(clip.file.path, selection), reader.encoder.network
 
     def see(axes: Axes) -> FeatureMap:
-        return extract(video, network, store, axes=axes).features
+        flipped = "".join("xy"[-1 - axis] for axis in axes)
+        name = f"{clip.file.path.name}: features" + (flipped and f", mirrored in {flipped}")
+        return extract(video, network, store, progress=stage(name), axes=axes).features
 
     return reader.closely(see, clip.labels.times)
 
