@@ -105,6 +105,7 @@ def run_units(
         compile_ahead()
         console.stage(("compiling", 1, 1))
     failed, lost = 0, set()
+    wanting: dict[str, dict[str, None]] = {}  # rungs by what they miss
     tasks = [(run.path, unit, sizes, config.device) for unit in units]
     for index, error in engine(run_unit, tasks, console.stage, console.done):
         unit, absent = units[index], isinstance(error, WeightsMissing)
@@ -114,7 +115,12 @@ def run_units(
             if not run.is_done(part):
                 lost.add(f"{unit.table}/{cell}")
                 run.skip(f"{unit.table}/{cell}", f"{word}: {error}")
-                console.warn(f"{part} {word}: {error}")
+                if absent:
+                    wanting.setdefault(str(error), {})[cell.partition("/")[0]] = None
+                else:
+                    console.warn(f"{part} {word}: {error}")
+    for why, rungs in wanting.items():
+        console.warn(f"{', '.join(rungs)} {SKIPPED}: {why}")
     run.unskip({f"{unit.table}/{cell}" for unit in units for cell in unit.cells} - lost)
     return failed
 
