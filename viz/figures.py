@@ -40,6 +40,7 @@ _TEXT: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "svg.hashsalt": "vidphys",
+    "svg.fonttype": "none",
 }
 
 
@@ -118,7 +119,7 @@ def drift_figure(records: Records) -> Figure:
 
 
 def save_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as vectors, text drawn as outlines so that it looks the same everywhere."""
+    """Write a figure as vectors, text as text, so that it is read aloud, found and small."""
     import matplotlib
 
     with whole(path) as part, matplotlib.rc_context(_TEXT):
@@ -174,7 +175,7 @@ def _dots(axes: Axes, records: Records, levels: Mapping[Line, float], metric: st
                 xy=(1.01, level),
                 xycoords=("axes fraction", "data"),
                 fontsize=8.5,
-                color=colour,
+                color=INK,
                 va="center",
                 annotation_clip=False,
             )

@@ -10,7 +10,8 @@ from viz.cells import number
 from viz.sentences import law
 from viz.summary import SKILL_BAR, TWIN, Line, Records
 
-WIDTH, LEFT, RIGHT = 600, 158, 22  # of the drawing, and of its margins; CSS pixels
+WIDTH, LEFT, RIGHT = 600, 158, 22  # of the drawing, and of its least margins; CSS pixels
+LETTER = 8.3  # of a name, as wide as a phone shows it
 TOP, BOTTOM = 26, 34
 HIGHEST, LOWEST = 22, 11  # of a row
 ROOM = 330  # that rows take together, where they can
@@ -32,11 +33,12 @@ def headline(records: Records, references: Mapping[str, float]) -> dict[str, Any
         return None
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))
     high = max(high, low + 1)
-    width, step = WIDTH - LEFT - RIGHT, max(1, -(-(high - low) // 6))
+    left = max(LEFT, round(LETTER * max(len(row["name"]) for row in found)) + 16)
+    width, step = WIDTH - left - RIGHT, max(1, -(-(high - low) // 6))
 
     def place(value: float) -> float:
         power = math.log10(value) if value > 0 else low
-        return round(LEFT + width * (min(max(power, low), high) - low) / (high - low), 1)
+        return round(left + width * (min(max(power, low), high) - low) / (high - low), 1)
 
     height = max(LOWEST, min(HIGHEST, ROOM // len(found)))
     rows = []
@@ -48,7 +50,7 @@ def headline(records: Records, references: Mapping[str, float]) -> dict[str, Any
         "rows": rows,
         "height": height,
         "width": WIDTH,
-        "left": LEFT,
+        "left": left,
         "right": WIDTH - RIGHT,
         "top": TOP,
         "foot": TOP + height * len(rows),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from viz import kept
 from viz.cells import number
 from viz.paths import without_folders
 from viz.whole import whole
+
+COLOURS = 256  # of an inline picture
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,9 @@ def read_verdicts(run: Path) -> tuple[Any, Any]:
 def inline_svg(svg: str, label: str, caption: str = "") -> Drawn:
     """A figure as vectors inside the page."""
     drawing = svg[svg.index("<svg") :]
-    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.DOTALL)
+    drawing = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", drawing, flags=re.DOTALL)
+    drawing = re.sub(r">\s+<", "><", drawing)
+    drawing = re.sub(r'\b(?:d|x|y)="[^"]*"', lambda found: _short(found[0]), drawing)
     drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # implied within HTML
     drawing = re.sub(r'(<svg[^>]*?)\sheight="[^"]*"', r"\1", drawing, count=1)
     drawing = re.sub(r'(<svg[^>]*?)\swidth="[^"]*"', r"\1", drawing, count=1)
@@ -103,8 +108,17 @@ def inline_svg(svg: str, label: str, caption: str = "") -> Drawn:
     return Drawn(Markup(drawing.replace("<svg", named, 1)), caption)
 
 
+def _short(places: str) -> str:
+    """Hundredths of a point are enough on any screen."""
+    return " ".join(re.sub(r"(\.\d\d)\d+", r"\1", places).split())
+
+
 def inline_png(png: bytes, label: str, caption: str = "") -> Drawn:
-    """A picture inside the page."""
-    data = base64.b64encode(png).decode("ascii")
+    """A picture inside the page, of as many colours as are told apart in one."""
+    from PIL import Image
+
+    small = io.BytesIO()
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS).save(small, "PNG", optimize=True)
+    data = base64.b64encode(small.getvalue()).decode("ascii")
     image = Markup('<img alt="{}" src="data:image/png;base64,{}">').format(label, data)
     return Drawn(image, caption)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import errno
+import io
 import json
 import math
 import os
@@ -24,6 +26,7 @@ import pytest
 import tyro
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from vidphys.cli.recordings import told_law
 from vidphys.cli.view import ViewConfig, view
@@ -1172,3 +1175,30 @@ def test_importing_costs_no_viewer_and_no_drawing():
 )
 def test_numbers_are_short_and_true(value, text):
     assert number(value) == text
+
+
+def test_what_a_page_holds_of_a_figure_is_short_and_the_same_to_the_eye():
+    from viz.page import inline_png, inline_svg
+
+    path = '<path id="x1.234" d="M 1.23456 2 \nL 3.5 4.999"/>'
+    svg = f'<svg width="9"><!-- a -->\n <g>\n  {path}\n </g></svg>'
+    assert str(inline_svg(svg, "a").content) == (
+        '<svg role="img" aria-label="a"><g><path id="x1.234" d="M 1.23 2 L 3.5 4.99"/></g></svg>'
+    )
+    shades = np.linspace(0, 255, 300 * 400).reshape(300, 400, 1).astype(np.uint8).repeat(3, 2)
+    png = io.BytesIO()
+    Image.fromarray(shades).save(png, "PNG")
+    drawn = str(inline_png(png.getvalue(), "a").content)
+    found = Image.open(io.BytesIO(base64.b64decode(drawn.split("base64,")[1].split('"')[0])))
+    assert np.abs(np.asarray(found.convert("RGB")).astype(int) - shades).max() <= 4
+
+
+def test_a_long_name_has_room_left_of_the_headline(tmp_path):
+    run, name = make_run(tmp_path / "run", 1), "anonymous-tracker-twostage"
+    rows = pq.read_table(run / "records.parquet").to_pylist()
+    for row in rows:
+        row["grounding"] = row["grounding"].replace("oracle", name)
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), run / "records.parquet")
+    page = write_report(run).read_text()
+    (x,) = re.findall(rf'class="name" x="([\d.]+)" y="[\d.]+">{name}<', page)
+    assert float(x) >= 8 * len(name)  # pixels a letter, on a phone

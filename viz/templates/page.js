@@ -32,6 +32,12 @@ for (const table of document.querySelectorAll("table.sorted:not(.long)")) {
   }));
 }
 
+// A number tells more of its digits to a pointer.
+addEventListener("pointerover", (event) => {
+  const cell = event.target.closest?.("td[data-value]");
+  if (cell) cell.title = String(Number(Number(cell.dataset.value).toPrecision(6)));
+});
+
 // Rows that hold every word that was typed.
 const filter = document.getElementById("filter");
 if (filter) filter.addEventListener("input", () => {
