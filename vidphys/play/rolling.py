@@ -47,12 +47,21 @@ class Piece:
 
 
 class How(NamedTuple):
-    """By which steps: how many, of which length, every which is stored, whether in one go."""
+    """By which steps.
+
+    Args:
+        steps: how many.
+        dt: seconds of each.
+        every: which is stored.
+        once: all in one go, for they take no time.
+        substeps: see :func:`dynamics.rollout`; without, what a step does not resolve is said.
+    """
 
     steps: int
     dt: float
     every: int
     once: bool
+    substeps: bool
 
 
 @dataclass
@@ -114,7 +123,8 @@ def begun(stage: Stage, asked: Asked) -> tuple[PhaseState, Law, How]:
     dt = stage.dt if asked.dt is None else asked.dt / stage.view.seconds
     start, law = stage.started(asked), stage.law(head, asked)
     every = max(1, asked.steps // STORED)
-    how = How(asked.steps // every * every, dt, every, isinstance(law.head, CompiledHead))
+    fused = isinstance(law.head, CompiledHead)  # taken apart, its steps take seconds
+    how = How(asked.steps // every * every, dt, every, fused, not fused)
     return _as_fast(start, stage.params, law.params), law, how
 
 
@@ -129,10 +139,10 @@ def of_model(
     stage: Stage, law: Law, start: PhaseState, how: How, asked: Asked, kept: Kept
 ) -> Iterator[Piece]:
     """The model's way, in pieces."""
-    steps, dt, every, once = how
+    steps, dt, every, once, substeps = how
 
     def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
-        return rollout(law.head, state, params, count, dt, every, seed=0)
+        return rollout(law.head, state, params, count, dt, every, seed=0, substeps=substeps)
 
     began, told = time.perf_counter(), set()
     for first, found in in_pieces(roll, start, law.params, steps, every, once):
@@ -215,7 +225,7 @@ def _twin(
 
 def _held(stage: Stage, head: Head, how: How) -> Iterator[Piece]:
     """What the model says of the law that held, from where it was, to see a change beside."""
-    steps, dt, every, once = how
+    steps, dt, every, once, _ = how
 
     def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
         return rollout(head, state, params, count, dt, every, seed=0)

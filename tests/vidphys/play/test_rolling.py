@@ -7,9 +7,10 @@ import torch
 from torch import Generator
 
 from dynamics import HEADS, INTEGRATORS, build, rollout
+from dynamics.substeps import watched
 from vidphys.errors import InputError
 from vidphys.play import Asked, Stage, answers, source_of, stage, survey, surveys
-from vidphys.play.rolling import in_pieces
+from vidphys.play.rolling import Kept, begun, in_pieces, of_model
 from vidphys.play.stage import quick
 from vidphys.scenes import gravity
 
@@ -51,6 +52,17 @@ def test_the_model_is_rolled_as_python_does_under_the_law_that_is_asked():
     held, _ = whole(stage, asked(), "model")
     assert not torch.allclose(found, held, atol=1e-4)
     assert about["bad"] == [-1] * 10 and about["steps"] == STEPS
+
+
+def test_a_law_that_the_step_may_not_resolve_is_rolled_at_once_and_said():
+    torch.manual_seed(0)
+    compiled, _ = quick(build(HEADS["factored"], bodies=3, dt=0.002))
+    stage = a_stage(quick=compiled)
+    question = asked(factors={"mass1": 5.0, "mass2": 5.0}, coupling=50.0, dt=0.5)
+    start, law, how = begun(stage, question)
+    assert watched(law.head, start, law.params, how.dt)  # which rollout would take in pieces
+    (piece,) = of_model(stage, law, start, how, question, Kept())
+    assert piece.about["backend"] == "numba" and piece.about["said"]
 
 
 def test_the_compiled_form_gives_the_same_to_its_tolerance():
