@@ -27,6 +27,7 @@ from vidphys.reading.seen import BEYOND
 STORED = 200  # states that are kept of a rollout, about
 WAIT = 0.008  # seconds that a piece of a rollout should take: for so long a new change waits
 MOST_PIECES = 40  # of a rollout, whose checks each piece repeats
+SLOW = 0.05  # seconds of a piece, beside which its checks are nothing
 FEW = 8  # episodes of the twin; fewer do not roll in fused loops
 Roll = Callable[[PhaseState, Parameters, int], Rollout]
 
@@ -265,7 +266,8 @@ def in_pieces(
         alive = torch.isfinite(state.flat).all(-1).nonzero().squeeze(-1)
         left -= size
         spent = max(time.perf_counter() - began, 1e-6)
-        size = max(least, round(min(4.0, WAIT / spent) * size / every) * every)
+        floor = every if spent * least > SLOW * size else least
+        size = max(floor, round(min(4.0, WAIT / spent) * size / every) * every)
 
 
 def _spread(x: Tensor, alive: Tensor, everyone: int) -> Tensor:

@@ -9,7 +9,7 @@ from torch import Generator
 from dynamics import HEADS, INTEGRATORS, build, rollout
 from dynamics.substeps import watched
 from vidphys.errors import InputError
-from vidphys.play import Asked, Stage, answers, source_of, stage, survey, surveys
+from vidphys.play import Asked, Stage, answers, rolling, source_of, stage, survey, surveys
 from vidphys.play.rolling import Kept, begun, in_pieces, of_model
 from vidphys.play.stage import quick
 from vidphys.scenes import gravity
@@ -169,6 +169,23 @@ def test_what_is_not_finite_stays_behind_and_the_others_go_on():
     plain = rollout(stage.head, stage.start, stage.params, STEPS, stage.dt).states.q
     assert torch.allclose(found[others], plain[others], atol=1e-6)
     assert torch.isnan(pieces[1].states.q[4]).all()
+
+
+@pytest.mark.parametrize(("seconds_a_step", "shortest"), [(1e-4, 5), (1e-2, 1)])
+def test_a_piece_is_short_where_steps_are_slow_and_long_enough_for_its_checks_where_they_are_not(
+    monkeypatch, seconds_a_step, shortest
+):
+    """A change waits for a piece; a piece of 200 steps repeats the checks of all of them."""
+    stage, clock = a_stage(), [0.0]
+
+    def roll(state, params, count):
+        clock[0] += seconds_a_step * count
+        return rollout(stage.head, state, params, count, stage.dt)
+
+    monkeypatch.setattr(rolling.time, "perf_counter", lambda: clock[0])
+    found = in_pieces(roll, stage.start, stage.params, 200, 1)
+    sizes = [found.states.q.shape[1] - (first == 0) for first, found in found]
+    assert sum(sizes) == 200 and min(sizes[:-1]) == shortest
 
 
 def test_states_far_from_training_are_marked():
