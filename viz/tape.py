@@ -189,11 +189,21 @@ class Tape:
         self.stream.send_columns("phase", self._when(np.array(list(marks))), columns)
 
     def save(self, path: Path, layout: rrb.Blueprint) -> None:
-        """Write everything and the layout to ``path``, in one move."""
+        """Write everything and the layout to ``path``, in one move.
+
+        Not by rerun's own writer, which waits for ever where the disk is full.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        import rerun as rr
+
+        written = rr.binary_stream(self.stream)
+        self.stream.send_blueprint(layout)
+        data = written.read()
+        self.stream.disconnect()
         with whole(path) as part:
-            self.stream.save(part, default_blueprint=layout)
-            self.stream.flush()
-            self.stream.disconnect()
+            part.write_bytes(data or b"")
 
     def _at(self, time: float) -> None:
         """What is logged next is of this instant, seconds."""

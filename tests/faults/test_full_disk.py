@@ -61,3 +61,28 @@ def test_f4_a_clip_that_the_codec_could_not_write_whole_gets_no_name(tmp_path, m
         write_video(tmp_path / "a.partial", frames, 10.0)
     assert raised.value.errno == errno.ENOSPC
     assert list(tmp_path.iterdir()) == []
+
+
+RECORD = """
+import resource, sys
+from pathlib import Path
+
+import numpy as np
+from viz.rolled import Rolled, write_rolled_recording
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))  # as a disk that is full after a page
+times = np.arange(50) * 0.1
+try:
+    rolled = Rolled({"model": (times, np.zeros((50, 1, 2)))})
+    write_rolled_recording(rolled, {"cell": "a"}, Path(sys.argv[1]))
+except OSError as error:
+    print(error.errno)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size")
+def test_f4_a_recording_for_which_there_is_no_room_is_refused_and_waits_for_nothing(tmp_path):
+    asked = [sys.executable, "-c", RECORD, tmp_path / "a.rrd"]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True, timeout=100)
+    assert int(done.stdout) == errno.EFBIG
+    assert list(tmp_path.iterdir()) == []
