@@ -134,28 +134,31 @@ def _diagnose(config: DiagnoseConfig, given: dict[str, str], drawer: Drawer) -> 
     from viz.told import write_told
 
     points = [] if config.trade is None else _measured(config.trade)
+    # one unit, so that what cannot be read is told in a line with none before it
+    looking = Console(config.quiet, 1, "diagnose")
+    with looking, looking.busy(f"looking at {config.input.name}"):
+        loaded, frames = _load(config, given)
     about = {**_about(config), "trade": sorted(point.key for point in points)}
-    with Console(config.quiet, 3, "diagnose") as console:
-        with console.busy(f"looking at {config.input.name}"):
-            loaded, frames = _load(config, given)
+    threads = 0 if frames is None else None  # of torch, which takes a second to load
+    with (
+        RunFolder.at_work(config.out, about, config.overwrite, threads) as run,
+        Console(config.quiet, 2, "diagnose") as console,
+    ):
+        try:
+            with console.busy("the search for the law"):
+                found = _answer(config, loaded, frames, points, console)
+        except ValueError as error:
+            run.abandon()
+            raise InputError(f"{config.input}: {error}") from error
         console.done(0)
-        threads = 0 if frames is None else None  # of torch, which takes a second to load
-        with RunFolder.at_work(config.out, about, config.overwrite, threads) as run:
-            try:
-                with console.busy("the search for the law"):
-                    found = _answer(config, loaded, frames, points, console)
-            except ValueError as error:
-                run.abandon()
-                raise InputError(f"{config.input}: {error}") from error
-            console.done(1)
-            _clear(run)
-            drawn = drawer.begin(lambda: drawing_of(run.path, config.input.name, found, frames))
-            _keep(run, config, loaded, found)
-            with console.drawing("the diagnosis"):
-                _film(drawn(), config, found, frames)
-            with console.drawing("the report"):
-                write_told(run.path)
-        console.done(2)
+        _clear(run)
+        drawn = drawer.begin(lambda: drawing_of(run.path, config.input.name, found, frames))
+        _keep(run, config, loaded, found)
+        with console.drawing("the diagnosis"):
+            _film(drawn(), config, found, frames)
+        with console.drawing("the report"):
+            write_told(run.path)
+        console.done(1)
         for line in (*loaded.notes, *found.lines):
             console.result(line)
         summary, *others = (name for name in WRITTEN if (run.path / name).exists())
