@@ -29,7 +29,8 @@ class FeatureScale(nn.Module):
 
     def fit(self, values: Float[Tensor, "f c h w"]) -> None:
         """Take the statistics of ``values``, over frames and cells."""
-        # in float64: stored features may be half precision; room for all at once, see `joined`
+        # in float64: stored features may be half precision; one tensor for all: small ones,
+        # kept between large ones that are not, would hold the memory of these
         moments = values.new_empty((2, len(values), values.shape[1]), dtype=torch.float64)
         for frame, value in enumerate(values):
             wide = value.double()

@@ -13,7 +13,7 @@ such clip lies beyond it as seldom as is said (conformal prediction; Vovk, Gamme
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -25,6 +25,7 @@ from readouts.attention import distance_at
 from vidphys.data.splits import Split
 from vidphys.reading.clip_dynamics import FACTORED, Dynamics, Followed
 from vidphys.reading.memory import FeatureMemory
+from vidphys.reading.seen_clips import few
 from vidphys.shooting.foretold import missed
 
 FEATURES, DOUBT, PHYSICS = "features", "doubt", "physics"
@@ -33,7 +34,6 @@ SAID = {
     DOUBT: "the readout expects errors {} times as large",
     PHYSICS: "the law is {} times as far from the frames that it foretells",
 }
-AT_ONCE = 64  # feature frames
 RATE = 0.05  # of stretches that may lie beyond a limit
 AHEAD, CONTEXT, LEAST = 4, 7, 3  # samples of a stretch; before it at most, and at least
 Scores = dict[str, Tensor]
@@ -130,19 +130,13 @@ def familiar_of(
         dynamics: of the training.
     """
     known = zip(maps, split.train, strict=True)
-    memory = FeatureMemory.of(few for values, frames in known for few in _few(values, frames))
+    memory = FeatureMemory.of(values[some] for values, frames in known for some in few(frames))
     found = []
     for values, scored, clip in zip(maps, split.scored, followed, strict=True):
         if len(scored):
-            strange = torch.cat([memory.distance(few) for few in _few(values, scored)])
+            strange = torch.cat([memory.distance(values[some]) for some in few(scored)])
             found.append(stretches(strange, clip, dynamics, int(scored[0]) * split.each))
     return Familiar(memory, limits_of(found))
-
-
-def _few(values: Tensor, frames: Tensor) -> Iterator[Tensor]:
-    """Some frames of a map, a few at a time: of a long clip all would not fit into memory."""
-    for some in frames.split(AT_ONCE) if len(frames) else ():
-        yield values[some]
 
 
 def limits_of(found: Sequence[Scores]) -> dict[str, Limit]:

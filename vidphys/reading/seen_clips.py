@@ -223,5 +223,10 @@ def pieces(
     for clip, wanted in zip(clips, frames, strict=True):
         values = clip.features[layer].values[0]
         targets, weight = frame_targets(clip.labels, len(values), each)
-        for some in wanted.split(AT_ONCE) if len(wanted) else ():
+        for some in few(wanted):
             yield LabelledFrames(values[some], centres, targets[some], weight[some])
+
+
+def few(frames: Tensor) -> Iterator[Tensor]:
+    """Numbers of frames, some at a time: the features of all of a long clip would not fit."""
+    return iter(frames.split(AT_ONCE) if len(frames) else ())

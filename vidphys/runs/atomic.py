@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +33,7 @@ def write_json(path: Path, data: dict[str, Any]) -> None:
 
 
 def write_tensors(
-    path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, str] | None = None
+    path: Path, tensors: dict[str, Tensor], about: dict[str, str] | None = None
 ) -> None:
     """Write ``tensors`` as safetensors, with ``about`` as what is said of them.
 
@@ -41,7 +41,7 @@ def write_tensors(
     """
     from safetensors.torch import save
 
-    content = save(dict(tensors), None if about is None else dict(about))
+    content = save(tensors, about)
     write_with(path, lambda partial: partial.write_bytes(content))
 
 
