@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from vidphys.runs.folder import RunFolder
 OLD = {"preset": "quick", "cells": ["a/b"], "seeds": [0]}
 MORE = {**OLD, "cells": ["c/d"]}
 OTHER = {**OLD, "preset": "paper"}
+NOBODY = 10**9  # no process has so high a number
 
 
 class Kill(BaseException):
@@ -72,7 +74,9 @@ def test_a_lock_that_is_not_a_plain_file_is_neither_followed_nor_emptied(tmp_pat
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("left", [[".lock"], [".run.json.4711.partial"], [".lock", ".a.1.partial"]])
+@pytest.mark.parametrize(
+    "left", [[".lock"], [f".run.json.{NOBODY}.partial"], [".lock", f".a.{NOBODY}.partial"]]
+)
 def test_f1_what_a_kill_in_the_first_write_leaves_does_not_lock_the_folder_out(tmp_path, left):
     folder = tmp_path / "r"
     folder.mkdir()
@@ -84,19 +88,36 @@ def test_f1_what_a_kill_in_the_first_write_leaves_does_not_lock_the_folder_out(t
 
 def test_f1_the_holder_sweeps_what_was_half_written_and_nothing_of_anybody_else(tmp_path):
     worked(tmp_path / "r")
-    stale = tmp_path / "r" / "checkpoints" / "a" / ".head-1.safetensors.99.partial"
+    stale = tmp_path / "r" / "checkpoints" / "a" / f".head-1.safetensors.{NOBODY}.partial"
     (tmp_path / "r" / "mine").mkdir()
-    mine = tmp_path / "r" / "mine" / ".x.1.partial"
+    mine = tmp_path / "r" / "mine" / f".x.{NOBODY}.partial"
     outside = tmp_path / "outside"
     outside.mkdir()
-    (outside / ".x.1.partial").write_text("x")
+    (outside / f".x.{NOBODY}.partial").write_text("x")
     (tmp_path / "r" / "clips").symlink_to(outside)
     for path in (stale, mine):
         path.write_text("half")
     RunFolder.open(tmp_path / "r", OLD)
     assert not stale.exists()
     assert mine.exists()
-    assert (outside / ".x.1.partial").exists()
+    assert (outside / f".x.{NOBODY}.partial").exists()
+
+
+def test_the_holder_leaves_what_another_process_writes_beside_it(tmp_path):
+    worked(tmp_path / "r")
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    lively = os.getppid()
+    names = (".a.{}.partial", ".b.{}.partial.rrd", ".\n.{}.partial")
+    kept = [tmp_path / "r" / name.format(lively) for name in names]
+    gone = [tmp_path / "r" / names[1].format(pid) for pid in (os.getpid(), ended.pid, 10**30)]
+    stale = tmp_path / "r" / f".old.{lively}.partial"
+    for path in (*kept, *gone, stale):
+        path.write_text("half")
+    os.utime(stale, (0, 0))
+    RunFolder.open(tmp_path / "r", OLD)
+    assert all(path.exists() for path in kept)
+    assert not any(path.exists() for path in (*gone, stale))
 
 
 def test_a_run_that_is_given_up_is_deleted_last_and_comes_back_where_nothing_began(tmp_path):

@@ -11,12 +11,15 @@ import re
 import shutil
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 MANIFEST = "run.json"
 ASIDE = re.compile(r"\.given-up-\d+")
 FORGOTTEN = re.compile(r"\.forgotten-\d+")
-PARTIAL = re.compile(r"\..+\.\d+\.partial(\.\w+)?", re.DOTALL)  # a video ends in its container
+# With the process that writes it; a video ends in its container.
+PARTIAL = re.compile(r"\..+\.(?P<writer>\d+)\.partial(\.\w+)?", re.DOTALL)
+STALE_SECONDS = 3600.0  # without a change, after which a file is nobody's
 
 
 def move_aside(folder: Path, names: Iterable[str]) -> None:
@@ -76,5 +79,22 @@ def _move(paths: list[Path], into: Path) -> None:
 
 def _unlink_partial(paths: Iterable[Path]) -> None:
     for path in paths:
-        if PARTIAL.fullmatch(path.name) and (path.is_file() or path.is_symlink()):
+        named = PARTIAL.fullmatch(path.name)
+        if named and (path.is_file() or path.is_symlink()) and not _is_written(path, named):
             path.unlink(missing_ok=True)
+
+
+def _is_written(path: Path, named: re.Match[str]) -> bool:
+    """Whether another process may be writing it: a recording is saved without the run's lock."""
+    writer = int(named["writer"])
+    if writer == os.getpid():  # it has written nothing yet, so another had its number
+        return False
+    try:
+        os.kill(writer, 0)  # sends nothing
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # another user's
+        pass
+    with suppress(FileNotFoundError):  # it has been finished meanwhile
+        return time.time() - path.lstat().st_mtime < STALE_SECONDS
+    return False
