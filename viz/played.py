@@ -29,7 +29,7 @@ POLICY = (
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 Part = tuple[dict[str, Any], np.ndarray | bytes | None]
-Answering = Callable[[bytes], Iterator[Part]]
+Answering = Callable[[bytes], Iterator[Part | None]]  # nothing where a part takes long
 
 
 @dataclass
@@ -74,8 +74,9 @@ class Desk:
 
     def _answer(self, question: Question, answering: Answering) -> None:
         try:
-            for about, numbers in answering(question.body):
-                question.reply.put(packed(about, numbers))
+            for part in answering(question.body):
+                if part is not None:
+                    question.reply.put(packed(*part))
                 if question.gone.is_set() or not self._waiting.empty():
                     return  # somebody has changed it again
         except (ValueError, RuntimeError) as error:

@@ -112,12 +112,15 @@ class Player:
         """What there is to move on a stage; the body is its name."""
         yield self._stage(body.decode(errors="replace")).told(), None
 
-    def rolled(self, body: bytes) -> Iterator[Part]:
+    def rolled(self, body: bytes) -> Iterator[Part | None]:
         """A change, rolled."""
         from vidphys.play import Asked, answers
 
         asked = Asked.read(body)
         for piece in answers(self._stage(asked.cell), asked):
+            if piece is None:
+                yield None
+                continue
             places = piece.places
             shape = None if places is None else list(places.shape)
             numbers = None if places is None else places.float().numpy()

@@ -30,7 +30,7 @@ def write_played(stage: Stage, asked: Asked, path: Path) -> None:
     from vidphys.play import answers
     from viz.rolled import Rolled, write_rolled_recording
 
-    pieces = [piece for piece in answers(stage, asked) if piece.about["role"] != "table"]
+    pieces = [piece for piece in answers(stage, asked) if piece and piece.about["role"] != "table"]
     rolled, status = Rolled(), "ok"
     for role in dict.fromkeys(piece.about["role"] for piece in pieces):
         ours = [p for p in pieces if p.about["role"] == role and p.places is not None]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -16,20 +14,16 @@ from torch import Tensor
 from dynamics import DynamicsWarning, Head, Parameters, PhaseState, Rollout, rollout
 from dynamics.compiled import CompiledHead
 from dynamics.domain import EXTENTS, FAR, extents
-from dynamics.rolling import first_bad_step
 from vidphys.errors import InputError
 from vidphys.play.asked import Asked
+from vidphys.play.pieces import in_pieces
 from vidphys.play.rows import numbers, table
 from vidphys.play.stage import Stage
 from vidphys.reading.laws import Law
 from vidphys.reading.seen import BEYOND
 
 STORED = 200  # states that are kept of a rollout, about
-WAIT = 0.008  # seconds that a piece of a rollout should take: for so long a new change waits
-MOST_PIECES = 40  # of a rollout, whose checks each piece repeats
-SLOW = 0.05  # seconds of a piece, beside which its checks are nothing
 FEW = 8  # episodes of the twin; fewer do not roll in fused loops
-Roll = Callable[[PhaseState, Parameters, int], Rollout]
 
 
 @dataclass(frozen=True)
@@ -84,8 +78,10 @@ class Kept:
         return sum(s.q.shape[1] for s in self.states)
 
 
-def answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
+def answers(stage: Stage, asked: Asked) -> Iterator[Piece | None]:
     """All that is to be shown of a change: the episodes beside the one that is looked at.
+
+    Where the next piece takes long, ``None`` comes before it, to stop at if the change is old.
 
     Raises:
         InputError: something that this model cannot be asked.
@@ -93,10 +89,15 @@ def answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
     first, part = stage.part(asked.episode)
     there = asked.model_copy(update={"episode": asked.episode - first})
     for piece in _answers(part, there):
-        yield Piece({**piece.about, "episode": piece.about.get("episode", 0) + first}, piece.places)
+        yield piece and replace(piece, about=_counted(piece.about, first))
 
 
-def _answers(stage: Stage, asked: Asked) -> Iterator[Piece]:
+def _counted(about: dict[str, Any], first: int) -> dict[str, Any]:
+    """The same with episodes counted among all."""
+    return {**about, "episode": about.get("episode", 0) + first}
+
+
+def _answers(stage: Stage, asked: Asked) -> Iterator[Piece | None]:
     start, law, how = begun(stage, asked)
     seconds, between = how.steps * how.dt, how.every * how.dt
     model = Kept()
@@ -138,19 +139,20 @@ def _as_fast(start: PhaseState, before: Parameters, after: Parameters) -> PhaseS
 
 def of_model(
     stage: Stage, law: Law, start: PhaseState, how: How, asked: Asked, kept: Kept
-) -> Iterator[Piece]:
+) -> Iterator[Piece | None]:
     """The model's way, in pieces."""
     steps, dt, every, once, substeps = how
 
-    def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
+    def roll(state: PhaseState, params: Parameters, count: int, every: int) -> Rollout:
         return rollout(law.head, state, params, count, dt, every, seed=0, substeps=substeps)
 
-    began, told = time.perf_counter(), set()
-    for first, found in in_pieces(roll, start, law.params, steps, every, once):
+    began, told = time.perf_counter(), set[type[DynamicsWarning]]()
+
+    def shown(first: int, found: Rollout) -> Piece:
         kept.states.append(found.states)
         places = stage.view.place(found.states.q)
         new = [each for each in found.findings if each.kind not in told]
-        told |= {each.kind for each in new}
+        told.update(each.kind for each in new)
         one = found.states[asked.episode].map(lambda x: x.unsqueeze(0))
         about = {
             **_seconds(stage, "model", 0, first, every * dt),
@@ -164,12 +166,14 @@ def of_model(
             "energy": _energies(stage, law, one, asked.episode),
             "ms": round(1000 * (time.perf_counter() - began), 1),
         }
-        yield Piece(about, places)
+        return Piece(about, places)
+
+    yield from _each(in_pieces(roll, start, law.params, steps, every, once), shown)
 
 
 def of_truth(
     stage: Stage, asked: Asked, start: PhaseState, params: Parameters, how: How, kept: Kept
-) -> Iterator[Piece]:
+) -> Iterator[Piece | None]:
     """The reference by its own step, stored as near to the model's instants as that allows."""
     scene = stage.scene
     assert scene is not None
@@ -181,17 +185,20 @@ def of_truth(
     every = max(1, round(how.every * how.dt / scene.dt))
     steps = max(1, round(how.steps * how.dt / scene.dt / every)) * every
 
-    def roll(state: PhaseState, law: Parameters, count: int) -> Rollout:
+    def roll(state: PhaseState, law: Parameters, count: int, every: int) -> Rollout:
         return scene.simulate(state, law, count, every)
 
     start, params = start.map(torch.Tensor.double), params.map(torch.Tensor.double)
-    for first, found in in_pieces(roll, start, params, steps, every):
+
+    def shown(first: int, found: Rollout) -> Piece:
         kept.states.append(found.states)
         one = found.states[asked.episode].map(lambda x: x.unsqueeze(0))
         told = params[asked.episode : asked.episode + 1]
         energy = {"true": numbers(scene.energy(one, told)[0])}
         about = _seconds(stage, "truth", 0, first, every * scene.dt)
-        yield Piece({**about, "energy": energy}, stage.view.place(found.states.q))
+        return Piece({**about, "energy": energy}, stage.view.place(found.states.q))
+
+    yield from _each(in_pieces(roll, start, params, steps, every), shown)
 
 
 def _is_told(stage: Stage, name: str) -> bool:
@@ -201,7 +208,7 @@ def _is_told(stage: Stage, name: str) -> bool:
 
 def _twin(
     stage: Stage, asked: Asked, start: PhaseState, params: Parameters, seconds: float
-) -> Iterator[Piece]:
+) -> Iterator[Piece | None]:
     """Of the episode that is looked at, and of some beside it, which cost nothing."""
     assert stage.twin is not None
     head, dt = stage.twin
@@ -211,69 +218,39 @@ def _twin(
     every = max(1, steps // STORED)
     steps -= steps % every
 
-    def roll(state: PhaseState, law: Parameters, count: int) -> Rollout:
+    def roll(state: PhaseState, law: Parameters, count: int, every: int) -> Rollout:
         return rollout(head, state, law, count, dt, every)
 
+    def shown(first: int, found: Rollout) -> Piece:
+        about = _seconds(stage, "twin", begin, first, every * dt)
+        return Piece({**about, "bad": found.first_bad.tolist()}, stage.view.place(found.states.q))
+
     try:
-        for first, found in in_pieces(roll, start[some], params[some], steps, every):
-            about = _seconds(stage, "twin", begin, first, every * dt)
-            yield Piece(
-                {**about, "bad": found.first_bad.tolist()}, stage.view.place(found.states.q)
-            )
+        yield from _each(in_pieces(roll, start[some], params[some], steps, every), shown)
     except ValueError as error:
         yield Piece({"role": "twin", "said": [str(error)]})
 
 
-def _held(stage: Stage, head: Head, how: How) -> Iterator[Piece]:
+def _held(stage: Stage, head: Head, how: How) -> Iterator[Piece | None]:
     """What the model says of the law that held, from where it was, to see a change beside."""
     steps, dt, every, once, _ = how
 
-    def roll(state: PhaseState, params: Parameters, count: int) -> Rollout:
+    def roll(state: PhaseState, params: Parameters, count: int, every: int) -> Rollout:
         return rollout(head, state, params, count, dt, every, seed=0)
 
-    for first, found in in_pieces(roll, stage.start, stage.params, steps, every, once):
+    def shown(first: int, found: Rollout) -> Piece:
         about = _seconds(stage, "held", 0, first, every * dt)
-        yield Piece(about, stage.view.place(found.states.q))
+        return Piece(about, stage.view.place(found.states.q))
+
+    yield from _each(in_pieces(roll, stage.start, stage.params, steps, every, once), shown)
 
 
-def in_pieces(
-    roll: Roll,
-    start: PhaseState,
-    params: Parameters,
-    steps: int,
-    every: int,
-    once: bool = False,
-) -> Iterator[tuple[int, Rollout]]:
-    """Rollouts one after the other, each with the number of its first stored state.
-
-    Each goes on for about :data:`WAIT`, unless all are done at once. Episodes that are no longer
-    finite stay behind, as NaN.
-    """
-    everyone, first, left = len(start.q), 0, steps
-    least = -(-steps // MOST_PIECES // every) * every
-    alive, state, size = torch.arange(everyone), start, steps if once else least
-    while left and len(alive):
-        began, size = time.perf_counter(), min(size, left)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DynamicsWarning)  # they come with the result
-            found = roll(state[alive], params[alive], size)
-        new = found.states if first == 0 else found.states.map(lambda x: x[:, 1:])
-        whole = new.map(partial(_spread, alive=alive, everyone=everyone))
-        bad = first_bad_step(whole)
-        yield first, Rollout(whole, params, found.dt, bad, None, found.findings, 0, found.backend)
-        first += new.q.shape[1]
-        state = whole.map(lambda x: x[:, -1])
-        alive = torch.isfinite(state.flat).all(-1).nonzero().squeeze(-1)
-        left -= size
-        spent = max(time.perf_counter() - began, 1e-6)
-        floor = every if spent * least > SLOW * size else least
-        size = max(floor, round(min(4.0, WAIT / spent) * size / every) * every)
-
-
-def _spread(x: Tensor, alive: Tensor, everyone: int) -> Tensor:
-    if len(alive) == everyone:
-        return x
-    return x.new_full((everyone, *x.shape[1:]), torch.nan).index_copy(0, alive, x)
+def _each(
+    found: Iterator[tuple[int, Rollout] | None], shown: Callable[[int, Rollout], Piece]
+) -> Iterator[Piece | None]:
+    """What is shown of parts of a rollout, as they come."""
+    for part in found:
+        yield part and shown(*part)
 
 
 def _left(stage: Stage, head: Head, states: PhaseState, places: Tensor) -> list[int]:

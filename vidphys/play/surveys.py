@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 from vidphys.play.asked import Asked
 from vidphys.play.rolling import Kept, Piece, begun, of_model, of_truth
@@ -36,11 +37,16 @@ def survey(stage: Stage, asked: Asked) -> Iterator[Piece]:
         model, truth, count = Kept(), Kept(), part.episodes
         happened = {"left": [-1] * count, "bad": [-1] * count}
         for piece in of_model(part, law, start, how, calm, model):
-            for key, seen in happened.items():
-                new = [x + piece.about["first"] * (x >= 0) for x in piece.about[key]]
-                happened[key] = [x if x >= 0 else y for x, y in zip(seen, new, strict=True)]
+            if piece is not None:
+                happened = {key: _first(happened[key], piece.about, key) for key in happened}
             yield Piece({"role": "survey", "done": first})
         for _ in of_truth(part, calm, start, law.params, how, truth):
             yield Piece({"role": "survey", "done": first})
         rows = table(part, law.params, model.whole, truth.whole) | happened
         yield Piece({"role": "table", "episode": first, "every": how.every, "rows": rows})
+
+
+def _first(seen: list[int], about: dict[str, Any], name: str) -> list[int]:
+    """When it happened first, as it is known after another piece."""
+    new = [x + about["first"] * (x >= 0) for x in about[name]]
+    return [x if x >= 0 else y for x, y in zip(seen, new, strict=True)]

@@ -9,8 +9,9 @@ from torch import Generator
 from dynamics import HEADS, INTEGRATORS, build, rollout
 from dynamics.substeps import watched
 from vidphys.errors import InputError
-from vidphys.play import Asked, Stage, answers, rolling, source_of, stage, survey, surveys
-from vidphys.play.rolling import Kept, begun, in_pieces, of_model
+from vidphys.play import Asked, Stage, answers, source_of, stage, survey, surveys
+from vidphys.play.pieces import in_pieces
+from vidphys.play.rolling import Kept, begun, of_model
 from vidphys.play.stage import quick
 from vidphys.scenes import gravity
 
@@ -35,7 +36,9 @@ def asked(**more):
 def whole(stage, question, role):
     """All places of a role, ``(e, t, n, d)``, and what was said of its first piece."""
     pieces = [
-        p for p in answers(stage, question) if p.about["role"] == role and p.places is not None
+        p
+        for p in answers(stage, question)
+        if p and p.about["role"] == role and p.places is not None
     ]
     begun = [piece.about["first"] for piece in pieces]
     ends = torch.tensor([p.places.shape[1] for p in pieces]).cumsum(0)
@@ -105,7 +108,7 @@ def test_the_truth_and_the_twin_stand_beside_it_under_the_same_law():
 
 def test_the_table_tells_how_far_each_episode_ends_from_the_truth():
     stage = a_stage()
-    pieces = list(answers(stage, asked()))
+    pieces = [piece for piece in answers(stage, asked()) if piece]
     table = next(piece for piece in pieces if piece.about["role"] == "table").about["rows"]
     mine, truth = (whole(stage, asked(), role)[0].double() for role in ("model", "truth"))
     apart = (mine - truth).norm(dim=-1).mean(-1)
@@ -154,9 +157,9 @@ def test_the_integrator_and_the_step_are_those_that_are_asked(name):
 def test_what_is_not_finite_stays_behind_and_the_others_go_on():
     stage = a_stage()
 
-    def roll(state, params, count):
+    def roll(state, params, count, every):
         assert torch.isfinite(state.q).all()  # a rollout would refuse it
-        found = rollout(stage.head, state, params, count, stage.dt)
+        found = rollout(stage.head, state, params, count, stage.dt, every)
         if len(state.q) == 10:
             found.states.q[4, -1] = torch.nan
         return found
@@ -178,14 +181,37 @@ def test_a_piece_is_short_where_steps_are_slow_and_long_enough_for_its_checks_wh
     """A change waits for a piece; a piece of 200 steps repeats the checks of all of them."""
     stage, clock = a_stage(), [0.0]
 
-    def roll(state, params, count):
+    def roll(state, params, count, every):
         clock[0] += seconds_a_step * count
-        return rollout(stage.head, state, params, count, stage.dt)
+        return rollout(stage.head, state, params, count, stage.dt, every)
 
-    monkeypatch.setattr(rolling.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr("vidphys.play.pieces.time.perf_counter", lambda: clock[0])
     found = in_pieces(roll, stage.start, stage.params, 200, 1)
     sizes = [found.states.q.shape[1] - (first == 0) for first, found in found]
-    assert sum(sizes) == 200 and min(sizes[:-1]) == shortest
+    assert sum(sizes) == 200 and min(sizes[1:-1]) == shortest
+
+
+def test_a_change_need_not_wait_for_the_next_stored_state_where_steps_are_slow(monkeypatch):
+    stage, clock = a_stage(), [0.0]
+
+    def roll(state, params, count, every):
+        clock[0] += 0.02 * count
+        found = rollout(stage.head, state, params, count, stage.dt, every)
+        if clock[0] > 1.51 and len(state.q) == 10:
+            found.states.q[4] = torch.nan  # between two that are stored
+        return found
+
+    monkeypatch.setattr("vidphys.play.pieces.time.perf_counter", lambda: clock[0])
+    found = list(in_pieces(roll, stage.start, stage.params, 200, 25))
+    some = [part for part in found if part]
+    assert len(found) == 200 and [first for first, _ in some] == [0, *range(2, 9)]
+    assert {part.dt for _, part in some} == {25 * stage.dt}
+    q = torch.cat([part.states.q for _, part in some], 1)
+    plain = rollout(stage.head, stage.start, stage.params, 200, stage.dt, 25).states.q
+    others = [k for k in range(10) if k != 4]
+    assert torch.equal(q[others], plain[others])
+    assert torch.isfinite(q[4]).flatten(1).all(1).tolist() == [True] * 4 + [False] * 5
+    assert [part.first_bad[4].item() for _, part in some] == [-1, -1, -1] + [0] * 5
 
 
 def test_states_far_from_training_are_marked():
@@ -226,12 +252,12 @@ def test_of_many_episodes_those_beside_one_are_rolled_and_all_are_surveyed(monke
     tables = [
         p.about
         for p in survey(many, asked(episode=9, q=[[0.0, 1.0]] * 3, **law))
-        if p.about["role"] == "table"
+        if p and p.about["role"] == "table"
     ]
     assert [table["episode"] for table in tables] == [0, 3, 6, 9]
     for first in (0, 4, 8):
         pieces = answers(many, asked(episode=first, **law))
-        rows = next(p.about["rows"] for p in pieces if p.about["role"] == "table")
+        rows = next(p.about["rows"] for p in pieces if p and p.about["role"] == "table")
         for name in ("error", "end", "drift", "closest", "coupling"):
             every = [x for table in tables for x in table["rows"][name]]
             assert every[first : first + 4] == pytest.approx(rows[name], rel=1e-4, abs=1e-6)

@@ -35,7 +35,7 @@ def diagnosed(tmp_path):
 
 def rolled(stage, role, **more):
     asked = Asked(cell=stage.name, steps=400, **more)
-    pieces = [piece for piece in answers(stage, asked) if piece.about["role"] == role]
+    pieces = [piece for piece in answers(stage, asked) if piece and piece.about["role"] == role]
     left = [k for piece in pieces for k in piece.about.get("left", [])]
     return torch.cat([piece.places for piece in pieces], 1)[0, :, 0], pieces[0].about["dt"], left
 

@@ -1,0 +1,75 @@
+"""A rollout cut up, so that whoever waits for it can stop it between two pieces."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from dynamics import DynamicsWarning, Parameters, PhaseState, Rollout
+from dynamics.findings import Finding
+from dynamics.rolling import first_bad_step
+
+WAIT = 0.008  # seconds that a piece of a rollout should take: for so long a new change waits
+MOST_PIECES = 40  # of a rollout, whose checks each piece repeats
+SLOW = 0.05  # seconds of a piece, beside which its checks are nothing
+# (start, params, steps, every)
+Roll = Callable[[PhaseState, Parameters, int, int], Rollout]
+
+
+def in_pieces(
+    roll: Roll,
+    start: PhaseState,
+    params: Parameters,
+    steps: int,
+    every: int,
+    once: bool = False,
+) -> Iterator[tuple[int, Rollout] | None]:
+    """Rollouts one after the other, each with the number of its first stored state.
+
+    Each goes on for about :data:`WAIT`, unless all are done at once; where that is less than from
+    one stored state to the next, ``None`` comes in between. Episodes that are no longer finite stay
+    behind, as NaN.
+    """
+    everyone, first, left, since = len(start.q), 0, steps, 0
+    least = -(-steps // MOST_PIECES)
+    alive, state, size = torch.arange(everyone), start, steps if once else 1
+    said: tuple[Finding, ...] = ()
+    while left and len(alive):
+        began = time.perf_counter()
+        part = size < every or since > 0
+        count = min(size, every - since) if part else min(size // every * every, left)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DynamicsWarning)  # they come with the result
+            found = roll(state[alive], params[alive], count, count if part else every)
+        whole = found.states.map(partial(_spread, alive=alive, everyone=everyone))
+        state, said = whole.map(lambda x: x[:, -1]), said + found.findings
+        left, since = left - count, (since + count) % every
+        if since:
+            yield None
+        else:
+            states = whole.map(lambda x: x[:, 1:]) if first else _after(start, whole)
+            bad, dt = first_bad_step(states), found.dt * (every / count if part else 1)
+            yield first, Rollout(states, params, dt, bad, None, said, 0, found.backend)
+            first, said = first + states.q.shape[1], ()
+        alive = torch.isfinite(state.flat).all(-1).nonzero().squeeze(-1)
+        spent = max(time.perf_counter() - began, 1e-6)
+        floor = 1 if spent * least > SLOW * count else least
+        size = max(floor, round(min(4.0, WAIT / spent) * count))
+
+
+def _after(start: PhaseState, states: PhaseState) -> PhaseState:
+    """States ``(e, t, n, d)`` whose first is the start."""
+    return PhaseState(
+        *(torch.cat([getattr(start, x)[:, None], getattr(states, x)[:, 1:]], 1) for x in "qp")
+    )
+
+
+def _spread(x: Tensor, alive: Tensor, everyone: int) -> Tensor:
+    if len(alive) == everyone:
+        return x
+    return x.new_full((everyone, *x.shape[1:]), torch.nan).index_copy(0, alive, x)
