@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,6 +16,7 @@ from markupsafe import Markup
 from viz import kept
 from viz.cells import number
 from viz.paths import without_folders
+from viz.svg import compact
 from viz.whole import whole
 
 COLOURS = 256  # of an inline picture
@@ -97,20 +97,8 @@ def read_verdicts(run: Path) -> tuple[Any, Any]:
 
 def inline_svg(svg: str, label: str, caption: str = "") -> Drawn:
     """A figure as vectors inside the page."""
-    drawing = svg[svg.index("<svg") :]
-    drawing = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", drawing, flags=re.DOTALL)
-    drawing = re.sub(r">\s+<", "><", drawing)
-    drawing = re.sub(r'\b(?:d|x|y)="[^"]*"', lambda found: _short(found[0]), drawing)
-    drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # implied within HTML
-    drawing = re.sub(r'(<svg[^>]*?)\sheight="[^"]*"', r"\1", drawing, count=1)
-    drawing = re.sub(r'(<svg[^>]*?)\swidth="[^"]*"', r"\1", drawing, count=1)
     named = Markup('<svg role="img" aria-label="{}"').format(label)
-    return Drawn(Markup(drawing.replace("<svg", named, 1)), caption)
-
-
-def _short(places: str) -> str:
-    """Hundredths of a point are enough on any screen."""
-    return " ".join(re.sub(r"(\.\d\d)\d+", r"\1", places).split())
+    return Drawn(Markup(compact(svg).replace("<svg", named, 1)), caption)
 
 
 def inline_png(png: bytes, label: str, caption: str = "") -> Drawn:
