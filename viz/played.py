@@ -29,7 +29,8 @@ POLICY = (
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 Part = tuple[dict[str, Any], np.ndarray | bytes | None]
-Answering = Callable[[bytes], Iterator[Part | None]]  # nothing where a part takes long
+# Between parts: seconds in which a newer question is waited for.
+Answering = Callable[[bytes], Iterator[Part | float]]
 
 
 @dataclass
@@ -75,12 +76,18 @@ class Desk:
     def _answer(self, question: Question, answering: Answering) -> None:
         try:
             for part in answering(question.body):
-                if part is not None:
+                if isinstance(part, float):
+                    self._wait(part)
+                else:
                     question.reply.put(packed(*part))
                 if question.gone.is_set() or not self._waiting.empty():
                     return  # somebody has changed it again
         except (ValueError, RuntimeError) as error:
             question.reply.put(" ".join(str(error).split()))
+
+    def _wait(self, seconds: float) -> None:
+        with self._waiting.not_empty:
+            self._waiting.not_empty.wait_for(lambda: self._waiting.queue, seconds)
 
 
 def packed(about: Mapping[str, Any], more: np.ndarray | bytes | None = None) -> bytes:

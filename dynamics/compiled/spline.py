@@ -185,25 +185,27 @@ class PlaneSpline(PairSpline):
         self.register_buffer("table", polynomials.reshape(cells * half, size * size))
 
     def spline_energy(self, displacement: Tensor) -> Tensor:
-        rows, _, s, _ = self._rows(displacement / (REACH + soft_length(displacement)))
-        return horner(rows, s)[0]
+        table, s, t, _ = self._cells(displacement / (REACH + soft_length(displacement)))
+        return value_at(value_at(table, t), s.squeeze(-1))
 
     def spline_gradient(self, displacement: Tensor) -> Tensor:
         r = soft_length(displacement)
-        rows, slopes, s, sign = self._rows(displacement / (REACH + r))
-        slope = torch.stack([horner(rows, s)[1], horner(slopes, s)[0]], -1)
+        table, s, t, sign = self._cells(displacement / (REACH + r))
+        rows, slopes = horner(table, t)
+        s = s.squeeze(-1)
+        slope = torch.stack([horner(rows, s)[1], value_at(slopes, s)], -1)
         return unsquashed(slope * (sign * self.resolution / 2), displacement, r)
 
-    def _rows(self, u: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Values and slopes in t for each power of s ``(..., 6)``, then s and the sign of u."""
+    def _cells(self, u: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Polynomials in t for each power of s ``(..., 6, 6)``, s and t, and the sign of u."""
         sign = torch.where(u[..., 1:] < 0, -1, 1).to(u.dtype)
         at = u * sign * (self.resolution / 2)
         corner = at.detach().floor()
         x, y = corner.long().unbind(-1)
         half = self.resolution // 2
-        s, t = (at - corner).unbind(-1)
+        s, t = (at - corner).split(1, -1)
         table = self.table[(x + half) * half + y].unflatten(-1, (DEGREE + 1, DEGREE + 1))
-        return *horner(table, t.unsqueeze(-1)), s, sign
+        return table, s, t, sign
 
 
 def plane_coefficients(network: DisplacementPotential, cells: int) -> Tensor:
@@ -244,6 +246,14 @@ def segment_basis(degree: int) -> Tensor:
 def horner(coefficients: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
     """A polynomial ``(..., powers)`` and its derivative at t."""
     value = slope = torch.zeros_like(t)
-    for factor in coefficients.flip(-1).unbind(-1):
+    for factor in reversed(coefficients.unbind(-1)):
         value, slope = value * t + factor, slope * t + value
     return value, slope
+
+
+def value_at(coefficients: Tensor, t: Tensor) -> Tensor:
+    """A polynomial ``(..., powers)`` at t."""
+    value = torch.zeros_like(t)
+    for factor in reversed(coefficients.unbind(-1)):
+        value = value * t + factor
+    return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import webbrowser
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from viz.played import Answering, Part
 
 OPEN, ROLL, SURVEY, RECORD = KINDS = ("open", "roll", "survey", "record")
-SWITCH = 5e-4  # seconds after which a thread that computes lets one that answers come in
+SWITCH = 1e-4  # seconds after which a thread that computes lets one that answers come in
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ def play(config: PlayConfig) -> None:
         stack.enter_context(held_to(1))  # operations here are small: threads would wait for another
         player = Player(source)
         player.prepare(source.names[0])
+        gc.freeze()  # to look through all that was loaded takes as long as two changes
         desk.work(player.answers)
 
 
@@ -112,14 +114,14 @@ class Player:
         """What there is to move on a stage; the body is its name."""
         yield self._stage(body.decode(errors="replace")).told(), None
 
-    def rolled(self, body: bytes) -> Iterator[Part | None]:
+    def rolled(self, body: bytes) -> Iterator[Part | float]:
         """A change, rolled."""
         from vidphys.play import Asked, answers
 
         asked = Asked.read(body)
         for piece in answers(self._stage(asked.cell), asked):
-            if piece is None:
-                yield None
+            if piece is None or piece.about["role"] == "pause":
+                yield piece.about["seconds"] if piece else 0.0
                 continue
             places = piece.places
             shape = None if places is None else list(places.shape)

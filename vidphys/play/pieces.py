@@ -16,7 +16,7 @@ from dynamics.rolling import first_bad_step
 
 WAIT = 0.008  # seconds that a piece of a rollout should take: for so long a new change waits
 MOST_PIECES = 40  # of a rollout, whose checks each piece repeats
-SLOW = 0.05  # seconds of a piece, beside which its checks are nothing
+SLOW = 0.016  # seconds of a piece, beside which its checks are little
 # (start, params, steps, every)
 Roll = Callable[[PhaseState, Parameters, int, int], Rollout]
 

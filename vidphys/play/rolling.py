@@ -24,6 +24,7 @@ from vidphys.reading.seen import BEYOND
 
 STORED = 200  # states that are kept of a rollout, about
 FEW = 8  # episodes of the twin; fewer do not roll in fused loops
+DRAWING = 0.04  # seconds that a page takes, which wants both cores
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,10 @@ class Piece:
     """Some of an answer.
 
     Args:
-        about: as JSON: ``role`` (``model``, ``truth``, ``twin``, ``held`` or ``table``), and of
-            places ``episode``, the first of them, ``first``, the stored state that they begin at,
-            ``dt``, the seconds between two; what was found of them.
+        about: as JSON: ``role`` (``model``, ``truth``, ``twin``, ``held`` or ``table``; a ``pause``
+            has nothing but ``seconds``, which the page needs to draw), and of places ``episode``,
+            the first of them, ``first``, the stored state that they begin at, ``dt``, the seconds
+            between two; what was found of them.
         places: as they are drawn, ``(e, t, n, d)``.
     """
 
@@ -102,6 +104,7 @@ def _answers(stage: Stage, asked: Asked) -> Iterator[Piece | None]:
     seconds, between = how.steps * how.dt, how.every * how.dt
     model = Kept()
     yield from of_model(stage, law, start, how, asked, model)
+    yield Piece({"role": "pause", "seconds": DRAWING})
     if stage.scene is not None:
         truth = Kept()
         yield from of_truth(stage, asked, start, law.params, how, truth)
