@@ -163,9 +163,12 @@ def join(folder: Path, parts: int, scratch: Path) -> Iterator[Mapping[str, Any]]
             database.executemany(PUT, ((key, number, *rest) for key, _, *rest in rows))
             database.commit()
             yield about
-        database.execute(ONCE)
-        database.commit()
-        database.executescript(LOOKED_UP)
+        try:
+            database.executescript(LOOKED_UP)
+        except sqlite3.IntegrityError:  # a clip stood in two of them
+            database.execute(ONCE)
+            database.commit()
+            database.executescript(LOOKED_UP)
     place({scratch: folder.with_name(f"{folder.name}.sqlite")})
 
 

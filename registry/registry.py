@@ -211,8 +211,16 @@ class Registry(Mapping[str, T], Generic[T]):
             return Source(module, code)
         return Source(names[0], importlib.metadata.version(names[0]))
 
+    @cached_property
+    def _by_name(self) -> Mapping[str, list[importlib.metadata.EntryPoint]]:
+        """Those of a name: a clip of a data set asks twenty times."""
+        found: dict[str, list[importlib.metadata.EntryPoint]] = {}
+        for entry in self._installed:
+            found.setdefault(entry.name, []).append(entry)
+        return found
+
     def _entries(self, name: str) -> list[importlib.metadata.EntryPoint]:
-        return list(self._installed.select(name=name))
+        return self._by_name.get(name, [])
 
     def _open(self, name: str) -> None:
         prefix, _, rest = name.partition(":")
