@@ -1,21 +1,22 @@
 """Workers that share an extraction while they are killed at random: is each clip there once?
 
-``python -m tests.faults.shared FOLDER CLIPS [WORKERS] [KILLS]`` makes so many clips by name, whose
-features are a hash in place of an encoder, and prints a line of JSON for each way to extract them:
-the bare loop without claims, parts and index; one worker; and several with kills. Then whether the
-last two left the same bytes.
+``python -m tests.faults.shared FOLDER CLIPS [--encoder dino-tiny] [--workers 4] [--kills 20]``
+makes so many clips by name, whose features are a hash where no encoder is named, and prints a line
+of JSON for each way to extract them: the bare loop without claims, parts and index; one worker; and
+several with kills. Then whether the last two left the same bytes.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import multiprocessing
 import sqlite3
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkProcess
 from pathlib import Path
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from encoders import load_encoder
 from encoders.features import FeatureMap
 from encoders.identity import EncoderIdentity
 from encoders.parts import Part
@@ -36,6 +38,8 @@ from vidphys.data.video import Video
 FRAMES = 2
 LEASE = 10.0
 Worker = tuple[ForkProcess, Connection]
+Way = Callable[[Path, Path], None]
+HASHED = "hashed"
 TIMES = np.arange(FRAMES) / 10
 
 
@@ -66,13 +70,17 @@ def opened(path: Path) -> Video:
     return Video(path, digest.hexdigest(), held(pixels), TIMES, np.arange(FRAMES), ())
 
 
-def wanted_of(store: FeatureStore) -> Wanted:
-    return Wanted(Hashed(), ("1",), store, "float16")
+def wanted_of(encoder: str, store: FeatureStore) -> Wanted:
+    torch.set_num_threads(1)
+    if encoder == HASHED:
+        return Wanted(Hashed(), ("1",), store, "float16")
+    loaded = load_encoder(encoder, {})
+    return Wanted(loaded, loaded.layers[-1:], store, "float16")
 
 
-def bare(clips: Path, folder: Path) -> None:
+def bare(encoder: str, clips: Path, folder: Path) -> None:
     """The same slices, extracted one after the other into nothing that lasts."""
-    wanted, store = wanted_of(FeatureStore(folder)), FeatureStore(folder)
+    wanted, store = wanted_of(encoder, FeatureStore(folder)), FeatureStore(folder)
     folder.mkdir()
     write_units([clips], {}, folder / "units")
     units = Units(folder / "units")
@@ -83,13 +91,13 @@ def bare(clips: Path, folder: Path) -> None:
             )
 
 
-def worked(clips: Path, folder: Path) -> None:
+def worked(encoder: str, clips: Path, folder: Path) -> None:
     store = FeatureStore(folder)
-    outcome = Extraction(store, [clips], wanted_of(store), {}).run(opened, lease=LEASE)
+    outcome = Extraction(store, [clips], wanted_of(encoder, store), {}).run(opened, lease=LEASE)
     assert not outcome.failed, outcome.failed[0]
 
 
-def measured(way: Callable[[Path, Path], None], clips: Path, folder: Path, to: Connection) -> None:
+def measured(way: Way, clips: Path, folder: Path, to: Connection) -> None:
     """As a process of its own: what it took."""
     before, began = memory(), time.process_time()
     way(clips, folder)
@@ -103,7 +111,7 @@ def memory() -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) // 2**10
 
 
-def started(way: Callable[[Path, Path], None], clips: Path, folder: Path) -> Worker:
+def started(way: Way, clips: Path, folder: Path) -> Worker:
     """A process that has all imported already, so that kills are many."""
     fork = multiprocessing.get_context("fork")
     here, there = fork.Pipe(duplex=False)
@@ -121,10 +129,11 @@ def told(name: str, workers: Sequence[Worker], began: float, **more: object) -> 
     print(json.dumps({"way": name, "seconds": seconds, "workers": found, **more}), flush=True)
 
 
-def killed(clips: Path, folder: Path, workers: int, kills: int, seconds: float) -> None:
+def killed(way: Way, clips: Path, folder: Path, asked: argparse.Namespace, seconds: float) -> None:
     """Workers of which one is killed at a random instant, and replaced, so many times."""
+    workers, kills = asked.workers, asked.kills
     rng, began = np.random.default_rng(0), time.monotonic()
-    running = [started(worked, clips, folder) for _ in range(workers)]
+    running = [started(way, clips, folder) for _ in range(workers)]
     done = 0
     while done < kills:
         time.sleep(rng.uniform(0, 2 * seconds / kills))
@@ -135,7 +144,7 @@ def killed(clips: Path, folder: Path, workers: int, kills: int, seconds: float) 
         process.kill()
         process.join()
         done += 1
-        running[number] = started(worked, clips, folder)
+        running[number] = started(way, clips, folder)
     told("killed", running, began, kills=done)
 
 
@@ -147,16 +156,17 @@ def digests(folder: Path) -> dict[str, str]:
     }
 
 
-def run(folder: Path, count: int, workers: int, kills: int) -> None:
-    clips = folder / "clips"
+def run(asked: argparse.Namespace) -> None:
+    folder, clips = asked.folder, asked.folder / "clips"
     if not clips.is_dir():
         clips.mkdir(parents=True)
-        for number in range(count):
+        for number in range(asked.clips):
             (clips / f"{number:07d}.avi").touch()
-    for name, way in (("bare", bare), ("one", worked)):
+    work = partial(worked, asked.encoder)
+    for name, way in (("bare", partial(bare, asked.encoder)), ("one", work)):
         began = time.monotonic()
         told(name, [started(way, clips, folder / name)], began)
-    killed(clips, folder / "many", workers, kills, time.monotonic() - began)
+    killed(work, clips, folder / "many", asked, time.monotonic() - began)
     one, many = digests(folder / "one"), digests(folder / "many")
     (index,) = (folder / "many" / "shards").glob("*.sqlite")
     with sqlite3.connect(index) as database:
@@ -167,5 +177,10 @@ def run(folder: Path, count: int, workers: int, kills: int) -> None:
 
 
 if __name__ == "__main__":
-    numbers = [int(each) for each in sys.argv[2:]]
-    run(Path(sys.argv[1]), *(numbers + [0, 4, 20][len(numbers) :]))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("clips", type=int)
+    parser.add_argument("--workers", type=int, default=4)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--encoder", default=HASHED)
+    run(parser.parse_args())
