@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -36,11 +37,10 @@ def in_pieces(
     behind, as NaN.
     """
     everyone, first, left, since = len(start.q), 0, steps, 0
-    least = -(-steps // MOST_PIECES)
-    alive, state, size = torch.arange(everyone), start, steps if once else 1
+    alive, state, pace = torch.arange(everyone), start, _Pace(-(-steps // MOST_PIECES))
     said: tuple[Finding, ...] = ()
     while left and len(alive):
-        began = time.perf_counter()
+        began, size = time.perf_counter(), left if once else pace.size
         part = size < every or since > 0
         count = min(size, every - since) if part else min(size // every * every, left)
         with warnings.catch_warnings():
@@ -57,9 +57,34 @@ def in_pieces(
             yield first, Rollout(states, params, dt, bad, None, said, 0, found.backend)
             first, said = first + states.q.shape[1], ()
         alive = torch.isfinite(state.flat).all(-1).nonzero().squeeze(-1)
-        spent = max(time.perf_counter() - began, 1e-6)
-        floor = 1 if spent * least > SLOW * count else least
-        size = max(floor, round(min(4.0, WAIT / spent) * count))
+        pace.took(count, max(time.perf_counter() - began, 1e-6))
+
+
+class _Pace:
+    """How many steps the next piece has, from what those before took.
+
+    A piece takes a while for its checks, and more for each step. It is cut short for its steps
+    alone: where the checks are slow, short pieces would make all of it slower.
+
+    Args:
+        least: steps of a piece, where they are quick.
+    """
+
+    def __init__(self, least: int) -> None:
+        self.least, self.size = least, 1
+        self._quickest, self._slope = (math.inf, 0), 0.0  # seconds and steps; seconds a step
+
+    def took(self, count: int, seconds: float) -> None:
+        """Hear how long a piece of so many steps took."""
+        before, few = self._quickest
+        if count > few and seconds > before:
+            self._slope = (seconds - before) / (count - few)
+        else:
+            self._slope *= 0.9  # one slow piece among them is forgotten
+        self._quickest = min(self._quickest, (seconds, count))
+        slow = self._slope * self.least > SLOW
+        least = max(1, round(WAIT / self._slope)) if slow else self.least
+        self.size = max(round(min(4.0, WAIT / seconds) * count), min(4 * count, least))
 
 
 def _after(start: PhaseState, states: PhaseState) -> PhaseState:

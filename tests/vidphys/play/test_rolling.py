@@ -174,21 +174,24 @@ def test_what_is_not_finite_stays_behind_and_the_others_go_on():
     assert torch.isnan(pieces[1].states.q[4]).all()
 
 
-@pytest.mark.parametrize(("seconds_a_step", "shortest"), [(1e-4, 5), (1e-2, 1)])
+@pytest.mark.parametrize(
+    ("seconds_a_step", "of_checks", "longest", "most"),
+    [(1e-4, 0, 80, 6), (1e-2, 0, 4, 200), (1e-4, 0.05, 5, 41)],
+)
 def test_a_piece_is_short_where_steps_are_slow_and_long_enough_for_its_checks_where_they_are_not(
-    monkeypatch, seconds_a_step, shortest
+    monkeypatch, seconds_a_step, of_checks, longest, most
 ):
     """A change waits for a piece; a piece of 200 steps repeats the checks of all of them."""
     stage, clock = a_stage(), [0.0]
 
     def roll(state, params, count, every):
-        clock[0] += seconds_a_step * count
+        clock[0] += of_checks + seconds_a_step * count
         return rollout(stage.head, state, params, count, stage.dt, every)
 
     monkeypatch.setattr("vidphys.play.pieces.time.perf_counter", lambda: clock[0])
     found = in_pieces(roll, stage.start, stage.params, 200, 1)
     sizes = [found.states.q.shape[1] - (first == 0) for first, found in found]
-    assert sum(sizes) == 200 and min(sizes[1:-1]) == shortest
+    assert sum(sizes) == 200 and max(sizes) == longest and most * 0.8 < len(sizes) <= most
 
 
 def test_a_change_need_not_wait_for_the_next_stored_state_where_steps_are_slow(monkeypatch):
@@ -204,7 +207,7 @@ def test_a_change_need_not_wait_for_the_next_stored_state_where_steps_are_slow(m
     monkeypatch.setattr("vidphys.play.pieces.time.perf_counter", lambda: clock[0])
     found = list(in_pieces(roll, stage.start, stage.params, 200, 25))
     some = [part for part in found if part]
-    assert len(found) == 200 and [first for first, _ in some] == [0, *range(2, 9)]
+    assert len(found) > 180 and [first for first, _ in some] == [0, *range(2, 9)]
     assert {part.dt for _, part in some} == {25 * stage.dt}
     q = torch.cat([part.states.q for _, part in some], 1)
     plain = rollout(stage.head, stage.start, stage.params, 200, stage.dt, 25).states.q
