@@ -102,3 +102,51 @@ class Well(nn.Module):
 
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return torch.stack([torch.ones_like(q), q, q**2, q**3], -1) @ self.coefficients.to(q)
+
+
+class EllipticTrap(nn.Module):
+    """V = sum_i (q_i - centre) . K (q_i - centre) / 2: a confinement that differs by direction.
+
+    Args:
+        stiffness: K, symmetric, ``(d, d)``, per second squared, of a unit mass.
+        centre: ``(d,)``, world units.
+        learned: whether both are.
+
+    Raises:
+        ValueError: a stiffness that is not symmetric, whose force has no potential.
+
+    Example:
+        >>> trap = EllipticTrap(((4.0, 0.0), (0.0, 9.0)), (0.0, 0.0), learned=False)
+        >>> law = Parameters(torch.ones(()), torch.ones(1))
+        >>> trap.force(torch.tensor([[1.0, -1.0]]), law).tolist()
+        [[-4.0, 9.0]]
+    """
+
+    rows: Tensor
+    centre: Tensor
+
+    def __init__(
+        self,
+        stiffness: Sequence[Sequence[float]],
+        centre: Sequence[float],
+        learned: bool = True,
+    ) -> None:
+        super().__init__()
+        if any(stiffness[i][j] != stiffness[j][i] for i in range(len(centre)) for j in range(i)):
+            raise ValueError(
+                f"EllipticTrap: stiffness must be symmetric, got {tuple(map(tuple, stiffness))}"
+            )
+        number(self, "rows", stiffness, learned)
+        number(self, "centre", centre, learned)
+
+    @property
+    def stiffness(self) -> Tensor:
+        """K, ``(d, d)``; symmetric, whatever training makes of its rows."""
+        return 0.5 * (self.rows + self.rows.mT)
+
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
+        away = q - self.centre.to(q)
+        return 0.5 * (away * (away @ self.stiffness.to(q))).sum((-2, -1))
+
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
+        return -(q - self.centre.to(q)) @ self.stiffness.to(q)

@@ -8,7 +8,12 @@ import torch
 from torch import Tensor, nn
 
 
-def number(module: nn.Module, name: str, value: float | Sequence[float], learned: bool) -> None:
+def number(
+    module: nn.Module,
+    name: str,
+    value: float | Sequence[float] | Sequence[Sequence[float]],
+    learned: bool,
+) -> None:
     """Give a module a number, or several: a parameter that starts there, or a fixed buffer.
 
     Args:

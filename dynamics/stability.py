@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from dynamics.bound import Bound
 from dynamics.each import Each
-from dynamics.fields import Pendulum
+from dynamics.fields import EllipticTrap, Pendulum
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head
 from dynamics.kinetic import FixedKinetic
@@ -229,6 +229,9 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
             elif isinstance(part, HarmonicTrap):
                 squared = abs(cast(float, part.stiffness)) / params.mass.amin(-1)
                 found.append(ConstantRates("HarmonicTrap", squared))
+            elif isinstance(part, EllipticTrap):
+                steepest = torch.linalg.eigvalsh(part.stiffness).abs().amax()
+                found.append(ConstantRates("EllipticTrap", steepest / params.mass.amin(-1)))
             elif isinstance(part, Pendulum):
                 squared = part.rate2.abs().to(params.mass).expand(params.coupling.shape)
                 found.append(ConstantRates("Pendulum", squared))

@@ -35,6 +35,7 @@ from dynamics.terms.ports import (
 )
 from dynamics.terms.potentials import (
     Displacement,
+    EllipticTrap,
     FreePotential,
     Knots,
     Mapped,
@@ -61,6 +62,7 @@ __all__ = [
     "Drag",
     "DrivenBath",
     "Each",
+    "EllipticTrap",
     "FactoredBath",
     "Fixed",
     "Flow",

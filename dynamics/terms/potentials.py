@@ -157,6 +157,33 @@ class Trap(PotentialTerm):
         return replace(self, stiffness=self.stiffness * seconds**2, centre=centre)
 
 
+@TERMS.register("elliptic-trap")
+@dataclass(frozen=True)
+class EllipticTrap(PotentialTerm):
+    """A harmonic confinement that differs between directions.
+
+    Args:
+        stiffness: a symmetric matrix, row by row, ``(d, d)``, per second squared, of a unit mass.
+        centre: world units, ``(d,)``.
+        learned: whether both are, from there on.
+    """
+
+    stiffness: tuple[tuple[float, ...], ...]
+    centre: tuple[float, ...]
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> Potential:
+        from dynamics import fields
+
+        for row in (self.centre, self.stiffness, *self.stiffness):
+            _dimensions("EllipticTrap: the centre, the stiffness and each of its rows", row, sizes)
+        return fields.EllipticTrap(self.stiffness, self.centre, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> EllipticTrap:
+        rows = tuple(tuple(x * seconds**2 for x in row) for row in self.stiffness)
+        return replace(self, stiffness=rows, centre=tuple(x / length for x in self.centre))
+
+
 @TERMS.register("pendulum")
 @dataclass(frozen=True)
 class Pendulum(PotentialTerm):
@@ -212,7 +239,7 @@ class Well(PotentialTerm):
         )
 
 
-def _dimensions(what: str, vector: tuple[float, ...] | None, sizes: Sizes) -> None:
+def _dimensions(what: str, vector: tuple[object, ...] | None, sizes: Sizes) -> None:
     if vector is not None and len(vector) != sizes.space:
         raise ValueError(
             f"{what} must have {sizes.space} numbers, one of each dimension of space, got {vector}"

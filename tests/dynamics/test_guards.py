@@ -31,6 +31,7 @@ from dynamics import (
 from dynamics.checks import energy_drift
 from dynamics.contact import KnotPotential, SoftContact
 from dynamics.domain import EXTENTS, extents, largest
+from dynamics.fields import EllipticTrap
 from dynamics.kinetic import FixedKinetic
 from dynamics.pairs import MOST_PAIRS, pair_indices, pair_tiles
 from dynamics.potentials import (
@@ -202,10 +203,13 @@ def test_a_fast_pass_is_not_jumped_over() -> None:
 
 def test_a_step_that_cannot_be_resolved_says_so() -> None:
     state, params = pair(0.0)
-    head = Hamiltonian(FixedKinetic(), HarmonicTrap(1e12))
-    with pytest.warns(StabilityWarning, match="HarmonicTrap turns by"):
-        run = rollout(head, state, params, 1, DT)
-    assert run.status == "warned"
+    stiff = ((1.0, 0.0), (0.0, 1e12))
+    for trap in (HarmonicTrap(1e12), EllipticTrap(stiff, (0.0, 0.0))):
+        name = type(trap).__name__
+        head = Hamiltonian(FixedKinetic(), trap)
+        with pytest.warns(StabilityWarning, match=f"{name} turns by"):
+            run = rollout(head, state, params, 1, DT)
+        assert run.status == "warned"
 
 
 def test_methods_that_cannot_start_anew_are_warned_of() -> None:

@@ -32,6 +32,7 @@ ON_CIRCLE = {"pivot": (0.0, 1.0), "across": (2.0, 0.0), "down": (0.0, -2.0)}
 NEEDED |= {
     terms.Pendulum: {"rate2": 4.0},
     terms.Well: {"stiffness": 4.0},
+    terms.EllipticTrap: {"stiffness": ((4.0, 1.0), (1.0, 9.0)), "centre": (0.5, 0.0)},
     terms.Spring: {"first": 0, "second": 1, "stiffness": 2.0},
     terms.Contact: {"first": 0, "second": 1, "reach": 0.5, "restitution": 0.8},
     terms.Each: {"laws": (FREE, FREE), "springs": (terms.Spring(0, 1, 2.0),)},

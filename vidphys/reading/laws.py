@@ -16,7 +16,7 @@ from dynamics.collide import Contact
 from dynamics.couplings import PairLaw
 from dynamics.curves import Arc, Chain
 from dynamics.each import Spring
-from dynamics.fields import Pendulum, UniformField, Well
+from dynamics.fields import EllipticTrap, Pendulum, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging, LinkMetric
 from dynamics.numbers import unbent
@@ -84,6 +84,7 @@ QUANTITIES: dict[str, dict[type[nn.Module], Change]] = {
     "length": {Pendulum: _times("rate2", power=-1), LinkMetric: _longer},
     "stiffness": {
         HarmonicTrap: _times("stiffness"),
+        EllipticTrap: _times("rows"),
         Spring: _times("stiffness"),
         Well: _times("coefficients"),
     },

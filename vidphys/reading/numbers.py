@@ -7,7 +7,7 @@ from torch import nn
 
 from dynamics.bath import ConstantBath
 from dynamics.each import Each, Spring
-from dynamics.fields import Pendulum, UniformField, Well
+from dynamics.fields import EllipticTrap, Pendulum, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging
 from dynamics.potentials import HarmonicTrap
@@ -47,6 +47,9 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
         return {"well_stiffness": float(part.stiffness) / seconds**2}
     if isinstance(part, HarmonicTrap):
         return {"trap_stiffness": float(part.stiffness) / seconds**2}
+    if isinstance(part, EllipticTrap):
+        each = torch.linalg.eigvalsh(part.stiffness) / seconds**2
+        return {f"trap_stiffness_across_{k}": x for k, x in enumerate(each.tolist(), 1)}
     if isinstance(part, UniformField):
         pull = (part.acceleration * length / seconds**2).tolist()
         return {f"uniform_{axis}": x for axis, x in zip("xyz", pull, strict=False)}

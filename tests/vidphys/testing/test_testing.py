@@ -43,6 +43,7 @@ ASKED: dict[str, terms.Term] = {
     "shortcut": terms.Shortcut((terms.Radial(width=8),)),
     "walled": terms.Walled(terms.Hamiltonian(), 5.0, 0.5, (1.0, 0.0)),
     "pendulum": terms.Pendulum(4.0),
+    "elliptic-trap": terms.EllipticTrap(((4.0, 1.0), (1.0, 9.0)), (0.5, 0.0)),
     "well": terms.Well(4.0, 0.3, 0.5, -0.2),
 }
 REFUSED = ("state-dependent-bath",)  # says why it cannot be built

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vidphys.diagnose.explanations.collided import collided
-from vidphys.diagnose.mechanisms.charts import Plane
+from vidphys.diagnose.mechanisms.charts import Plane, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
@@ -13,6 +13,7 @@ from vidphys.statistics import NORMAL_95
 
 ON = {
     "plane": "moves freely",
+    "turned": "moves freely",
     "line": "moves on a line",
     "angle": "swings",
     "arc": "swings on an arc",
@@ -57,6 +58,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
     if fit.numbers.get("strength", (0.0, 0.0))[0] < 0:
         how[0] = how[0].replace("pushes it away", "pulls it")
+    if isinstance(fit.model.charts[0], Turned):
+        how[0] = f"{how[0]} along each of two directions"
     if fit.driven:
         how[1] = "something drives it"
     if law.inputs and fit.clips[0].inputs is not None:

@@ -11,7 +11,7 @@ from dynamics import terms
 from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict
-from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line
+from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line, Turned
 from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
@@ -175,12 +175,23 @@ class _Body:
             )
         if self.law.restoring == "uniform":
             potentials = (terms.Uniform(_row(force)),)
+        elif isinstance(self.chart, Turned):
+            potentials = (self._elliptic(self.chart),)
         elif self.law.restoring == "trap":
             stiffness = self.number(f"stiffness{self.own}")
             potentials = (terms.Trap(self.mass * stiffness, _row(force / stiffness), True),)
         elif self.law.restoring == "pendulum":
             potentials = (terms.Pendulum(self.number(f"swing{self.own}")),)
         return terms.Hamiltonian(potentials=potentials, ports=self._ports())
+
+    def _elliptic(self, chart: Turned) -> terms.EllipticTrap:
+        rates = np.array([self.number(f"stiffness {i + 1}") for i in range(chart.size)])
+        force = np.array([self.number(f"force {i + 1}") for i in range(chart.size)])
+        axes = chart.turned(self.geometry)
+        along = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        rows = self.mass * along.T @ np.diag(rates) @ along
+        rows = 0.5 * (rows + rows.T)
+        return terms.EllipticTrap(tuple(map(_row, rows)), _row(force / rates @ axes))
 
     def _ports(self) -> tuple[terms.Drag, ...]:
         ports = []

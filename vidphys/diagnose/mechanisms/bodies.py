@@ -7,8 +7,9 @@ from dataclasses import replace
 from itertools import combinations
 
 from vidphys.diagnose.mechanisms.choose import pictured, roughly
+from vidphys.diagnose.mechanisms.fitted import GOOD
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
-from vidphys.diagnose.mechanisms.mechanism import GOOD, holds, meeting, thinned
+from vidphys.diagnose.mechanisms.mechanism import meeting, thinned
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
@@ -104,7 +105,7 @@ def _of(motion: Motion, bodies: list[int]) -> Motion:
 def _lawful(clips: Sequence[Frames]) -> bool:
     """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
     fits = roughly(clips, angles=False)
-    if any(holds(fit) for fit in fits):
+    if any(fit.holds for fit in fits):
         return True
     askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]
     return any(fit.left < STRAIGHTENED * fit.spread for fit in askew)

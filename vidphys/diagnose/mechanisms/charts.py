@@ -49,6 +49,45 @@ class Plane(Chart):
 
 
 @dataclass(frozen=True)
+class Turned(Chart):
+    """The coordinates are places along two axes at a right angle, whose direction is nearly known.
+
+    The geometry is the tangent of the angle by which they are turned from there; with it their
+    unit grows by 1 / cos of that angle.
+
+    Args:
+        along: of the first axis, ``(2,)``, of length one.
+    """
+
+    along: tuple[float, float]
+    name = "turned"
+    size = 2
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """Row by row, ``(2, 2)``."""
+        x, y = self.along
+        return np.array([[x, y], [-y, x]])
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        return s @ self.axes
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        x, y = self.axes
+        return (s[:, :1] * y - s[:, 1:] * x)[..., None]
+
+    def turned(self, geometry: np.ndarray) -> np.ndarray:
+        """The axes as they are fitted, row by row ``(2, 2)``, of the length of a unit."""
+        x, y = self.axes
+        return np.stack([x + geometry[0] * y, y - geometry[0] * x])
+
+    def degrees(self, geometry: np.ndarray) -> float:
+        """From the first coordinate's way to the first axis, from -90 to 90."""
+        x, y = self.turned(geometry)[0]
+        return float(np.degrees(np.arctan(y / x))) if x else 90.0
+
+
+@dataclass(frozen=True)
 class Line(Chart):
     """A body on a line.
 

@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
@@ -64,12 +65,15 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
         else:
             found.append(base)
     sensible = ranked(_near_surely([x for x in found if makes_sense(x)]))
-    if not sensible:
-        return []
-    spinning = spun(clips, sensible[0])
-    others = [spinning] if spinning is not None and makes_sense(spinning) else []
-    if not angles and sensible[0].errors.smooth > sensible[0].errors.white:  # something is left
-        others += [pictured(clips, x) if camera else x for x in centred(clips)]
+    others: list[Fit] = []
+    if not angles and not any(x.holds for x in sensible[:1]):
+        others += [x for x in elliptic(clips) if makes_sense(x)]
+    something_left = any(x.errors.smooth > x.errors.white for x in sensible[:1])
+    if not angles and something_left and not any(x.holds for x in others):
+        others += centred(clips)
+    others = [pictured(clips, x) if camera else x for x in others]
+    spinning = spun(clips, sensible[0]) if sensible else None
+    others += [spinning] if spinning is not None and makes_sense(spinning) else []
     return ranked([*sensible, *others])
 
 

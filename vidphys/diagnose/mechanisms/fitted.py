@@ -14,6 +14,7 @@ from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Errors
 
+GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
 USUAL_SLANT = view.FAR * view.USUAL[0]  # tangent
 
 
@@ -113,6 +114,11 @@ class Fit:
         errors = np.sqrt(np.maximum(np.diag(self.covariance), 0))
         names = self.model.law.names
         return {name: (float(self.values[i]), float(errors[i])) for i, name in enumerate(names)}
+
+    @property
+    def holds(self) -> bool:
+        """Whether it leaves little, or nothing that lasts."""
+        return self.left < GOOD * self.spread or self.errors.smooth < self.errors.white
 
     @property
     def driven(self) -> bool:

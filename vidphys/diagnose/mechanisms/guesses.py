@@ -108,16 +108,17 @@ def _in(
     k = s[0].shape[1]
     law = Law(k, restoring, "linear", inputs=_inputs(clips))
     values = []
-    for half in _halves(clips):
-        seen = _seen(clips, s, half)
+    for half in halves(clips):
+        seen = seen_in(clips, s, half)
         values += [
-            np.concatenate([numbers, *(_start(one) for one in seen)])
+            np.concatenate([numbers, *(start_of(one) for one in seen)])
             for numbers in _regressed(seen, restoring, k)
         ]
     return Guess(Model(law, (chart,)), values, read)
 
 
-def _seen(clips: Sequence[Frames], s: Sequence[np.ndarray], half: int) -> list[Local]:
+def seen_in(clips: Sequence[Frames], s: Sequence[np.ndarray], half: int) -> list[Local]:
+    """The first body's coordinates ``(t, k)`` of each clip, with their rates."""
     out = []
     for clip, x in zip(clips, s, strict=True):
         seen = local(clip.stretches[0].times, x, half, [i.frame for i in clip.impacts])
@@ -134,12 +135,13 @@ def _inputs(clips: Sequence[Frames]) -> int:
     return 0 if known is None else known.values.shape[1]
 
 
-def _halves(clips: Sequence[Frames]) -> list[int]:
+def halves(clips: Sequence[Frames]) -> list[int]:
+    """Of local polynomials, those that the clips are long enough for."""
     shortest = min(len(c.stretches[0].times) for c in clips)
     return [h for h in HALVES if 2 * h + 1 <= max(shortest // 2, 5)] or [HALVES[0]]
 
 
-def _start(seen: Local) -> np.ndarray:
+def start_of(seen: Local) -> np.ndarray:
     """Place and rate at the clip's beginning, from the first frame that shows the body."""
     return np.concatenate([seen.s[0] - seen.v[0] * seen.times[0], seen.v[0]])
 
@@ -154,7 +156,7 @@ def _regressed(seen: Sequence[Local], restoring: str, k: int) -> list[np.ndarray
     found = np.linalg.lstsq(np.stack(design, 1), a.ravel(), rcond=None)[0]
     out, gains = [found], found[len(found) - u.shape[1] :]
     if restoring == "trap":
-        for stiffness in ((2 * np.pi * _frequency(seen)) ** 2, max(found[0], 0.0)):
+        for stiffness in ((2 * np.pi * frequency(seen)) ** 2, max(found[0], 0.0)):
             centre = s.mean(0)
             out.append(np.concatenate([[stiffness], stiffness * centre, [0.0], gains]))
     else:
@@ -162,7 +164,7 @@ def _regressed(seen: Sequence[Local], restoring: str, k: int) -> list[np.ndarray
     return out
 
 
-def _frequency(seen: Sequence[Local]) -> float:
+def frequency(seen: Sequence[Local]) -> float:
     """The strongest frequency of the longest clip, 1/s."""
     one = max(seen, key=lambda x: x.times[-1] - x.times[0])
     even = np.linspace(one.times[0], one.times[-1], len(one.times))
@@ -178,10 +180,10 @@ def _angle(clips: Sequence[Frames]) -> Iterator[Guess]:
     """A table's angles: a pendulum about where they hang."""
     s = [clip.stretches[0].places for clip in clips]
     law, values, rests = Law(1, "pendulum", "linear", inputs=_inputs(clips)), [], []
-    for half in _halves(clips):
-        seen = _seen(clips, s, half)
+    for half in halves(clips):
+        seen = seen_in(clips, s, half)
         for swing, rest, rate, gains in _hanging(seen):
-            starts = [_start(x) - np.array([rest, 0.0]) for x in seen]
+            starts = [start_of(x) - np.array([rest, 0.0]) for x in seen]
             values.append(np.concatenate([[swing, rate], gains, *starts]))
             rests.append(rest)
     rest = float(np.median(rests))
@@ -196,7 +198,7 @@ def _hanging(seen: Sequence[Local]) -> list[tuple[float, float, float, np.ndarra
     found = np.linalg.lstsq(np.column_stack([-np.sin(s), np.cos(s), -v, u]), a, rcond=None)[0]
     gains = found[3:]
     swing, rest = float(np.hypot(*found[:2])), float(np.arctan2(found[1], found[0]))
-    spectral = (2 * np.pi * _frequency(seen)) ** 2
+    spectral = (2 * np.pi * frequency(seen)) ** 2
     middle = float(0.5 * (s.max() + s.min()))
     wide = float(0.5 * (s.max() - s.min()))
     slow = 1 + min(wide, 2.5) ** 2 / 16  # a wide swing lasts longer
@@ -219,10 +221,10 @@ def _arcs(clips: Sequence[Frames], places: np.ndarray) -> Iterator[Guess]:
 
     angles = [read(clip.stretches[0].places) for clip in clips]
     law, values, rests = Law(1, "pendulum", "linear"), [], []
-    for half in _halves(clips):
-        seen = _seen(clips, angles, half)
+    for half in halves(clips):
+        seen = seen_in(clips, angles, half)
         for swing, hangs, rate, _ in _hanging(seen):
-            starts = [_start(x) - np.array([hangs, 0.0]) for x in seen]
+            starts = [start_of(x) - np.array([hangs, 0.0]) for x in seen]
             values.append(np.concatenate([[max(swing, 1e-6), rate], *starts]))
             rests.append(hangs)
     hanging = float(np.median(rests))

@@ -12,14 +12,13 @@ from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, rou
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit
-from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 MOST_CLIPS, MOST_BODIES = 8, 4
-GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
 SURELY = 10.0  # standard errors, by which the link between two rods is there
 MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
@@ -128,10 +127,10 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
         return None
     motion, stride = thinned(motion), _stride(motion)
     first, groups = 0, _groups(motion, angles, camera)
-    if groups is None or not all(holds(g.fit) for g in groups if len(g.bodies) == 1):
+    if groups is None or not all(g.fit.holds for g in groups if len(g.bodies) == 1):
         later = _first_lawful(motion, angles)
         found = _groups(motion.cut(later), angles, camera) if later else None
-        if found is not None and all(holds(group.fit) for group in found):
+        if found is not None and all(group.fit.holds for group in found):
             first, groups = later, found
     if groups is None:
         return None
@@ -183,7 +182,7 @@ def meeting(motion: Motion, camera: bool) -> list[Group]:
     groups = []
     for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
         fits = colliding(frames_of(motion, party), camera)
-        if fits and holds(fits[0]):
+        if fits and fits[0].holds:
             groups.append(Group(party, fits[0], tuple(fits[1:])))
     return groups
 
@@ -192,11 +191,6 @@ def _linked(rods: Fit) -> bool:
     """Whether each rod feels the other."""
     link, error = rods.numbers["link"]
     return link > SURELY * error
-
-
-def holds(fit: Fit) -> bool:
-    """Whether a law leaves little, or nothing that lasts."""
-    return fit.left < GOOD * fit.spread or fit.errors.smooth < fit.errors.white
 
 
 def _first_lawful(motion: Motion, angles: bool) -> int:
@@ -210,7 +204,7 @@ def _first_lawful(motion: Motion, angles: bool) -> int:
         for body in range(motion.bodies):
             frames = frames_of(rest, [body])
             enough = min(len(clip.stretches[0].times) for clip in frames) >= LEAST_FRAMES
-            laws = [x for x in roughly(frames, angles) if holds(x)] if enough else []
+            laws = [x for x in roughly(frames, angles) if x.holds] if enough else []
             worst = max(worst, min((x.left for x in laws), default=np.inf))
         if np.isfinite(worst):
             tried.append((first, worst))

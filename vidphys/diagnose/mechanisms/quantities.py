@@ -9,7 +9,7 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import nearest
-from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.charts import Arc, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.law import COULOMB
 from vidphys.diagnose.mechanisms.rods import RodsFit
@@ -133,9 +133,11 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
     if law.coupled and law.coordinates == 2:
         one, two = at["coupling 1"], at["coupling 2"]
         yield "mass ratio", lambda values, _: float(values[one] / values[two]), 0, 0
-    arc = fit.model.charts[0]
-    if isinstance(arc, Arc):
-        yield "length", lambda _, geometry: arc.length(geometry[0]), 1, 0
+    chart = fit.model.charts[0]
+    if isinstance(chart, Arc):
+        yield "length", lambda _, geometry: chart.length(geometry[0]), 1, 0
+    if isinstance(chart, Turned):
+        yield "degrees from x to direction 1", lambda _, geometry: chart.degrees(geometry[0]), 0, 0
 
 
 def _rate(at: int, power: float) -> Joint:
