@@ -129,3 +129,24 @@ def test_a_swing_that_turns_slowly_or_comes_to_rest_is_not_held(rate, damping, s
     t = np.arange(3 * FRAMES) * STEP
     swing = np.exp(-damping * t) * np.cos(rate * t)
     assert held_within(recorded(np.stack([swing, 0.1 * swing**2], -1), seed=seed)) == []
+
+
+def carried_and_thrown(frames, loose=20, pull=9.0):
+    """A body that a hand swings about and throws at a frame; nothing is ever held still."""
+    times = np.arange(frames) / 30
+    free, bound = np.maximum(times - loose / 30, 0), np.minimum(times, loose / 30)
+    hand = 0.1 * np.stack([np.sin(9 * bound), 1.5 * np.cos(7 * bound)], -1)
+    path = hand + np.stack([0.9 * free, 2.2 * free - 0.5 * pull * free**2], -1)
+    noise = 5e-4 * np.random.default_rng(4).standard_normal(path.shape)
+    return motion_of((path + noise)[None, :, None], 1 / 30)
+
+
+@pytest.mark.parametrize(("frames", "status"), [(42, "explained"), (35, "mostly explained")])
+def test_of_what_a_hand_throws_the_tail_is_a_share_of_the_flight(frames, status):
+    given = answer(carried_and_thrown(frames), False, 0.4, camera=True)
+    assert given.data["terms"] == ["uniform"] and given.data["status"] == status
+    assert given.data["frames"]["first"] in range(20, 24)
+    assert "one law holds from" in given.lines[0]
+    assert ("model" in given.rolled) is (status == "explained")  # too few to hold any out
+    found = given.data["mechanism"][0]["quantities"]["acceleration"]
+    assert abs(found["value"] - 9.0) < 2 * found["standard_error"]

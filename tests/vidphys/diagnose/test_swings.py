@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vidphys.diagnose.explanations.law_words import CLEAR, swings_alike
+from vidphys.diagnose.explanations.rivals import CLEAR, may_hang, undecided
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
@@ -69,17 +69,37 @@ def test_the_slant_of_an_arc(up, tangent):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "behind", "alike"),
+    ("kinds", "behind", "smooth", "doubt"),
     [
-        ({"trap", "linear"}, 0.5 * CLEAR, True),
-        ({"trap", "linear"}, 1.5 * CLEAR, False),
-        ({"pendulum", "square"}, 0.5 * CLEAR, False),
+        ({"trap", "linear"}, 0.5 * CLEAR, 0.0, True),
+        ({"trap", "linear"}, 1.5 * CLEAR, 0.0, False),
+        ({"trap", "linear"}, 1.5 * CLEAR, 2.0, True),  # of errors that last less is known
+        ({"trap", "linear"}, 2.5 * CLEAR, 2.0, False),
+        ({"pendulum", "square"}, 0.5 * CLEAR, 0.0, True),
+        ({"pendulum", "linear", "square"}, 0.5 * CLEAR, 0.0, False),  # the same, and one more
     ],
 )
-def test_a_spring_that_is_as_likely_as_a_pendulum_is_told(kinds, behind, alike):
+def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
+    kinds, behind, smooth, doubt
+):
     fit, other = (
-        SimpleNamespace(kinds=frozenset(x), score=s)
+        SimpleNamespace(
+            kinds=frozenset(x),
+            score=s,
+            errors=SimpleNamespace(white=1.0, smooth=smooth),
+            model=SimpleNamespace(law=SimpleNamespace(pictured=False), charts=(None,)),
+        )
         for x, s in (({"pendulum", "linear"}, 0.0), (kinds, -behind))
     )
     found = SimpleNamespace(groups=[SimpleNamespace(fit=fit, others=[other])])
-    assert swings_alike(found) is alike
+    assert undecided(found) is doubt
+
+
+@pytest.mark.parametrize(
+    ("size", "turn", "doubt"), [(0.1, 0.0, True), (0.5, 0.0, False), (0.1, 1.4, False)]
+)
+def test_what_swings_little_on_a_level_line_may_be_a_pendulum(size, turn, doubt):
+    along = np.array([np.cos(turn), np.sin(turn)])
+    path = np.array([-0.05, -0.16]) + swung(size, 4.2, 0.37)[:, None] * along
+    fit = find_mechanism(filmed(path, 0.0), camera=True).groups[0].fit
+    assert fit.kinds == {"trap", "linear"} and may_hang(fit) is doubt

@@ -42,6 +42,11 @@ class Understood:
     explanation: Explanation | None
     no_formula: str = ""
 
+    @property
+    def status(self) -> str:
+        """Of the verdict."""
+        return NOT if self.explanation is None else _status(self.explanation)
+
 
 def understand(
     motion: Motion,

@@ -31,16 +31,6 @@ LOSES = {
     "square": "friction goes with the square of its speed",
     "dry": "dry friction",
 }
-SHORT = {
-    "linear": "friction ~ v",
-    "square": "friction ~ v²",
-    "dry": "dry friction",
-    "uniform": "constant acceleration",
-    "trap": "spring to a place",
-    "pendulum": "pendulum on an arc",
-    "centre": "a fixed place that pushes or pulls",
-}
-CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
 
 
 def told(group: Group, units: Units, alone: bool) -> list[str]:
@@ -85,32 +75,6 @@ def number(x: Quantity, units: Units) -> str:
     value, error = (units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
     unit = units.named(x.length, x.seconds)
     return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %)"
-
-
-def swings_alike(mechanism: Mechanism) -> bool:
-    """Whether a spring on a line and a pendulum on an arc tell the same of a body, nearly."""
-    return any(
-        {"trap", "pendulum"} <= group.fit.kinds | x.kinds
-        for group in mechanism.groups
-        for x in group.others
-        if x.score > group.fit.score - CLEAR
-    )
-
-
-def rivals(mechanism: Mechanism) -> list[str]:
-    """Laws that are nearly as likely."""
-    out = []
-    for group in mechanism.groups:
-        near = [x for x in group.others if x.score > group.fit.score - CLEAR]
-        kinds = {
-            ", ".join(SHORT.get(kind, kind) for kind in sorted(x.kinds)) or "no force"
-            for x in near
-            if x.kinds != group.fit.kinds
-        }
-        if kinds:
-            said = "; or ".join(sorted(kinds))
-            out.append(f"Nearly as likely: {said}. A longer recording would tell.")
-    return out
 
 
 def what_is_left(mechanism: Mechanism, units: Units) -> str:

@@ -11,14 +11,8 @@ import numpy as np
 from vidphys.diagnose.explanations.changed import asked_of, under
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
-from vidphys.diagnose.explanations.law_words import (
-    CLEAR,
-    beside,
-    rivals,
-    swings_alike,
-    told,
-    what_is_left,
-)
+from vidphys.diagnose.explanations.law_words import beside, told, what_is_left
+from vidphys.diagnose.explanations.rivals import near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import (
     EXPLAINED,
@@ -62,13 +56,7 @@ class ByMechanism(Explanation):
     @property
     def sure(self) -> bool:
         """Whether it explains all, and no law of other terms is nearly as likely."""
-        others = (
-            group.fit.score - other.score
-            for group in self.whole.groups
-            for other in group.others
-            if other.kinds != group.fit.kinds
-        )
-        return self.explained and min(others, default=np.inf) > CLEAR
+        return self.explained and not any(map(near, self.whole.groups))
 
     @cached_property
     def told_in(self) -> Units:
@@ -125,7 +113,7 @@ class ByMechanism(Explanation):
         bent = "centre" in found.kinds and judged.status != EXPLAINED
         if self.impossible or bent:
             return replace(judged, status=NOT)
-        partly = judged.status == EXPLAINED and (self.unfollowed or swings_alike(self.whole))
+        partly = judged.status == EXPLAINED and (self.unfollowed or undecided(self.whole))
         return replace(judged, status=MOSTLY) if partly else judged
 
     @cached_property

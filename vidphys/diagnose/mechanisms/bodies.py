@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 from vidphys.diagnose.mechanisms.choose import pictured, roughly
-from vidphys.diagnose.mechanisms.fitted import GOOD
+from vidphys.diagnose.mechanisms.coupled import coupled
+from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.mechanism import meeting, thinned
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
@@ -43,16 +44,13 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
             return _of(motion, chain), _said(motion.bodies, 2)
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
-    lawful = []
+    laws: dict[int, list[Fit]] = {}
     for body in range(min(motion.bodies, MOST_TRIED)):
-        if body in met:
-            continue
-        alone = _of(motion, [body])
-        first, last = alone.shown()
-        if last - first >= LEAST_FRAMES:
-            clips = frames_of(thinned(alone.cut(first, last)))
-            if _lawful(clips):
-                lawful.append(body)
+        clips = _clips(motion, [body])
+        if body not in met and len(clips[0].times) >= LEAST_FRAMES:
+            laws[body] = roughly(clips, angles=False)
+    lawful = [body for body, fits in laws.items() if _lawful(_clips(motion, [body]), fits)]
+    lawful = sorted({*lawful, *_tied(motion, laws, lawful)})
     if not met and not _stay(motion, lawful):
         let_go = _released(followed, before=min(lawful, default=motion.bodies))
         if let_go:
@@ -102,9 +100,26 @@ def _of(motion: Motion, bodies: list[int]) -> Motion:
     return replace(motion, positions=motion.positions[:, :, bodies], mass=motion.mass[:, bodies])
 
 
-def _lawful(clips: Sequence[Frames]) -> bool:
+def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:
+    """The frames in which these are seen."""
+    some = _of(motion, bodies)
+    first, last = some.shown()
+    return frames_of(thinned(some.cut(first, last)))
+
+
+def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[int]) -> list[int]:
+    """Two bodies that springs tie to each other, of which not both have a law of their own."""
+    for pair in map(list, combinations(laws, 2)):
+        if set(pair) <= set(lawful) or _stay(motion, pair) != pair:
+            continue
+        both = coupled(_clips(motion, pair), [laws[body] for body in pair], camera=True)
+        if both is not None and both.left < STRAIGHTENED * both.spread:
+            return pair
+    return []
+
+
+def _lawful(clips: Sequence[Frames], fits: Sequence[Fit]) -> bool:
     """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
-    fits = roughly(clips, angles=False)
     if any(fit.holds for fit in fits):
         return True
     askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]

@@ -125,10 +125,11 @@ def find_mechanism(motion: Motion, angles: bool = False, camera: bool = False) -
     """
     if motion.clips > MOST_CLIPS or motion.bodies > MOST_BODIES:
         return None
-    motion, stride = thinned(motion), _stride(motion)
+    stride, whole = _stride(motion), motion
+    motion = thinned(motion)
     first, groups = 0, _groups(motion, angles, camera)
     if groups is None or not all(g.fit.holds for g in groups if len(g.bodies) == 1):
-        later = _first_lawful(motion, angles)
+        later = first_lawful(whole, angles) // stride
         found = _groups(motion.cut(later), angles, camera) if later else None
         if found is not None and all(group.fit.holds for group in found):
             first, groups = later, found
@@ -193,12 +194,20 @@ def _linked(rods: Fit) -> bool:
     return link > SURELY * error
 
 
-def _first_lawful(motion: Motion, angles: bool) -> int:
-    """The first later frame from which a law holds for each body; 0 where there is none."""
+def first_lawful(motion: Motion, angles: bool) -> int:
+    """The first later frame from which a law holds for each body; 0 where there is none.
+
+    Args:
+        motion: one clip of few bodies; of others no such frame is sought.
+        angles: whether the coordinates are angles in radians.
+    """
+    if motion.clips > 1 or motion.bodies > MOST_BODIES:
+        return 0
+    stride, motion = _stride(motion), thinned(motion)
     total, tried = motion.positions.shape[1], []
     for share in LATER:
         first = int(share * total)
-        if total - first < LEAST_FRAMES + 2 or motion.clips > 1:
+        if total - first < LEAST_FRAMES + 2:
             break
         rest, worst = motion.cut(first), 0.0
         for body in range(motion.bodies):
@@ -207,6 +216,6 @@ def _first_lawful(motion: Motion, angles: bool) -> int:
             laws = [x for x in roughly(frames, angles) if x.holds] if enough else []
             worst = max(worst, min((x.left for x in laws), default=np.inf))
         if np.isfinite(worst):
-            tried.append((first, worst))
+            tried.append((stride * first, worst))
     least = min((left for _, left in tried), default=0.0)
     return next((first for first, left in tried if left <= NEAR_BEST * least), 0)

@@ -14,7 +14,8 @@ from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
-from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS
+from vidphys.diagnose.explanations.verdict import NOT
+from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, first_lawful
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
@@ -135,13 +136,17 @@ def answer(
     begin, stop = free_frames(motion)
     used = used or Used(motion.positions.shape[1])
     motion = motion.cut(begin, stop)
-    total = motion.positions.shape[1]
-    end, tail = total, max(int(hold_out * total), LEAST_FRAMES)
-    if motion.clips <= MOST_CLIPS and hold_out > 0 and total - tail >= FEWEST:
-        end = total - tail
+    end, later = _fitted(motion, hold_out), 0
     understood = understand(motion, end, angles, camera, units, progress)
+    if understood.status == NOT and (later := first_lawful(motion, angles)):
+        rest = motion.cut(later)
+        again = understand(rest, _fitted(rest, hold_out), angles, camera, units, progress)
+        if again.status == NOT:
+            later = 0
+        else:
+            motion, end, understood = rest, _fitted(rest, hold_out), again
     explanation = understood.explanation
-    found, identity = _later(understood.found, used.first + begin), check_identity(motion)
+    found, identity = _later(understood.found, used.first + begin + later), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
     answered = Answered(
         found,
@@ -154,7 +159,8 @@ def answer(
         told_in=(None if explanation is None else explanation.told_in) or units or Units(),
     )
     said = about(found, identity, advice, answered.told_in)
-    _left_out(answered, recorded, used, (begin, stop), explanation)
+    lawful = later + (0 if explanation is None else explanation.first)
+    _left_out(answered, recorded, used, (begin, stop), lawful)
     if understood.no_formula:
         answered.data["no_formula"] = understood.no_formula
         answered.lines.append(f"{understood.no_formula[0].upper()}{understood.no_formula[1:]}.")
@@ -167,12 +173,20 @@ def answer(
         answered.numbers["residual_over_noise"] = float(np.sqrt(inference.leftover.excess))
     answered.data.update(explanation.data())
     answered.numbers.update(explanation.numbers())
-    _rolled_on(answered, explanation, total - end)
+    _rolled_on(answered, explanation, motion.positions.shape[1] - end)
     answered.lines.extend(said)
     answered, scene = replace(answered, path=explanation.path()), explanation.specification()
     if scene is None:
         return answered
     return replace(answered, specification={"mass": found.motion.mass[0].tolist(), **scene})
+
+
+def _fitted(motion: Motion, hold_out: float) -> int:
+    """First frame that nothing is fitted to; all are where there would be too few."""
+    total = motion.positions.shape[1]
+    tail = max(int(hold_out * total), LEAST_FRAMES)
+    some = motion.clips <= MOST_CLIPS and hold_out > 0 and total - tail >= FEWEST
+    return total - tail if some else total
 
 
 def _longest_last(motion: Motion) -> Motion:
@@ -205,9 +219,14 @@ def _left_out(
     recorded: Motion,
     used: Used,
     free: tuple[int, int],
-    explanation: Explanation | None,
+    lawful: int,
 ) -> None:
-    """Say which frames are looked at, and why the others are not."""
+    """Say which frames are looked at, and why the others are not.
+
+    Args:
+        free: the first frame in which nothing holds a body, and the one after the last.
+        lawful: frames after that first one, from which one law holds.
+    """
     (first, stop), (begin, end) = recorded.shown(), free
     last, why = recorded.positions.shape[1], []
     noun = "body" if recorded.bodies == 1 else "bodies"
@@ -224,8 +243,8 @@ def _left_out(
         why.append(f"something holds the {noun} until {frame - 1}")
     if end < stop:
         why.append(f"something holds the {noun} from {used.first + end} on")
-    if explanation is not None and explanation.first:
-        begin += explanation.first
+    if lawful:
+        begin += lawful
         why.append(f"one law holds from {used.first + begin} on")
     answered.data["frames"] = used.data(begin, end)
     answered.lines.insert(0, used.line(begin, end, why))

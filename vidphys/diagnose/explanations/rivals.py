@@ -1,0 +1,74 @@
+"""Laws that are nearly as likely as the one that is told, and what would tell them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.charts import Line
+from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
+from vidphys.diagnose.recordings.units import GRAVITY
+
+CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
+LASTING = 2.0  # times that, where errors last: what they are like is known less well
+NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least
+UNSEEN = 0.006  # half sides of a picture, by which a tracker may bend a way
+LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
+SHORT = {
+    "linear": "friction ~ v",
+    "square": "friction ~ v²",
+    "dry": "dry friction",
+    "uniform": "constant acceleration",
+    "trap": "spring to a place",
+    "pendulum": "pendulum on an arc",
+    "centre": "a fixed place that pushes or pulls",
+}
+
+
+def near(group: Group) -> list[Fit]:
+    """Laws of other terms that may be the true one."""
+    lasts = group.fit.errors.smooth > group.fit.errors.white
+    least = group.fit.score - CLEAR * (LASTING if lasts else 1.0)
+    return [x for x in group.others if x.score > least and x.kinds != group.fit.kinds]
+
+
+def undecided(mechanism: Mechanism) -> bool:
+    """Whether a law does without a term that is told, and is nearly as likely.
+
+    One that has another term beside those that are told is no doubt of them.
+    """
+    return any(
+        not x.kinds > group.fit.kinds for group in mechanism.groups for x in near(group)
+    ) or any(may_hang(group.fit) for group in mechanism.groups)
+
+
+def may_hang(fit: Fit) -> bool:
+    """Whether what swings on a level line in a picture may be a pendulum that swings little.
+
+    One of its period would rise by less than a tracker may be off, in a picture of as small a
+    scene as people film.
+    """
+    law, chart = fit.model.law, fit.model.charts[0]
+    if not law.pictured or law.restoring != "trap" or not isinstance(chart, Line) or law.walls:
+        return False
+    x, y = chart.along
+    length = 2 / NARROWEST * GRAVITY / fit.numbers["stiffness"][0]
+    swing = 0.5 * max(
+        float(np.ptp(r[:, 0, 0])) for r in fit.model.coordinates(fit.values, fit.clips)
+    )
+    return abs(y) < LEVEL * abs(x) and swing**2 / (2 * length) < UNSEEN
+
+
+def rivals(mechanism: Mechanism) -> list[str]:
+    """Of laws that are nearly as likely, in sentences."""
+    out = []
+    for group in mechanism.groups:
+        kinds = {
+            ", ".join(SHORT.get(k, k) for k in sorted(x.kinds)) or "no force" for x in near(group)
+        }
+        if kinds:
+            said = "; or ".join(sorted(kinds))
+            out.append(f"Nearly as likely: {said}. A longer recording would tell.")
+        if may_hang(group.fit):
+            out.append("A pendulum that swings as little moves alike. A wider swing would tell.")
+    return out
