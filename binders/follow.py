@@ -21,6 +21,7 @@ ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one t
 MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
+MOSTLY = 0.8  # of the frames, in which they have turned alike
 BLADE = 0.02  # how likely what turns in its place is a body
 
 
@@ -106,11 +107,7 @@ def wheels(candidates: list[Candidate]) -> list[Candidate]:
         seen = np.isfinite(places).all((1, 2))
         if seen.mean() < TURNING:
             continue
-        places = places[seen]
-        middle = places.mean(1)
-        arms = np.linalg.norm(places - middle[:, None], axis=-1)
-        rests = np.hypot(*middle.std(0)) < RESTS * arms.mean()
-        if rests and (arms.std(0) < RESTS * arms.mean()).all():
+        if _turns_in_its_place(places[seen]):
             turning |= set(trio)
     rest = [each for k, each in enumerate(candidates) if k not in turning]
     faint = [
@@ -119,6 +116,20 @@ def wheels(candidates: list[Candidate]) -> list[Candidate]:
         if k in turning
     ]
     return sorted(rest + faint, key=lambda c: -c.judged.score)
+
+
+def _turns_in_its_place(places: np.ndarray) -> bool:
+    """Whether bodies ``(t, n, 2)`` keep their distances from a middle that rests, and turn alike."""
+    middle = places.mean(1)
+    away = places - middle[:, None]
+    arms = np.linalg.norm(away, axis=-1)
+    rests = np.hypot(*middle.std(0)) < RESTS * arms.mean()
+    turned = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=0)
+    turned = turned - turned[0]
+    alike = (
+        np.abs(turned - turned.mean(1, keepdims=True)) < RESTS * np.ptp(turned)
+    ).mean() > MOSTLY
+    return bool(rests and (arms.std(0) < RESTS * arms.mean()).all() and alike)
 
 
 def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:

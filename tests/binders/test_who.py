@@ -161,3 +161,11 @@ def test_a_body_that_moves_little_is_one_if_it_is_as_large() -> None:
     for size, steady, bodies in ((5.5, 0.95, 2), (1.6, 0.95, 1), (5.5, 0.6, 1)):
         other = candidate(0.1 * BALL + 60, 0.4, size, steady)
         assert len(likely([first, other])) == bodies
+
+
+def test_what_turns_by_different_angles_is_no_fan() -> None:
+    middle = np.array([30.0, 40.0])
+    angles = np.stack([0.8 * np.sin(0.3 * T), 2.1 + 0.1 * np.sin(0.2 * T), 4.2 + 0 * T], -1)
+    places = middle + 12 * np.stack([np.cos(angles), np.sin(angles)], -1)
+    three = [candidate(places[:, k], 2.0 - 0.1 * k) for k in range(3)]
+    assert wheels(three) == three
