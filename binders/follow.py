@@ -119,7 +119,7 @@ def wheels(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _turns_in_its_place(places: np.ndarray) -> bool:
-    """Whether bodies ``(t, n, 2)`` keep their distances from a middle that rests, and turn alike."""
+    """Whether bodies ``(t, n, 2)`` stay as far from a middle that rests, and turn alike."""
     middle = places.mean(1)
     away = places - middle[:, None]
     arms = np.linalg.norm(away, axis=-1)

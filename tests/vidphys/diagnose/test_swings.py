@@ -68,6 +68,9 @@ def test_the_slant_of_an_arc(up, tangent):
     assert Arc(aslant=True).slant(geometry) == pytest.approx(tangent)
 
 
+PENDULUM = SimpleNamespace(pictured=False, restoring="pendulum", coordinates=1, walls=())
+
+
 @pytest.mark.parametrize(
     ("kinds", "behind", "smooth", "doubt"),
     [
@@ -87,7 +90,7 @@ def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
             kinds=frozenset(x),
             score=s,
             errors=SimpleNamespace(white=1.0, smooth=smooth),
-            model=SimpleNamespace(law=SimpleNamespace(pictured=False), charts=(None,)),
+            model=SimpleNamespace(law=PENDULUM, charts=(None,)),
         )
         for x, s in (({"pendulum", "linear"}, 0.0), (kinds, -behind))
     )

@@ -49,7 +49,8 @@ def may_hang(fit: Fit) -> bool:
     scene as people film.
     """
     law, chart = fit.model.law, fit.model.charts[0]
-    if not law.pictured or law.restoring != "trap" or not isinstance(chart, Line) or law.walls:
+    alone = law.restoring == "trap" and law.coordinates == 1 and not law.walls
+    if not (alone and law.pictured and isinstance(chart, Line)):
         return False
     x, y = chart.along
     length = 2 / NARROWEST * GRAVITY / fit.numbers["stiffness"][0]
