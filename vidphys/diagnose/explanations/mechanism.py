@@ -45,6 +45,8 @@ class ByMechanism(Explanation):
         motion: the whole recording.
         end: first frame that nothing was fitted to.
         units: in which lengths are told.
+        sought: whether the recording is a part of one that was sought for having a law; it is
+            mostly explained at most.
     """
 
     mechanism: Mechanism
@@ -52,6 +54,7 @@ class ByMechanism(Explanation):
     motion: Motion
     end: int
     units: Units
+    sought: bool = False
 
     @property
     def sure(self) -> bool:
@@ -113,7 +116,9 @@ class ByMechanism(Explanation):
         bent = "centre" in found.kinds and judged.status != EXPLAINED
         if self.impossible or bent:
             return replace(judged, status=NOT)
-        partly = judged.status == EXPLAINED and (self.unfollowed or undecided(self.whole))
+        partly = judged.status == EXPLAINED and (
+            self.sought or self.unfollowed or undecided(self.whole)
+        )
         return replace(judged, status=MOSTLY) if partly else judged
 
     @cached_property

@@ -13,6 +13,7 @@ from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
+from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
 from vidphys.diagnose.explanations.verdict import NOT
 from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, first_lawful
@@ -141,10 +142,12 @@ def answer(
     if understood.status == NOT and (later := first_lawful(motion, angles)):
         rest = motion.cut(later)
         again = understand(rest, _fitted(rest, hold_out), angles, camera, units, progress)
-        if again.status == NOT:
+        if again.status == NOT or not isinstance(again.explanation, ByMechanism):
             later = 0
         else:
-            motion, end, understood = rest, _fitted(rest, hold_out), again
+            motion, end = rest, _fitted(rest, hold_out)
+            # What was held out had a say in which part it is.
+            understood = replace(again, explanation=replace(again.explanation, sought=True))
     explanation = understood.explanation
     found, identity = _later(understood.found, used.first + begin + later), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
