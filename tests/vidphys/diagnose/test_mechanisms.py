@@ -469,6 +469,20 @@ def test_a_body_that_leaves_faster_than_it_came_met_no_wall():
     assert any(line.startswith("No wall gives") for line in told.lines())
 
 
+def test_a_changed_law_that_flies_apart_is_told_while_it_is_finite():
+    spring = np.stack([np.cos(4 * STEP * np.arange(90)), 0 * np.arange(90)], -1)
+    found = ByMechanism.of(noisy(spring), 60, False, False, Units())
+    (group,) = found.mechanism.groups
+    values = group.fit.values.copy()
+    values[group.fit.model.law.names.index("stiffness")] = -5e4
+    wild = replace(group, fit=replace(group.fit, values=values))
+    told = replace(found, mechanism=replace(found.mechanism, groups=(wild,))).changed()
+    times, _ = found.changed()["twice the stiffness"]
+    for when, path in told.values():
+        assert np.isfinite(path).all() and 1 < len(when) == len(path) < len(times)
+    assert told
+
+
 # intervals
 
 

@@ -32,6 +32,7 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
     return asked
 
 
+@np.errstate(all="ignore")  # a law without its friction may fly apart
 def under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) -> np.ndarray:
     """Places ``(t, n, d)`` under changed numbers, from the fit's own state at ``start`` seconds."""
     numbers, starts = fit.model.split(fit.values, len(fit.clips))

@@ -254,7 +254,7 @@ class ByMechanism(Explanation):
         return []
 
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Each law that may be asked for, from the last fitted frame on."""
+        """Each law that may be asked for, from the last fitted frame on, while it stays finite."""
         times = self.motion.times[-1]
         stop, last = times[min(self.end, len(times)) - 1], times[-1]
         out, spins = {}, any(group.fit.model.law.spins for group in self.mechanism.groups)
@@ -268,7 +268,10 @@ class ByMechanism(Explanation):
             for group in self.mechanism.groups:
                 path = under(group.fit, factor, float(start - self.mechanism.begin[-1]), since)
                 parts.update({b: path[:, i] for i, b in enumerate(group.bodies)})
-            out[name] = (start + since, np.stack([parts[b] for b in sorted(parts)], 1))
+            path = np.stack([parts[b] for b in sorted(parts)], 1)
+            stays = int(np.logical_and.accumulate(np.isfinite(path).all((1, 2))).sum())
+            if stays > 1:
+                out[name] = (start + since[:stays], path[:stays])
         return out
 
     @property
