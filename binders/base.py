@@ -36,8 +36,9 @@ class MotionTracks:
     Args:
         tracks: normalised image units, y upwards, one episode; where a body was not seen its
             position is interpolated and its confidence 0.
-        camera: displacement of the still background in each frame, normalised image units,
-            y upwards; subtract it from the positions to have them before a still camera.
+        camera: displacement of the still background since the first frame, normalised image
+            units, y upwards; subtract it from the positions to have them as a camera that stays
+            as it was in the first frame would see them.
         others: share of the frames in which something else moves that is as strong as a body.
         radius: of each body in the picture, ``(t, n)``, normalised image units, which grows as it
             comes nearer; NaN where it is not measured, ``None`` where the binder measures none.

@@ -26,7 +26,7 @@ from binders.lookalike import seen_again
 from binders.placed import placed
 from binders.reel import Masks
 from binders.scenery import Scenery, lumps, threshold_of
-from binders.steadied import UP, Steadied
+from binders.steadied import Steadied
 from binders.tracks import Tracks
 from binders.wanted import Wanted, in_working_pixels
 
@@ -104,9 +104,8 @@ class MotionBinder:
             torch.from_numpy(path.confidence)[None].float(),
             torch.from_numpy(times),
         )
-        camera = torch.from_numpy(clip.drift / clip.half * UP).float()
         radius = torch.from_numpy(path.radius / clip.half).float()
-        return MotionTracks(tracks, camera, path.others, radius)
+        return MotionTracks(tracks, clip.camera, path.others, radius)
 
     def candidates(
         self, frames: Pictures, times: Float[np.ndarray, " t"]

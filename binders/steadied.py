@@ -62,6 +62,11 @@ class Steadied:
             places = through(np.broadcast_to(self._turns[0], self._turns.shape), places)
         return places + self.drift[:, None]
 
+    @property
+    def camera(self) -> Float[torch.Tensor, "t 2"]:
+        """What the camera did, as in :class:`MotionTracks`."""
+        return _since_first(self.drift, self.half)
+
     def normalised(self, pixels: Float[np.ndarray, "*t 2"]) -> Float[np.ndarray, "*t 2"]:
         """Working pixels in normalised image units, y upwards."""
         return (pixels + 0.5 - self._middle) / self.half * UP
@@ -75,7 +80,12 @@ def camera_path(frames: Pictures) -> Float[torch.Tensor, "t 2"]:
         drift = _drift(small, _sample(len(small)))
     else:
         drift = _turned(turns, np.array([frames.shape[2], frames.shape[1]]) / 2 / factor)
-    return torch.from_numpy(drift / (max(frames.shape[1:3]) / 2 / factor) * UP).float()
+    return _since_first(drift, max(frames.shape[1:3]) / 2 / factor)
+
+
+def _since_first(drift: np.ndarray, half: float) -> Float[torch.Tensor, "t 2"]:
+    """The camera's path from the first frame on, normalised image units."""
+    return torch.from_numpy((drift - drift[0]) / half * UP).float()
 
 
 def _working_copy(frames: Pictures) -> tuple[Reel, int]:
