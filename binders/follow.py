@@ -16,7 +16,7 @@ STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow 
 SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
 NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
 HALF_AS = 0.25  # and if it is as large and surely one thing
-AS_LARGE = 1.25  # times the size
+AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
 ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one thing
 MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
@@ -85,7 +85,8 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
     first = candidates[:1]
     bodies = []
     for each in candidates[:MOST]:
-        alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(AS_LARGE)
+        largest = AS_LARGE[each.kind == first[0].kind]
+        alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(largest)
         certain = alike and each.judged.seen > ALWAYS and each.judged.steady > STEADY
         if each.judged.score >= (HALF_AS if certain else NEARLY) * first[0].judged.score:
             bodies.append(each.body)

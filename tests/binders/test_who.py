@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -158,8 +160,14 @@ def test_the_blades_of_a_fan_are_no_bodies() -> None:
 
 def test_a_body_that_moves_little_is_one_if_it_is_as_large() -> None:
     first = candidate(BALL, 1.3)
-    for size, steady, bodies in ((5.5, 0.95, 2), (1.6, 0.95, 1), (5.5, 0.6, 1)):
-        other = candidate(0.1 * BALL + 60, 0.4, size, steady)
+    for size, steady, kind, bodies in (
+        (5.5, 0.95, 2, 2),
+        (1.6, 0.95, 0, 1),
+        (5.5, 0.6, 0, 1),
+        (7.0, 0.95, 0, 2),  # sizes that were found in one way are compared more freely
+        (7.0, 0.95, 2, 1),
+    ):
+        other = replace(candidate(0.1 * BALL + 60, 0.4, size, steady), kind=kind)
         assert len(likely([first, other])) == bodies
 
 
