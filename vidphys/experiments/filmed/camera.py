@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 WAVES = 8  # of which a hand's tremor is made
 SLOWEST, FASTEST = 0.3, 7.0  # Hz
-SOLVED = 12  # rounds of the lens's inverse
+FOLDED = 1.05  # times a picture's corner, that a barrel's rim is away at least
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,28 @@ class Lens:
         bent = flat * (1 + self.radial * (flat**2).sum(-1, keepdims=True))
         return self.centre + self.focal * bent * [1, -1]
 
+    @classmethod
+    def within(cls, width: int, height: int, focal: float, radial: float) -> Lens:
+        """With as much of a barrel as shows something in every corner.
+
+        Its picture has a rim, 2 / 3 / sqrt(3 |radial|) from the middle; beyond it nothing is seen.
+        """
+        corner = FOLDED * float(np.hypot(width, height)) / 2 / focal
+        return cls(width, height, focal, max(radial, -4 / 27 / corner**2))
+
     def rays(self) -> np.ndarray:
         """Where each pixel looks, ``(H, W, 3)`` along the camera's axes, one metre deep."""
         x, y = np.meshgrid(np.arange(self.width), np.arange(self.height))
         bent = (np.stack([x, y], -1) - self.centre) / self.focal * [1, -1]
-        flat = bent
-        for _ in range(SOLVED):
-            flat = bent / (1 + self.radial * (flat**2).sum(-1, keepdims=True))
+        flat = bent * self._stretch(np.linalg.norm(bent, axis=-1, keepdims=True))
         return np.concatenate([flat, -np.ones((*flat.shape[:2], 1))], -1)
+
+    def _stretch(self, far: np.ndarray) -> np.ndarray:
+        """``r / r'`` at distances ``r'`` from the middle: the cubic's root nearest to zero."""
+        part = np.maximum(1.5 * np.sqrt(3 * abs(self.radial)) * far, np.finfo(float).tiny)
+        if self.radial > 0:
+            return 3 * np.sinh(np.arcsinh(part) / 3) / part
+        return 3 * np.sin(np.arcsin(np.minimum(part, 1)) / 3) / part
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ def stand_of(
     up = 1 if view.flat else 2
     upright = (high[0] - low[0]) / (high[up] - low[up]) < TALL
     width, height = (SHORT, LONG) if upright else (LONG, SHORT)
-    lens = Lens(width, height, LONG * random.uniform(0.66, 0.8), add.radial)
+    lens = Lens.within(width, height, LONG * random.uniform(0.66, 0.8), add.radial)
     turning = Tremor.of(random, np.radians(add.shake))
     target = (low + high) / 2 + random.uniform(-0.03, 0.03, 3) * (high - low)
     pan = np.radians(add.pan)

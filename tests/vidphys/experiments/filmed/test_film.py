@@ -8,7 +8,7 @@ import pytest
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
 from vidphys.experiments.filmed import encode
-from vidphys.experiments.filmed.camera import along
+from vidphys.experiments.filmed.camera import Lens, along
 from vidphys.experiments.filmed.encode import write_h264
 from vidphys.experiments.filmed.film import clip_of, compose, pictures, read_at, truth_of
 from vidphys.experiments.filmed.folder import film_clip, film_folder
@@ -45,6 +45,17 @@ def short(kind, add, seed=1, seconds=0.4):
 def without(clip):
     """The same clip, its bodies far away."""
     return replace(clip, course=Course(clip.course.times, clip.course.places + 500.0))
+
+
+@pytest.mark.parametrize("radial", [-0.25, -0.08, 0.0, 0.25])
+@pytest.mark.parametrize("focal", [422.0, 512.0])
+def test_each_pixel_looks_at_what_shows_there_also_in_a_strong_barrels_corners(radial, focal):
+    lens = Lens.within(640, 360, focal, radial)
+    rays = lens.rays()
+    shown = np.stack(np.meshgrid(np.arange(640), np.arange(360)), -1)
+    np.testing.assert_allclose(lens.project(rays), shown, atol=1e-6)
+    assert np.linalg.norm(rays[..., :2], axis=-1).max() < 1.4  # a room, not the horizon
+    assert lens.radial == radial or radial < lens.radial < -0.1
 
 
 @drawn
