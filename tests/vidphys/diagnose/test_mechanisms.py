@@ -440,6 +440,22 @@ def test_two_bodies_that_a_spring_ties_are_kept_though_neither_has_a_law_of_its_
     assert set(given.data["terms"]) >= {"pair", law} and given.data["explained"]
 
 
+def test_a_ball_that_a_hand_drops_and_that_comes_to_rest_is_told_from_the_hand():
+    times = np.arange(100) / 30
+    free = np.clip(times - 1.0, 0, 0.9)  # then it lies
+    fall = replace(BALL, restitution=0.55, start=-0.6, speed=0.0)
+    way = np.stack(
+        [0.1 * np.sin(4 * times) * np.exp(-3 * free), -0.2 + 0.1 * np.cos(5 * times)], -1
+    )
+    ball = np.where(times[:, None] < 1.0, way, 0.0)
+    ball[30:] = ball[29] + np.stack([0.15 * free, -0.6 - fall.path(free)], -1)[30:]
+    hand = way + [0.05, 0.08]
+    hand[60:] = np.nan
+    looked_at, said = of_lawful_bodies(noisy(np.stack([ball, hand], 1), 5e-4))
+    assert looked_at.bodies == 1 and len(said) == 1
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
+
+
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
     upper, lower, share = 0.25, 0.2, 0.4  # metres; of both masses, that the lower one has

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 
 from vidphys.diagnose.mechanisms.choose import pictured, roughly
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
-from vidphys.diagnose.mechanisms.mechanism import meeting, thinned
+from vidphys.diagnose.mechanisms.mechanism import first_lawful, meeting, thinned
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
@@ -85,15 +85,17 @@ def _released(motion: Motion, before: int) -> list[int]:
     Args:
         before: the likeliest body that a law moves already: of those likelier than it.
     """
-    found = []
-    for body in _stay(motion, list(range(min(before, MOST_TRIED)))):
+    staying, found = _stay(motion, list(range(min(before, MOST_TRIED)))), []
+    for body in staying:
         rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
         first, last = rest.shown()
         if last - first >= LEAST_FRAMES + 2:
             clips = frames_of(thinned(rest.cut(first, last)))
             if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
                 found.append(body)
-    return found
+    alone = ((body, _of(motion, [body])) for body in staying)
+    later = (body for body, each in alone if first_lawful(each.cut(*each.shown()), angles=False))
+    return found or list(islice(later, 1))
 
 
 def _of(motion: Motion, bodies: list[int]) -> Motion:

@@ -80,12 +80,19 @@ def ask(clip: Path, size: tuple[int, int]) -> Answer:
     return Answer(
         track,
         frozenset(ALIKE.get(kind, kind) for kind in found.data["terms"]),
-        found.data.get("status") or (EXPLAINED if found.data["explained"] else NOT),
+        found.data.get("status") or _unforetold(found.data),
         found.data.get("mechanism", []),
         None if rolled is None else (rolled[0], pixels_of(rolled[1], size)),
         time.perf_counter() - began,
         found.data["refused"] or "",
     )
+
+
+def _unforetold(data: Mapping[str, Any]) -> str:
+    """The status of an answer that cannot be rolled on, as a bath's."""
+    if not data["explained"]:
+        return NOT
+    return EXPLAINED if data["sure"] else MOSTLY
 
 
 def pixels_of(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
