@@ -67,15 +67,17 @@ def test_a_law_that_is_off_for_a_few_frames_and_comes_back_is_mostly_right(off, 
 
 
 @pytest.mark.parametrize(
-    ("kinds", "miss", "status"),
+    ("kinds", "miss", "sought", "status"),
     [
-        ({"centre"}, 0.02, EXPLAINED),
-        ({"centre"}, 0.17, NOT),  # the same miss is enough where less can be bent
-        ({"arc"}, 0.17, MOSTLY),
+        ({"centre"}, 0.02, False, EXPLAINED),
+        ({"centre"}, 0.17, False, NOT),  # the same miss is enough where less can be bent
+        ({"arc"}, 0.17, False, MOSTLY),
+        ({"arc"}, 0.02, False, EXPLAINED),
+        ({"arc"}, 0.02, True, MOSTLY),  # what was held out had a say in what is fitted
     ],
 )
 def test_a_place_that_nobody_sees_has_to_foretell_everything(
-    kinds: set[str], miss: float, status: str
+    kinds: set[str], miss: float, sought: bool, status: str
 ) -> None:
     late = tail(0.0)
     late.forecasts["model"][25:] += miss
@@ -87,6 +89,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
         _bent=False,
         impossible="",
         unfollowed={},
+        sought=sought,
         whole=SimpleNamespace(groups=()),
     )
     for held in (late.forecasts, late.errors):
