@@ -207,3 +207,16 @@ def test_carts_that_meet_again_and_again_between_walls():
     for name, true in (("mass ratio", 1.8), ("restitution", 0.85)):
         assert known[name]["value"] == pytest.approx(true, rel=0.02)
     assert "momentum is kept in 3 collisions" in "\n".join(given.lines)
+
+
+@pytest.mark.parametrize("bodies", [1, 2])
+def test_bodies_whose_laws_begin_later_are_not_wholly_explained(bodies):
+    since = np.maximum(TIMES - 1.0, 0)[:, None]
+    early = np.minimum(TIMES, 1.0)[:, None]
+    ways = []
+    for turn, way in ((5.0, (0.4, 0.3)), (-4.0, (-0.5, 0.2)))[:bodies]:
+        circles = 0.1 * early * np.concatenate([np.cos(turn * early**2), np.sin(9 * early)], 1)
+        ways.append(circles + since * np.array(way) + turn / 10)
+    given = answer(recorded(np.stack(ways, 1)), False, 0.3, camera=True)
+    assert "one law holds from" in given.lines[0] and given.data["frames"]["first"] > 40
+    assert given.data["status"] == ("explained" if bodies == 1 else "mostly explained")

@@ -90,6 +90,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
         impossible="",
         unfollowed={},
         sought=sought,
+        _late=False,
         whole=SimpleNamespace(groups=()),
     )
     for held in (late.forecasts, late.errors):

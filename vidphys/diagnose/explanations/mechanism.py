@@ -117,7 +117,7 @@ class ByMechanism(Explanation):
         if self.impossible or bent:
             return replace(judged, status=NOT)
         partly = judged.status == EXPLAINED and (
-            self.sought or self.unfollowed or undecided(self.whole)
+            self.sought or self.unfollowed or undecided(self.whole) or self._late
         )
         return replace(judged, status=MOSTLY) if partly else judged
 
@@ -126,6 +126,11 @@ class ByMechanism(Explanation):
         """By body: the swing of something that moves with it and was not followed."""
         swings = {g.bodies[0]: own_swing(g.fit) for g in self.whole.groups if len(g.bodies) == 1}
         return {body: swing for body, swing in swings.items() if swing is not None}
+
+    @property
+    def _late(self) -> bool:
+        """Whether several bodies have their laws only from a later frame on: they met before."""
+        return self.motion.bodies > 1 and self.mechanism.first > 0
 
     @property
     def _bent(self) -> bool:
