@@ -9,7 +9,9 @@ import pytest
 
 from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.mechanism import ByMechanism
+from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, judge
+from vidphys.diagnose.telling.report import _status
 
 TIMES = np.arange(40) * 0.05
 
@@ -96,3 +98,18 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     for held in (late.forecasts, late.errors):
         held["constant velocity"] = held["persistence"]
     assert ByMechanism.verdict.func(law).status == status
+
+
+@pytest.mark.parametrize(
+    ("kicks", "camera", "status"),
+    [(0.3, True, MOSTLY), (0.3, False, EXPLAINED), (0.0, True, EXPLAINED)],
+)
+def test_kicks_of_a_body_in_a_picture_may_be_mistakes_of_who_follows_it(
+    kicks: float, camera: bool, status: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = SimpleNamespace(sure=True, explained=True)
+    bath = ByMenu(told, SimpleNamespace(kicks=kicks), None, 10, camera)
+    for name in ("verdict", "strays"):  # nothing was held out that it could foretell
+        monkeypatch.setattr(ByMenu, name, None if name == "verdict" else False)
+    assert bath.jolted is (status == MOSTLY)
+    assert _status(bath) == status and bath.explained

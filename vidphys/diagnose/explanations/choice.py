@@ -112,7 +112,7 @@ def _known(
         return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False), ""), laws
     if found.inference is None:
         return found, laws
-    menu = ByMenu(found, found.inference, motion, end)
+    menu = ByMenu(found, found.inference, motion, end, camera)
     return (found, menu) if laws is None or _foretells_more(menu, laws) else (found, laws)
 
 

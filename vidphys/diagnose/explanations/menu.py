@@ -67,12 +67,14 @@ class ByMenu(Explanation):
         inference: of all of that part.
         motion: the whole recording.
         end: first frame that nothing was fitted to.
+        camera: whether the places are of bodies that were followed in a picture.
     """
 
     found: Diagnosis
     inference: Inference
     motion: Motion
     end: int
+    camera: bool = False
 
     @property
     def kinds(self) -> list[str]:
@@ -91,7 +93,13 @@ class ByMenu(Explanation):
 
     @property
     def sure(self) -> bool:
-        return self.found.sure and not (self.verdict is not None and self.verdict.bent)
+        bent = self.verdict is not None and self.verdict.bent
+        return self.found.sure and not bent and not self.jolted
+
+    @property
+    def jolted(self) -> bool:
+        """Whether kicks are told of a body in a picture, where whoever follows it errs as well."""
+        return self.camera and bool(self.inference.kicks)
 
     @property
     def fastest(self) -> float:
@@ -125,6 +133,8 @@ class ByMenu(Explanation):
             left = (part.leftover for part in found.inferences)
             why = "; ".join(x.why for x in left if not x.explained)
             lines.append(f"No term explains all of it: {why}.")
+        if self.jolted:
+            lines.append("Mistakes of who follows a body look like kicks: `--look` shows what is.")
         lines += [] if found.mended is None else found.mended.said
         lines += [line for part in found.inferences for line in doubts(found.motion, part)]
         if found.power is not None:

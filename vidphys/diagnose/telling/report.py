@@ -134,8 +134,10 @@ def _status(explanation: Explanation | None) -> str:
     """One of the three; without frames held out, by what the fit leaves alone."""
     if explanation is None:
         return NOT
+    if explanation.verdict is None and explanation.explained:
+        return EXPLAINED if explanation.sure else MOSTLY
     if explanation.verdict is None:
-        return EXPLAINED if explanation.explained else NOT
+        return NOT
     return explanation.verdict.status
 
 

@@ -80,19 +80,12 @@ def ask(clip: Path, size: tuple[int, int]) -> Answer:
     return Answer(
         track,
         frozenset(ALIKE.get(kind, kind) for kind in found.data["terms"]),
-        found.data.get("status") or _unforetold(found.data),
+        str(found.data["status"]),
         found.data.get("mechanism", []),
         None if rolled is None else (rolled[0], pixels_of(rolled[1], size)),
         time.perf_counter() - began,
         found.data["refused"] or "",
     )
-
-
-def _unforetold(data: Mapping[str, Any]) -> str:
-    """The status of an answer that cannot be rolled on, as a bath's."""
-    if not data["explained"]:
-        return NOT
-    return EXPLAINED if data["sure"] else MOSTLY
 
 
 def pixels_of(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
