@@ -115,7 +115,7 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
         if set(pair) <= set(lawful) or _stay(motion, pair) != pair:
             continue
         both = coupled(_clips(motion, pair), [laws[body] for body in pair], camera=True)
-        if both is not None and both.left < STRAIGHTENED * both.spread:
+        if both is not None and both.left < GOOD * both.spread:
             return pair
     return []
 
