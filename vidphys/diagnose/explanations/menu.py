@@ -134,7 +134,7 @@ class ByMenu(Explanation):
             why = "; ".join(x.why for x in left if not x.explained)
             lines.append(f"No term explains all of it: {why}.")
         if self.jolted:
-            lines.append("Mistakes of who follows a body look like kicks: `--look` shows what is.")
+            lines.append("Kicks may be mistakes of who follows the body: look at what is followed.")
         lines += [] if found.mended is None else found.mended.said
         lines += [line for part in found.inferences for line in doubts(found.motion, part)]
         if found.power is not None:
