@@ -20,12 +20,16 @@ from dynamics.state import Parameters, PhaseState
 
 
 class Spring(nn.Module):
-    """V = stiffness (s_i - s_j - rest)^2 / 2 of two coordinates.
+    """V = stiffness (x - rest)^2 / 2 with x = s_i - s_j of two coordinates.
+
+    Between the ends of two pendulums x is by how much these are farther apart than their pivots.
 
     Args:
         first, second: indices i and j of the bodies.
         stiffness: per second squared, of unit masses.
-        rest: s_i - s_j where it does not pull.
+        rest: x where it does not pull.
+        apart: along a level line, from the first pendulum's pivot to the second one's, over their
+            length; 0: it joins the coordinates, whatever they are.
         learned: whether stiffness and rest are.
     """
 
@@ -33,34 +37,51 @@ class Spring(nn.Module):
     rest: Tensor
 
     def __init__(
-        self, first: int, second: int, stiffness: float, rest: float, learned: bool
+        self,
+        first: int,
+        second: int,
+        stiffness: float,
+        rest: float = 0.0,
+        apart: float = 0.0,
+        learned: bool = True,
     ) -> None:
         super().__init__()
-        self.first, self.second = first, second
+        self.first, self.second, self.apart = first, second, apart
         number(self, "stiffness", stiffness, learned)
         number(self, "rest", rest, learned)
 
-    def stretch(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b 1"]:
-        """By how much it is too long."""
-        return s[..., self.first, :] - s[..., self.second, :] - self.rest.to(s)
-
     def energy(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b"]:
         """V of each state."""
-        return 0.5 * self.stiffness.to(s) * self.stretch(s).square().squeeze(-1)
+        stretch, _ = self._stretched(s)
+        return 0.5 * self.stiffness.to(s) * stretch.square()
 
     def force(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b n 1"]:
         """-dV/ds."""
-        ends = torch.zeros(s.shape[-2], 1, dtype=s.dtype, device=s.device)
-        ends[self.first], ends[self.second] = -1.0, 1.0
-        return self.stiffness.to(s) * self.stretch(s).unsqueeze(-2) * ends
+        stretch, slopes = self._stretched(s)
+        out = torch.zeros_like(s)
+        for body, slope in zip((self.first, self.second), slopes, strict=True):
+            out[..., body, 0] = -self.stiffness.to(s) * stretch * slope
+        return out
+
+    def _stretched(self, s: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """X - rest, and its slopes along the two coordinates."""
+        one, two = s[..., self.first, 0], s[..., self.second, 0]
+        rest = self.rest.to(s).squeeze()
+        if not self.apart:
+            return one - two - rest, (torch.ones_like(one), -torch.ones_like(two))
+        across, up = self.apart + two.sin() - one.sin(), one.cos() - two.cos()
+        far = torch.hypot(across, up)
+        first = -(across * one.cos() + up * one.sin()) / far
+        second = (across * two.cos() + up * two.sin()) / far
+        return far - abs(self.apart) - rest, (first, second)
 
 
 class Each(Head):
     """One law for each body, and springs and contacts between them where there are any.
 
-    A spring acts on the coordinates of its two bodies: along their curves, or in a space of one
-    dimension. Half of its kick comes before a step and half after. What collides in a step is
-    taken back to where it touched.
+    A spring acts on its two bodies along their curves, or in a space of one dimension. Half of
+    its kick comes before a step and half after. What collides in a step is taken back to where it
+    touched.
 
     Args:
         laws: of one body each.

@@ -240,6 +240,9 @@ class Spring(Term):
         first, second: indices i and j of the bodies, from 0.
         stiffness: per second squared, of unit masses.
         rest: s_i - s_j where it does not pull, in the coordinates' unit.
+        apart: of pendulums whose ends it joins, from the first one's pivot to the second one's
+            along a level line, over their length; it is then ``rest`` longer than that where it
+            does not pull. 0: it joins the coordinates.
         learned: whether stiffness and rest are, from there on.
     """
 
@@ -247,13 +250,15 @@ class Spring(Term):
     second: int
     stiffness: float
     rest: float = 0.0
+    apart: float = 0.0
     learned: bool = True
 
     def build(self, sizes: Sizes) -> each.Spring:
         from dynamics import each
 
         _two_of("Spring", self.first, self.second, sizes)
-        return each.Spring(self.first, self.second, self.stiffness, self.rest, self.learned)
+        ends = self.first, self.second
+        return each.Spring(*ends, self.stiffness, self.rest, self.apart, self.learned)
 
     def counted_in(self, length: float, seconds: float) -> Spring:
         return replace(self, stiffness=self.stiffness * seconds**2, rest=self.rest / length)

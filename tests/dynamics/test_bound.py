@@ -189,17 +189,24 @@ def test_each_has_its_own_law_and_springs_join_them():
         assert head.conserves and float((energy / energy[:, :1] - 1).abs().max()) < 1e-5
 
 
-def test_pendulums_with_pivots_of_their_own_share_nothing_but_their_spring():
+@pytest.mark.parametrize("apart", [0.0, 0.8, -1e6])
+def test_pendulums_with_pivots_of_their_own_share_nothing_but_their_spring(apart):
     arcs = on(SWING), on(BRAKED, (2.0, 1.0), (0.4, 0.0), (0.0, -0.4))
-    head = build(terms.Each(arcs, (terms.Spring(0, 1, 1.5),)), 2, 0.01).double()
+    head = build(terms.Each(arcs, (terms.Spring(0, 1, 1.5, apart=apart),)), 2, 0.01).double()
     params = one(bodies=2)
     parts = [at(law, [s], [0.0], one()) for law, s in zip(head.laws, (0.8, -0.2), strict=True)]
     start = PhaseState(*(torch.cat([getattr(x, k) for x in parts], -2) for k in "qp"))
     path = rollout(head, start, params, 3000, 0.001, every=100)
 
     def slope(_, x):
-        pull = 1.5 * (x[0] - x[1])
-        return [x[2], x[3], -9 * np.sin(x[0]) - pull, -9 * np.sin(x[1]) + pull - 0.3 * x[3]]
+        pull, lost = np.array([1.0, -1.0]) * 1.5 * (x[0] - x[1]), np.array([0.0, 0.3 * x[3]])
+        if apart:  # an exact spring between two points
+            between = [apart + np.sin(x[1]) - np.sin(x[0]), np.cos(x[0]) - np.cos(x[1])]
+            far = np.hypot(*between)
+            drawn = 1.5 * (far - abs(apart)) / far * np.array(between)
+            along = np.stack([np.cos(x[:2]), np.sin(x[:2])], -1)
+            pull = along @ drawn * [-1, 1]
+        return [x[2], x[3], *(-9 * np.sin(x[:2]) - pull - lost)]
 
     found = solved(slope, [0.8, -0.2, 0.0, 0.0], path.times)
     for n, law in enumerate(head.laws):
@@ -213,7 +220,7 @@ UNITS = [
     (terms.OnLine(PIVOT, ACROSS, terms.Hamiltonian(potentials=(terms.Uniform((0.4,)),))), 1),
     (terms.OnCurve(tuple(CIRCLE), terms.Hamiltonian(potentials=(terms.Trap(2.0, (1.0,)),))), 1),
     (terms.OnChain(PIVOT, ACROSS, DOWN, (1.0, 0.5), terms.Links((1.0, 0.5), (1.0, 2.0), 9.8)), 2),
-    (terms.Each((on(BRAKED), on(SWING)), (terms.Spring(0, 1, 1.5, 0.3),)), 2),
+    (terms.Each((on(BRAKED), on(SWING)), (terms.Spring(0, 1, 1.5, 0.3, apart=0.8),)), 2),
     (
         terms.OnLine(
             PIVOT, ACROSS, terms.Hamiltonian(potentials=(terms.Well(4.0, 0.3, 0.5, -0.2),))

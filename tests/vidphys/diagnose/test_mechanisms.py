@@ -542,6 +542,25 @@ def test_intervals_hold_the_truth_where_a_place_errs_alike_at_every_swing():
     assert miss < 0.003, miss  # 0.009
 
 
+def test_friction_in_a_picture_allows_for_a_tracker_that_follows_wide_swings_differently():
+    rng, off = np.random.default_rng(2), []
+    times = STEP * np.arange(150)
+    swings = np.exp(-0.1 * times) * np.cos(6.0 * times)
+    slowly = np.linspace(-1, 1, 150)
+    model = Model(Law(1, "trap", "linear", pictured=True), (Line((1.0, 0.0)),))
+    for _ in range(8):
+        gain = 1 + 0.003 * rng.standard_normal() * slowly
+        places = np.stack([0.3 * gain * swings, np.zeros(150)], -1)
+        places += 0.0003 * rng.standard_normal((150, 2))
+        frames = frames_of(motion_of(places[None, :, None], STEP))
+        start = np.array([36.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.3, 0.0])
+        found = fit(frames, model, start)
+        value, error_of = restricted(found).numbers["linear"]
+        off.append((value - 0.2) / error_of)
+    size = float(np.sqrt(np.mean(np.square(off))))
+    assert 0.5 < size < 1.5, size  # 4.6 where the gain is taken to be steady
+
+
 def test_a_length_in_a_picture_of_a_turned_plane_is_told_with_more_doubt():
     assert view.unevenness(np.zeros(3)) == pytest.approx(0.0, abs=1e-12)
     slight, much = (view.unevenness(np.array([x, 0.0, 0.0])) for x in (0.05, 0.3))

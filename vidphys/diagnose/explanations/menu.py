@@ -19,6 +19,7 @@ from vidphys.diagnose.explanations.forecast import (
     last_state,
     roll,
 )
+from vidphys.diagnose.explanations.rivals import PASSES, UNTURNED
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.explanations.verdict import Verdict, beyond_noise, judge
 from vidphys.diagnose.inference.doubts import doubts
@@ -42,6 +43,7 @@ ASKED = (
     "dry",
     "drive",
 )
+STRIDE = 3  # frames, over which a step shows where a body goes
 LIKELY, UNLIKELY = 0.9, 0.1
 WORDS = {
     "pair": "a force between pairs",
@@ -102,6 +104,20 @@ class ByMenu(Explanation):
         return self.camera and bool(self.inference.kicks)
 
     @property
+    def passes(self) -> bool:
+        """Whether nothing acts on what a camera sees; see :data:`.rivals.PASSES`."""
+        return self.camera and not self.kinds
+
+    @property
+    def unturned(self) -> bool:
+        """Whether a trap turns nothing round that a camera sees; see :data:`.rivals.UNTURNED`."""
+        if not self.camera or "trap" not in self.kinds:
+            return False
+        seen = self.motion.positions[:, : self.end]
+        steps = seen[:, STRIDE:] - seen[:, :-STRIDE]
+        return not bool(((steps * steps[:, :1]).sum(-1) < 0).any())
+
+    @property
     def fastest(self) -> float:
         return fastest_rate(self.inference)
 
@@ -135,6 +151,8 @@ class ByMenu(Explanation):
             lines.append(f"No term explains all of it: {why}.")
         if self.jolted:
             lines.append("Kicks may be mistakes of who follows the body: look at what is followed.")
+        lines += [PASSES] if self.passes else []
+        lines += [UNTURNED] if self.unturned else []
         lines += [] if found.mended is None else found.mended.said
         lines += [line for part in found.inferences for line in doubts(found.motion, part)]
         if found.power is not None:
@@ -154,6 +172,7 @@ class ByMenu(Explanation):
         left = float(np.sqrt(self.inference.fitted.variance * self.motion.space))
         alone = self.motion.bodies == 1 and self.motion.space == 1
         bent = alone and beyond_noise(left, self.found.noise.sigma, spread)
+        bent = bent or self.passes or self.unturned or not (self.kinds or self.found.explained)
         return judge(1 - (left / spread) ** 2, left, spread, tail, bent=bent)
 
     def forecast(self) -> Validation | None:

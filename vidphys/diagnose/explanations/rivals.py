@@ -14,6 +14,8 @@ LASTING = 2.0  # times that, where errors last: what they are like is known less
 NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least
 UNSEEN = 0.006  # half sides of a picture, by which a tracker may bend a way
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
+PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
+UNTURNED = "It is not seen to turn round: a lens bends a straight way alike. Film it for longer."
 SHORT = {
     "linear": "friction ~ v",
     "square": "friction ~ v²",
@@ -33,13 +35,28 @@ def near(group: Group) -> list[Fit]:
 
 
 def undecided(mechanism: Mechanism) -> bool:
-    """Whether a law does without a term that is told, and is nearly as likely.
+    """Whether another law does as well: one without a term that is told, or one that is known by
+    its kind.
 
     One that has another term beside those that are told is no doubt of them.
     """
-    return any(
-        not x.kinds > group.fit.kinds for group in mechanism.groups for x in near(group)
-    ) or any(may_hang(group.fit) for group in mechanism.groups)
+    if any(not x.kinds > group.fit.kinds for group in mechanism.groups for x in near(group)):
+        return True
+    return any(may_hang(g.fit) or unturned(g.fit) or passes(g.fit) for g in mechanism.groups)
+
+
+def unturned(fit: Fit) -> bool:
+    """Whether a spring in a picture is not seen to turn a body round: a lens bends a way alike."""
+    law = fit.model.law
+    if law.restoring != "trap" or law.coupled or law.walls or not law.pictured:
+        return False
+    rates = [r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)]
+    return all(bool((v @ v[0] > 0).all()) for v in rates)
+
+
+def passes(fit: Fit) -> bool:
+    """Whether nothing acts on what a camera sees, so that it may be something that passes by."""
+    return fit.model.law.pictured and not fit.kinds
 
 
 def may_hang(fit: Fit) -> bool:
@@ -72,4 +89,8 @@ def rivals(mechanism: Mechanism) -> list[str]:
             out.append(f"Nearly as likely: {said}. A longer recording would tell.")
         if may_hang(group.fit):
             out.append("A pendulum that swings as little moves alike. A wider swing would tell.")
+        if unturned(group.fit):
+            out.append(UNTURNED)
+        if passes(group.fit):
+            out.append(PASSES)
     return out

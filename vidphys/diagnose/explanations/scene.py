@@ -104,7 +104,8 @@ def _springs(fit: Fit, masses: np.ndarray) -> tuple[terms.Spring, ...]:
     count = len(fit.model.charts)
     stiffness = fit.numbers["coupling 1"][0] * float(masses[0]) / max(count - 1, 1)
     pairs = [(i, j) for i in range(count) for j in range(i + 1, count)]
-    return tuple(terms.Spring(i, j, stiffness) for i, j in pairs)
+    hung = fit.model.law.hung or (0.0,) * count
+    return tuple(terms.Spring(i, j, stiffness, apart=hung[j] - hung[i]) for i, j in pairs)
 
 
 def _contacts(fit: Fit, bodies: Sequence[int]) -> tuple[terms.Contact, ...]:

@@ -15,6 +15,7 @@ from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.guesses import local
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 WINDOWS = 6
@@ -43,7 +44,8 @@ def chained(motion: Motion) -> Fit | None:
             model = Model(Law(2, "chain", friction, apart=True), (Angle(), Angle()))
             own = numbers[: len(model.law.names)]
             found.append(fit(clips, model, np.concatenate([own, *starts])))
-    return next(iter(ranked([x for x in found if x is not None and not x.driven])), None)
+    likely = ranked([x for x in found if x is not None and not x.driven])
+    return restricted(likely[0]) if likely else None
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:

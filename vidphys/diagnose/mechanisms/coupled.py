@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms.charts import Arc, Chart
 from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
@@ -33,16 +34,35 @@ def coupled(
         known = [x for x in each if x is not None]
         if len(known) < len(laws):
             continue
-        law = Law(len(known), restoring, "linear", apart=True, coupled=True)
-        model = Model(law, tuple(x.model.charts[0] for x in known))
+        charts = tuple(x.model.charts[0] for x in known)
+        hung = _hung(charts, [x.geometry[0] for x in known])
+        law = Law(len(known), restoring, "linear", apart=True, coupled=True, hung=hung)
+        model = Model(law, charts)
         runners += [(model, [guess]) for guess in _guesses(law, known, len(clips))]
     best = max(race(clips, runners), key=lambda x: x.score, default=None) if runners else None
     if best is None:
         return None
+    best = _rehung(clips, best)
     best = pictured(clips, best) if camera else best
     likely = ranked([x for x in (best, _without_friction(clips, best)) if x and makes_sense(x)])
     alone = sum(fits[0].score for fits in laws)
     return likely[0] if likely and likely[0].score > alone + CLEARLY else None
+
+
+def _hung(charts: Sequence[Chart], geometry: Sequence[np.ndarray]) -> tuple[float, ...]:
+    """Where bodies on arcs hang along a level line, over their length; empty for other bodies."""
+    arcs = [(c, g) for c, g in zip(charts, geometry, strict=True) if isinstance(c, Arc)]
+    if len(arcs) < len(charts):
+        return ()
+    length = float(np.mean([chart.length(g) for chart, g in arcs]))
+    return tuple(float(chart.pivot(g)[0]) / length for chart, g in arcs)
+
+
+def _rehung(clips: Sequence[Frames], found: Fit) -> Fit:
+    """The same law of bodies that hang where it says, which their own laws do not."""
+    law, charts = found.model.law, found.model.charts
+    again = Model(replace(law, hung=_hung(charts, found.geometry)), charts)
+    return (fit(clips, again, found.values) if law.hung else None) or found
 
 
 def _without_friction(clips: Sequence[Frames], found: Fit) -> Fit | None:

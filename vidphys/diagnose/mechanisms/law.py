@@ -54,6 +54,7 @@ class Law:
         friction: of :data:`FRICTIONS`.
         apart: each coordinate has its own trap, or swing, and its own friction.
         coupled: springs between all pairs of coordinates, where they are apart.
+        hung: of pendulums that are coupled, where each hangs along a level line, over their length.
         inputs: how many are known that push the one coordinate, each by a gain times its value.
         walls: that there are.
         turned_at: where a fixed place that pushes or pulls has its strength, ``(k,)``.
@@ -69,6 +70,7 @@ class Law:
     friction: str = "none"
     apart: bool = False
     coupled: bool = False
+    hung: tuple[float, ...] = ()
     inputs: int = 0
     walls: tuple[Wall, ...] = ()
     turned_at: tuple[float, ...] = ()
@@ -178,6 +180,7 @@ class Law:
                 rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
                 pushed=self._pushed(numbers, inputs),
                 centre=self._centre(numbers),
+                hung=np.array(self.hung),
                 spin=numbers["spin"] * float(np.linalg.norm(start[1])) if self.spins else None,
             )
             if self.nears:

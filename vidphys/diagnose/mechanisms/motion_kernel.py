@@ -4,7 +4,8 @@ With coordinates s and v = ds/dt,
 
     dv/dt = force - stiffness s - swing sin s - linear v - square |v| v - dry v/|v|
 
-or, of two rods that hang end on end, with link b, inertia a and d = s_1 - s_2,
+where springs between pendulums join their ends, and are slack where both hang; or, of two rods that
+hang end on end, with link b, inertia a and d = s_1 - s_2,
 
     dv_1/dt + b (cos d dv_2/dt + sin d v_2^2) = -swing_1 sin s_1 - friction
     a dv_2/dt + b (cos d dv_1/dt - sin d v_1^2) = -swing_2 sin s_2 - friction
@@ -44,6 +45,36 @@ def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
 
 
 @uncounted
+def _stretched(one: float, two: float, apart: float) -> float:
+    """By how much a spring between the ends of two pendulums is longer than their pivots are apart.
+
+    Along the way of the first one's end; lengths are over the pendulums'.
+    """
+    across, up = apart + np.sin(two) - np.sin(one), np.cos(one) - np.cos(two)
+    far = np.sqrt(across * across + up * up)
+    return (1.0 - abs(apart) / far) * (across * np.cos(one) + up * np.sin(one))
+
+
+@uncounted
+def _pull(
+    i: int,
+    s: np.ndarray,
+    force: np.ndarray,
+    stiffness: np.ndarray,
+    swing: np.ndarray,
+    hung: np.ndarray,
+) -> float:
+    """Acceleration of a coordinate by what depends on all places alone."""
+    total = force[i] - swing[i] * np.sin(s[i])
+    for j in range(len(s)):
+        if len(hung) == 0:
+            total -= stiffness[i, j] * s[j]
+        elif j != i:
+            total -= stiffness[i, j] * _stretched(s[i], s[j], hung[j] - hung[i])
+    return total
+
+
+@uncounted
 def _accelerate(
     s: np.ndarray,
     v: np.ndarray,
@@ -54,6 +85,7 @@ def _accelerate(
     apart: bool,
     rods: np.ndarray,
     centre: np.ndarray,
+    hung: np.ndarray,
     out: np.ndarray,
 ) -> None:
     size = len(s)
@@ -66,10 +98,7 @@ def _accelerate(
         rate = friction[0] + friction[1] * own
         if own > 0.0:
             rate += friction[2] / own
-        total = force[i] - swing[i] * np.sin(s[i]) - rate * v[i]
-        for j in range(size):
-            total -= stiffness[i, j] * s[j]
-        out[i] = total
+        out[i] = _pull(i, s, force, stiffness, swing, hung) - rate * v[i]
     if len(centre) > 0:
         away = _from_centre(s, centre)
         for i in range(size):
@@ -91,15 +120,14 @@ def _holds(
     swing: np.ndarray,
     dry: float,
     centre: np.ndarray,
+    hung: np.ndarray,
 ) -> bool:
     """Whether dry friction holds what stands at ``s``."""
     pull, away = 0.0, 0.0
     if len(centre) > 0:
         away = _from_centre(s, centre)
     for i in range(len(s)):
-        total = force[i] - swing[i] * np.sin(s[i])
-        for j in range(len(s)):
-            total -= stiffness[i, j] * s[j]
+        total = _pull(i, s, force, stiffness, swing, hung)
         if len(centre) > 0:
             total += away * (s[i] - centre[i])
         pull += total * total
@@ -115,28 +143,28 @@ def _step(
     work: np.ndarray,
 ) -> None:
     """One Runge-Kutta step from ``s``, ``v`` into ``work[8]``, ``work[9]``."""
-    steady, ramp, stiffness, swing, friction, apart, rods, centre = law
+    steady, ramp, stiffness, swing, friction, apart, rods, centre, hung = law
     force = work[10]
     for i in range(len(s)):
         force[i] = steady[i]
     a1, a2, a3, a4 = work[0], work[1], work[2], work[3]
     s2, v2, v3 = work[4], work[5], work[6]
-    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, centre, a1)
+    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, centre, hung, a1)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v[i]
         v2[i] = v[i] + 0.5 * h * a1[i]
         force[i] = steady[i] + 0.5 * h * ramp[i]
-    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, centre, a2)
+    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, centre, hung, a2)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v2[i]
         v3[i] = v[i] + 0.5 * h * a2[i]
-    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, centre, a3)
+    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, centre, hung, a3)
     v4 = work[7]
     for i in range(len(s)):
         s2[i] = s[i] + h * v3[i]
         v4[i] = v[i] + h * a3[i]
         force[i] = steady[i] + h * ramp[i]
-    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, centre, a4)
+    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, centre, hung, a4)
     for i in range(len(s)):
         work[8, i] = s[i] + h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i])
         work[9, i] = v[i] + h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
@@ -191,7 +219,7 @@ def _rolled(
     out: np.ndarray,
 ) -> None:
     size = start.shape[1]
-    force, ramp, stiffness, swing, friction, _apart, _rods, centre = law
+    force, ramp, stiffness, swing, friction, _apart, _rods, centre, hung = law
     steady, at = force.copy(), 0
     work = np.zeros((11, size))
     s, v = start[0].copy(), start[1].copy()
@@ -261,7 +289,7 @@ def _rolled(
             if (
                 friction[2] > 0.0
                 and turned <= 0.0
-                and _holds(s, force, stiffness, swing, friction[2], centre)
+                and _holds(s, force, stiffness, swing, friction[2], centre, hung)
             ):
                 v[:] = 0.0
                 stuck = True
@@ -282,6 +310,7 @@ def rolled(
     pushed: tuple[np.ndarray, np.ndarray] | None = None,
     spin: float | None = None,
     centre: Float[np.ndarray, " _"] = NONE,
+    hung: Float[np.ndarray, " _"] = NONE,
 ) -> Float[np.ndarray, "t 2 k"]:
     """Coordinates and their rates at each time.
 
@@ -300,11 +329,13 @@ def rolled(
         spin: of a ball in the plane, the speed of its surface at the start; ``None``: none spins.
         centre: a place that pushes, its strength, its power and the distance at which it has that
             strength, ``(k + 3,)``; empty: there is none.
+        hung: of pendulums that springs join, where each hangs along a level line, over their
+            length, ``(k,)``; empty: springs join the coordinates.
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
     out = np.empty((len(times), *start.shape))
     steady, ramp = force.copy(), np.zeros(len(force))
-    law = (steady, ramp, stiffness, swing, friction, apart, np.array(rods), centre)
+    law = (steady, ramp, stiffness, swing, friction, apart, np.array(rods), centre, hung)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
     spins = np.empty(0) if spin is None else np.array([spin])
     _rolled(times, start, law, walls, most, when, known, spins, out)

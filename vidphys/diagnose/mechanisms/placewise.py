@@ -3,20 +3,28 @@
 A body that swings is off by the same at every swing, so ever more swings tell its numbers no
 better. Such an error is a smooth random field over the picture, in modes of a box around the path
 (Solin and Sarkka 2020, Statistics and Computing 30).
+
+Where a camera saw the body, the error may grow or shrink as time goes on: who follows a body takes
+some of what moves with it for the body, the coils of a spring or a shadow, and less of it as the
+swing dies down. What that does to a swing is what friction does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+
+from vidphys.diagnose.mechanisms.measurement import Stretch
 
 REACHES = (0.35, 1.0)  # over the spread of the motion: how far an error stays the same
 SIZES = (0.5, 1.5, 5.0, 15.0)  # over the white noise
 MARGIN = 1.5  # reaches, by which the box is wider than the path
 FINEST = 2.5  # over the reach, radians: modes beyond it have no size
 MOST = 40  # modes
+SLOWLY = 0.003  # by which a tracked motion may be told too large at first, and too small at last
 
 
 @dataclass(frozen=True)
@@ -36,26 +44,41 @@ class Equations:
 
 @dataclass(frozen=True)
 class Field:
-    """Modes of an error that goes with the place.
+    """Modes of an error that goes with the place, and of one that grows or shrinks with time.
 
     Args:
-        values: of the modes at each frame of each stretch, ``(f, m)``.
-        rates: squared wave number of each mode, radians over the spread, ``(m,)``.
-        space: dimensions of the box.
+        values: of the modes at each frame of each stretch, ``(f, m + d)``; those of the error that
+            changes with time are last.
+        rates: squared wave number of each of the first modes, radians over the spread, ``(m,)``.
+        slow: standard deviation of each of the others.
     """
 
     values: tuple[np.ndarray, ...]
     rates: np.ndarray
-    space: int
+    slow: np.ndarray
 
-    def sizes(self, reach: float) -> np.ndarray:
-        """Variance of each mode, where that of the error is 1, ``(m,)``."""
-        density = (2 * np.pi * reach**2) ** (self.space / 2) * np.exp(-0.5 * reach**2 * self.rates)
-        return np.maximum(density, 1e-12)
+    def sizes(self, size: float, reach: float, white: float) -> np.ndarray:
+        """Variance of each mode over the white noise's, ``(m + d,)``.
+
+        Args:
+            size: of the error that goes with the place, over the white noise.
+            reach: of that error, over the spread.
+            white: standard deviation of the noise, unit of the positions.
+        """
+        density = (2 * np.pi * reach**2) ** (len(self.slow) / 2)
+        density *= np.maximum(np.exp(-0.5 * reach**2 * self.rates), 1e-12)
+        return np.concatenate([size**2 * density, (self.slow / white) ** 2])
 
 
-def field_of(places: list[np.ndarray], spread: float) -> Field:
-    """The modes at places of each stretch ``(f, d)``."""
+def field_of(stretches: Sequence[Stretch], spread: float, slowly: float) -> Field:
+    """The modes at the places where a law has a body, of each stretch.
+
+    Args:
+        stretches: frames of the body, with those places.
+        spread: of the motion, unit of the positions.
+        slowly: see :data:`SLOWLY`.
+    """
+    places = [s.places for s in stretches]
     scaled = [x / spread for x in places]
     joined = np.concatenate(scaled)
     middle = 0.5 * (joined.min(0) + joined.max(0))
@@ -68,10 +91,15 @@ def field_of(places: list[np.ndarray], spread: float) -> Field:
     kept = np.argsort(rates, kind="stable")[:MOST]
     waves, rates = waves[kept], rates[kept]
     values = tuple(
-        np.prod(np.sin((x - middle + half)[:, None] * waves) / np.sqrt(half), axis=-1)
+        np.column_stack(
+            [
+                np.prod(np.sin((x - middle + half)[:, None] * waves) / np.sqrt(half), axis=-1),
+                (x - joined.mean(0)) * np.linspace(-1, 1, len(x))[:, None],
+            ]
+        )
         for x in scaled
     )
-    return Field(values, rates, len(half))
+    return Field(values, rates, np.full(len(half), slowly * spread))
 
 
 def without(

@@ -70,7 +70,7 @@ def _of_rods(fit: RodsFit) -> Iterator[Quantity]:
     link, error = fit.numbers["link"]
     share = link * upper / lower  # of both masses, that the lower one has
     if 0 < share < 1:
-        relative = np.hypot(error / link, np.hypot(vague / upper, vaguer / lower))
+        relative = np.hypot(np.hypot(error / link, ASKEW), np.hypot(vague / upper, vaguer / lower))
         ratio = float(share / (1 - share))
         yield Quantity("mass ratio", ratio, float(ratio * relative / (1 - share)))
 

@@ -14,7 +14,7 @@ from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.guesses import circle_through
 from vidphys.diagnose.recordings.motion import Motion
 
-STIFF = 0.06  # of its length, by which a rod's length may vary
+STIFF = 0.1  # of its length, by which a rod's length may vary
 RIGID = 0.02  # of their distance, by which that of two that a rod joins may vary
 OFTEN = 0.5  # of the frames, in which both are seen
 TELLING = 10.0  # frames of a clip that tell of a length, as a tracker's mistakes last

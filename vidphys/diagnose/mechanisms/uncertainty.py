@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from vidphys.diagnose.mechanisms.measurement import (
 from vidphys.diagnose.mechanisms.placewise import (
     REACHES,
     SIZES,
+    SLOWLY,
     Equations,
     Field,
     field_of,
@@ -103,22 +105,22 @@ def restricted(found: Fit) -> Fit:
     if not all(np.isfinite(x).all() for x in slope):
         return found
     prior, told = np.diag(_prior(found.model, len(joint))), []
-    places = [s.places - r for s, r in zip(stretches, found.residuals, strict=True)]
-    bodies = len(found.model.charts)
-    fields = [field_of(places[body::bodies], found.spread) for body in range(bodies)]
+    lawful = [
+        replace(s, places=s.places - r) for s, r in zip(stretches, found.residuals, strict=True)
+    ]
+    bodies, slowly = len(found.model.charts), SLOWLY if found.model.law.pictured else 0.0
+    fields = [field_of(lawful[body::bodies], found.spread, slowly) for body in range(bodies)]
     for unit in unit_errors(stretches):
         rest = _equations(stretches, slope, found.residuals, unit)
-        told.append(_under(rest, prior, joint, found))
         parts = [
             _of_field(stretches[b::bodies], slope[b::bodies], found.residuals[b::bodies], f, unit)
             for b, f in enumerate(fields)
         ]
-        for reach in REACHES:
-            for size in SIZES:
-                both = rest
-                for f, part in zip(fields, parts, strict=True):
-                    both = without(*part, size**2 * f.sizes(reach), both)
-                told.append(_under(both, prior, joint, found))
+        for size, reach in [(0.0, 1.0), *product(SIZES, REACHES)]:
+            both = rest
+            for f, part in zip(fields, parts, strict=True):
+                both = without(*part, f.sizes(size, reach, found.errors.white), both)
+            told.append(_under(both, prior, joint, found))
     likely = np.array([x[0] for x in told])
     weights = np.exp(likely - likely.max())
     weights /= weights.sum()
