@@ -6,12 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vidphys.diagnose.explanations.rivals import CLEAR, may_hang, undecided
+from dynamics import from_config
+from dynamics.terms import Spring
+from vidphys.diagnose.explanations.rivals import CLEAR, UNTURNED, may_hang, undecided
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.telling.answers import answer
+from vidphys.experiments.filmed.laws.pendulums import COUPLED_PENDULUMS, DOUBLE_PENDULUM
 
 STEP = 1 / 30
 
@@ -106,3 +110,46 @@ def test_what_swings_little_on_a_level_line_may_be_a_pendulum(size, turn, doubt)
     path = np.array([-0.05, -0.16]) + swung(size, 4.2, 0.37)[:, None] * along
     fit = find_mechanism(filmed(path, 0.0), camera=True).groups[0].fit
     assert fit.kinds == {"trap", "linear"} and may_hang(fit) is doubt
+
+
+# several that swing
+
+
+def in_picture(places, tilt=0.0):
+    """Places ``(t, n, 2)`` in metres as a picture of a metre and a half shows them."""
+    flat = (places - places.mean((0, 1))) / 0.75
+    seen = view.seen(flat, np.array([0.0, tilt, 0.0]))
+    noise = np.random.default_rng(1).normal(0, 3e-4, seen.shape)
+    return motion_of((seen + noise)[None], STEP)
+
+
+def test_a_spring_between_pendulums_is_drawn_between_their_ends():
+    times = np.arange(160) * STEP
+    length, stiffness, apart = 0.6, 3.7, 0.3
+    numbers = np.array([length, 0.05, stiffness, apart, -0.33, 0.0])
+    given = answer(in_picture(COUPLED_PENDULUMS.path(numbers, times)), False, 0.3, camera=True)
+    assert given.data["terms"] == ["linear", "pair", "pendulum"]
+    known = given.data["mechanism"][0]["quantities"]
+    for name in ("rate 1", "rate 2"):
+        off = abs(known[name]["value"] / np.sqrt(9.81 / length) - 1)
+        assert off < 0.002, (name, off)  # 0.004 where it joins the angles
+    (spring,) = from_config(given.specification["terms"]).springs
+    assert isinstance(spring, Spring)
+    assert spring.apart == pytest.approx(apart / length, rel=0.15)
+    assert spring.stiffness == pytest.approx(stiffness, rel=0.04)
+
+
+def test_a_double_pendulum_that_is_seen_aslant_stays_one():
+    times = np.arange(150) * STEP
+    numbers = np.array([0.3, 0.3, 1.0, 0.87, 0.85])
+    places = DOUBLE_PENDULUM.path(numbers, times) * [1.0, 0.8]
+    given = answer(in_picture(places, 0.25), False, 0.4, camera=True)
+    assert given.data["terms"] == ["chain"]
+
+
+def test_a_spring_that_is_not_seen_to_turn_leaves_doubt():
+    phase = np.linspace(0.15, 2.95, 60)  # less than half a swing, from end to end
+    path = np.stack([-0.5 * np.cos(phase), np.full(60, -0.1)], -1)
+    given = answer(filmed(path, 0.0), False, 0.2, camera=True)
+    assert "trap" in given.data["terms"] and given.data["status"] != "explained"
+    assert UNTURNED in given.lines
