@@ -8,10 +8,18 @@ import pytest
 
 from dynamics import from_config
 from dynamics.terms import Spring
-from vidphys.diagnose.explanations.rivals import CLEAR, UNTURNED, may_hang, undecided
+from vidphys.diagnose.explanations.rivals import (
+    CERTAIN,
+    CLEAR,
+    UNTURNED,
+    may_hang,
+    slight,
+    undecided,
+)
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
+from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
@@ -72,7 +80,9 @@ def test_the_slant_of_an_arc(up, tangent):
     assert Arc(aslant=True).slant(geometry) == pytest.approx(tangent)
 
 
-PENDULUM = SimpleNamespace(pictured=False, restoring="pendulum", coordinates=1, walls=())
+PENDULUM = SimpleNamespace(
+    pictured=False, restoring="pendulum", coordinates=1, walls=(), frictions=()
+)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +105,7 @@ def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
             score=s,
             errors=SimpleNamespace(white=1.0, smooth=smooth),
             model=SimpleNamespace(law=PENDULUM, charts=(None,)),
+            numbers={},
         )
         for x, s in (({"pendulum", "linear"}, 0.0), (kinds, -behind))
     )
@@ -153,3 +164,18 @@ def test_a_spring_that_is_not_seen_to_turn_leaves_doubt():
     given = answer(filmed(path, 0.0), False, 0.2, camera=True)
     assert "trap" in given.data["terms"] and given.data["status"] != "explained"
     assert UNTURNED in given.lines
+
+
+@pytest.mark.parametrize(
+    ("friction", "times", "told"),
+    [
+        ("linear", 0.5, ["linear", "uniform"]),
+        ("linear", 2.0, []),
+        ("none", 0.5, []),  # what a body falls by alone is no term beside others
+    ],
+)
+def test_a_term_that_is_as_small_as_its_error_is_hardly_told_from_none(friction, times, told):
+    law = Law(2, "uniform", friction, pictured=True)
+    numbers = {name: (times * CERTAIN, 1.0) for name in ("force 1", "linear")}
+    numbers |= {"force 2": (0.0, 1.0)}
+    assert slight(SimpleNamespace(model=SimpleNamespace(law=law), numbers=numbers)) == told

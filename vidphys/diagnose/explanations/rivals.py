@@ -7,12 +7,14 @@ import numpy as np
 from vidphys.diagnose.mechanisms.charts import Line
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
+from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.recordings.units import GRAVITY
 
 CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
 LASTING = 2.0  # times that, where errors last: what they are like is known less well
 NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least
 UNSEEN = 0.006  # half sides of a picture, by which a tracker may bend a way
+CERTAIN = 5.0  # standard errors of a term's number, below which it may as well not be there
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
 UNTURNED = "It is not seen to turn round: a lens bends a straight way alike. Film it for longer."
@@ -42,7 +44,26 @@ def undecided(mechanism: Mechanism) -> bool:
     """
     if any(not x.kinds > group.fit.kinds for group in mechanism.groups for x in near(group)):
         return True
-    return any(may_hang(g.fit) or unturned(g.fit) or passes(g.fit) for g in mechanism.groups)
+    return any(
+        may_hang(g.fit) or unturned(g.fit) or passes(g.fit) or slight(g.fit)
+        for g in mechanism.groups
+    )
+
+
+def slight(fit: Fit) -> list[str]:
+    """Terms beside others that may as well not be there, by the errors of their numbers.
+
+    These allow for errors that last and go with the place, of which the likelihoods that chose the
+    terms know less.
+    """
+    law = fit.model.law
+    sizes: dict[str, float] = {}
+    for name, (value, error) in fit.numbers.items():
+        kind = {"force": "uniform"}.get(name.split()[0], name.split()[0])
+        sizes[kind] = max(sizes.get(kind, 0.0), abs(value) / max(error, np.finfo(float).tiny))
+    asked = law.frictions + (("uniform",) if law.restoring == "uniform" and law.frictions else ())
+    seen = law.pictured or isinstance(fit, RodsFit)
+    return [kind for kind in asked if seen and sizes.get(kind, np.inf) < CERTAIN]
 
 
 def unturned(fit: Fit) -> bool:
@@ -87,6 +108,9 @@ def rivals(mechanism: Mechanism) -> list[str]:
         if kinds:
             said = "; or ".join(sorted(kinds))
             out.append(f"Nearly as likely: {said}. A longer recording would tell.")
+        if shares := [SHORT[kind] for kind in slight(group.fit)]:
+            said = ", ".join(shares)
+            out.append(f"Hardly told from none: {said}. A longer recording would tell.")
         if may_hang(group.fit):
             out.append("A pendulum that swings as little moves alike. A wider swing would tell.")
         if unturned(group.fit):
