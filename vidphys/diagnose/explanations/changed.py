@@ -10,6 +10,8 @@ from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.law import RATES
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
 
+FINELY = 200  # steps at least from a clip's beginning to where a law is changed
+
 
 def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
     """What may be changed of the laws: factors by the beginning of a number's name."""
@@ -27,6 +29,8 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["twice the field"] = {"force": 2.0}
     if "collision" in kinds:
         asked["a second body of twice the mass"] = {"mass 2": 2.0}
+    if "lift" in kinds:
+        asked["no spin"] = {"lift": 0.0}
     if "input" in kinds:
         asked["nothing that pushes it"] = {"gain": 0.0}
     return asked
@@ -37,11 +41,14 @@ def under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) 
     """Places ``(t, n, d)`` under changed numbers, from the fit's own state at ``start`` seconds."""
     numbers, starts = fit.model.split(fit.values, len(fit.clips))
     known = fit.clips[-1].inputs
-    until = np.array([0.0, max(start, 1e-9)])
+    until = np.linspace(0.0, max(start, 1e-9), FINELY)
     state = fit.model.law.roll(numbers, starts[-1], until, known)[-1]
     changed = numbers.copy()
     for i, name in enumerate(fit.model.law.names):
         changed[i] *= next((x for key, x in factors.items() if name.startswith(key)), 1.0)
+    fades = fit.model.law.lift_fades
+    if fades is not None:
+        changed[fit.model.law.names.index("lift")] *= np.exp(-fades * start)
     law = replace(fit.model.law, nears=False)
     kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
     ahead = None if known is None else known.since(start)

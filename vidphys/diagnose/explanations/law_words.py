@@ -54,6 +54,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         how[1] = "something drives it"
     if law.inputs and fit.clips[0].inputs is not None:
         how.append(f"the known {' and '.join(fit.clips[0].inputs.names)} pushes it")
+    if law.lift_fades is not None:
+        how.append("a lift across its way goes with its spin and its speed")
     if law.walls:
         it = "they bounce" if len(group.bodies) > 1 else "it bounces"
         how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")

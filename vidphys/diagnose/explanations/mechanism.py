@@ -34,6 +34,9 @@ from vidphys.diagnose.recordings.noise import Noise, measure_noise, noise_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.statistics import NORMAL_95
 
+# Kinds that no scene's term has.
+UNWRITTEN = {"centre": "a fixed place that pushes or pulls", "lift": "a lift that goes with a spin"}
+
 
 @dataclass(frozen=True)
 class ByMechanism(Explanation):
@@ -172,8 +175,8 @@ class ByMechanism(Explanation):
             out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:
             out.append("No model of it is written: give the body next to the pivot first.")
-        if "centre" in self.mechanism.kinds:
-            out.append("No model of it is written: no term has a fixed place that pushes or pulls.")
+        for kind in sorted(self.mechanism.kinds & UNWRITTEN.keys()):
+            out.append(f"No model of it is written: no term has {UNWRITTEN[kind]}.")
         return out
 
     @property
@@ -288,7 +291,7 @@ class ByMechanism(Explanation):
     def specification(self) -> dict[str, Any] | None:
         return (
             None
-            if self._from_below or "centre" in self.mechanism.kinds
+            if self._from_below or self.mechanism.kinds & UNWRITTEN.keys()
             else as_scene(self.whole, self.motion.interval, self.verdict, self.motion.space)
         )
 

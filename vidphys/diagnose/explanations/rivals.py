@@ -26,6 +26,7 @@ SHORT = {
     "trap": "spring to a place",
     "pendulum": "pendulum on an arc",
     "centre": "a fixed place that pushes or pulls",
+    "lift": "lift by its spin",
 }
 
 

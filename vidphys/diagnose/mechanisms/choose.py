@@ -16,6 +16,7 @@ from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import FRICTIONS
+from vidphys.diagnose.mechanisms.lift import lifted
 from vidphys.diagnose.mechanisms.spin import spun
 from vidphys.diagnose.mechanisms.walled import walled
 
@@ -42,7 +43,7 @@ def roughly(clips: Sequence[Frames], angles: bool) -> list[Fit]:
         angles: whether its coordinate is an angle in radians.
     """
     started = [guess for one in guesses(clips, angles) for guess in (one, *walled(clips, one))]
-    return race(clips, [(guess.model, guess.values) for guess in started])
+    return race(clips, [(guess.model, guess.values) for guess in started]) + lifted(clips)
 
 
 def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list[Fit]:
@@ -59,7 +60,8 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
     best = max(base.score for base in bases)
     found = []
     for base in bases:
-        if base.score > best - FAR and _pulls_back(base):
+        varied = base.model.law.lift_fades is None  # a lift comes with every friction
+        if varied and base.score > best - FAR and _pulls_back(base):
             started = pictured(clips, base) if camera else base
             found += [started, *_variants(clips, started, camera)]
         else:
@@ -182,7 +184,7 @@ def _pulls_back(found: Fit) -> bool:
 def makes_sense(found: Fit) -> bool:
     """Whether its numbers mean what their names say, and are told by what was seen."""
     for name, (value, error) in found.numbers.items():
-        if name in found.model.law.frictions and not error < UNTOLD * abs(value):
+        if name in (*found.model.law.frictions, "lift") and not error < UNTOLD * abs(value):
             return False
         if name in ("square", "dry") and not value > 0:
             return False

@@ -24,6 +24,7 @@ class Frames:
         stretches: of each body, at those frames.
         begin: seconds from the recording's first frame to the first of these.
         inputs: what drives the bodies and is known, by the seconds since the clip's first frame.
+        spin_fades: share a second by which the spin of a body that is seen to spin fades.
     """
 
     times: np.ndarray
@@ -31,6 +32,7 @@ class Frames:
     stretches: tuple[Stretch, ...]
     begin: float = 0.0
     inputs: Signal | None = None
+    spin_fades: float | None = None
 
     @cached_property
     def impacts(self) -> list[Impact]:
@@ -46,6 +48,7 @@ class Frames:
             tuple(x.upto(n) for x, n in zip(self.stretches, few, strict=True)),
             self.begin,
             self.inputs,
+            self.spin_fades,
         )
 
 
@@ -63,7 +66,9 @@ def frames_of(motion: Motion, bodies: Sequence[int] | None = None) -> list[Frame
             for i, body in zip(at, chosen, strict=True)
         )
         signal = None if signal is None else signal.since(float(times[0]))
-        clips.append(Frames(since, tuple(at), stretches, inputs=signal))
+        clips.append(
+            Frames(since, tuple(at), stretches, inputs=signal, spin_fades=motion.spin_fades)
+        )
     return clips
 
 

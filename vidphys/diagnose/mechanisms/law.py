@@ -60,6 +60,8 @@ class Law:
         turned_at: where a fixed place that pushes or pulls has its strength, ``(k,)``.
         spins: the body is a ball that walls may grip, in the plane; its spin at first is told as
             the speed of its surface over that of its middle.
+        lift_fades: share a second by which a lift fades, as the body's spin does, that goes with
+            its speed and pushes it across its way, in the plane; ``None``: there is none.
         nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
             distance from the middle grows as 1 / (1 - nearing t).
         pictured: a camera sees the plane of motion slightly askew; see :mod:`.view`.
@@ -75,6 +77,7 @@ class Law:
     walls: tuple[Wall, ...] = ()
     turned_at: tuple[float, ...] = ()
     spins: bool = False
+    lift_fades: float | None = None
     nears: bool = False
     pictured: bool = False
 
@@ -98,6 +101,7 @@ class Law:
             names += [f"coupling {i + 1}" for i in range(k)]
         if self.friction != "none":
             names += self.frictions
+        names += ["lift"] if self.lift_fades is not None else []
         names += [f"gain {i + 1}" for i in range(self.inputs)]
         names += ["nearing"] if self.nears else []
         for number, wall in enumerate(self.walls, 1):
@@ -125,12 +129,14 @@ class Law:
         kinds = {self.restoring, *self.frictions} - {"none"}
         kinds |= {"wall"} if self.walls else set()
         kinds |= {"input"} if self.inputs else set()
+        kinds |= {"lift"} if self.lift_fades is not None else set()
         return frozenset(kinds | ({"pair"} if self.coupled else set()))
 
     def rate(self, numbers: Mapping[str, float]) -> float:
         """The fastest rate of its motion, radians per second; 0 where nothing swings."""
         stiff = [abs(x) for name, x in numbers.items() if name.startswith(("stiff", "swing"))]
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
+        stiff += [numbers["lift"] ** 2] if "lift" in numbers else []
         if self.restoring == "centre":
             near = float(self._centre(numbers)[-1])
             stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
@@ -181,6 +187,7 @@ class Law:
                 pushed=self._pushed(numbers, inputs),
                 centre=self._centre(numbers),
                 hung=np.array(self.hung),
+                lift=(numbers.get("lift", 0.0), self.lift_fades or 0.0),
                 spin=numbers["spin"] * float(np.linalg.norm(start[1])) if self.spins else None,
             )
             if self.nears:

@@ -12,10 +12,12 @@ hang end on end, with link b, inertia a and d = s_1 - s_2,
 
 A fixed place c may push with strength (near / r)^power along s - c, r = |s - c|; what pulls has a
 strength below zero. What is known to push adds an acceleration of its own, straight between the
-times at which it was recorded. There are walls n.s = place, at which the speed across them turns
-round and shrinks. A solid ball that spins in the plane slips at a wall with u = v.t + w, where t is
-the normal turned by a right angle and w the speed of its surface; what grips it turns u to -e u,
-and what that takes from v.t is what it gives to the spin, 2/5 w (Garwin 1969, Am. J. Phys. 37).
+times at which it was recorded. A lift pushes what spins across its way in the plane, by
+lift (-v_2, v_1), and fades with its spin (Magnus effect; Mehta 1985, Annu. Rev. Fluid Mech. 17).
+There are walls n.s = place, at which the speed across them turns round and shrinks. A solid ball
+that spins in the plane slips at a wall with u = v.t + w, where t is the normal turned by a right
+angle and w the speed of its surface; what grips it turns u to -e u, and what that takes from v.t is
+what it gives to the spin, 2/5 w (Garwin 1969, Am. J. Phys. 37).
 Steps are fourth-order Runge-Kutta; the step that meets a wall ends there.
 """
 
@@ -99,6 +101,9 @@ def _accelerate(
         if own > 0.0:
             rate += friction[2] / own
         out[i] = _pull(i, s, force, stiffness, swing, hung) - rate * v[i]
+    if size == 2 and friction[3] != 0.0:
+        out[0] -= friction[3] * v[1]
+        out[1] += friction[3] * v[0]
     if len(centre) > 0:
         away = _from_centre(s, centre)
         for i in range(size):
@@ -216,6 +221,7 @@ def _rolled(
     when: np.ndarray,
     pushed: np.ndarray,
     spin: np.ndarray,
+    lift: tuple,
     out: np.ndarray,
 ) -> None:
     size = start.shape[1]
@@ -234,6 +240,7 @@ def _rolled(
             if stuck:
                 break
             left = h
+            friction[3] = lift[0] * np.exp(-lift[1] * (times[frame - 1] + (step + 0.5) * h))
             if len(when) > 0:  # as it is when the step begins, and on along a straight line
                 for end in range(2):
                     now = times[frame - 1] + (step + end) * h
@@ -311,6 +318,7 @@ def rolled(
     spin: float | None = None,
     centre: Float[np.ndarray, " _"] = NONE,
     hung: Float[np.ndarray, " _"] = NONE,
+    lift: tuple[float, float] = (0.0, 0.0),
 ) -> Float[np.ndarray, "t 2 k"]:
     """Coordinates and their rates at each time.
 
@@ -331,12 +339,15 @@ def rolled(
             strength, ``(k + 3,)``; empty: there is none.
         hung: of pendulums that springs join, where each hangs along a level line, over their
             length, ``(k,)``; empty: springs join the coordinates.
+        lift: across the way over the speed, per second, at time zero; and the share a second by
+            which it fades.
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
     out = np.empty((len(times), *start.shape))
     steady, ramp = force.copy(), np.zeros(len(force))
-    law = (steady, ramp, stiffness, swing, friction, apart, np.array(rods), centre, hung)
+    lossy = np.append(friction, 0.0)
+    law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
     spins = np.empty(0) if spin is None else np.array([spin])
-    _rolled(times, start, law, walls, most, when, known, spins, out)
+    _rolled(times, start, law, walls, most, when, known, spins, lift, out)
     return out

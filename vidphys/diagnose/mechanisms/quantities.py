@@ -116,6 +116,8 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             assert signal is not None
             length = 0 if fit.model.charts[0].name in ("arc", "angle") else 1
             yield f"acceleration by one {signal.names[int(which) - 1]}", number(name), length, -2
+        elif root == "lift":
+            yield "lift over speed, at first", number(name), 0, -1
         elif root == "nearing":
             yield "nearing", number(name), 0, -1
     if law.restoring == "centre":

@@ -29,6 +29,7 @@ class Motion:
         coupling: strength of the law in each clip, ``(e,)``, where it was set and is known.
         inputs: what drives the scene and was recorded, of each clip, over all of its time.
         colour: of the noise, where it is known to have a memory.
+        spin_fades: share a second by which the spin of a body that is seen to spin fades.
 
     Raises:
         ValueError: shapes that do not belong together, times that do not increase, or too few
@@ -41,6 +42,7 @@ class Motion:
     coupling: np.ndarray | None = None
     inputs: tuple[Signal, ...] = ()
     colour: Colour | None = None
+    spin_fades: float | None = None
 
     def __post_init__(self) -> None:
         clips, frames, bodies, _ = self.positions.shape

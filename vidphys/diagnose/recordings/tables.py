@@ -11,6 +11,7 @@ import numpy as np
 from vidphys.data.formats import Recording, read_recording
 from vidphys.diagnose.recordings.inputs import Signal
 from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.rigid import as_rigid
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.recordings.used import Used
 from vidphys.errors import InputError
@@ -88,7 +89,9 @@ def read_tracks(
     if found.inputs is not None and not motion.inputs:
         named = ", ".join(found.input_names)
         notes = (*notes, f"{named} not taken: which of several coordinates it pushes is not told")
-    return Loaded(motion, found.unit == "angles", notes, found.length)
+    angles = found.unit == "angles"
+    motion, rigid = (motion, ()) if angles else as_rigid(motion, Units(found.length, 1.0))
+    return Loaded(motion, angles, (*notes, *rigid), found.length)
 
 
 def _inputs(found: Recording) -> tuple[Signal, ...]:
