@@ -362,6 +362,17 @@ def test_a_camera_askew_is_told_from_the_motion_and_its_view_has_an_inverse():
     assert told.error > 0.015 * told.value  # that the plane is turned shortens all lengths
 
 
+def test_numbers_from_pictures_are_told_with_more_doubt_than_their_fit_has():
+    times = np.arange(80) * STEP
+    swing = np.stack([0.6 * np.cos(3 * times) * np.exp(-0.2 * times), 0 * times], -1)
+    for camera, wider in ((False, 1.0), (True, 1.3)):
+        fit = find_mechanism(noisy(swing), camera=camera).groups[0].fit
+        told = {x.name: x for x in quantities(fit)}["rate"]
+        assert told.error == pytest.approx(
+            wider * fit.numbers["stiffness"][1] / (2 * told.value), rel=1e-4
+        )
+
+
 def double_pendulum(
     upper: float, lower: float, share: float, angles: tuple[float, float]
 ) -> np.ndarray:

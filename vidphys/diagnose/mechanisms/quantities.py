@@ -15,6 +15,9 @@ from vidphys.diagnose.mechanisms.law import COULOMB
 from vidphys.diagnose.mechanisms.rods import RodsFit
 
 NUDGE = 1e-5
+# Over a fit's own standard errors, of what was seen in a picture. Of 289 numbers of clips that were
+# filmed for development, 92 % lay inside intervals without it, and 96 % with it.
+SEEN = 1.3
 ASKEW = 0.015  # of a length, that a plane shows it shorter by which is turned by ten degrees
 
 ALONG = {  # of walls
@@ -59,7 +62,14 @@ def quantities(fit: Fit) -> list[Quantity]:
     told = np.array([fit.numbers[name] for name in view.NAMES])
     shown = camera * camera**2 / (camera**2 + told[:, 1] ** 2)  # a view that is vague is slight
     share = float(np.hypot(ASKEW, view.unevenness(shown)))
-    return [replace(x, error=float(np.hypot(x.error, share * x.value * x.length))) for x in asked]
+    return [
+        _wider(replace(x, error=float(np.hypot(x.error, share * x.value * x.length))))
+        for x in asked
+    ]
+
+
+def _wider(quantity: Quantity) -> Quantity:
+    return replace(quantity, error=SEEN * quantity.error)
 
 
 def _of_rods(fit: RodsFit) -> Iterator[Quantity]:
