@@ -114,7 +114,8 @@ def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
 
 
 @pytest.mark.parametrize(
-    ("size", "turn", "doubt"), [(0.1, 0.0, True), (0.5, 0.0, False), (0.1, 1.4, False)]
+    ("size", "turn", "doubt"),
+    [(0.1, 0.0, True), (0.3, 0.0, True), (0.5, 0.0, False), (0.1, 1.4, False)],
 )
 def test_what_swings_little_on_a_level_line_may_be_a_pendulum(size, turn, doubt):
     along = np.array([np.cos(turn), np.sin(turn)])

@@ -13,7 +13,7 @@ from vidphys.diagnose.recordings.units import GRAVITY
 CLEAR = 4.0  # of log likelihood after its price, within which another law may be the true one
 LASTING = 2.0  # times that, where errors last: what they are like is known less well
 NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least
-UNSEEN = 0.006  # half sides of a picture, by which a tracker may bend a way
+UNSEEN = 0.02  # half sides of a picture, by which a tracker may bend a way: a hundredth of a side
 CERTAIN = 5.0  # standard errors of a term's number, below which it may as well not be there
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
