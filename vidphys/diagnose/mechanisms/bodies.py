@@ -12,6 +12,7 @@ from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.mechanism import first_lawful, meeting, thinned
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
+from vidphys.diagnose.mechanisms.shadows import without_shadows
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
@@ -34,8 +35,15 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     Returns:
         The motion, and what a person should know of those that were left out.
     """
-    if motion.bodies == 1:
-        return motion, ()
+    alone, shadows = without_shadows(motion, MOST_TRIED)
+    if len(alone) == 1:
+        return _of(motion, alone), shadows
+    found, said = _lawful_of(_of(motion, alone))
+    return found, (*shadows, *said)
+
+
+def _lawful_of(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
+    """The same of things of which none is another's shadow."""
     pairs = [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
     for pair in pairs:
         rods = rods_in_picture(_of(motion, pair))

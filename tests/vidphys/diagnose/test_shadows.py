@@ -1,0 +1,46 @@
+"""What moves in proportion to a body is its shadow, unless it is another body made alike."""
+
+import numpy as np
+import pytest
+
+from tests.vidphys.diagnose.test_mechanisms import noisy
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+
+TIMES = np.arange(120) / 30
+
+
+def pendulum(swing: float, length: float, pivot: float) -> np.ndarray:
+    """Places ``(t, 2)``, y up, that pass their middle many times."""
+    angle = swing * np.cos((9.81 / length) ** 0.5 * TIMES)
+    return np.stack([pivot + length * np.sin(angle), 0.5 - length * np.cos(angle)], -1)
+
+
+def looked_at(*ways: np.ndarray) -> tuple[int, str]:
+    motion, said = of_lawful_bodies(noisy(np.stack(ways, 1), 3e-4))
+    return motion.bodies, " ".join(said)
+
+
+def test_a_shadow_on_the_floor_is_left_out_and_said():
+    weight = pendulum(0.4, 0.8, 0.0)
+    shadow = np.stack([0.1 + 0.85 * weight[:, 0], np.full(len(TIMES), -0.6)], -1)
+    bodies, said = looked_at(weight, shadow)
+    assert bodies == 1
+    assert "thing 2 moves in proportion to thing 1, as its shadow" in said
+
+
+@pytest.mark.parametrize("longer", [1.0, 1.1])
+def test_a_pendulum_that_swings_beside_another_is_no_shadow(longer):
+    bodies, said = looked_at(pendulum(0.4, 0.5, -0.4), pendulum(0.4, 0.5 * longer, 0.4))
+    assert bodies == 2 and not said
+
+
+def test_two_that_coast_are_no_shadows_though_both_go_straight():
+    ways = [np.stack([speed * TIMES - 0.6, 0 * TIMES + speed], -1) for speed in (0.3, 0.2)]
+    assert "proportion" not in looked_at(*ways)[1]
+
+
+def test_what_is_seen_at_other_times_is_no_shadow():
+    weight = pendulum(0.4, 0.5, -0.3)
+    other = 0.8 * weight
+    weight[60:], other[:60] = np.nan, np.nan
+    assert "proportion" not in looked_at(weight, other)[1]
