@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib.util
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,10 +36,8 @@ FASTER = 2.5  # bar
 
 def extraction() -> Match:
     """Four short clips through DINOv2-S, into a store."""
-    import cv2
-
     folder = Path(tempfile.mkdtemp(prefix="vidphys-benchmark-"))
-    files = [_write(folder / f"{number}.avi", number) for number in range(CLIPS)]
+    files = [write_clip(folder / f"{number}.avi", number) for number in range(CLIPS)]
     runtime: Runtime = "openvino" if importlib.util.find_spec("openvino") else "torch"
     fast = dinov2_small(DINOv2Settings(batch=BATCH, dtype="bfloat16", runtime=runtime))
     exact = dinov2_small(DINOv2Settings())
@@ -50,28 +48,32 @@ def extraction() -> Match:
         store = FeatureStore(Path(tempfile.mkdtemp(dir=folder)))
         wanted = Wanted(fast, (fast.identity.layer,), store)
         begun = time.perf_counter()
-        busy = extract_many(ahead([_opener(file) for file in files]), wanted, lambda *_: None)
+        busy = extract_many(ahead([opener(file) for file in files]), wanted, lambda *_: None)
         runs.append(busy / (time.perf_counter() - begun))
-
-    def loop(together: int) -> None:
-        for file in files:
-            reader, kept = cv2.VideoCapture(str(file)), []
-            while (read := reader.read())[0]:
-                kept.append(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB))
-            frames = torch.from_numpy(np.stack(kept)).permute(0, 3, 1, 2)
-            found = [_features(network, some) for some in frames.split(together)]
-            np.save(folder / f"{file.stem}.npy", torch.cat(found).half().numpy())
 
     ours()
     away = _away(fast, exact, files[0])
     path = f"{runtime} bfloat16, feature error {away:.1e}, encoder busy {runs[-1]:.0%}"
     mine = Contender(ours, CLIPS * FRAMES, path, "features in a store, from files", "loading")
     peers = {
-        name: (_loop(partial(loop, together)), FASTER)
+        name: (_loop(partial(plain_loop, files, network, together)), FASTER)
         for name, together in (("a frame a call", 1), ("eight frames a call", BATCH))
     }
     numbers = {"feature error": away, "encoder busy": runs[-1]}
     return Match("extraction", "frames", mine, peers, numbers)
+
+
+def plain_loop(files: Sequence[Path], network: Any, together: int) -> None:
+    """What one would write: so many frames a call, and an array beside each clip."""
+    import cv2
+
+    for file in files:
+        reader, kept = cv2.VideoCapture(str(file)), []
+        while (read := reader.read())[0]:
+            kept.append(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB))
+        frames = torch.from_numpy(np.stack(kept)).permute(0, 3, 1, 2)
+        found = [_features(network, some) for some in frames.split(together)]
+        np.save(file.with_suffix(".npy"), torch.cat(found).half().numpy())
 
 
 def _loop(work: Callable[[], None]) -> Contender:
@@ -79,7 +81,8 @@ def _loop(work: Callable[[], None]) -> Contender:
     return Contender(work, CLIPS * FRAMES, "timm float32", what, "loading")
 
 
-def _write(path: Path, seed: int) -> Path:
+def write_clip(path: Path, seed: int) -> Path:
+    """A short clip of coarse noise."""
     import cv2
 
     rng = np.random.default_rng(seed)
@@ -91,7 +94,8 @@ def _write(path: Path, seed: int) -> Path:
     return path
 
 
-def _opener(path: Path) -> Any:
+def opener(path: Path) -> Callable[[], Video]:
+    """What opens a clip, later."""
     return lambda: open_video(path, ClipSelection())
 
 

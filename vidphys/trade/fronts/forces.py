@@ -1,4 +1,4 @@
-"""Forces on N bodies: all pairs in either precision, and pairs within a cut-off."""
+"""Forces on N bodies: all pairs in either precision, pairs within a cut-off, and a tree."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dynamics import Parameters
 from dynamics.contact import CutSpring
 from dynamics.neighbours import WithinReach
 from dynamics.potentials import Potential, SoftenedGravity
+from dynamics.tree import BarnesHut
 from vidphys.scenes.crowd import crowd
 from vidphys.scenes.gravity import SOFTENING
 from vidphys.trade.context import DTYPES, Context
@@ -28,12 +29,13 @@ TINY = 1e-300  # where no body feels a force
 SMALL = 1e-3  # of the mean force: a smaller one is no unit for an error
 GRAVITY_REACH = 4.0  # world units, about ten neighbours' distances
 SPRING_REACH = 2.0  # world units: the springs break there, so that a cut-off changes nothing
-FEW = 128  # bodies up to which neighbours are not searched
+ANGLES = (0.25, 0.5, 1.0)  # radians, at which far bodies are taken as one
+FEW = 128  # bodies up to which neither neighbours nor groups are searched
 COUNTS = (2, 8, 32, 128, 512, 1024, 2048, 4096, 8192, 16384)
 
 
 def jobs(context: Context) -> Iterator[Job]:
-    """Each N with each evaluation; there is no tree: no library at hand serves."""
+    """Each N with each evaluation; a law of finite range needs no tree."""
     for bodies in COUNTS:
         if bodies > context.sizes.most_bodies:
             return
@@ -48,9 +50,12 @@ def jobs(context: Context) -> Iterator[Job]:
             task = f"{name}, {bodies} bodies"
             case = _Case(task, start.q, params, truth)
             for dtype in DTYPES:
-                yield case.job(law, "pairs", None, dtype)
-            if bodies >= FEW:
-                yield case.job(WithinReach(law, reach), "within-reach", reach, "float64")
+                yield case.job(law, "pairs", dtype)
+            if bodies < FEW:
+                continue
+            yield case.job(WithinReach(law, reach), "within-reach", "float64", reach=reach)
+            for angle in ANGLES if law is gravity else ():
+                yield case.job(BarnesHut(law, angle), "tree", "float64", angle=angle)
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,14 @@ class _Case:
     params: Parameters
     truth: Tensor
 
-    def job(self, law: Potential, evaluation: str, reach: float | None, dtype: str) -> Job:
+    def job(
+        self,
+        law: Potential,
+        evaluation: str,
+        dtype: str,
+        reach: float | None = None,
+        angle: float | None = None,
+    ) -> Job:
         bodies, kind = self.q.shape[-2], DTYPES[dtype]
         q, params = self.q.to(kind), self.params.map(lambda x: x.to(kind))
 
@@ -70,7 +82,9 @@ class _Case:
 
         return Job(
             task=self.task,
-            configuration=dict(bodies=bodies, evaluation=evaluation, reach=reach, dtype=dtype),
+            configuration=dict(
+                bodies=bodies, evaluation=evaluation, reach=reach, angle=angle, dtype=dtype
+            ),
             work=work,
             errors=self.errors,
             per_call=1,
