@@ -64,6 +64,13 @@ def test_a_far_group_acts_from_the_centre_of_its_masses():
     assert off(one, each) > 1e-3
 
 
+def test_amounts_of_both_signs_act_from_the_centre_of_their_sizes():
+    q, params = crowd(400)
+    signs = torch.tensor([1.0, -1.0]).double().repeat(200)
+    law = Parameters(params.coupling, params.mass * signs)
+    assert off(BarnesHut(WHOLE, 0.25).force(q, law), WHOLE.force(q, law)) < 3e-3
+
+
 def test_what_is_moved_or_counted_otherwise_is_forced_alike():
     q, params = crowd(300)
     tree, other = BarnesHut(WHOLE, 0.5), torch.randperm(300)

@@ -13,6 +13,7 @@ from vidphys.diagnose.explanations.rivals import (
     CLEAR,
     UNTURNED,
     may_hang,
+    only_slows,
     slight,
     undecided,
 )
@@ -122,6 +123,18 @@ def test_what_swings_little_on_a_level_line_may_be_a_pendulum(size, turn, doubt)
     path = np.array([-0.05, -0.16]) + swung(size, 4.2, 0.37)[:, None] * along
     fit = find_mechanism(filmed(path, 0.0), camera=True).groups[0].fit
     assert fit.kinds == {"trap", "linear"} and may_hang(fit) is doubt
+
+
+@pytest.mark.parametrize(
+    ("begins", "gains", "doubt"), [(1.0, -0.5, True), (0.2, 0.5, False), (0.5, -0.6, False)]
+)
+def test_a_force_that_only_slows_what_goes_straight_may_be_dry_friction(begins, gains, doubt):
+    times = np.arange(45) * STEP
+    path = np.array([-0.5, -0.2]) + np.outer(begins * times + gains * times**2 / 2, [1.0, 0.1])
+    found = find_mechanism(filmed(path, 0.0), camera=True).groups[0]
+    (plane,) = (x for x in found.others if x.model.charts[0].name == "plane")
+    assert found.fit.model.charts[0].name == "line" and plane.kinds == {"uniform"}
+    assert only_slows(found.fit) is doubt and only_slows(plane) is doubt
 
 
 # several that swing

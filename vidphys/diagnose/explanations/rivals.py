@@ -15,8 +15,10 @@ LASTING = 2.0  # times that, where errors last: what they are like is known less
 NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least
 UNSEEN = 0.02  # half sides of a picture, by which a tracker may bend a way: a hundredth of a side
 CERTAIN = 5.0  # standard errors of a term's number, below which it may as well not be there
+STRAIGHT = 0.99  # cosine of the angle between a way and a force, from which it goes along it
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
+SLOWS = "Dry friction would slow it alike. Film it until it rests, or comes back."
 UNTURNED = "It is not seen to turn round: a lens bends a straight way alike. Film it for longer."
 SHORT = {
     "linear": "friction ~ v",
@@ -46,7 +48,7 @@ def undecided(mechanism: Mechanism) -> bool:
     if any(not x.kinds > group.fit.kinds for group in mechanism.groups for x in near(group)):
         return True
     return any(
-        may_hang(g.fit) or unturned(g.fit) or passes(g.fit) or slight(g.fit)
+        may_hang(g.fit) or unturned(g.fit) or passes(g.fit) or only_slows(g.fit) or slight(g.fit)
         for g in mechanism.groups
     )
 
@@ -79,6 +81,17 @@ def unturned(fit: Fit) -> bool:
 def passes(fit: Fit) -> bool:
     """Whether nothing acts on what a camera sees, so that it may be something that passes by."""
     return fit.model.law.pictured and not fit.kinds
+
+
+def only_slows(fit: Fit) -> bool:
+    """Whether a constant force only slows what a camera sees go straight, as dry friction does."""
+    law = fit.model.law
+    if law.restoring != "uniform" or law.frictions or law.walls or not law.pictured:
+        return False
+    rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
+    speed = np.linalg.norm(rates, axis=-1)
+    force = np.array([fit.numbers[f"force {i + 1}"][0] for i in range(law.coordinates)])
+    return bool((rates @ force < -STRAIGHT * speed * np.linalg.norm(force)).all())
 
 
 def may_hang(fit: Fit) -> bool:
@@ -116,6 +129,8 @@ def rivals(mechanism: Mechanism) -> list[str]:
             out.append("A pendulum that swings as little moves alike. A wider swing would tell.")
         if unturned(group.fit):
             out.append(UNTURNED)
+        if only_slows(group.fit):
+            out.append(SLOWS)
         if passes(group.fit):
             out.append(PASSES)
     return out
