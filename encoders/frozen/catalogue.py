@@ -21,6 +21,7 @@ from encoders.frozen.dinov2 import ARCHITECTURES, DINOTinySettings, DINOv2Settin
 from encoders.frozen.foreign import as_ours
 from encoders.frozen.hiera import HieraSettings, load_hiera
 from encoders.frozen.i3d import I3DSettings, load_i3d
+from encoders.frozen.sam2_memory import Sam2MemorySettings, load_sam2_memory
 from encoders.frozen.videomae import VideoMAESettings, load_videomae
 from encoders.frozen.vjepa2 import VJEPA2Settings, VJEPA2TinySettings, load_vjepa2
 from encoders.frozen.vjepa2_ac import VJEPA2ACSettings, load_vjepa2_ac
@@ -39,6 +40,7 @@ ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders",
 
 for _name, _factory in {
     "hiera": Adapter(HieraSettings, load_hiera),
+    "sam2-memory": Adapter(Sam2MemorySettings, load_sam2_memory),
     "i3d": Adapter(I3DSettings, load_i3d),
     **{name: Adapter(DINOv2Settings, partial(load_dinov2, name)) for name in ARCHITECTURES},
     "dino-tiny": Adapter(DINOTinySettings, partial(load_dinov2, "dino-tiny")),
