@@ -112,7 +112,7 @@ class Sam2MemoryEncoder(FrozenEncoder):
             clip, side, side, clip.device, clip.device, clip.device, clip.dtype
         )
         thing = session.obj_id_to_idx(1)
-        session.add_mask_inputs(thing, 0, torch.ones(1, 1, side, side))
+        session.add_mask_inputs(thing, 0, clip.new_ones(1, 1, side, side))
         session.obj_with_new_inputs.append(1)
         with _watched(network) as (seen, recalled):
             for frame in range(len(clip)):
