@@ -40,8 +40,8 @@ ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders",
 
 for _name, _factory in {
     "hiera": Adapter(HieraSettings, load_hiera),
-    "sam2-memory": Adapter(Sam2MemorySettings, load_sam2_memory),
     "i3d": Adapter(I3DSettings, load_i3d),
+    "sam2-memory": Adapter(Sam2MemorySettings, load_sam2_memory),
     **{name: Adapter(DINOv2Settings, partial(load_dinov2, name)) for name in ARCHITECTURES},
     "dino-tiny": Adapter(DINOTinySettings, partial(load_dinov2, "dino-tiny")),
     "videomae-tiny": Adapter(VideoMAESettings, partial(load_videomae, "videomae-tiny")),
