@@ -14,7 +14,6 @@ from typing import Any
 
 import torch
 
-from benchmarks import peers
 from benchmarks.contenders import DT, episodes, fitted
 from benchmarks.encoders import dinov2_small
 from benchmarks.extraction import opener, plain_loop, write_clip
@@ -99,6 +98,8 @@ def _rolled(count: int, steps: int) -> Work:
 
 
 def _scanned(count: int, steps: int) -> Work:
+    from benchmarks import peers  # which are installed for benchmarks alone
+
     start, params = episodes(count)
     phi = _law().potential.phi  # type: ignore[attr-defined]
     return peers.jax_leapfrog(peers.radial_gradient, phi, start, params, steps, DT)
