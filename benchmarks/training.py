@@ -9,7 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from benchmarks import peers
 from benchmarks.contenders import DT, RATE, WIDTH, Problem, problem
 from benchmarks.match import Contender, Match
 from dynamics import Head
@@ -32,6 +31,8 @@ def ten_seeds() -> Match:
 
 def training_step() -> Match:
     """One training step of the factored model against JAX and against eager torch."""
+    from benchmarks import peers  # which are installed for benchmarks alone
+
     made = problem(width=WIDTH, batch=1024)
     against = {
         "JAX, gradient by hand": (
