@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from dynamics.couplings import PairLaw
 from dynamics.mlp import MLP
 from dynamics.numbers import number
-from dynamics.pairs import pair_tiles
+from dynamics.pairs import Block, Listed, pair_groups
 from dynamics.state import Parameters
 
 
@@ -74,27 +74,26 @@ class PairPotential(nn.Module):
     def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
         strength, amount = self.law.strength(params)
         parts = []
-        for i, j in self._tiles(q):
-            displacement, product = self._pairs(q, amount, i, j)
+        for pairs in self._groups(q):
+            product, displacement = pairs.product(amount), self._displacement(pairs, q)
             parts.append((product * _in_pieces(self.pair_energy, displacement, -1)).sum(-1))
         return strength * (parts[0] if len(parts) == 1 else torch.stack(parts).sum(0))
 
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         strength, amount = self.law.strength(params)
         total = torch.zeros_like(q)
-        for i, j in self._tiles(q):
-            displacement, product = self._pairs(q, amount, i, j)
-            pull = product.unsqueeze(-1) * _in_pieces(self.pair_gradient, displacement, -2)
-            total = total.index_add(-2, i, pull, alpha=-1).index_add(-2, j, pull)
+        for pairs in self._groups(q):
+            product, displacement = pairs.product(amount), self._displacement(pairs, q)
+            gradient = _in_pieces(self.pair_gradient, displacement, -2)
+            total = pairs.added(total, product.unsqueeze(-1) * gradient)
         return strength[..., None, None] * total
 
-    def _tiles(self, q: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
-        return pair_tiles(q.shape[-2], q.shape[:-2].numel(), q.device)
+    def _groups(self, q: Tensor) -> Iterator[Listed | Block]:
+        return pair_groups(q.shape[-2], q.shape[:-2].numel(), q.device)
 
-    def _pairs(self, q: Tensor, amount: Tensor, i: Tensor, j: Tensor) -> tuple[Tensor, Tensor]:
-        """Displacements q_i - q_j ``(..., pairs, d)`` and products s_i s_j ``(..., pairs)``."""
-        displacement = self.law.nearest(q.index_select(-2, i) - q.index_select(-2, j))
-        return displacement, amount.index_select(-1, i) * amount.index_select(-1, j)
+    def _displacement(self, pairs: Listed | Block, q: Tensor) -> Tensor:
+        """q_i - q_j, ``(..., pairs, d)``."""
+        return self.law.nearest(pairs.difference(q))
 
 
 class SoftenedGravity(PairPotential):

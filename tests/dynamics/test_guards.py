@@ -33,7 +33,7 @@ from dynamics.contact import KnotPotential, SoftContact
 from dynamics.domain import EXTENTS, extents, largest
 from dynamics.fields import EllipticTrap
 from dynamics.kinetic import FixedKinetic
-from dynamics.pairs import MOST_PAIRS, pair_indices, pair_tiles
+from dynamics.pairs import MOST_PAIRS, Listed, pair_groups, pair_indices, pair_tiles
 from dynamics.potentials import (
     HarmonicTrap,
     NoPotential,
@@ -231,16 +231,34 @@ def test_tiles_hold_each_pair_once() -> None:
     assert len(code.unique()) == len(code) and all(bool((i < j).all()) for i, j in tiles)
 
 
-def test_tiled_forces_and_energies_are_the_untiled_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("tile", [1000, 2**20])
+def test_forces_and_energies_in_blocks_are_those_of_all_pairs_at_once(
+    tile: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rng = torch.Generator().manual_seed(0)
-    q = torch.randn(120, 2, generator=rng, dtype=torch.float64)
-    params = Parameters(torch.tensor(1.3).double(), torch.rand(120, generator=rng).double())
-    law = SoftenedGravity(0.1)
-    whole = law.force(q, params), law.energy(q, params)
-    monkeypatch.setattr("dynamics.pairs.TILE", 1000)
-    parts = law.force(q, params), law.energy(q, params)
-    for one, other in zip(whole, parts, strict=True):
-        assert torch.allclose(one, other, rtol=1e-13, atol=1e-13)
+    q = torch.randn(2, 300, 2, generator=rng, dtype=torch.float64).requires_grad_()
+    params = Parameters(torch.tensor(1.3).double(), torch.rand(300, generator=rng).double())
+    law, listed = SoftenedGravity(0.1), torch.triu_indices(300, 300, offset=1)
+    monkeypatch.setattr("dynamics.pairs.TILE", tile)
+    force, energy = law.force(q, params), law.energy(q, params)
+    at_once = Listed(listed[0], listed[1])
+    phi = (at_once.product(params.mass) * law.pair_energy(at_once.difference(q))).sum(-1)
+    (slope,) = torch.autograd.grad(energy.sum(), q)
+    assert torch.allclose(energy, params.coupling * phi, rtol=1e-13)
+    assert torch.allclose(force, -slope, rtol=1e-12, atol=1e-12)
+    assert force.sum(-2).abs().max() < 1e-10 * force.abs().max()
+
+
+def test_groups_hold_each_pair_once() -> None:
+    device, bodies = torch.device("cpu"), 300
+    count = torch.zeros(bodies, bodies, dtype=torch.long)
+    groups = list(pair_groups(bodies, 1, device))
+    for pairs in groups:
+        if isinstance(pairs, Listed):
+            count[pairs.first, pairs.second] += 1
+        else:
+            count[pairs.rows, pairs.columns] += 1
+    assert len(groups) == 6 and torch.equal(count, torch.ones_like(count).triu(1))
 
 
 def test_too_many_pairs_at_once_are_refused_before_they_are_allocated() -> None:
