@@ -11,6 +11,7 @@ from dynamics.terms import Spring
 from vidphys.diagnose.explanations.rivals import (
     CERTAIN,
     CLEAR,
+    SEEN,
     UNTURNED,
     may_hang,
     only_slows,
@@ -81,31 +82,34 @@ def test_the_slant_of_an_arc(up, tangent):
     assert Arc(aslant=True).slant(geometry) == pytest.approx(tangent)
 
 
-PENDULUM = SimpleNamespace(
-    pictured=False, restoring="pendulum", coordinates=1, walls=(), frictions=()
+PENDULUM, FILMED = (
+    SimpleNamespace(pictured=pictured, restoring="pendulum", coordinates=1, walls=(), frictions=())
+    for pictured in (False, True)
 )
 
 
 @pytest.mark.parametrize(
-    ("kinds", "behind", "smooth", "doubt"),
+    ("law", "kinds", "behind", "smooth", "doubt"),
     [
-        ({"trap", "linear"}, 0.5 * CLEAR, 0.0, True),
-        ({"trap", "linear"}, 1.5 * CLEAR, 0.0, False),
-        ({"trap", "linear"}, 1.5 * CLEAR, 2.0, True),  # of errors that last less is known
-        ({"trap", "linear"}, 2.5 * CLEAR, 2.0, False),
-        ({"pendulum", "square"}, 0.5 * CLEAR, 0.0, True),
-        ({"pendulum", "linear", "square"}, 0.5 * CLEAR, 0.0, False),  # the same, and one more
+        (PENDULUM, {"trap", "linear"}, 0.5 * CLEAR, 0.0, True),
+        (PENDULUM, {"trap", "linear"}, 1.5 * CLEAR, 0.0, False),
+        (PENDULUM, {"trap", "linear"}, 1.5 * CLEAR, 2.0, True),  # errors that last are known less
+        (PENDULUM, {"trap", "linear"}, 2.5 * CLEAR, 2.0, False),
+        (PENDULUM, {"pendulum", "square"}, 0.5 * CLEAR, 0.0, True),
+        (PENDULUM, {"pendulum", "linear", "square"}, 0.5 * CLEAR, 0.0, False),  # and one more
+        (FILMED, {"pendulum", "square"}, 0.9 * SEEN, 0.0, True),  # so are a camera's
+        (FILMED, {"pendulum", "square"}, 1.1 * SEEN, 0.0, False),
     ],
 )
 def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
-    kinds, behind, smooth, doubt
+    law, kinds, behind, smooth, doubt
 ):
     fit, other = (
         SimpleNamespace(
             kinds=frozenset(x),
             score=s,
             errors=SimpleNamespace(white=1.0, smooth=smooth),
-            model=SimpleNamespace(law=PENDULUM, charts=(None,)),
+            model=SimpleNamespace(law=law, charts=(None,)),
             numbers={},
         )
         for x, s in (({"pendulum", "linear"}, 0.0), (kinds, -behind))

@@ -100,16 +100,37 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     assert ByMechanism.verdict.func(law).status == status
 
 
+@pytest.mark.parametrize(("kinds", "status"), [({"dry"}, EXPLAINED), ({"dry", "trap"}, NOT)])
+def test_dry_friction_alone_is_not_beaten_by_a_constant_force(kinds, status) -> None:
+    held = tail(0.02)
+    half_off = held.seen + (held.forecasts["model"] - held.seen) / 2
+    held.forecasts["constant acceleration"] = half_off
+    held.errors["constant acceleration"] = held.errors["model"] / 2
+    found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
+    law = SimpleNamespace(
+        mechanism=found,
+        forecast=lambda: held,
+        _period=np.inf,
+        _bent=False,
+        impossible="",
+        unfollowed={},
+        sought=False,
+        _late=False,
+        whole=SimpleNamespace(groups=()),
+    )
+    assert ByMechanism.verdict.func(law).status == status
+
+
 @pytest.mark.parametrize(
     ("kicks", "camera", "status"),
-    [(0.3, True, MOSTLY), (0.3, False, EXPLAINED), (0.0, True, EXPLAINED)],
+    [(0.3, True, MOSTLY), (0.3, False, EXPLAINED), (0.0, True, MOSTLY)],
 )
-def test_kicks_of_a_body_in_a_picture_may_be_mistakes_of_who_follows_it(
+def test_the_menu_is_never_sure_of_a_picture_where_kicks_may_be_who_follows_it(
     kicks: float, camera: bool, status: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = SimpleNamespace(sure=True, explained=True)
     bath = ByMenu(told, SimpleNamespace(kicks=kicks), None, 10, camera)
     for name in ("verdict", "strays"):  # nothing was held out that it could foretell
         monkeypatch.setattr(ByMenu, name, None if name == "verdict" else False)
-    assert bath.jolted is (status == MOSTLY)
+    assert bath.jolted is (camera and kicks > 0)
     assert _status(bath) == status and bath.explained

@@ -73,10 +73,11 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
 
 
 def number(x: Quantity, units: Units) -> str:
-    """With its interval and unit."""
+    """With its interval and unit, and whether it is of use."""
     value, error = (units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
     unit = units.named(x.length, x.seconds)
-    return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %)"
+    doubt = "" if x.known else ", hardly told by this recording"
+    return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %){doubt}"
 
 
 def what_is_left(mechanism: Mechanism, units: Units) -> str:

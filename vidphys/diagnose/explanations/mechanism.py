@@ -36,6 +36,11 @@ from vidphys.statistics import NORMAL_95
 
 # Kinds that no scene's term has.
 UNWRITTEN = {"centre": "a fixed place that pushes or pulls", "lift": "a lift that goes with a spin"}
+STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what nothing acts on
+SAME = {  # forecasts that say what a law of such terms says
+    frozenset({"collision"}): STRAIGHT,
+    frozenset({"dry"}): STRAIGHT[1:],  # until it rests
+}
 
 
 @dataclass(frozen=True)
@@ -108,13 +113,12 @@ class ByMechanism(Explanation):
     def verdict(self) -> Verdict:
         found = self.mechanism
         tail = self.forecast()
-        straight = found.kinds == {"collision"}
+        same = SAME.get(frozenset(found.kinds), ())
         if "centre" in found.kinds and tail is not None:  # far from the place it goes straight on
             apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
-            straight = bool(np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread)
-        judged = judge(
-            found.share, found.left, found.spread, tail, self._period, straight, self._bent
-        )
+            if np.linalg.norm(apart, axis=-1).max() < NEAR * found.spread:
+                same = STRAIGHT
+        judged = judge(found.share, found.left, found.spread, tail, self._period, same, self._bent)
         # A free power of the distance to an unseen place fits too much: all must be foretold.
         bent = "centre" in found.kinds and judged.status != EXPLAINED
         if self.impossible or bent:
@@ -210,6 +214,7 @@ class ByMechanism(Explanation):
                     "value": self.told_in.told(x.value, x.length),
                     "standard_error": self.told_in.told(x.error, x.length),
                     "unit": self.told_in.named(x.length, x.seconds),
+                    "known": x.known,
                 }
                 for x in quantities(fit)
             },

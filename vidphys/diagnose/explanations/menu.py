@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,13 @@ from vidphys.diagnose.explanations.forecast import (
 )
 from vidphys.diagnose.explanations.rivals import PASSES, UNTURNED
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
-from vidphys.diagnose.explanations.verdict import Verdict, beyond_noise, judge
+from vidphys.diagnose.explanations.verdict import (
+    EXPLAINED,
+    MOSTLY,
+    Verdict,
+    beyond_noise,
+    judge,
+)
 from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
@@ -43,6 +49,7 @@ ASKED = (
     "dry",
     "drive",
 )
+PICTURED = "These terms know nothing of cameras: look at what is followed."
 STRIDE = 3  # frames, over which a step shows where a body goes
 LIKELY, UNLIKELY = 0.9, 0.1
 WORDS = {
@@ -96,7 +103,7 @@ class ByMenu(Explanation):
     @property
     def sure(self) -> bool:
         bent = self.verdict is not None and self.verdict.bent
-        return self.found.sure and not bent and not self.jolted
+        return self.found.sure and not bent and not self.camera
 
     @property
     def jolted(self) -> bool:
@@ -151,6 +158,7 @@ class ByMenu(Explanation):
             lines.append(f"No term explains all of it: {why}.")
         if self.jolted:
             lines.append("Kicks may be mistakes of who follows the body: look at what is followed.")
+        lines += [PICTURED] if self.camera else []
         lines += [PASSES] if self.passes else []
         lines += [UNTURNED] if self.unturned else []
         lines += [] if found.mended is None else found.mended.said
@@ -172,8 +180,10 @@ class ByMenu(Explanation):
         left = float(np.sqrt(self.inference.fitted.variance * self.motion.space))
         alone = self.motion.bodies == 1 and self.motion.space == 1
         bent = alone and beyond_noise(left, self.found.noise.sigma, spread)
-        bent = bent or self.passes or self.unturned or not (self.kinds or self.found.explained)
-        return judge(1 - (left / spread) ** 2, left, spread, tail, bent=bent)
+        bent = bent or not (self.kinds or self.found.explained)
+        judged = judge(1 - (left / spread) ** 2, left, spread, tail, bent=bent)
+        doubtful = self.camera and judged.status == EXPLAINED
+        return replace(judged, status=MOSTLY) if doubtful else judged
 
     def forecast(self) -> Validation | None:
         return self._tail

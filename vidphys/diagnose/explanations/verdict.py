@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +52,7 @@ def judge(
     spread: float,
     tail: Validation | None,
     period: float = np.inf,
-    straight: bool = False,
+    same: Collection[str] = (),
     bent: bool = False,
 ) -> Verdict:
     """The verdict on a model.
@@ -61,8 +62,8 @@ def judge(
         spread: root mean square distance of the bodies from their means, of the fitted frames.
         tail: the forecast of what was held out.
         period: seconds of a swing, about; two of them are far ahead whatever was held out.
-        straight: whether the model itself says that bodies go straight on from where the simple
-            forecasts begin; only bodies that stay are then a rival.
+        same: the simple forecasts that say what the model itself says, and are no rivals: of
+            bodies that go straight on from where they begin, all but that they stay.
         bent: see :class:`Verdict`; at most mostly explained.
     """
     if tail is None or len(tail.times) < 2:
@@ -81,7 +82,7 @@ def judge(
     missed = float((miss[bodies > 0] > near).sum() / max((bodies > 0).sum(), 1))
     again = missed < 1 - FOUND_AGAIN and not (miss[-AVERAGED:] > near).any()
     upto = int(lost[0]) + 1 if len(lost) else len(tail.times)
-    rivals = {"persistence"} if straight else tail.forecasts.keys() - {"model"}
+    rivals = tail.forecasts.keys() - {"model", *same}
     own = _rms(tail.forecasts["model"][:upto] - tail.seen[:upto])
     others = [_rms(tail.forecasts[name][:upto] - tail.seen[:upto]) for name in rivals]
     better = own < max(AS_GOOD * min(others), enough)

@@ -13,11 +13,13 @@ from vidphys.diagnose.mechanisms.charts import Arc, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.law import COULOMB
 from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.statistics import NORMAL_95
 
 NUDGE = 1e-5
 # Over a fit's own standard errors, of what was seen in a picture. Of 289 numbers of clips that were
 # filmed for development, 92 % lay inside intervals without it, and 96 % with it.
 SEEN = 1.3
+VAGUE = 0.3  # of a number, by which its 95 % interval reaches either way: beyond, it is not known
 ASKEW = 0.015  # of a length, that a plane shows it shorter by which is turned by ten degrees
 
 ALONG = {  # of walls
@@ -42,6 +44,11 @@ class Quantity:
     error: float
     length: int = 0
     seconds: int = 0
+
+    @property
+    def known(self) -> bool:
+        """Whether the recording tells it, and not only within which wide limits it lies."""
+        return NORMAL_95 * self.error <= VAGUE * abs(self.value)
 
 
 Joint = Callable[[np.ndarray, tuple[np.ndarray, ...]], float]

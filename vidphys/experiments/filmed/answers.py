@@ -110,7 +110,7 @@ TURNS = ("arc", "angle")
 
 
 def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | None:
-    """A number of the truth as a law of the product has it, SI; ``None`` where it has none.
+    """A number of the truth as a law of the product has it, SI; ``None`` where it tells none.
 
     Args:
         group: of ``mechanism``.
@@ -128,13 +128,16 @@ def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | 
             break
     else:
         return None
-    scale, vague = unit**power, 0.0
+    scale, vague, used = unit**power, 0.0, [quantities[said]]
     if name == "drag" and group["moves on"] in TURNS:  # of the angle: drag times length
         if "length" not in quantities:
             return None
         length = quantities["length"]
+        used.append(length)
         scale = 1 / (length["value"] * unit)
         vague = length["standard_error"] / length["value"]
+    if not all(x["known"] for x in used):
+        return None
     found = quantities[said]
     error = np.hypot(found["standard_error"], vague * found["value"])
     return Told(found["value"] * scale, NORMAL_95 * float(error) * scale)

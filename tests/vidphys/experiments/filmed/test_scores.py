@@ -31,7 +31,7 @@ def right(told, quantities, terms, order=(0,)):
 
 
 def quantity(value, error):
-    return {"value": value, "standard_error": error, "unit": ""}
+    return {"value": value, "standard_error": error, "unit": "", "known": error < 0.15 * value}
 
 
 def unit_of(told):
@@ -61,6 +61,16 @@ def test_a_right_answer_is_exact_followed_and_its_numbers_are_in_their_intervals
     assert by_name["length"].error == pytest.approx(0.0, abs=1e-9)
     assert found.forecast["model"] < 1e-9 < found.forecast["by hand"] < 0.5
     assert found.forecast["persistence"] > 5
+
+
+def test_a_number_that_is_hardly_told_is_no_answer():
+    told = truth("pendulum string")
+    omega = next(n.value for n in told.numbers if n.name == "omega")
+    for error, answered in ((0.1, True), (0.2, False)):
+        said = {"rate": quantity(1.1 * omega, error * 1.1 * omega)}
+        found = score(told, right(told, said, {"pendulum", "linear"}))
+        (rate,) = (n for n in found.numbers if n.name == "omega")
+        assert (rate.value is not None) is answered, error
 
 
 def test_a_sure_wrong_answer_counts_and_a_refusal_does_not():
