@@ -9,7 +9,7 @@ from tests.project.pages import PAGES, ROOT
 from vidphys.cli import VERBS, main
 from vidphys.cli.helped import options_of
 
-OTHERS = {"--rows"}  # of benchmarks
+OTHERS = {"--rows", "--draw"}  # of benchmarks
 TEXTS = {page: page.read_text(encoding="utf-8") for page in PAGES}
 
 
