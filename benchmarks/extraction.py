@@ -30,7 +30,7 @@ from vidphys.data.ahead import ahead
 from vidphys.data.many import Wanted, extract_many
 from vidphys.data.video import ClipSelection, Video, open_video
 
-CLIPS, FRAMES, SIZE, BATCH = 4, 6, (240, 320), 8
+CLIPS, FRAMES, SIZE, BATCH = 4, 16, (240, 320), 8
 FASTER = 2.5  # bar
 
 
