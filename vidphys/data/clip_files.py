@@ -44,7 +44,7 @@ class ClipFile:
         labels: where its bodies are, if that is known.
         coupling: G of the law that held.
         mass: of each body; ones where nothing is said.
-        truth: the table of all that is known of it, if there is one.
+        truth: what else is known of its frames, if there is something.
         facts: what else is known of it, by name; one of them may say which clips belong together.
         split: that its data set puts it into, such as train; empty where it says nothing.
         source: of its frames, where ``path`` is no file: the data set's, then its name therein.
@@ -54,7 +54,7 @@ class ClipFile:
     labels: Labels | None = None
     coupling: float = 1.0
     mass: tuple[float, ...] | None = None
-    truth: Path | None = None
+    truth: Labels | None = None
     facts: Mapping[str, Fact] = field(default_factory=dict)
     split: str = ""
     source: Source | None = None

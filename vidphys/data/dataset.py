@@ -56,9 +56,11 @@ def _found(path: Path) -> Dataset:
 
 
 def _with_labels(file: ClipFile, columns: Mapping[str, str]) -> ClipFile:
-    """A clip without labels where no column of its data set is a place."""
+    """A clip without labels where no column of its data set is a place; its columns are known."""
     names = None if file.labels is None else file.labels.names
-    return file if names is None or in_plane(names, columns) else replace(file, labels=None)
+    if names is None or in_plane(names, columns):
+        return file
+    return replace(file, labels=None, truth=file.truth or file.labels)
 
 
 def clip_file(path: Path) -> ClipFile:

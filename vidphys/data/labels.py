@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vidphys.data.formats import Recording, read_recording
+from vidphys.data.formats import Recording, read_recording, read_table
+from vidphys.data.formats.rows import columns_of
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,18 +40,21 @@ class Labels:
             :class:`vidphys.data.formats.TrackFormat`.
         path: of their file, where it is theirs alone.
         names: of the columns that places are found among; ``None`` where there surely are some.
+        table: gives all columns by name, numbers or words, ``(rows,)`` each; none where there are
+            but places.
     """
 
     name: str
     read: Callable[[Mapping[str, str]], Recording]
     path: Path | None = None
     names: tuple[str, ...] | None = None
+    table: Callable[[], Mapping[str, np.ndarray]] = dict
 
     @classmethod
     def of(cls, path: Path) -> Labels:
         """Those of a file."""
         read = partial(read_recording, path, in_picture=True)
-        return cls(path.name, read, path)
+        return cls(path.name, read, path, table=partial(read_table, path))
 
 
 def read_labels(
@@ -77,7 +81,32 @@ def read_labels(
     from binders import Tracks
 
     labels = Labels.of(labels) if isinstance(labels, Path) else labels
-    where = labels.path or f"{video.path}: {labels.name}"
+    points = read_places(labels, video, selection, half_extent, columns)
+    seen = np.isfinite(points).all(-1)
+    if not seen.any(0).all():
+        body = int((~seen.any(0)).argmax()) + 1
+        raise InputError(f"{_where(labels, video)}: body {body} is seen in no frame")
+    filled = _interpolated(points, seen, video.times)
+    positions, sure = (torch.from_numpy(x).float()[None] for x in (filled, seen.astype(float)))
+    return Tracks(positions, sure, torch.from_numpy(video.times))
+
+
+def read_places(
+    labels: Labels,
+    video: Video,
+    selection: ClipSelection,
+    half_extent: float,
+    columns: Mapping[str, str] | None = None,
+) -> np.ndarray:
+    """The same as float64 ``(t, n, 2)``, NaN where a body was not seen.
+
+    Args:
+        labels, video, selection, half_extent, columns: see :func:`read_labels`.
+
+    Raises:
+        InputError: see there.
+    """
+    where = _where(labels, video)
     try:
         table = labels.read(columns or {})
     except InputError as error:
@@ -87,22 +116,56 @@ def read_labels(
             f"{where}: labels are places in the plane of one clip; a table of them has columns "
             "x1,y1,x2,y2,... (units, y upwards) or u1,v1,... (pixels), and time if you have it"
         )
-    table = _by_frame(where, table, video, selection)
-    _check_times(where, table, video)
-    points = table.positions[0, video.indices]
+    rows = _rows(where, table.positions.shape[1], table.frames, video, selection)
+    if table.times is not None:
+        _check_times(where, table.times[0, rows], video)
+    points = np.where((rows >= 0)[:, None, None], table.positions[0, rows], np.nan)
     if table.unit in ("pixels", "picture"):
         height, width = video.size
         from_edge = points * [width, height] if table.unit == "picture" else points + 0.5
         centred = (from_edge - np.array([width, height]) / 2) * [1, -1]
-        points = centred / (max(height, width) / 2)
-    else:
-        points = points / half_extent
-    seen = np.isfinite(points).all(-1)
-    if not seen.any(0).all():
-        raise InputError(f"{where}: body {int((~seen.any(0)).argmax()) + 1} is seen in no frame")
-    filled = _interpolated(points, seen, video.times)
-    positions, sure = (torch.from_numpy(x).float()[None] for x in (filled, seen.astype(float)))
-    return Tracks(positions, sure, torch.from_numpy(video.times))
+        return centred / (max(height, width) / 2)
+    return points / half_extent
+
+
+def read_columns(
+    labels: Labels,
+    video: Video,
+    selection: ClipSelection,
+    columns: Mapping[str, str] | None = None,
+) -> dict[str, np.ndarray]:
+    """All columns of the labels for the frames that were read, ``(t,)`` each, by their own names.
+
+    Numbers are NaN, and words ``None``, in a frame that has no row; where each body has rows of its
+    own, see :func:`vidphys.data.formats.rows.columns_of`.
+
+    Args:
+        labels, video, selection, columns: see :func:`read_labels`.
+
+    Raises:
+        InputError: a table that cannot be read, of several clips, or of another length.
+    """
+    where, table = _where(labels, video), labels.table()
+    if not table:
+        return {}
+    try:
+        held, frames = columns_of(table, columns or {})
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    rows = _rows(where, len(next(iter(held.values()))), frames, video, selection)
+    if (rows >= 0).all():
+        return {name: values[rows] for name, values in held.items()}
+    return {name: _with_gaps(values, rows) for name, values in held.items()}
+
+
+def _with_gaps(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    numbers = values.dtype.kind in "fiub"
+    whole = values.astype(float if numbers else object)
+    return np.where(rows >= 0, whole[rows], np.nan if numbers else None)
+
+
+def _where(labels: Labels, video: Video) -> str:
+    return str(labels.path or f"{video.path}: {labels.name}")
 
 
 def write_labels(path: Path, times: np.ndarray, positions: np.ndarray) -> None:
@@ -117,17 +180,26 @@ def write_labels(path: Path, times: np.ndarray, positions: np.ndarray) -> None:
             writer.writerow([f"{value:.9g}" for value in (time, *places)])
 
 
-def _by_frame(where: object, table: Recording, video: Video, selection: ClipSelection) -> Recording:
-    """The table with a row for each frame of the file."""
-    rows, last = table.positions.shape[1], int(video.indices[-1])
+def _rows(
+    where: str, count: int, frames: np.ndarray | None, video: Video, selection: ClipSelection
+) -> np.ndarray:
+    """The row of each frame that was read, ``(t,)``; -1 where it has none.
+
+    Args:
+        where: the table, for errors.
+        count: of its rows.
+        frames: number of the frame that each row is of, ``(count,)``, where the table says it.
+        video, selection: see :func:`read_labels`.
+    """
+    last = int(video.indices[-1])
     most = last + selection.stride if selection.stop is None else np.inf
-    number = None if table.frames is None else np.rint(table.frames).astype(int)
+    number = None if frames is None else np.rint(frames).astype(int)
     whole = number is None or bool((np.diff(number) == 1).all())  # from 0, or from 1
-    if whole and last < rows <= most:
-        return table
+    if whole and last < count <= most:
+        return video.indices
     if number is None:
         raise InputError(
-            f"{where}: {rows} rows, but {video.path.name} has frames up to number {last}; a "
+            f"{where}: {count} rows, but {video.path.name} has frames up to number {last}; a "
             "table of labels has one row for each frame of the file, or a column frame"
         )
     if not 0 <= number.min() <= number.max() < max(most, last + 1):
@@ -135,16 +207,16 @@ def _by_frame(where: object, table: Recording, video: Video, selection: ClipSele
             f"{where}: is of frames {number.min()} to {number.max()}, but {video.path.name} has "
             f"frames 0 to {last}"
         )
-    positions = np.full((1, last + 1, *table.positions.shape[2:]), np.nan)
+    rows = np.full(last + 1, -1)
     inside = number <= last
-    positions[0, number[inside]] = table.positions[0, inside]
-    return replace(table, positions=positions, times=None, frames=None)
+    rows[number[inside]] = np.flatnonzero(inside)
+    return rows[video.indices]
 
 
-def _check_times(where: object, table: Recording, video: Video) -> None:
-    if table.times is None or len(video.times) < 2:
+def _check_times(where: str, said: np.ndarray, video: Video) -> None:
+    """Hold the times that a table has of the frames to their own."""
+    if len(video.times) < 2:
         return
-    said = table.times[0, video.indices]
     off = np.abs((said - said[0]) - (video.times - video.times[0])).max()
     if not off <= HALF * video.interval:
         raise InputError(

@@ -8,15 +8,18 @@ and what comes after is scored. No clip is in two of them, whatever its name is.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import torch
 from torch import Tensor
 
+from vidphys.data.clip_files import ClipFile
 from vidphys.errors import InputError
 
+AUTO, CLIP, TIME = "auto", "clip", "time"  # what clips are split by; else by one of their facts
+EPISODE = "episode_index"
 BLOCK = 8  # frames
 EVERY = 5  # one block, or clip, in so many
 Role = Literal["train", "held_out", "scored"]
@@ -166,15 +169,44 @@ def roles_by_name(names: Sequence[str], groups: Sequence[Hashable]) -> list[Role
     return roles
 
 
+def groups_of(files: Sequence[ClipFile], by: str) -> list[Hashable]:
+    """What each clip must stay together with; cameras that saw the same always do.
+
+    Args:
+        files: the clips.
+        by: ``auto`` or ``clip``, a number of its own for each; or the name of a fact.
+
+    Raises:
+        InputError: a clip that has no such fact.
+    """
+    facts = [file.facts for file in files]
+    if by in (AUTO, CLIP):
+        several = len({each.get("camera") for each in facts}) > 1
+        return [f.get(EPISODE, k) if several else k for k, f in enumerate(facts)]
+    for file, each in zip(files, facts, strict=True):
+        if by not in each:
+            raise InputError(
+                f"{file.path}: no fact {by!a} to split by; it has {', '.join(each) or 'none'}; or "
+                f"use {AUTO}, {CLIP} or {TIME}"
+            )
+    return [each[by] for each in facts]
+
+
 def _held(count: int) -> set[int]:
     return {k for k in range(count) if k % EVERY == EVERY // 2} or {count - 1}
 
 
-def refuse_leaks(names: Sequence[str], hashes: Sequence[str], roles: Sequence[Role]) -> None:
+def refuse_leaks(
+    names: Sequence[str],
+    hashes: Sequence[str],
+    roles: Sequence[Hashable],
+    said: Mapping[Hashable, str] = SAID,  # type: ignore[assignment]
+) -> None:
     """Refuse a clip that is in two splits, perhaps under two names.
 
     Args:
         names, hashes, roles: of each clip, and of its content.
+        said: what a split is, in words.
 
     Raises:
         InputError: there is one.
@@ -184,6 +216,6 @@ def refuse_leaks(names: Sequence[str], hashes: Sequence[str], roles: Sequence[Ro
         before = first.setdefault(digest, k)
         if roles[before] != role:
             raise InputError(
-                f"{names[before]} and {names[k]} are the same clip, and would be in {SAID[role]} "
-                f"and in {SAID[roles[before]]}: remove one, or split by a fact that both share"
+                f"{names[before]} and {names[k]} are the same clip, and would be in {said[role]} "
+                f"and in {said[roles[before]]}: remove one, or split by a fact that both share"
             )

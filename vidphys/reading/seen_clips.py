@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,10 @@ from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labelled import LabelledFrames, joined
 from vidphys.data.labelled_clips import LabelledClip, read_clips
 from vidphys.data.splits import (
+    AUTO,
+    TIME,
     Split,
+    groups_of,
     refuse_leaks,
     roles_by_group,
     roles_by_name,
@@ -35,8 +38,6 @@ from vidphys.progress import Progress
 from vidphys.reading.reader import Layer, LoadedEncoder
 
 Stage = Callable[[str], Progress]
-AUTO, CLIP, TIME = "auto", "clip", "time"  # what clips are split by; else by one of their facts
-EPISODE = "episode_index"
 AT_ONCE = 64  # feature frames
 
 
@@ -169,27 +170,12 @@ def split_of(
     features = [clip.features[layer].values.shape[1] for clip in clips]
     if len(clips) == 1 or by == TIME:
         return split_times(frames, features, each, share)
-    groups = _groups(clips, by)
+    groups = groups_of([clip.file for clip in clips], by)
     roles = roles_by_name([clip.file.split for clip in clips], groups) if by == AUTO else None
     roles = roles or roles_by_group(groups, share)
     paths = [str(clip.file.path) for clip in clips]
     refuse_leaks(paths, [clip.about["sha256"] for clip in clips], roles)
     return split_clips(frames, features, each, roles)
-
-
-def _groups(clips: Sequence[SeenClip], by: str) -> list[Hashable]:
-    """What each clip must stay together with; cameras that saw the same always do."""
-    facts = [clip.file.facts for clip in clips]
-    if by in (AUTO, CLIP):
-        several = len({each.get("camera") for each in facts}) > 1
-        return [f.get(EPISODE, k) if several else k for k, f in enumerate(facts)]
-    for clip, each in zip(clips, facts, strict=True):
-        if by not in each:
-            raise InputError(
-                f"{clip.file.path}: no fact {by!a} to split by; it has "
-                f"{', '.join(each) or 'none'}; or use {AUTO}, {CLIP} or {TIME}"
-            )
-    return [each[by] for each in facts]
 
 
 def labelled(

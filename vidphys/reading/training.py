@@ -20,13 +20,13 @@ from readouts.kinds import MapShape
 from vidphys.data.charts import chart_of
 from vidphys.data.clip_files import Dataset
 from vidphys.data.extraction import Axes, extract
-from vidphys.data.splits import Split
+from vidphys.data.splits import AUTO, Split
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
 from vidphys.reading.familiar import familiar_of
 from vidphys.reading.pipeline import Pipeline
 from vidphys.reading.reader import Layer, LoadedEncoder, Reader, steady
-from vidphys.reading.seen_clips import AUTO, SeenClip, Stage, labelled, split_of
+from vidphys.reading.seen_clips import SeenClip, Stage, labelled, split_of
 from vidphys.training.candidates import (
     Examples,
     Grid,

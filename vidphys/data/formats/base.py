@@ -78,10 +78,13 @@ class TrackFormat(Format):
     Args:
         in_picture: reads the same as places in the picture that they were marked in, where
             ``read`` gives them in axes of their own.
+        table: gives all its columns by name, numbers or words, ``(rows,)`` each; not given where
+            it holds nothing but places.
     """
 
     read: Callable[[Path, Mapping[str, str], float | None], Recording]
     in_picture: Callable[[Path, Mapping[str, str], float | None], Recording] | None = None
+    table: Callable[[Path], Mapping[str, np.ndarray]] | None = None
 
 
 Frames = Iterator[tuple[np.ndarray, float]]
@@ -130,6 +133,28 @@ def read_recording(
     Raises:
         InputError: no such file, no format that is known, or a file that holds no tracks.
     """
+    format = _of_tracks(path)
+    read = (in_picture and format.in_picture) or format.read
+    try:
+        return read(path, columns or {}, interval)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    """All columns of a file of tracks by name, ``(rows,)`` each; none where it has no table.
+
+    Raises:
+        InputError: see :func:`read_recording`.
+    """
+    format = _of_tracks(path)
+    try:
+        return {} if format.table is None else dict(format.table(path))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _of_tracks(path: Path) -> TrackFormat:
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a table of tracks or a clip")
     format = format_of(path, TrackFormat)
@@ -139,11 +164,7 @@ def read_recording(
             f"{path}: not a table that is known ({known}); a text of numbers has a line of names "
             "such as t,x,y above them"
         )
-    read = (in_picture and format.in_picture) or format.read
-    try:
-        return read(path, columns or {}, interval)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
+    return format
 
 
 def sources_of(*paths: Path) -> dict[str, str]:

@@ -95,6 +95,8 @@ def detect_columns(
             "..., or say which they are with `columns` x=NAME y=NAME"
         )
     taken = {name for body in bodies for name in body}
+    if any(meanings[name].body for name in taken):
+        roles["body"] = None  # a row is of several bodies, or of the one that its columns name
     units = {name: means.unit for name, means in meanings.items() if means.unit}
     axes = {meanings[name].axis for name in taken}
     joint = axes == {"q"} and any(means.kind == "input" for means in meanings.values())

@@ -24,12 +24,8 @@ RATES = ("fs", "fps", "rate", "framerate", "samplingrate")  # samples in a secon
 
 def read_matlab(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """Vectors of one length, as columns of a table; pieces in cells one after the other."""
-    with reading("a MATLAB file"):
-        _require_room(path)
-    arrays = read_apart(path, "matlab", ["scipy"])
-    vectors = _continued(_joined({name: x for name, x in arrays.items() if x.size >= LEAST}))
-    if not vectors:
-        raise InputError(f"no vectors of {LEAST} numbers or more; it has {_shapes(arrays)}")
+    arrays = _arrays(path)
+    vectors = _vectors(arrays)
     length, table = _alike(vectors)
     step = interval if interval is not None else _step(arrays)
     table, notes = _named(table)
@@ -39,6 +35,24 @@ def read_matlab(path: Path, columns: Mapping[str, str], interval: float | None) 
     also = (f"of another length, not taken: {', '.join(left)}",) if left else ()
     notes = (f"{length} samples in {_shapes(vectors)}", *notes, *also)
     return recording_of(table, columns, step, notes, path.stem)
+
+
+def matlab_table(path: Path) -> dict[str, np.ndarray]:
+    """The vectors of one length, by the names that they have in the file."""
+    return _alike(_vectors(_arrays(path)))[1]
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    with reading("a MATLAB file"):
+        _require_room(path)
+    return read_apart(path, "matlab", ["scipy"])
+
+
+def _vectors(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    found = _continued(_joined({name: x for name, x in arrays.items() if x.size >= LEAST}))
+    if not found:
+        raise InputError(f"no vectors of {LEAST} numbers or more; it has {_shapes(arrays)}")
+    return found
 
 
 def _require_room(path: Path) -> None:

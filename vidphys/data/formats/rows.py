@@ -10,7 +10,7 @@ import numpy as np
 from vidphys.data.formats.base import Recording, Unit
 from vidphys.data.formats.bounded import require_room
 from vidphys.data.formats.columns import Columns, Table, detect_columns
-from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS
+from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS, meaning_of
 from vidphys.data.formats.stamps import cleaned, moments, restarts
 from vidphys.errors import InputError
 
@@ -80,6 +80,62 @@ def recording_of(
         columns.inputs,
         times[0] if counted is not None and len(times) == 1 else None,
     )
+
+
+def columns_of(
+    table: Table, given: Mapping[str, str]
+) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """All columns of the table of one clip, a row for each time.
+
+    Where each body has rows of its own, what differs between them is told apart by numbers, in the
+    order of their names: ``heat1``, ``heat2``.
+
+    Args:
+        table: columns of numbers or words, ``(rows,)``, by name.
+        given: what some columns are; see :class:`vidphys.data.formats.TrackFormat`.
+
+    Returns:
+        The columns, ``(t,)`` each, NaN or ``None`` where a body has no row; and the number of each
+        row's frame ``(t,)``, where the table says it.
+
+    Raises:
+        InputError: columns of several clips, or frames that are no numbers.
+    """
+    told = {name: role for role, name in given.items()}
+    roles: dict[str, str] = {}
+    for name in table:
+        roles.setdefault(meaning_of(told.get(name, name)).kind, name)
+    clip, by = roles.get("clip"), roles.get("time", roles.get("frame"))
+    if clip is not None and len(np.unique(table[clip])) > 1:
+        raise InputError(f"{len(np.unique(table[clip]))} clips by {clip}; give a table for each")
+    if by is None:
+        return dict(table), None
+    moments, at = np.unique(table[by], return_inverse=True)
+    body, held = roles.get("body"), dict(table)
+    if body is not None and len(moments) < len(at):
+        held = _side_by_side(table, body, at, len(moments))
+    elif len(moments) == len(at):
+        held = {name: values[np.argsort(at)] for name, values in table.items()}
+    return held, None if "time" in roles else _numbers(held, by)
+
+
+def _side_by_side(table: Table, body: str, at: np.ndarray, times: int) -> dict[str, np.ndarray]:
+    """Columns whose rows are of a body each, a row for each time."""
+    names, whose = np.unique(table[body], return_inverse=True)
+    require_room((times, len(names), len(table)), 8, "frames by bodies")
+    held: dict[str, np.ndarray] = {}
+    for name, values in table.items():
+        empty = np.nan if values.dtype.kind in "fiub" else None
+        kind = float if values.dtype.kind in "fiub" else object
+        parts = np.full((times, len(names)), empty, dtype=kind)
+        parts[at, whose] = values
+        common = np.full(times, empty, dtype=kind)
+        common[at] = values
+        if np.array_equal(common[at], values.astype(kind), equal_nan=kind is float):
+            held[name] = common
+        else:
+            held |= {f"{name}{k + 1}": parts[:, k] for k in range(len(names))}
+    return held
 
 
 def _inputs(

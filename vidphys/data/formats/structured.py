@@ -29,6 +29,12 @@ def read_structured(path: Path, columns: Mapping[str, str], interval: float | No
     return recording_of(_table(held), columns, interval, called=path.stem)
 
 
+def structured_table(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a JSON file; none of COCO's boxes and TAP-Vid's points."""
+    held = parsed(path)
+    return {} if is_coco(held) or is_points(held) else _table(held)
+
+
 def parsed(path: Path) -> Any:
     """What a JSON file holds.
 

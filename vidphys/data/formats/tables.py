@@ -28,17 +28,32 @@ BYTES = 8  # of a number as it is held
 
 def read_text(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """Numbers between commas, semicolons, tabs or blanks, under names or none."""
+    table, notes = _text(path)
+    return recording_of(table, columns, interval, notes, path.stem)
+
+
+def text_table(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a text."""
+    return _text(path)[0]
+
+
+def _text(path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The columns of a text, and how they were read."""
     sheet = read_sheet(path)
     table, notes = named(sheet.names, sheet.labels, sheet.columns)
     if sheet.body is not None:
         table["body"] = sheet.body
-    return recording_of(table, columns, interval, (*sheet.notes, *notes), path.stem)
+    return table, (*sheet.notes, *notes)
 
 
 def read_parquet(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """The columns of a Parquet file."""
-    held = read_apart(path, "parquet", ["pyarrow"])
-    return recording_of(held, columns, interval, called=path.stem)
+    return recording_of(parquet_table(path), columns, interval, called=path.stem)
+
+
+def parquet_table(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a Parquet file."""
+    return read_apart(path, "parquet", ["pyarrow"])
 
 
 def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None) -> Recording:
@@ -67,6 +82,20 @@ def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None)
     notes = (f"array '{name}' {arrays[name].shape}",)
     length = "px" if name == "pixels" else ""
     return Recording(q, times, unit, np.array(mass, float), coupling, notes, length)
+
+
+def arrays_table(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ file that have a number for each frame of its places."""
+    with reading("an npz file of numbers"):
+        held = headers_of(path)
+        frames = next((shape[-3:-2] for name, (shape, _) in held.items() if name in NAMES), ())
+        return numbers_of(path, frames)
+
+
+def numbers_of(path: Path, frames: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ that have a number for each frame, of so many."""
+    held = headers_of(path).items()
+    return arrays_of(path, [name for name, (shape, d) in held if shape == frames and d.kind in "fiub"])
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from vidphys.data.formats.base import Recording
 from vidphys.data.formats.bounded import reading
-from vidphys.data.formats.tables import arrays_of
+from vidphys.data.formats.tables import arrays_of, headers_of, numbers_of
 from vidphys.errors import InputError
 
 NAMES = ("points", "occluded")
@@ -41,6 +41,12 @@ def read_tapvid(path: Path, columns: Mapping[str, str], interval: float | None) 
     with reading("an npz file of numbers"):
         held = arrays_of(path, NAMES)
     return points_of(held["points"], held["occluded"], interval)
+
+
+def points_table(path: Path) -> dict[str, np.ndarray]:
+    """What else an NPZ of point tracks has for each frame."""
+    with reading("an npz file of numbers"):
+        return numbers_of(path, headers_of(path)["points"][0][1:2])
 
 
 def points_of(points: Any, occluded: Any, interval: float | None) -> Recording:

@@ -50,15 +50,17 @@ def labels_of(name: str, columns: Mapping[str, Any], load: Callable[[], Any]) ->
         columns: their names, and whatever is known of each.
         load: gives the columns, ``(t, ...)`` each.
     """
+    def table() -> dict[str, np.ndarray]:
+        with reading("columns of numbers"):
+            held = {name: np.asarray(values) for name, values in load().items()}
+        return {name: values for name, values in held.items() if values.ndim == 1}
+
+    def places(told: Mapping[str, str]) -> Recording:
+        return recording_of(table(), told, None)
+
     if is_points(columns) or any(place in columns for place in PLACES):
-        return Labels(name, lambda told: arrays_recording(load(), told))
-    return Labels(name, lambda told: _table(load(), told), names=tuple(columns))
-
-
-def _table(columns: Mapping[str, Any], told: Mapping[str, str]) -> Recording:
-    with reading("columns of numbers"):
-        held = {name: np.asarray(values) for name, values in columns.items()}
-    return recording_of({k: v for k, v in held.items() if v.ndim == 1}, told, None)
+        return Labels(name, lambda told: arrays_recording(load(), told), table=table)
+    return Labels(name, places, names=tuple(columns), table=table)
 
 
 def arrays_recording(held: Mapping[str, Any], told: Mapping[str, str]) -> Recording:

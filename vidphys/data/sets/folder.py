@@ -145,7 +145,7 @@ def _listed(folder: Path, entry: Listed, beside: Beside) -> ClipFile:
                 f"{file}: not the file that {folder / MANIFEST} lists (its sha256 differs); make "
                 "it again, or take its hash out of the list where it was changed on purpose"
             )
-    truth = None if entry.truth is None else folder / entry.truth
+    truth = _labels(None if entry.truth is None else folder / entry.truth)
     law = entry.coupling, entry.mass
     return ClipFile(path, _labels(labels), *law, truth, entry.facts, entry.split or "")
 
