@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from vidphys.cli.console import Console
-from vidphys.cli.options import refuse
+from vidphys.cli.options import given_columns, refuse
 from vidphys.data.video import ClipSelection
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
     from vidphys.probing.atlas import AtlasSettings, AtlasUnit
+    from vidphys.probing.known import Known
     from vidphys.runs.folder import RunFolder
 
 SCHEMA = 1  # of atlas.json
@@ -30,13 +32,19 @@ class AtlasConfig:
     which layer. More encoders on the same command add rows; interrupted, it goes on where it was.
 
     Args:
-        data: a folder of `vidphys render`, or of clips with a table (CSV or Parquet) beside each.
+        data: whatever `vidphys train` reads: a folder of `vidphys render`, a folder of clips with a
+            table of labels beside each, or a data set.
+        columns: what columns of the tables are, where their names do not tell (u1=LEFT v1=TOP), or
+            which of their bodies are asked about (u=u2 v=v2).
         out: the run folder.
         encoders: frozen encoders, by a name of `vidphys parts`, timm:NAME, hf:FOLDER or
-            package.module:factory; each is read at all its layers.
+            package.module:factory.
+        layers: of each encoder that are read; all if none is named.
+        device: where the encoders run.
         targets: position, velocity, speed, direction, acceleration, force, momentum, mass, charge,
             coupling, contact, count, or column:, angle: (radians) or class: and the name of a
-            column; all that the tables tell if none is named.
+            column of the tables or of a fact of the clips; of the former all that the tables tell
+            if none is named.
         readout: linear takes for each target all cells of a map (cells), their mean (pooled) or
             where each channel speaks (softmax), whichever does best on clips left out; each of
             these; two-stage reads positions, and all else from their track; attention is trained
@@ -48,6 +56,9 @@ class AtlasConfig:
         grid: cells on a side that maps are pooled to at most.
         folds: into how many parts the clips are cut; each part is tested by a readout that has not
             seen it.
+        split_by: clip; the name of a fact of the clips (a column of a data set), those of which
+            stay together in the folds; or auto: by clip. Cameras that saw the same always stay
+            together, and a clip that would be in two folds is an error.
         kept: also ask what cheaper ways to keep features cost in accuracy: int8, 4x4 (cells), or
             4x4-int8.
         store: folder of the feature store; what is missing in it is extracted.
@@ -60,14 +71,18 @@ class AtlasConfig:
         stride: take each so-many-th frame.
         side: shrink frames so that their longer side has at most this many pixels.
         rate: frames per second, in place of the container's time stamps.
+        resample: take the frames nearest to so many a second, of clips whose frames come unevenly.
         workers: how many processes share the work.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
 
     data: Annotated[Path, tyro.conf.Positional]
+    columns: tuple[str, ...] = ()
     out: Path = Path("runs/atlas")
     encoders: tuple[str, ...] = ("dino-tiny", "videomae-tiny", "vjepa2-tiny")
+    layers: tuple[int | str, ...] = ()
+    device: Literal["cpu", "cuda"] = "cpu"
     targets: tuple[str, ...] = ()
     readout: str = "linear"
     widths: tuple[int, ...] = ()
@@ -75,6 +90,7 @@ class AtlasConfig:
     each: int = 2
     grid: int = 8
     folds: int = 5
+    split_by: str = "auto"
     kept: tuple[Literal["int8", "4x4", "4x4-int8"], ...] = ()
     store: Path = Path("features")
     weights: Path | None = None
@@ -85,6 +101,7 @@ class AtlasConfig:
     stride: int = 1
     side: int | None = None
     rate: float | None = None
+    resample: float | None = None
     workers: int = 2
     overwrite: bool = False
     quiet: bool = False
@@ -97,13 +114,15 @@ def atlas(config: AtlasConfig) -> int:
         0, or 1 if an encoder failed; what others found is kept.
 
     Raises:
-        InputError: clips or tables that cannot be read, an unknown name, options that make no
-            sense, or another run in the folder.
+        InputError: clips or tables that cannot be read, a clip that is in two folds, an unknown
+            name, options that make no sense, a device that is not there, or another run in the
+            folder.
     """
     from vidphys.probing.atlas import AtlasUnit, settings_of
     from vidphys.runs.folder import RunFolder
     from vidphys.seeding import told
 
+    _check(config)
     settings = _settings(config)
     seeds = range(config.seed, config.seed + config.seeds)
     about = settings_of(settings, config.encoders, seeds)
@@ -112,6 +131,7 @@ def atlas(config: AtlasConfig) -> int:
         RunFolder.at_work(config.out, about, config.overwrite, threads=1) as run,
         Console(config.quiet, len(units), "atlas") as console,
     ):
+        _tell(run, console, settings.known)
         failed = _run_units(run, units, settings, config.workers, console)
         sentences = publish(run)
         for sentence in sentences:
@@ -123,12 +143,10 @@ def atlas(config: AtlasConfig) -> int:
     return 1 if failed else 0
 
 
-def _settings(config: AtlasConfig) -> AtlasSettings:
-    from vidphys.data.dataset import find_dataset
-    from vidphys.probing.atlas import AtlasSettings
+def _check(config: AtlasConfig) -> None:
+    from encoders.frozen import ENCODERS
     from vidphys.probing.catalogue import TARGETS
     from vidphys.probing.readouts import ATTENTION, READOUTS, TWO_STAGE
-    from vidphys.probing.trained import Attention
     from vidphys.probing.two_stage import LEAST
 
     for name, least in (("each", 1), ("grid", 1), ("folds", 2), ("seeds", 1), ("workers", 1)):
@@ -148,27 +166,55 @@ def _settings(config: AtlasConfig) -> AtlasSettings:
         raise InputError("`widths` and `rates` must be above 0")
     for target in config.targets:
         TARGETS[target]
-    dataset = find_dataset(config.data)
-    if len(dataset.files) < 2 * config.folds:
-        raise InputError(
-            f"{config.data}: {len(dataset.files)} clips; `folds` {config.folds} needs at least "
-            f"{2 * config.folds}"
-        )
+    for encoder in config.encoders:
+        ENCODERS[encoder]
+    check_cuda(config.device)
+
+
+def _settings(config: AtlasConfig) -> AtlasSettings:
+    """All that is asked, and what is known of the clips, which are opened for it."""
+    from vidphys.probing.atlas import AtlasSettings
+    from vidphys.probing.files import Files
+    from vidphys.probing.trained import Attention
+
+    clips = Files(
+        config.data.resolve(),
+        ClipSelection(config.start, config.stop, config.stride, config.side, config.rate),
+        config.each,
+        tuple(given_columns(config.columns).items()),
+        config.resample,
+        config.split_by,
+    )
+    known = clips.known(config.targets)
+    known.require(config.folds, config.data)
     return AtlasSettings(
-        data=config.data.resolve(),
-        selection=ClipSelection(config.start, config.stop, config.stride, config.side, config.rate),
+        clips=replace(clips),  # without the frames
+        known=known,
         targets=config.targets,
+        layers=config.layers,
         readout=config.readout,
         widths=config.widths or Attention.widths,
         rates=config.rates or Attention.rates,
-        each=config.each,
         grid=config.grid,
         folds=config.folds,
         kept=config.kept,
         store=config.store.resolve(),
         weights=config.weights,
-        hashes=tuple(dataset.hashes[name] for name in sorted(dataset.hashes)),
+        device=config.device,
+        hashes=clips.hashes,
     )
+
+
+def _tell(run: RunFolder, console: Console, known: Known) -> None:
+    """Say, and keep, what is asked, what is not, and what is odd about the clips."""
+    targets = [labels.name for labels in known.labels]
+    console.note(f"targets: {', '.join(targets)}")
+    for line in known.told_left_out():
+        console.note(f"left out: {line}")
+    for note in known.told_notes():
+        console.note(note)
+    about = {"targets": targets, "left_out": dict(known.left_out)}
+    run.tell(**about, clips=[dict(clip) for clip in known.about])
 
 
 def _run_units(

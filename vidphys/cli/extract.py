@@ -210,13 +210,10 @@ def _options(config: ExtractConfig) -> dict[str, Any]:
 
 
 def _open(config: ExtractConfig, path: Path) -> Video:
-    from vidphys.data.resampling import at_rate, require_even
+    from vidphys.data.resampling import in_step
 
     video = open_video(path, config.selection)
-    if config.resample is not None:
-        return at_rate(video, config.resample)
-    require_even(video, config.stride * (config.frame_stride or 1))
-    return video
+    return in_step(video, config.resample, config.stride * (config.frame_stride or 1))
 
 
 def _tell_cost(console: Console, wanted: Wanted, first: Video, files: list[Path]) -> None:

@@ -59,6 +59,12 @@ class Frames:
         """Whether they are in memory already."""
         return self._source.held is not None
 
+    @property
+    def released(self) -> Frames:
+        """The same, decoded anew when they are asked for."""
+        source = self._source
+        return Frames(Source(source.decode, source.count, source.size), self._numbers)
+
     def __iter__(self) -> Iterator[np.ndarray]:
         n = self._numbers
         return self._source.each(n.start, n.stop, n.step) if len(n) else iter(())

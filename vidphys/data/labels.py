@@ -160,8 +160,9 @@ def read_columns(
 
 def _with_gaps(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     numbers = values.dtype.kind in "fiub"
-    whole = values.astype(float if numbers else object)
-    return np.where(rows >= 0, whole[rows], np.nan if numbers else None)
+    found = values.astype(float if numbers else object)[rows]
+    found[rows < 0] = np.nan if numbers else None
+    return found
 
 
 def _where(labels: Labels, video: Video) -> str:

@@ -13,6 +13,22 @@ from vidphys.data.video import Video
 from vidphys.errors import InputError
 
 
+def in_step(video: Video, rate: float | None, strides: int) -> Video:
+    """A clip at the rate that was asked for; else itself, if its strides are even steps in time.
+
+    Args:
+        video, rate: see :func:`at_rate`.
+        strides: see :func:`require_even`.
+
+    Raises:
+        InputError: see there.
+    """
+    if rate is not None:
+        return at_rate(video, rate)
+    require_even(video, strides)
+    return video
+
+
 def at_rate(video: Video, rate: float) -> Video:
     """Frames nearest to even times, each once, with the time stamps that they have.
 

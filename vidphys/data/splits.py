@@ -8,9 +8,9 @@ and what comes after is scored. No clip is in two of them, whatever its name is.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -187,7 +187,7 @@ def groups_of(files: Sequence[ClipFile], by: str) -> list[Hashable]:
         if by not in each:
             raise InputError(
                 f"{file.path}: no fact {by!a} to split by; it has {', '.join(each) or 'none'}; or "
-                f"use {AUTO}, {CLIP} or {TIME}"
+                f"use {AUTO} or {CLIP}"
             )
     return [each[by] for each in facts]
 
@@ -200,13 +200,13 @@ def refuse_leaks(
     names: Sequence[str],
     hashes: Sequence[str],
     roles: Sequence[Hashable],
-    said: Mapping[Hashable, str] = SAID,  # type: ignore[assignment]
+    said: Callable[[Any, Any], str] = lambda one, other: f"in {SAID[one]} and in {SAID[other]}",
 ) -> None:
     """Refuse a clip that is in two splits, perhaps under two names.
 
     Args:
         names, hashes, roles: of each clip, and of its content.
-        said: what a split is, in words.
+        said: where a clip would be that is in two of them, in words.
 
     Raises:
         InputError: there is one.
@@ -216,6 +216,6 @@ def refuse_leaks(
         before = first.setdefault(digest, k)
         if roles[before] != role:
             raise InputError(
-                f"{names[before]} and {names[k]} are the same clip, and would be in {said[role]} "
-                f"and in {said[roles[before]]}: remove one, or split by a fact that both share"
+                f"{names[before]} and {names[k]} are the same clip, and would be "
+                f"{said(role, roles[before])}: remove one, or split by a fact that both share"
             )

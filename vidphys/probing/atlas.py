@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -23,15 +23,17 @@ from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.untrained import untrained
 from encoders.identity import LayeredEncoder
 from encoders.store import FeatureStore
-from vidphys.data.video import ClipSelection
-from vidphys.errors import InputError
+from vidphys.devices import device_name
+from vidphys.points.point import CPU_CLOCK, WALL_CLOCK
 from vidphys.probing.controls import RANDOM
 from vidphys.probing.examples import PLAIN, VIEWS
+from vidphys.probing.files import Files
 from vidphys.probing.findings import Asked, Finding
+from vidphys.probing.known import Known
 from vidphys.probing.layers import Frozen, Maps
 from vidphys.probing.probe import layer_findings, pixels_of, readout_of
 from vidphys.probing.scores import Score
-from vidphys.probing.shown import Folder, Shown
+from vidphys.probing.shown import Shown
 from vidphys.probing.stored import StoredExamples
 from vidphys.probing.trained import Attention
 from vidphys.progress import Progress
@@ -54,44 +56,46 @@ class AtlasSettings:
     """What is asked of every encoder.
 
     Args:
-        data: the folder of clips.
-        selection: the frames of each.
+        clips: where they lie.
+        known: what is known of them.
         targets: by name; all that can be had if none is named.
+        layers: of each encoder; all if none is named.
         readout: of :data:`vidphys.probing.readouts.READOUTS`.
         widths, rates: that the readout by attention tries.
-        each: frames of each clip that are read.
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
         kept: cheaper ways to keep features, whose cost is measured.
         store: folder of the features.
         weights: where those of encoders lie.
-        hashes: of the files in ``data``.
+        device: where they run.
+        hashes: of the files of the clips.
     """
 
-    data: Path
-    selection: ClipSelection
+    clips: Files
+    known: Known
     targets: tuple[str, ...]
+    layers: tuple[int | str, ...]
     readout: str
     widths: tuple[int, ...]
     rates: tuple[float, ...]
-    each: int
     grid: int
     folds: int
     kept: tuple[str, ...]
     store: Path
     weights: Path | None
+    device: str
     hashes: tuple[str, ...]
 
     @property
-    def shown(self) -> Folder:
+    def shown(self) -> Files:
         """The clips, which the units that a process does one after the other decode once."""
-        return _shown(self.data, self.selection, self.each, self.hashes)
+        return _shown(self.clips, self.hashes)
 
 
 @lru_cache(1)
-def _shown(data: Path, selection: ClipSelection, each: int, hashes: tuple[str, ...]) -> Folder:
+def _shown(clips: Files, hashes: tuple[str, ...]) -> Files:
     # hashes: so that clips which have changed are decoded anew
-    return Folder(data, selection, each)
+    return replace(clips)
 
 
 @dataclass(frozen=True)
@@ -122,62 +126,59 @@ def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) 
     run = RunFolder(path)
     if run.is_done(unit.part):
         return
-    began, shown = time.perf_counter(), settings.shown
-    encoder = load_encoder(unit.encoder, {}, settings.weights)
-    labels, skipped = shown.labels(settings.targets)
+    began, shown, known = time.perf_counter(), settings.shown, settings.known
+    encoder = load_encoder(unit.encoder, {}, settings.weights, settings.device)
+    layers = {encoder.at(layer).identity.layer for layer in settings.layers or encoder.layers}
+    seen = Frozen(encoder, tuple(layer for layer in encoder.layers if layer in layers))
     attention = Attention(settings.widths, settings.rates)
-    readout, labels = readout_of(settings.readout, shown, labels, attention)
-    if not labels:
-        raise InputError(f"{settings.data}: nothing can be learned: {skipped}")
-    clips = np.arange(shown.count).repeat(settings.each)
-    asked = Asked(labels, clips, unit.seed, settings.folds, readout, settings.kept)
+    readout, labels = readout_of(settings.readout, known, shown.each, attention)
+    clips = np.arange(shown.count).repeat(shown.each)
+    asked = Asked(labels, clips, known.groups, unit.seed, settings.folds, readout, settings.kept)
     report(f"{unit.part}: pixels", 0, 1)
     pixels = asked.sums(asked.read(pixels_of(shown)))
-    views = _views(shown, encoder, unit, settings, report)
-    recorder = Recorder(_origin(unit, settings, encoder, "", shown.count))
-    total = len(encoder.layers) * len(labels)
-    for number, finding in enumerate(layer_findings(views, pixels, asked)):
+    views = _views(shown, seen, unit, settings, report)
+    recorder = Recorder(_origin(unit, settings, encoder, ""))
+    total = len(seen.layers) * len(labels)
+    for number, finding in enumerate(layer_findings(views, pixels, asked, encoder.layers)):
         _record(recorder, unit, finding)
         report(f"{unit.part}: layer {finding.layer}", number + 1, total)
-    _time(recorder, unit, encoder, shown)
+    _time(recorder, unit, seen, shown, settings.device)
     recorder.took(time.perf_counter() - began)
     run.finish(unit.part, *recorder.tables(), MAKERS)
 
 
 def _views(
-    shown: Shown, encoder: LayeredEncoder, unit: AtlasUnit, settings: AtlasSettings, report: Any
+    shown: Files, seen: Frozen, unit: AtlasUnit, settings: AtlasSettings, report: Any
 ) -> dict[str, Maps]:
     """All views of the clips, from the store where they lie there."""
     store = FeatureStore(settings.store)
-    stored = StoredExamples(store, shown, settings.hashes, settings.grid)
+    stored = StoredExamples(store, shown, shown.fingerprints, settings.grid)
 
     def told(name: str) -> Progress:
         return lambda step, steps, _: report(f"{unit.part}: {name or 'clips'}", step, steps)
 
     found: dict[str, Maps] = {}
     for name, view in VIEWS.items():
-        same = name != PLAIN and Frozen(encoder).alone
-        found[name] = found[PLAIN] if same else stored.maps(encoder, name, view, told(name))
-    if isinstance(encoder, FrozenEncoder):
-        before = untrained(deepcopy(encoder), unit.seed)
+        same = name != PLAIN and seen.alone
+        found[name] = found[PLAIN] if same else stored.maps(seen, name, view, told(name))
+    if isinstance(seen.encoder, FrozenEncoder):
+        before = replace(seen, encoder=untrained(deepcopy(seen.encoder), unit.seed))
         found[RANDOM] = stored.maps(before, PLAIN, VIEWS[PLAIN], told(RANDOM))
     return found
 
 
-def _origin(
-    unit: AtlasUnit, settings: AtlasSettings, encoder: LayeredEncoder, cell: str, clips: int
-) -> Origin:
+def _origin(unit: AtlasUnit, settings: AtlasSettings, encoder: LayeredEncoder, cell: str) -> Origin:
     return Origin(
         experiment=NAME,
         cell=cell,
-        system=settings.data.name,
+        system=settings.clips.path.name,
         grounding="features",
         encoder=unit.encoder,
         binder="none",
         readout=settings.readout,
         head="none",
         seed=unit.seed,
-        device="cpu",
+        device=device_name(settings.device),
         dtype=encoder.identity.dtype,
         supervision="labels",
     )
@@ -210,16 +211,17 @@ def _interval(recorder: Recorder, metric: str, score: Score) -> None:
     recorder.add_value(f"{metric}_high", score.high)
 
 
-def _time(recorder: Recorder, unit: AtlasUnit, encoder: LayeredEncoder, shown: Shown) -> None:
-    """Milliseconds of the process for a clip, all its frames, up to each layer."""
+def _time(recorder: Recorder, unit: AtlasUnit, seen: Frozen, shown: Shown, device: str) -> None:
+    """Milliseconds for a clip, all its frames, up to each layer: of the process, or on a card."""
     block = next(iter(shown.blocks()))
     frames = block.frames[:TIMED_CLIPS]
-    calls = (partial(encoder.at(layer), frames, block.times) for layer in encoder.layers)
+    calls = (partial(seen.encoder.at(layer), frames, block.times) for layer in seen.layers)
     timed = [Timed(call) for call in calls]
     timed[-1].work()  # the first call is none of them
-    in_turn(timed, TIMED_ROUNDS)
-    for layer, one in zip(encoder.layers, timed, strict=True):
-        low, middle, high = (1000 * s / len(frames) for s in quartiles(one.cpu))
+    in_turn(timed, TIMED_ROUNDS, device)
+    clock = CPU_CLOCK if device == "cpu" else WALL_CLOCK
+    for layer, one in zip(seen.layers, timed, strict=True):
+        low, middle, high = (1000 * s / len(frames) for s in quartiles(one.seconds(clock)))
         told = _beside(recorder, f"{unit.encoder}/{layer}")
         _interval(told, COST, Score(middle, low, high))
 
@@ -238,13 +240,18 @@ def settings_of(
         "experiment": NAME,
         "cells": list(encoders),
         "seeds": list(seeds),
-        "data": settings.data.name,
-        "selection": asdict(settings.selection),
+        "data": settings.clips.path.name,
+        "selection": asdict(settings.clips.selection),
+        "resample": settings.clips.resample,
+        "columns": dict(settings.clips.columns),
+        "split_by": settings.clips.split_by,
         "targets": list(settings.targets),
+        "layers": list(settings.layers),
+        "device": settings.device,
         "readout": settings.readout,
         "widths": list(settings.widths),
         "rates": list(settings.rates),
-        "each": settings.each,
+        "each": settings.clips.each,
         "grid": settings.grid,
         "folds": settings.folds,
         "kept": list(settings.kept),

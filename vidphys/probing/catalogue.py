@@ -20,7 +20,7 @@ TOUCHING = 0.7  # world units: two radii of a disk as `render` draws them
 
 def position(truth: Truth) -> np.ndarray:
     """``(t, 2n)``, world units."""
-    return _flat(truth.of_bodies("x", "y"))
+    return _flat(truth.positions())
 
 
 def velocity(truth: Truth) -> np.ndarray:
@@ -77,7 +77,7 @@ def coupling(truth: Truth) -> np.ndarray:
 
 def contact(truth: Truth) -> np.ndarray:
     """``(t, 1)``: whether any two bodies are within :data:`TOUCHING` of each other."""
-    places = truth.of_bodies("x", "y")
+    places = truth.positions()
     pairs = combinations(range(places.shape[1]), 2)
     apart = [np.linalg.norm(places[:, i] - places[:, j], axis=-1) for i, j in pairs]
     if not apart:
@@ -87,7 +87,7 @@ def contact(truth: Truth) -> np.ndarray:
 
 def count(truth: Truth) -> np.ndarray:
     """``(t, 1)``: how many bodies have a known place."""
-    return np.isfinite(truth.of_bodies("x", "y")).all(-1).sum(1).astype(float)[:, None]
+    return np.isfinite(truth.positions()).all(-1).sum(1).astype(float)[:, None]
 
 
 def of_column(name: str) -> Target:
@@ -107,14 +107,21 @@ def of_classes(name: str) -> Target:
 
 def _column(name: str, kind: Kind) -> Target:
     _, _, bare = name.rpartition(":")
-    return Target(name, kind, "frame", lambda truth: truth.column(bare)[:, None])
+
+    def read(truth: Truth) -> np.ndarray:
+        values = truth.column(bare)
+        if kind != "classification" and values.dtype.kind not in "fiub":
+            raise ValueError(f"its values are words, such as {values[0]!s:.40}; ask class:{bare}")
+        return values[:, None]
+
+    return Target(name, kind, "frame", read)
 
 
 def _velocities(truth: Truth) -> np.ndarray:
     """``(t, n, 2)``."""
     if truth.has("vx", "vy"):
         return truth.of_bodies("vx", "vy")
-    return _slope(truth.of_bodies("x", "y"), truth.times)
+    return _slope(truth.positions(), truth.times)
 
 
 def _accelerations(truth: Truth) -> np.ndarray:

@@ -92,4 +92,4 @@ def _kept(values: Tensor, frames: int, read: tuple[int, ...], grid: int) -> Tens
     index = [k * values.shape[1] // frames for k in read]
     maps = values[:, index].flatten(0, 1).float()
     height, width = (min(side, grid) for side in maps.shape[-2:])
-    return functional.adaptive_avg_pool2d(maps, (height, width))
+    return functional.adaptive_avg_pool2d(maps, (height, width)).cpu()

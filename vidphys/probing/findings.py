@@ -65,7 +65,9 @@ class Asked:
 
     Args:
         targets: with values for each example.
-        clips: number of each example's clip, from 0, ``(e,)``.
+        clips: number of each example's clip, from 0, ``(e,)``; a clip's are in order of time.
+        groups: number of each clip's group, from 0, ``(clips,)``; those of a group are tested, left
+            out and drawn anew together.
         seed: of the folds and all draws.
         folds: in which all clips are tested.
         readout: of maps; see :data:`READOUTS`.
@@ -74,6 +76,7 @@ class Asked:
 
     targets: Sequence[Labels]
     clips: np.ndarray
+    groups: np.ndarray
     seed: int
     folds: int
     readout: Readout
@@ -81,14 +84,14 @@ class Asked:
 
     @property
     def count(self) -> int:
-        """Clips."""
-        return int(self.clips.max()) + 1
+        """Groups of clips."""
+        return int(self.groups.max()) + 1
 
     def read(self, maps: Tensor, controls: bool = False) -> list[Predictions]:
         """What a readout of these maps says of each target."""
         asked = CrossValidation(
             [Question(coded(t), t.known, t.kind == "classification") for t in self.targets],
-            self.clips,
+            self.groups[self.clips],
             fold_of(self.count, min(self.folds, self.count), self.seed),
             self.seed,
             controls,
@@ -100,7 +103,7 @@ class Asked:
         found = []
         for labels, each in zip(self.targets, said, strict=True):
             raw, constant = getattr(each, what), each.constant
-            found.append(sums_of(labels, raw, constant, self.clips))
+            found.append(sums_of(labels, raw, constant, self.clips, self.groups))
         return found
 
 

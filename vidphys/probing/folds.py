@@ -96,18 +96,18 @@ class Fold:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Questions, answered of each clip by what did not see it.
+    """Questions, answered of each group of clips by what did not see it.
 
     Args:
         questions: of the examples.
-        clips: number of each example's clip, ``(e,)``; a clip's examples are in order of time.
-        folds: which tests each clip, ``(clips,)``.
+        groups: number of each example's group, ``(e,)``: its clip, or clips that stay together.
+        folds: which tests each group, ``(groups,)``.
         seed: of the exchange of labels, and of whatever is trained.
         controls: whether ``permuted`` and ``doubt`` are asked for; they stay zero otherwise.
     """
 
     questions: Sequence[Question]
-    clips: np.ndarray
+    groups: np.ndarray
     folds: np.ndarray
     seed: int = 0
     controls: bool = False
@@ -121,21 +121,21 @@ class CrossValidation:
         """All folds; what is said without looking is filled in.
 
         Raises:
-            ValueError: a fold leaves fewer than two clips to learn from.
+            ValueError: a fold leaves fewer than two groups to learn from.
         """
-        tested_by = self.folds[self.clips]
+        tested_by = self.folds[self.groups]
         for fold in np.unique(self.folds):
             test, taught = np.nonzero(tested_by == fold)[0], []
             for question, said in zip(self.questions, self.found, strict=True):
                 train = np.nonzero((tested_by != fold) & question.known)[0]
-                if len(np.unique(self.clips[train])) < 2:
+                if len(np.unique(self.groups[train])) < 2:
                     raise ValueError(
-                        f"probe: fold {fold} leaves {len(np.unique(self.clips[train]))} clips to "
+                        f"probe: fold {fold} leaves {len(np.unique(self.groups[train]))} clips to "
                         "train on; give more clips, or a target that is known in more of them"
                     )
                 values = question.values[train]
                 said.constant[test] = values.mean(0)
-                other = exchanged(values, self.clips[train], self.seed) if self.controls else None
+                other = exchanged(values, self.groups[train], self.seed) if self.controls else None
                 taught.append(Taught(train, values, other, question.classes, said))
             yield Fold(test, taught)
 
@@ -153,23 +153,23 @@ class CrossValidation:
             )
             for q in self.questions
         ]
-        return replace(self, questions=questions, clips=self.clips.repeat(bodies))
+        return replace(self, questions=questions, groups=self.groups.repeat(bodies))
 
 
-def fold_of(clips: int, folds: int, seed: int) -> np.ndarray:
-    """Which fold tests each clip, ``(clips,)``; every clip is tested once."""
-    order = np.random.default_rng(derive(seed, "folds")).permutation(clips)
-    found = np.empty(clips, int)
-    found[order] = np.arange(clips) % folds
+def fold_of(groups: int, folds: int, seed: int) -> np.ndarray:
+    """Which fold tests each group of clips, ``(groups,)``; every one is tested once."""
+    order = np.random.default_rng(derive(seed, "folds")).permutation(groups)
+    found = np.empty(groups, int)
+    found[order] = np.arange(groups) % folds
     return found
 
 
-def exchanged(values: np.ndarray, clips: np.ndarray, seed: int) -> np.ndarray:
-    """The values of other clips: those of a clip stay together and in their order."""
-    numbers = np.unique(clips)
+def exchanged(values: np.ndarray, groups: np.ndarray, seed: int) -> np.ndarray:
+    """The values of other groups: those of a group stay together and in their order."""
+    numbers = np.unique(groups)
     order = np.random.default_rng(derive(seed, "permuted")).permutation(numbers)
     found = np.empty_like(values)
     for own, other in zip(numbers, order, strict=True):
-        mine, theirs = np.nonzero(clips == own)[0], np.nonzero(clips == other)[0]
+        mine, theirs = np.nonzero(groups == own)[0], np.nonzero(groups == other)[0]
         found[mine] = values[theirs[np.arange(len(mine)) % len(theirs)]]
     return found

@@ -54,9 +54,15 @@ class Own(AllLayers):
 
 @dataclass(frozen=True)
 class Frozen(AllLayers):
-    """A frozen encoder, all layers from one pass."""
+    """A frozen encoder, several layers from one pass.
+
+    Args:
+        encoder: see there.
+        layers: of it, in order of depth.
+    """
 
     encoder: LayeredEncoder
+    layers: tuple[str, ...]
 
     @property
     def alone(self) -> bool:
@@ -66,7 +72,7 @@ class Frozen(AllLayers):
         return encoder.windowing.frames == 1 and encoder.frame_stride == 1
 
     def __call__(self, frames: Tensor, times: Tensor) -> Maps:
-        found = self.encoder.encode_layers(frames, times, self.encoder.layers)
+        found = self.encoder.encode_layers(frames, times, self.layers)
         return {layer: features.values for layer, features in found.items()}
 
 
@@ -77,7 +83,7 @@ def all_layers(encoder: Any) -> AllLayers:
         ValueError: it cannot be called.
     """
     if isinstance(encoder, LayeredEncoder):
-        return Frozen(encoder)
+        return Frozen(encoder, encoder.layers)
     if callable(encoder):
         return Own(encoder)
     raise ValueError(

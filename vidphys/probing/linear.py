@@ -251,7 +251,7 @@ def read_linearly(forms: Mapping[str, Seen], asked: CrossValidation) -> list[Pre
         ValueError: a fold leaves fewer than two clips to train on.
     """
     for fold in asked.each_fold():
-        Bases(forms, fold.test, asked.clips).answer(fold.taught)
+        Bases(forms, fold.test, asked.groups).answer(fold.taught)
     return asked.found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,14 @@ import torch
 from torch import Tensor
 
 from registry import unknown
+from vidphys.data.splits import AUTO
 from vidphys.data.video import ClipSelection
 from vidphys.probing.controls import CONTROLS, PIXELS, POOLED, RANDOM
 from vidphys.probing.examples import GRID, PLAIN, VIEWS, View, patches
+from vidphys.probing.files import Files
 from vidphys.probing.findings import Asked, Finding, findings_of
 from vidphys.probing.forms import pooled
+from vidphys.probing.known import Known
 from vidphys.probing.layers import AllLayers, Maps, all_layers, untrained_of
 from vidphys.probing.readouts import (
     ATTENTION,
@@ -29,7 +32,7 @@ from vidphys.probing.readouts import (
     Readout,
 )
 from vidphys.probing.scores import Sums
-from vidphys.probing.shown import Arrays, Folder, Shown
+from vidphys.probing.shown import Arrays, Shown
 from vidphys.probing.targets import Labels
 from vidphys.probing.trained import Attention
 from vidphys.probing.two_stage import LEAST, TwoStage
@@ -100,18 +103,23 @@ def probe(
     grid: int = GRID,
     folds: int = FOLDS,
     seed: int = 0,
+    columns: Mapping[str, str] | None = None,
+    split_by: str | Sequence[Hashable] = AUTO,
+    resample: float | None = None,
 ) -> Probed:
     """What the layers of an encoder know of targets, with every control.
 
-    Every clip is predicted by a readout that has not seen it. Intervals are of 95 %, by clip.
+    Every clip is predicted by a readout that has not seen it, nor any other of its group. Intervals
+    are of 95 %, by clip or group.
 
     Args:
         encoder: a frozen encoder, or anything that takes frames ``(b, t, 3, H, W)`` in [0, 1] and
             gives features ``(b, t, c, h, w)``, ``(b, t, c)`` or ``(b, c)``, or a mapping of such
             layers in order of depth. ``t`` may be smaller than the clip's.
-        clips: frames ``(clips, t, 3, H, W)``, bytes or floats in [0, 1]; or a folder of clips with
-            a table beside each, or of ``vidphys render``.
-        targets: of a folder, names (see :data:`TARGETS`; ``column:``, ``angle:`` or ``class:`` and
+        clips: frames ``(clips, t, 3, H, W)``, bytes or floats in [0, 1]; or the path of a folder of
+            clips with a table beside each, or of a data set; see
+            :func:`vidphys.data.dataset.find_dataset`.
+        targets: of a path, names (see :data:`TARGETS`; ``column:``, ``angle:`` or ``class:`` and
             the name of a column), all that can be had if none is named; of frames, values by name:
             ``(clips,)``, ``(clips, t)`` or ``(clips, t, k)``. Integers and words are classes, a
             name ``angle:...`` is of radians.
@@ -128,30 +136,36 @@ def probe(
         grid: cells on a side that maps are pooled to at most.
         folds: in which all clips are tested.
         seed: of folds, random weights and draws.
+        columns: of a path, the name of a column of its tables by what it is (``{"u1": "left"}``),
+            where names do not tell.
+        split_by: what stays together in the folds: of a path, the name of a fact of its clips; of
+            frames, a value for each clip. A clip that would be in two folds is an error.
+        resample: of a path, take the frames nearest to so many a second.
 
     Raises:
-        ValueError: arrays of wrong shapes, too few clips, or nothing that can be learned.
-        InputError: clips or tables that cannot be read.
+        ValueError: arrays of wrong shapes.
+        InputError: clips or tables that cannot be read, too few clips, the same clip in two folds,
+            or nothing that can be learned.
     """
-    layers, shown = all_layers(encoder), _shown(clips, targets, each)
-    if shown.count < 2 * folds:
-        raise ValueError(f"probe: {shown.count} clips; {folds} folds need at least {2 * folds}")
-    named = () if isinstance(targets, Mapping) else tuple(targets)
-    labels, skipped = shown.labels(named)
-    if not labels:
-        raise ValueError(f"probe: nothing can be learned: {skipped or 'no targets were given'}")
-    how, labels = readout_of(readout, shown, labels, Attention(widths, rates))
-    asked = Asked(labels, np.arange(shown.count).repeat(each), seed, folds, how)
+    layers = all_layers(encoder)
+    if isinstance(clips, str | Path):
+        shown = _files(clips, targets, each, columns, split_by, resample)
+    else:
+        shown = _arrays(clips, targets, each, columns, split_by, resample)
+    known = shown.known(() if isinstance(targets, Mapping) else tuple(targets))
+    known.require(folds)
+    how, labels = readout_of(readout, known, each, Attention(widths, rates))
+    asked = Asked(labels, np.arange(shown.count).repeat(each), known.groups, seed, folds, how)
     before = untrained_of(encoder, untrained, seed)
     views = views_of(shown, layers, before, grid)
     pixels = asked.sums(asked.read(pixels_of(shown)))
-    found = layer_findings(views, pixels, asked)
+    found = layer_findings(views, pixels, asked, tuple(views[PLAIN]))
     why = {} if before else {RANDOM: "give `untrained`: the encoder before any training"}
-    return Probed(tuple(found), skipped, why)
+    return Probed(tuple(found), known.left_out, why)
 
 
 def layer_findings(
-    views: Mapping[str, Maps], pixels: Sequence[Sums], asked: Asked
+    views: Mapping[str, Maps], pixels: Sequence[Sums], asked: Asked, every: Sequence[str]
 ) -> Iterator[Finding]:
     """Findings of every layer and target.
 
@@ -160,11 +174,11 @@ def layer_findings(
             are under :data:`PLAIN`.
         pixels: errors of what reads the pixels.
         asked: what is read.
+        every: layer of the encoder, in order of depth, also those that are not read.
     """
-    plain = views[PLAIN]
-    for number, (layer, maps) in enumerate(plain.items()):
+    for layer, maps in views[PLAIN].items():
         others = {name: view[layer] for name, view in views.items() if name and layer in view}
-        depth = number / max(1, len(plain) - 1)
+        depth = every.index(layer) / max(1, len(every) - 1)
         others[POOLED] = pooled(maps)
         yield from findings_of(layer, depth, maps, others, {PIXELS: pixels}, asked)
 
@@ -194,20 +208,47 @@ def pixels_of(shown: Shown) -> Tensor:
     return torch.cat([patches(block.frames, block.read) for block in shown.blocks()])
 
 
-def _shown(clips: Any, targets: Sequence[str] | Mapping[str, Any], each: int) -> Shown:
-    if isinstance(clips, str | Path):
-        if isinstance(targets, Mapping):
-            raise ValueError("probe: `targets` of a folder are names; its tables hold the values")
-        return Folder(Path(clips), ClipSelection(), each)
+def _files(
+    path: Path | str,
+    targets: Sequence[str] | Mapping[str, Any],
+    each: int,
+    columns: Mapping[str, str] | None,
+    split_by: str | Sequence[Hashable],
+    resample: float | None,
+) -> Shown:
+    if isinstance(targets, Mapping):
+        raise ValueError("probe: `targets` of a folder are names; its tables hold the values")
+    if not isinstance(split_by, str):
+        raise ValueError("probe: `split_by` of a folder is the name of a fact of its clips")
+    pairs = tuple((columns or {}).items())
+    return Files(Path(path), ClipSelection(), each, pairs, resample, split_by)
+
+
+def _arrays(
+    clips: Tensor | np.ndarray,
+    targets: Sequence[str] | Mapping[str, Any],
+    each: int,
+    columns: Mapping[str, str] | None,
+    split_by: str | Sequence[Hashable],
+    resample: float | None,
+) -> Shown:
     if not isinstance(targets, Mapping):
         raise ValueError("probe: `targets` of frames are values by name, such as {'speed': speed}")
-    return Arrays(torch.as_tensor(clips), targets, each)
+    if columns is not None or resample is not None:
+        raise ValueError("probe: `columns` and `resample` are of files; leave them away")
+    return Arrays(torch.as_tensor(clips), targets, each, split_by)
 
 
 def readout_of(
-    name: str, shown: Shown, labels: Sequence[Labels], attention: Attention
+    name: str, known: Known, each: int, attention: Attention
 ) -> tuple[Readout, list[Labels]]:
     """The readout of a name, and the targets that it can be asked for.
+
+    Args:
+        name: of the readout.
+        known: of the clips.
+        each: frames of each clip that are read.
+        attention: the one that is trained.
 
     Raises:
         UnknownName: there is none.
@@ -216,15 +257,16 @@ def readout_of(
     """
     if name not in READOUTS:
         raise unknown("readout", name, READOUTS)
+    labels, bodies = list(known.labels), known.bodies
+    if name == ATTENTION:
+        return attention, labels
+    if name not in (LOCAL, TWO_STAGE):
+        return Linear() if name == LINEAR else Linear((name,)), labels
+    if isinstance(bodies, str):
+        raise ValueError(f"probe: `readout` {name}: {bodies}")
     if name == LOCAL:
         # a place that is given is no question
-        return Local(shown.places()), [each for each in labels if each.name != "position"]
-    if name == TWO_STAGE:
-        if shown.each < LEAST:
-            raise ValueError(
-                f"probe: `each` {shown.each}: `readout` two-stage reads {LEAST} at least"
-            )
-        return TwoStage(shown.track()), list(labels)
-    if name == ATTENTION:
-        return attention, list(labels)
-    return Linear() if name == LINEAR else Linear((name,)), list(labels)
+        return Local(bodies.places), [label for label in labels if label.name != "position"]
+    if each < LEAST:
+        raise ValueError(f"probe: `each` {each}: `readout` two-stage reads {LEAST} at least")
+    return TwoStage(bodies.track), labels

@@ -3,7 +3,8 @@
 Every score is 1 for perfect and about 0 for what knows nothing: one minus the errors over the
 errors of chance. Of numbers that is R^2, against the mean of what was trained on; of angles one
 minus the mean angle between over 90 degrees; of classes the balanced accuracy above chance. Each
-clip adds to both sums, so that clips can be drawn anew: frames of one clip are not independent.
+clip adds to both sums, so that clips can be drawn anew: frames of one clip are not independent, nor
+are clips that stay together.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ LEVEL = 95.0  # per cent
 
 @dataclass(frozen=True)
 class Sums:
-    """Errors, and those of chance, summed in each clip, ``(clips,)`` each."""
+    """Errors, and those of chance, summed in each group of clips, ``(groups,)`` each."""
 
     error: np.ndarray
     chance: np.ndarray
@@ -44,7 +45,9 @@ class Score:
         return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
-def sums_of(labels: Labels, raw: np.ndarray, constant: np.ndarray, clips: np.ndarray) -> Sums:
+def sums_of(
+    labels: Labels, raw: np.ndarray, constant: np.ndarray, clips: np.ndarray, groups: np.ndarray
+) -> Sums:
     """Errors of predictions.
 
     Args:
@@ -52,21 +55,22 @@ def sums_of(labels: Labels, raw: np.ndarray, constant: np.ndarray, clips: np.nda
         raw: what was predicted, ``(e, k, m)``, see :mod:`vidphys.probing.coding`.
         constant: what is predicted without looking, likewise.
         clips: number of each example's clip, from 0, ``(e,)``.
+        groups: number of each clip's group, from 0, ``(clips,)``.
 
     Example:
         >>> truth = Labels("x", "regression", "frame", np.array([[0.0], [1.0], [2.0]]))
         >>> said, mean = np.array([[[0.0]], [[1.0]], [[1.0]]]), np.ones((3, 1, 1))
-        >>> sums_of(truth, said, mean, np.arange(3)).score
+        >>> sums_of(truth, said, mean, np.arange(3), np.arange(3)).score
         0.5
     """
-    count, known = int(clips.max()) + 1, labels.known
+    count, known = int(groups.max()) + 1, labels.known
     if labels.per == "clip":
         labels, raw, constant, clips = _averaged(labels, raw, constant, clips)
         known = labels.known
     true = labels.values[known]
     said = decoded(labels, raw[known], constant[known])
     error, chance = _errors(labels, true, said, constant[known])
-    each = [np.bincount(clips[known], part.sum(1), count) for part in (error, chance)]
+    each = [np.bincount(groups[clips[known]], part.sum(1), count) for part in (error, chance)]
     return Sums(*each)
 
 

@@ -1,34 +1,29 @@
-"""The clips that an encoder is shown for a probe, and the targets of the frames that are read."""
+"""The clips that an encoder is shown for a probe; here those that are in memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import hashlib
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from vidphys.data.clip_files import ClipFile
-from vidphys.data.dataset import find_dataset
-from vidphys.data.video import ClipSelection, Video, open_video
-from vidphys.errors import InputError
-from vidphys.probing.catalogue import TARGETS
+from vidphys.data.splits import AUTO, CLIP
 from vidphys.probing.examples import labelled_frames
-from vidphys.probing.targets import Kind, Labels, Per, Target, labels_of
-from vidphys.probing.truth import Track, Truth, read_truth
+from vidphys.probing.known import Known, numbered
+from vidphys.probing.targets import Kind, Labels, Per, labels_of
 
 AT_ONCE = 16  # clips
-KEPT_BYTES = 2**29  # of decoded frames, which are decoded again where they are more
 DOORS: dict[str, Kind] = {"angle": "circular", "class": "classification", "column": "regression"}
 
 
 @dataclass(frozen=True)
 class Block:
-    """Some clips of one size and length.
+    """Some clips of one size, whose frames come at the same times.
 
     Args:
         frames: ``(b, t, 3, H, W)``, bytes or floats in [0, 1].
@@ -39,15 +34,6 @@ class Block:
     frames: Tensor
     times: Tensor
     read: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class About:
-    """The frames of one clip: their numbers in the file, seconds, and (height, width)."""
-
-    indices: np.ndarray
-    times: np.ndarray
-    size: tuple[int, int]
 
 
 class Shown(Protocol):
@@ -67,23 +53,11 @@ class Shown(Protocol):
         """All clips, in their order, a few at a time."""
         ...
 
-    def labels(self, targets: Sequence[str]) -> tuple[list[Labels], dict[str, str]]:
-        """Values of targets for the frames that are read; and why there are none, by target."""
-        ...
+    def known(self, targets: Sequence[str]) -> Known:
+        """What is known of the frames that are read.
 
-    def places(self) -> Tensor:
-        """Of the bodies in each frame that is read, as :class:`Local` wants them.
-
-        Raises:
-            ValueError: they are not known.
-        """
-        ...
-
-    def track(self) -> Track:
-        """Likewise, in world units and with their times.
-
-        Raises:
-            ValueError: they are not known.
+        Args:
+            targets: by name; all that can be had if none is named.
         """
         ...
 
@@ -98,6 +72,7 @@ class Arrays:
             Integers and words are classes; names may begin with ``angle:`` (radians), ``class:``
             or ``column:`` (numbers).
         each: frames of each clip that are read.
+        split_by: a value for each clip; those of one value stay together in the folds.
 
     Raises:
         ValueError: arrays of other shapes.
@@ -106,6 +81,7 @@ class Arrays:
     frames: Tensor
     values: Mapping[str, Any]
     each: int
+    split_by: str | Sequence[Hashable] = AUTO
 
     def __post_init__(self) -> None:
         if self.frames.ndim != 5 or self.frames.shape[2] != 3:
@@ -121,6 +97,9 @@ class Arrays:
                     f"probe: target {name}: values must be ({b},), ({b}, {t}) or ({b}, {t}, k), "
                     f"got {shape}"
                 )
+        alone = self.split_by in (AUTO, CLIP)
+        if not alone and (isinstance(self.split_by, str) or len(self.split_by) != b):
+            raise ValueError(f"probe: `split_by` of frames: must be {b} values, one for each clip")
 
     @property
     def count(self) -> int:
@@ -136,21 +115,19 @@ class Arrays:
         for some in self.frames.split(AT_ONCE):
             yield Block(some, times, self.read)
 
-    def labels(self, targets: Sequence[str]) -> tuple[list[Labels], dict[str, str]]:
-        found, skipped = [], {}
+    def known(self, targets: Sequence[str]) -> Known:
+        found, left_out = [], {}
         for name in targets or self.values:
             labels = self._labels(name)
             if labels.why_not:
-                skipped[name] = labels.why_not
+                left_out[name] = labels.why_not
             else:
                 found.append(labels)
-        return found, skipped
-
-    def places(self) -> Tensor:
-        raise ValueError("probe: `readout` local: frames alone tell no places; give a folder")
-
-    def track(self) -> Track:
-        raise ValueError("probe: `readout` two-stage: frames alone tell no places; give a folder")
+        names = [f"clip {k}" for k in range(self.count)]
+        hashes = [hashlib.sha256(clip.numpy().tobytes()).hexdigest() for clip in self.frames.cpu()]
+        alone = isinstance(self.split_by, str)
+        groups = numbered(names, hashes, range(self.count) if alone else self.split_by)
+        return Known(tuple(found), left_out, groups, "frames alone tell no places; give a folder")
 
     def _labels(self, name: str) -> Labels:
         values = np.asarray(self.values[name])
@@ -163,122 +140,3 @@ class Arrays:
         numbers = np.issubdtype(values.dtype, np.floating)
         kind: Kind = "regression" if numbers else "classification"
         return labels_of(name, DOORS.get(door, kind) if sign else kind, per, read)
-
-
-@dataclass(frozen=True)
-class Folder:
-    """Clips on disk, each with a table of what is known of it: see :class:`Truth`.
-
-    Args:
-        path: a clip's folder, or that of a rendering.
-        selection: the frames of each clip.
-        each: frames of each clip that are read.
-    """
-
-    path: Path
-    selection: ClipSelection
-    each: int
-
-    @cached_property
-    def files(self) -> tuple[ClipFile, ...]:
-        """The clips.
-
-        Raises:
-            InputError: no clips, or one without a table.
-        """
-        files = find_dataset(self.path).files
-        for file in files:
-            if _table(file) is None:
-                raise InputError(
-                    f"{file.path}: no table beside it; a probe learns from NAME.parquet or "
-                    "NAME.csv with a row for each frame"
-                )
-        return files
-
-    @property
-    def count(self) -> int:
-        return len(self.files)
-
-    def blocks(self) -> Iterator[Block]:
-        kept = self._decoded_once[1]
-        yield from self._decoded([]) if kept is None else kept
-
-    @cached_property
-    def _decoded_once(self) -> tuple[list[About], list[Block] | None]:
-        """About each clip, and all of them where they are small: decoding costs a process each."""
-        about: list[About] = []
-        kept: list[Block] | None = []
-        size = 0
-        for block in self._decoded(about):
-            size += block.frames.nbytes
-            kept = None if kept is None or size > KEPT_BYTES else [*kept, block]
-        return about, kept
-
-    def _decoded(self, about: list[About]) -> Iterator[Block]:
-        """All clips a few at a time; what is known of each is added to ``about``."""
-        waiting: list[Video] = []
-        for file in self.files:
-            video = open_video(file.path, self.selection)
-            about.append(About(video.indices, video.times, video.size))
-            if waiting and (
-                len(waiting) == AT_ONCE or video.frames.shape != waiting[0].frames.shape
-            ):
-                yield self._block(waiting)
-                waiting = []
-            waiting.append(video)
-        yield self._block(waiting)
-
-    def labels(self, targets: Sequence[str]) -> tuple[list[Labels], dict[str, str]]:
-        """See :class:`Shown`; where none is named, all targets of the catalogue."""
-        found, skipped = [], {}
-        for name in targets or TARGETS:
-            try:
-                labels = self._labels(TARGETS[name])
-            except ValueError as error:
-                why = str(error)
-            else:
-                why = labels.why_not
-            if why and name in targets:
-                raise InputError(f"{self.path}: target {name}: {why}")
-            if why:
-                skipped[name] = why
-            else:
-                found.append(labels)
-        return found, skipped
-
-    def places(self) -> Tensor:
-        half_extent = find_dataset(self.path).half_extent
-        found = []
-        for truth, read, (height, width) in self._truths:
-            places = truth.of_bodies("x", "y")[read] / half_extent
-            found.append(places * max(height, width) / np.array([width, height]))
-        return torch.from_numpy(np.concatenate(found)).float()
-
-    def track(self) -> Track:
-        positions = [truth.of_bodies("x", "y")[read] for truth, read, _ in self._truths]
-        times = [truth.times[read] for truth, read, _ in self._truths]
-        return Track(np.concatenate(positions), np.concatenate(times))
-
-    @cached_property
-    def _truths(self) -> list[tuple[Truth, list[int], tuple[int, int]]]:
-        """What is known of each clip, the frames that are read, and (height, width)."""
-        found = []
-        for file, about in zip(self.files, self._decoded_once[0], strict=True):
-            table = _table(file)
-            assert table is not None
-            read = list(labelled_frames(len(about.times), self.each))
-            found.append((read_truth(table, about.indices, about.times), read, about.size))
-        return found
-
-    def _labels(self, target: Target) -> Labels:
-        values = np.concatenate([target.read(truth)[read] for truth, read, _ in self._truths])
-        return labels_of(target.name, target.kind, target.per, values)
-
-    def _block(self, videos: Sequence[Video]) -> Block:
-        frames = torch.from_numpy(np.stack([video.frames for video in videos]))
-        times = torch.from_numpy(videos[0].times)
-        return Block(frames.movedim(-1, 2), times, labelled_frames(len(times), self.each))
-
-
-def _table(file: ClipFile) -> Path | None:
-    return file.truth or (None if file.labels is None else file.labels.path)

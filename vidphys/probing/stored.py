@@ -27,29 +27,27 @@ class StoredExamples:
     Args:
         store: where they are kept.
         shown: the clips.
-        hashes: of their files.
+        prints: of the clips, and of the frames that are shown.
         grid: cells on a side that maps are pooled to at most.
     """
 
     store: FeatureStore
     shown: Shown
-    hashes: tuple[str, ...]
+    prints: tuple[str, ...]
     grid: int
 
-    def maps(
-        self, encoder: LayeredEncoder, name: str, view: View, progress: Progress | None = None
-    ) -> Maps:
-        """All layers under one view, memory-mapped; encoded in one pass where one is not stored.
+    def maps(self, seen: Frozen, name: str, view: View, progress: Progress | None = None) -> Maps:
+        """The layers under one view, memory-mapped; encoded in one pass where one is not stored.
 
         Args:
-            encoder: frozen.
+            seen: a frozen encoder and its layers that are read.
             name: of the view.
             view: how examples are made of clips.
             progress: called as ``(clips done, clips, 0.0)``.
         """
-        requests = {layer: self._request(encoder, layer, name) for layer in encoder.layers}
+        requests = {layer: self._request(seen.encoder, layer, name) for layer in seen.layers}
         if not all(map(self.store.has, requests.values())):
-            made = self._made(encoder, view, progress)
+            made = self._made(seen, view, progress)
             for layer, request in requests.items():
                 values = made.pop(layer)
                 stamps = torch.arange(len(values), dtype=torch.float64)
@@ -58,11 +56,11 @@ class StoredExamples:
         found = {layer: self.store.read(request) for layer, request in requests.items()}
         return {layer: features.values[0] for layer, features in found.items() if features}
 
-    def _made(self, encoder: LayeredEncoder, view: View, progress: Progress | None) -> Maps:
-        parts: dict[str, list[torch.Tensor]] = {layer: [] for layer in encoder.layers}
+    def _made(self, seen: Frozen, view: View, progress: Progress | None) -> Maps:
+        parts: dict[str, list[torch.Tensor]] = {layer: [] for layer in seen.layers}
         done = 0
         for block in self.shown.blocks():
-            maps = view(Frozen(encoder), block.frames, block.times, block.read, self.grid)
+            maps = view(seen, block.frames, block.times, block.read, self.grid)
             for layer, values in maps.items():
                 parts[layer].append(values.to(DTYPES[DTYPE]))
             done += len(block.frames)
@@ -82,7 +80,7 @@ class StoredExamples:
         words = f"{layer}, {name}, frames {read}, at most {self.grid} cells on a side"
         return FeatureRequest(
             encoder=replace(encoder.at(layer).identity, layer=words),
-            source_sha256=hashlib.sha256(" ".join(self.hashes).encode()).hexdigest(),
+            source_sha256=hashlib.sha256(" ".join(self.prints).encode()).hexdigest(),
             frames=tuple(examples),
             times=tuple(float(number) for number in examples),
             frame_size=size,

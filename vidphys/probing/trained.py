@@ -81,7 +81,7 @@ class Attention(Readout):
             for taught in fold.taught:
                 for values in (taught.values, taught.exchanged):
                     if values is not None:
-                        job = _Job(maps, values, taught.train, asked.clips, test, taught.classes)
+                        job = _Job(maps, values, taught.train, asked.groups, test, taught.classes)
                         jobs.append(job)
             told = self._fold(jobs, maps, asked.seed)
             for taught in fold.taught:

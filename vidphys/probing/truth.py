@@ -1,32 +1,30 @@
-"""What is known of one clip: columns with a value for each frame, from which targets are made."""
+"""What is known of one clip: places and columns by frame, from which targets are made."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
-
-from vidphys.errors import InputError
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Columns of one clip, a row for each frame.
+    """Places and columns of one clip, a row for each frame.
 
     Args:
         times: seconds of each frame, ``(t,)``.
         columns: by name, ``(t,)`` each: numbers (NaN where not known) or words. Of body 1, 2, ...
-            they are called as in :func:`vidphys.data.rendered.truth_of`: ``x1``, ``vy2``, ``m3``.
+            they are called as in :func:`vidphys.data.rendered.truth_of`: ``vx1``, ``vy2``, ``m3``.
+        places: of the bodies, ``(t, n, 2)``, world units; NaN where one was not seen. ``None``
+            where they are not known.
+        why_not: why not.
     """
 
     times: np.ndarray
     columns: Mapping[str, np.ndarray]
+    places: np.ndarray | None = None
+    why_not: str = "nothing tells where the bodies are"
 
     def column(self, name: str) -> np.ndarray:
         """One column, ``(t,)``.
@@ -38,28 +36,43 @@ class Truth:
             raise ValueError(f"no column {name}; there are {', '.join(self.columns) or 'none'}")
         return self.columns[name]
 
+    def positions(self) -> np.ndarray:
+        """``(t, n, 2)``, world units.
+
+        Raises:
+            ValueError: they are not known.
+        """
+        if self.places is None:
+            raise ValueError(self.why_not)
+        return self.places
+
     def has(self, *stems: str) -> bool:
-        """Whether the first body has a column of each stem."""
-        return all(f"{stem}1" in self.columns for stem in stems)
+        """Whether there are columns of each stem, for as many bodies as have places."""
+        bodies = {self._bodies(stem) for stem in stems}
+        return min(bodies) > 0 and (self.places is None or bodies == {self.places.shape[1]})
 
     def of_bodies(self, *stems: str) -> np.ndarray:
         """Columns of every body, ``(t, n, stems)``.
 
         Args:
-            stems: names without the number of the body, such as ``x`` and ``y``.
+            stems: names without the number of the body, such as ``vx`` and ``vy``.
 
         Raises:
-            ValueError: a body's column is missing.
+            ValueError: a body's column is missing, or there are not as many as bodies with places.
 
         Example:
-            >>> places = {"x1": np.array([0.0, 1.0]), "x2": np.array([2.0, 3.0])}
-            >>> truth = Truth(np.arange(2.0), places)
-            >>> truth.of_bodies("x").tolist()
+            >>> speeds = {"vx1": np.array([0.0, 1.0]), "vx2": np.array([2.0, 3.0])}
+            >>> truth = Truth(np.arange(2.0), speeds)
+            >>> truth.of_bodies("vx").tolist()
             [[[0.0], [2.0]], [[1.0], [3.0]]]
         """
-        count = 1
-        while f"{stems[0]}{count + 1}" in self.columns:
-            count += 1
+        count = self._bodies(stems[0])
+        if not count:
+            raise ValueError(f"no column {stems[0]}1")
+        if self.places is not None and count != self.places.shape[1]:
+            raise ValueError(
+                f"columns {stems[0]} of {count} bodies, places of {self.places.shape[1]}"
+            )
         return np.stack(
             [
                 np.stack([self.column(f"{stem}{n + 1}").astype(float) for stem in stems], -1)
@@ -67,6 +80,13 @@ class Truth:
             ],
             1,
         )
+
+    def _bodies(self, stem: str) -> int:
+        """How many have a column of this stem."""
+        count = 0
+        while f"{stem}{count + 1}" in self.columns:
+            count += 1
+        return count
 
 
 @dataclass(frozen=True)
@@ -76,41 +96,9 @@ class Track:
     Args:
         positions: ``(e, n, 2)``, world units; NaN where not known.
         times: seconds, ``(e,)``.
+        clips: number of the clip, ``(e,)``.
     """
 
     positions: np.ndarray
     times: np.ndarray
-
-
-def read_truth(path: Path, rows: np.ndarray, times: np.ndarray) -> Truth:
-    """The columns of a table, Parquet or CSV, a row for each frame of the clip's file.
-
-    Args:
-        path: the table.
-        rows: numbers of the frames that are wanted, ``(t,)``.
-        times: seconds of these, ``(t,)``.
-
-    Raises:
-        InputError: not such a table, or one with fewer rows than the clip has frames.
-    """
-    try:
-        csv = path.suffix.lower() == ".csv"
-        table = pyarrow.csv.read_csv(path) if csv else pyarrow.parquet.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        said = " ".join(str(error).split())
-        raise InputError(f"{path}: no table of targets ({said}); give CSV or Parquet") from error
-    if len(table) <= int(rows.max()):
-        raise InputError(
-            f"{path}: {len(table)} rows, but frame {int(rows.max())} of the clip is asked for; a "
-            "table of targets has a row for each frame"
-        )
-    columns = {name: _values(table[name]) for name in table.column_names}
-    return Truth(times, {name: values[rows] for name, values in columns.items()})
-
-
-def _values(column: Any) -> np.ndarray:
-    """Numbers as floats, NaN where empty; anything else as it is."""
-    kind = column.type
-    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind):
-        return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
-    return np.asarray(column.to_pylist(), dtype=object)
+    clips: np.ndarray

@@ -49,19 +49,20 @@ class TwoStage(Readout):
         forms = seen_forms(maps)
         for fold, seen in zip(asked.each_fold(), first.each_fold(), strict=True):
             (taught,) = seen.taught
-            bases = Bases(forms, seen.test, asked.clips)
+            bases = Bases(forms, seen.test, asked.groups)
             ((_, fitted),) = bases.best(taught.train, [taught.values])
             read = np.empty_like(places)
             read[seen.test], read[taught.train] = (
                 fitted.said,
                 places[taught.train] - fitted.left_out,
             )
-            moving = self._motion(read.reshape(self.track.positions.shape), asked.clips)
-            Bases({TWO_STAGE: seen_as(moving)}, fold.test, asked.clips).answer(fold.taught)
+            moving = self._motion(read.reshape(self.track.positions.shape))
+            Bases({TWO_STAGE: seen_as(moving)}, fold.test, asked.groups).answer(fold.taught)
         return asked.found
 
-    def _motion(self, positions: np.ndarray, clips: np.ndarray) -> Tensor:
+    def _motion(self, positions: np.ndarray) -> Tensor:
         """What a track tells of every example, ``(e, c, 1, 1)``."""
+        clips = self.track.clips
         told = [
             motion_of(positions[clips == clip], self.track.times[clips == clip])
             for clip in np.unique(clips)

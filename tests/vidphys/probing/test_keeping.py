@@ -52,7 +52,7 @@ def test_the_cost_of_each_is_measured_where_it_lies():
     fine, coarse = maps[:, 0, 3, 5], maps[:, 1, :4, :4].mean((-2, -1))
     values = [part.double().numpy()[:, None] for part in (fine, coarse)]
     targets = [Labels(n, "regression", "frame", v) for n, v in zip("fc", values, strict=True)]
-    asked = Asked(targets, np.arange(80), 0, 4, Linear(("cells",)), tuple(KEPT))
+    asked = Asked(targets, np.arange(80), np.arange(80), 0, 4, Linear(("cells",)), tuple(KEPT))
     one, other = findings_of("1", 0.0, 10 * maps, {}, {}, asked)
     assert one.kept["4x4"][0].high < -0.1 and abs(one.kept["int8"][0].value) < 0.02
     assert other.kept["4x4"][0].low > -0.02

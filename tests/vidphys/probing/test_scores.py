@@ -21,15 +21,16 @@ def test_perfect_is_one_and_chance_is_zero(kind):
     }[kind]
     labels = Labels("it", kind, "frame", values, ("a", "b", "c") if "class" in kind else ())
     raw, constant, clips = coded(labels), constant_of(labels), np.arange(3000) // 3
-    assert sums_of(labels, raw, constant, clips).score == pytest.approx(1)
-    assert sums_of(labels, raw[RNG.permutation(3000)], constant, clips).score < 0.05
-    assert sums_of(labels, constant, constant, clips).score == pytest.approx(0, abs=0.05)
+    alone = np.arange(1000)
+    assert sums_of(labels, raw, constant, clips, alone).score == pytest.approx(1)
+    assert sums_of(labels, raw[RNG.permutation(3000)], constant, clips, alone).score < 0.05
+    assert sums_of(labels, constant, constant, clips, alone).score == pytest.approx(0, abs=0.05)
 
 
 def test_an_angle_has_no_seam():
     labels = Labels("way", "circular", "frame", np.array([[np.pi - 0.1], [np.pi / 2]]))
     said = coded(Labels("way", "circular", "frame", np.array([[-np.pi + 0.1], [np.pi / 2]])))
-    score = sums_of(labels, said, said, np.arange(2)).score
+    score = sums_of(labels, said, said, np.arange(2), np.arange(2)).score
     assert score == pytest.approx(1 - 0.1 / (np.pi / 2))
     assert in_words(labels, score) == "6 degrees off"
 
@@ -39,7 +40,7 @@ def test_what_a_clip_has_one_of_is_told_by_the_mean_of_its_frames():
     wrong = np.tile([1.0, -1.0, 2.0, -2.0], 50)[:, None]
     said, clips = (true + wrong)[..., None], np.arange(200) // 4
     score = {
-        per: sums_of(labels, said, constant_of(labels), clips).score
+        per: sums_of(labels, said, constant_of(labels), clips, np.arange(50)).score
         for per in ("clip", "frame")
         for labels in [Labels("mass", "regression", per, true)]
     }

@@ -1,14 +1,11 @@
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from registry import UnknownName
-from vidphys.errors import InputError
 from vidphys.probing.catalogue import TARGETS
 from vidphys.probing.coding import coded, decoded
 from vidphys.probing.targets import Target, labels_of
-from vidphys.probing.truth import Truth, read_truth
+from vidphys.probing.truth import Truth
 
 TIMES = np.arange(40) * 0.05
 
@@ -16,8 +13,8 @@ TIMES = np.arange(40) * 0.05
 def circling(**more):
     """One body on a circle of radius 2, an angle of 1.5 a second, beside one that rests."""
     phase = 1.5 * TIMES
-    places = {"x1": 2 * np.cos(phase), "y1": 2 * np.sin(phase)}
-    return Truth(TIMES, {**places, "x2": 0 * TIMES, "y2": 0 * TIMES, **more})
+    first = np.stack([2 * np.cos(phase), 2 * np.sin(phase)], -1)
+    return Truth(TIMES, more, np.stack([first, 0 * first], 1))
 
 
 def test_motion_is_derived_where_only_places_are_known():
@@ -34,6 +31,13 @@ def test_a_table_s_own_columns_come_before_derived_ones():
     assert np.all(TARGETS["velocity"].read(circling(**given)) == 7)
 
 
+def test_columns_of_other_bodies_than_have_places_are_not_taken():
+    truth = circling(m1=TIMES, vx1=7 + 0 * TIMES, vy1=7 + 0 * TIMES)
+    assert np.all(TARGETS["velocity"].read(truth)[:, 2:] == 0)
+    with pytest.raises(ValueError, match="columns m of 1 bodies, places of 2"):
+        TARGETS["mass"].read(truth)
+
+
 def test_a_direction_is_known_of_what_moves_alone():
     angle = TARGETS["direction"].read(circling())
     assert np.isnan(angle[:, 1]).all()
@@ -42,9 +46,9 @@ def test_a_direction_is_known_of_what_moves_alone():
 
 
 def test_bodies_touch_within_two_radii():
-    apart = {"x1": np.array([0.0, 0.0]), "x2": np.array([0.69, 0.71])}
-    flat = {name: np.zeros(2) for name in ("y1", "y2")}
-    assert TARGETS["contact"].read(Truth(np.arange(2.0), {**apart, **flat})).tolist() == [[1], [0]]
+    places = np.zeros((2, 2, 2))
+    places[:, 1, 0] = 0.69, 0.71
+    assert TARGETS["contact"].read(Truth(np.arange(2.0), {}, places)).tolist() == [[1], [0]]
 
 
 def test_any_column_is_a_target():
@@ -54,6 +58,8 @@ def test_any_column_is_a_target():
     assert TARGETS["angle:heat"].kind == "circular"
     with pytest.raises(ValueError, match="no column cold; there are heat, kind"):
         TARGETS["column:cold"].read(truth)
+    with pytest.raises(ValueError, match="its values are words, such as a; ask class:kind"):
+        TARGETS["column:kind"].read(truth)
     with pytest.raises(UnknownName, match="did you mean 'velocity'"):
         TARGETS["velocty"]
 
@@ -81,17 +87,3 @@ def test_what_does_not_vary_says_so():
     )
     assert labels_of("x", "regression", "frame", np.full((4, 1), np.nan)).why_not
     assert not labels_of("x", "circular", "frame", np.array([[0.0], [3.0]])).why_not
-
-
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_tables_are_read_by_frame(tmp_path, suffix):
-    path = tmp_path / f"clip.{suffix}"
-    if suffix == "csv":
-        path.write_text("x1,kind\n0.5,a\n,b\n2.5,c\n")
-    else:
-        pq.write_table(pa.table({"x1": [0.5, None, 2.5], "kind": ["a", "b", "c"]}), path)
-    truth = read_truth(path, np.array([1, 2]), np.arange(2.0))
-    assert np.isnan(truth.column("x1")[0]) and truth.column("x1")[1] == 2.5
-    assert truth.column("kind").tolist() == ["b", "c"]
-    with pytest.raises(InputError, match="3 rows, but frame 3 of the clip"):
-        read_truth(path, np.array([3]), np.arange(1.0))

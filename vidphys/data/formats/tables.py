@@ -95,7 +95,7 @@ def arrays_table(path: Path) -> dict[str, np.ndarray]:
 def numbers_of(path: Path, frames: tuple[int, ...]) -> dict[str, np.ndarray]:
     """The arrays of an NPZ that have a number for each frame, of so many."""
     held = headers_of(path).items()
-    return arrays_of(path, [name for name, (shape, d) in held if shape == frames and d.kind in "fiub"])
+    return arrays_of(path, [n for n, (shape, d) in held if shape == frames and d.kind in "fiub"])
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

@@ -50,6 +50,7 @@ def labels_of(name: str, columns: Mapping[str, Any], load: Callable[[], Any]) ->
         columns: their names, and whatever is known of each.
         load: gives the columns, ``(t, ...)`` each.
     """
+
     def table() -> dict[str, np.ndarray]:
         with reading("columns of numbers"):
             held = {name: np.asarray(values) for name, values in load().items()}
