@@ -86,6 +86,9 @@ class DiagonalBath(Bath):
         decay, variance = self.moments(params, dt)
         return decay * state.p + variance.sqrt() * torch.randn_like(state.p)
 
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        return -self.net(params) * state.p
+
     def nll(
         self,
         before: Float[Tensor, "*b n d"],
@@ -233,6 +236,11 @@ class FullBath(Bath):
         size = (-temperature * torch.expm1(-2 * exponent)).sqrt()
         after = torch.exp(-exponent) * along + size * torch.randn_like(along)
         return root * (after @ axes.mT).reshape(state.p.shape)
+
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        root = params.mass.sqrt().unsqueeze(-1)
+        slowed = (state.p / root).flatten(-2) @ self.operator
+        return -root * (self._strength(params) * slowed).reshape(state.p.shape)
 
     def nll(
         self,

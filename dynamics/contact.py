@@ -138,6 +138,9 @@ class ImpulsePort(Port):
         push = normal * self.impulse(r, approach, slide, m_i * m_j / (m_i + m_j))
         return state.p.index_add(-2, i, push).index_add(-2, j, push, alpha=-1)
 
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        return torch.zeros_like(state.p)  # between impulses
+
 
 class Restitution(ImpulsePort):
     """Overlapping bodies that approach bounce with a learned restitution e.

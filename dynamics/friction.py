@@ -134,6 +134,9 @@ class Friction(Port):
         speed = (state.p * mobility).norm(dim=-1, keepdim=True)
         return state.p + state.p * FLOWS[self.law](rate, speed)
 
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        return self.force(state.p / params.mass.unsqueeze(-1), params)
+
     def resist(self, p: Tensor, mobility: Tensor, params: Parameters, dt: float) -> Tensor:
         """Momenta of coupled joints after ``dt`` seconds at a fixed configuration, ``(..., n)``.
 

@@ -111,6 +111,15 @@ class Hamiltonian(Head):
         """dp/dt of the conservative part at a state, ``(..., n, d)``."""
         return self.potential.force(state.q, params)
 
+    def derivatives(self, state: PhaseState, params: Parameters) -> PhaseState:
+        """dq/dt and dp/dt at a state, those of the ports among them, ``(..., n, d)`` each.
+
+        The noise of a bath has no derivative and is left out.
+        """
+        drifts = (cast(Port, port).drift(state, params) for port in self.ports)
+        force = sum(drifts, self.force(state, params))
+        return PhaseState(self.kinetic.velocity(state.p, params), force)
+
 
 def _if_learned(part: object, names: tuple[str, ...]) -> tuple[str, ...]:
     learned = next(cast(nn.Module, part).parameters(), None) is not None

@@ -22,6 +22,10 @@ class Port(nn.Module):
         """Momenta after ``dt`` seconds of this port alone, ``(..., n, d)``."""
         raise NotImplementedError
 
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        """dp/dt of this port alone, without its noise where it has any, ``(..., n, d)``."""
+        raise NotImplementedError
+
     def check(self, params: Parameters) -> None:
         """Refuse parameters under which the port means nothing, with ``ValueError``."""
 
@@ -47,3 +51,6 @@ class LinearFriction(Port):
 
     def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         return state.p * torch.exp(-self.rate * dt)
+
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        return -self.rate * state.p

@@ -12,7 +12,10 @@ from vidphys.cli.profiles import with_profile
 
 @dataclass(frozen=True)
 class RenderConfig:
-    """Render clips of a scene, with positions and parameters beside them, to look at or train on.
+    """Render clips of a scene, with its truth beside them, to look at or train on.
+
+    The truth of each clip is a table: states, momenta, the derivatives of both, and the law's
+    numbers. Derivatives hold friction and drive, not the noise of a bath; dataset.json says so.
 
     Example: vidphys render --out clips --scene gravity --world rgb --clips 64
 
@@ -56,6 +59,7 @@ def render(config: RenderConfig) -> None:
     from vidphys.presets import preset
     from vidphys.runs.folder import RunFolder
     from vidphys.scenes import SCENES
+    from vidphys.scenes.gravity import DT
 
     sizes = preset(config.preset).pixel
     settings = RenderSettings(
@@ -63,7 +67,7 @@ def render(config: RenderConfig) -> None:
         config.world,
         sizes.clips if config.clips is None else config.clips,
         sizes.frames if config.frames is None else config.frames,
-        sizes.stride,
+        max(1, round(sizes.stride * DT / SCENES[config.scene]().dt)),  # as many seconds in each
         sizes.image if config.image is None else config.image,
         config.seed,
     )

@@ -89,23 +89,27 @@ def render_clips(
     rng = Generator().manual_seed(derive(seed, "clips", name))
     kept: list[Rollout] = []
     drawn = found = 0
-    while found < episodes:
-        if drawn >= MAX_DRAWS * episodes:
-            raise InputError(
-                f"render: only {found} of {drawn} episodes of {scene.name} stay in the frame; "
-                "widen the camera or shorten the clip"
-            )
-        start, params = scene.sample(episodes, rng)
-        rolled = scene.simulate(start, params, stride * (frames - 1), stride)
-        good = certify(scene, rolled, world.camera.half_extent).passed
-        kept.append(Rollout(rolled.states[good], params[good], rolled.dt, rolled.first_bad[good]))
-        drawn, found = drawn + episodes, found + int(good.sum())
+    with torch.random.fork_rng([]):  # from which a bath draws its noise
+        torch.manual_seed(derive(seed, "noise", name))
+        while found < episodes:
+            if drawn >= MAX_DRAWS * episodes:
+                raise InputError(
+                    f"render: only {found} of {drawn} episodes of {scene.name} stay in the frame; "
+                    "widen the camera or shorten the clip"
+                )
+            start, params = scene.sample(episodes, rng)
+            rolled = scene.simulate(start, params, stride * (frames - 1), stride)
+            good = certify(scene, rolled, world.camera.half_extent, scene.conserves).passed
+            bad = rolled.first_bad[good]
+            kept.append(Rollout(rolled.states[good], params[good], rolled.dt, bad))
+            drawn, found = drawn + episodes, found + int(good.sum())
     states = PhaseState(
         torch.cat([r.states.q for r in kept])[:episodes],
         torch.cat([r.states.p for r in kept])[:episodes],
     )
     params = Parameters.cat([r.params for r in kept])[:episodes]
-    return Clips(pictures(world, states.q), states, params, kept[0].dt, world, drawn - found)
+    frames_seen = pictures(world, scene.place(states.q))
+    return Clips(frames_seen, states, params, kept[0].dt, world, drawn - found)
 
 
 def pictures(world: World, q: Tensor) -> Tensor:

@@ -20,7 +20,7 @@ import numpy as np
 import pyarrow as pa
 import torch
 
-from renderers import WORLDS, Camera
+from renderers import PALETTE, WORLDS, Camera
 from vidphys.data.clips import Clips, render_clips
 from vidphys.data.formats.opencv import opencv
 from vidphys.data.labels import write_labels
@@ -33,6 +33,7 @@ from vidphys.runs.records import write_table
 from vidphys.scenes import SCENES, Scene
 
 LOOKS = {"channels": "channel", "rgb": "rgb", "anonymous": "anonymous"}
+MOST = {"channels": 3, "rgb": len(PALETTE)}  # bodies, each of another colour
 AT_ONCE = 16  # clips that are simulated side by side and come from one random stream
 CODEC = "FFV1"
 
@@ -68,10 +69,21 @@ class RenderSettings:
         ):
             if value < least:
                 raise InputError(f"`{name}` {value}: must be at least {least}")
-        if SCENES[self.scene]().space != 2:
-            raise InputError(f"`scene` {self.scene}: only bodies in a plane can be drawn")
         if self.image % 2:
             raise InputError(f"`image` {self.image}: must be even; use {self.image + 1}")
+        scene = SCENES[self.scene]()
+        start, _ = scene.sample(1, torch.Generator().manual_seed(0))
+        space = scene.place(start.q).shape[-1]
+        if space != 2:
+            raise InputError(
+                f"`scene` {self.scene}: only bodies in a plane can be drawn, and its have {space} "
+                "coordinate(s); a `place` of its own says where they are in a picture"
+            )
+        if scene.bodies > MOST.get(self.world, scene.bodies):
+            raise InputError(
+                f"`world` {self.world}: has {MOST[self.world]} colours, and the scene {self.scene} "
+                f"{scene.bodies} bodies; use the world anonymous"
+            )
 
 
 def render_folder(
@@ -105,7 +117,8 @@ def render_folder(
         "half_extent": drawn.world.camera.half_extent,
         "interval_seconds": drawn.interval,
         "identical": settings.world == "anonymous",
-        "conserving": getattr(scene.law, "conserves", True),
+        "conserving": scene.conserves,
+        "derivatives_without": scene.derivatives_without,
         "clips": entries,
     }
     write_json(run.path / MANIFEST, manifest)
@@ -113,7 +126,7 @@ def render_folder(
 
 
 def _draw(scene: Scene, settings: RenderSettings, block: int) -> Clips:
-    camera = Camera(height=settings.image, width=settings.image)
+    camera = Camera(scene.half_extent, settings.image, settings.image)
     world = WORLDS[LOOKS[settings.world]](camera=camera)
     return render_clips(
         scene, world, AT_ONCE, settings.frames, settings.stride, settings.seed, f"render-{block}"
@@ -124,7 +137,7 @@ def _write(folder: Path, number: int, drawn: Clips, k: int, scene: Scene) -> dic
     """Write one clip with its labels and its truth, unless they are there; returns its entry."""
     video = folder / "clips" / f"{number:05d}.avi"
     table = video.with_suffix(".csv")
-    positions = drawn.states.q[k].numpy()
+    positions = scene.place(drawn.states.q[k]).numpy()
     if not video.exists():
         pictures = _pictures(drawn.frames[k].permute(0, 2, 3, 1).numpy())
         write_with(video, lambda partial: write_video(partial, pictures, 1 / drawn.interval))
@@ -146,18 +159,25 @@ def _write(folder: Path, number: int, drawn: Clips, k: int, scene: Scene) -> dic
 def truth_of(clips: Clips, k: int, scene: Scene) -> pa.Table:
     """All that is known of one clip, a row for each frame, in world units and seconds.
 
-    Columns: ``time``; of each body 1, 2, ... its place ``x1, y1``, momentum ``px1, py1``, velocity
-    ``vx1, vy1``, the conservative force on it ``fx1, fy1``, its mass ``m1`` and, where the law has
-    charges, its charge ``z1``; ``coupling``, and the law's further strengths by name.
+    Columns: ``time``; of each body 1, 2, ... where it is drawn ``x1, y1``, momentum ``px1, py1``,
+    their derivatives ``vx1, vy1`` and ``fx1, fy1`` (see :meth:`vidphys.scenes.Scene.derivatives`),
+    its mass ``m1`` and, where the law has charges, its charge ``z1``; ``coupling``, and the law's
+    further strengths by name. A body of one coordinate has that as ``q1``, its momentum ``p1`` and
+    their derivatives ``v1`` and ``f1``.
     """
-    states, law = clips.states[k], clips.params[k]
-    frames = len(clips.times)
+    states, frames = clips.states[k], len(clips.times)
     params = clips.params[[k] * frames].map(torch.Tensor.double)
-    force, velocity = scene.law.force(states, params), states.p / law.mass[:, None]
+    slope, places = scene.derivatives(states, params), scene.place(states.q)
+    told = {"p": states.p, "v": slope.q, "f": slope.p}
+    axes = ("x", "y") if scene.space == 2 else ("",)
     columns = {"time": clips.times}
     for body in range(scene.bodies):
-        for name, values in (("", states.q), ("p", states.p), ("v", velocity), ("f", force)):
-            for axis, letter in enumerate("xy"):
+        for axis, letter in enumerate("xy"):
+            columns[f"{letter}{body + 1}"] = places[:, body, axis]
+        if scene.space == 1:
+            columns[f"q{body + 1}"] = states.q[:, body, 0]
+        for name, values in told.items():
+            for axis, letter in enumerate(axes):
                 columns[f"{name}{letter}{body + 1}"] = values[:, body, axis]
         columns[f"m{body + 1}"] = params.mass[:, body]
         if params.charge is not None:
@@ -171,8 +191,6 @@ def _pictures(frames: np.ndarray) -> np.ndarray:
     channels = frames.shape[-1]
     if channels == 1:
         return frames.repeat(3, -1)
-    if channels > 3:
-        raise InputError(f"render: {channels} channels do not fit into a video; use the world rgb")
     return np.pad(frames, [(0, 0)] * 3 + [(0, 3 - channels)])
 
 

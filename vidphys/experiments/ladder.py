@@ -33,6 +33,7 @@ from vidphys.perception.catalogue import ORACLE, ORACLES, RUNGS, rung_of
 from vidphys.presets import OracleSizes
 from vidphys.runs import checkpoint
 from vidphys.scenes import SCENES, Scene, gravity
+from vidphys.scenes.langevin import BathScene
 
 NAME = "ladder"
 ALL_HEADS = (
@@ -180,7 +181,9 @@ def parts_of(cell: str) -> tuple[str, str, str]:
 
 
 def why_not(rung: Grounding, scene: Scene) -> str:
-    """Why a rung's pictures cannot show a scene; empty where they can."""
+    """Why a rung cannot be asked about a scene; empty where it can."""
+    if isinstance(scene, BathScene):
+        return "its bath makes another truth of every rollout; `vidphys reproduce thermostat` asks"
     if rung in ORACLES:
         return ""
     if scene.space != 2:

@@ -47,7 +47,7 @@ def acceleration(truth: Truth) -> np.ndarray:
 
 
 def force(truth: Truth) -> np.ndarray:
-    """``(t, 2n)``, the conservative force on each body."""
+    """``(t, 2n)``, the force on each body, friction and drive among it."""
     if truth.has("fx", "fy"):
         return _flat(truth.of_bodies("fx", "fy"))
     return _flat(truth.of_bodies("m") * _accelerations(truth))

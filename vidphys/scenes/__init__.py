@@ -4,11 +4,18 @@ from collections.abc import Callable
 from functools import partial
 
 from registry import Registry
+from vidphys.scenes.changed_laws import gravity_of_power, three_body_gravity
 from vidphys.scenes.coulomb import coulomb, gravity_and_coulomb
+from vidphys.scenes.crowd import crowd
+from vidphys.scenes.drag import dragged_gravity
 from vidphys.scenes.gravity import gravity
+from vidphys.scenes.langevin import driven, langevin
 from vidphys.scenes.lyapunov import lyapunov_time
+from vidphys.scenes.oscillators import oscillators
+from vidphys.scenes.pendulum import pendulum
 from vidphys.scenes.scene import Certificate, Scene, certify
 from vidphys.scenes.springs import springs
+from vidphys.scenes.torus import disks
 
 # Those that can be drawn and asked for by name, each made by a call without arguments.
 SCENES: Registry[Callable[[], Scene]] = Registry("scene", "vidphys.scenes")
@@ -18,5 +25,21 @@ SCENES.register("gravity-ring", partial(gravity, "ring", mass=(1.0, 1.0)))
 SCENES.register("springs", springs)
 SCENES.register("coulomb", coulomb)
 SCENES.register("gravity-and-coulomb", gravity_and_coulomb)
+SCENES.register("gravity-even", partial(gravity_of_power, "even"))
+SCENES.register("gravity-quadratic", partial(gravity_of_power, "quadratic"))
+SCENES.register("gravity-three-body", three_body_gravity)
+SCENES.register("crowd", partial(crowd, 6))  # as many as there are colours
+SCENES.register("drag-weak", partial(dragged_gravity, "weak"))
+SCENES.register("drag-strong", partial(dragged_gravity, "strong"))
+SCENES.register("langevin", langevin)
+SCENES.register("driven", driven)
+SCENES.register("disks-soft", partial(disks, "soft"))
+SCENES.register("disks-stiff", partial(disks, "stiff"))
+SCENES.register("disks-impulsive", partial(disks, "impulsive"))
+SCENES.register("oscillators-coupled", partial(oscillators, "coupled"))
+SCENES.register("oscillators-modified", partial(oscillators, "modified"))
+SCENES.register("pendulum", pendulum)
+SCENES.register("pendulum-linear", partial(pendulum, "linear"))
+SCENES.register("pendulum-square", partial(pendulum, "square"))
 
 __all__ = ["SCENES", "Certificate", "Scene", "certify", "gravity", "lyapunov_time"]

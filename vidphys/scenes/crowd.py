@@ -28,4 +28,10 @@ def crowd(bodies: int) -> Scene:
         return PhaseState(spread * state.q, state.p), params
 
     settings = {**plain.settings, "bodies": bodies, "spread": spread}
-    return replace(plain, name=f"crowd-{bodies}", sample=sample, settings=settings)
+    return replace(
+        plain,
+        name=f"crowd-{bodies}",
+        sample=sample,
+        settings=settings,
+        half_extent=spread * plain.half_extent,
+    )

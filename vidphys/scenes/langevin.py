@@ -26,6 +26,7 @@ SOFTENING, TRAP = 0.5, 1.0
 DT = 0.05  # seconds
 # Hotter than every bath: a model that only conserves energy cannot be at the right temperature.
 POSITION_STD, START_TEMPERATURE = 1.0, 3.0
+HALF_EXTENT = 6.0  # world units: three times the spread that so hot a start has in the trap
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,16 @@ def _scene(
         "dt_seconds": DT,
         "splitting": "half bath, leapfrog, half bath",
     }
-    return BathScene(name, law, sample, bodies, DT, settings)
+    return BathScene(
+        name,
+        law,
+        sample,
+        bodies,
+        DT,
+        settings,
+        half_extent=HALF_EXTENT,
+        derivatives_without="noise of the bath",
+    )
 
 
 def _pick(rows: Sequence[tuple[float, ...]], n: int, rng: Generator) -> Tensor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import torch
+from jaxtyping import Float
 from torch import Generator, Tensor
 
 from dynamics import Hamiltonian, Parameters, PhaseState, Rollout
@@ -24,6 +25,7 @@ CONFINEMENT = 2.5  # stiffness of each coordinate by itself
 STRONGEST = 1.5  # largest eigenvalue of C: K = 2.5 I + G C has a spectrum in [1, 4] for |G| <= 1
 COUPLING = (0.5, 1.5)
 DT = 0.05  # seconds (the study's headline step)
+RAIL = 1.5  # world units between the rails that masses are drawn on
 GROUNDED = {"coupled": 0.0, "modified": 1.0}  # bonds to the ground, over those of the ring
 
 
@@ -85,6 +87,11 @@ class OscillatorScene(Scene):
     """The truth in closed form, by the normal modes of C."""
 
     stiffness: Tensor = field(default_factory=lambda: torch.zeros(1, 1, dtype=torch.float64))
+
+    def place(self, q: Float[Tensor, "*b 4 1"]) -> Float[Tensor, "*b 4 2"]:
+        """Beads on level rails, the first on the lowest."""
+        rails = RAIL * (torch.arange(COORDINATES).to(q) - (COORDINATES - 1) / 2).unsqueeze(-1)
+        return torch.cat([q, rails.expand_as(q)], -1)
 
     def simulate(
         self, start: PhaseState, params: Parameters, steps: int, every: int = 1

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Generator, Tensor
 
-from dynamics import Parameters, PhaseState, Rollout
+from dynamics import Friction, Parameters, PhaseState, Rollout
 from dynamics.rolling import first_bad_step
 from vidphys.errors import InputError
 from vidphys.scenes.draws import Range, normal, uniform
@@ -28,6 +28,7 @@ GRAVITY: Range = (0.5, 1.5)  # of 9.81 m/s^2 (5 to 15 m/s^2)
 WARMTH = 4.0  # joules: momenta start as in a gas of this temperature, p ~ N(0, WARMTH M(q))
 FRICTION = {"linear": 0.5, "square": 0.2}  # N m s and N m s^2
 DRIFT = 1e-5  # of a certified reference without friction
+HALF_EXTENT = 2.5  # metres: both links and the disk at their end
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,23 @@ class Pendulum(Scene):
 
     friction: str | None = None
     engine: Engine = field(default_factory=Engine)
+
+    @property
+    def conserves(self) -> bool:
+        return self.friction is None
+
+    def place(self, q: Float[Tensor, "*b 2 1"]) -> Float[Tensor, "*b 2 2"]:
+        """The lower ends of both links, with the upper joint in the picture's middle."""
+        turned = q.cumsum(-2)  # the lower joint's angle is counted from the upper link
+        return torch.cat([-turned.sin(), -turned.cos()], -1).cumsum(-2)
+
+    def derivatives(self, states: PhaseState, params: Parameters) -> PhaseState:
+        """The joints' rates, and the torques on their momenta, by the engine."""
+        rates = self.engine.velocities(states).unsqueeze(-1)
+        torques = self.law.force(states, params)
+        if self.friction is not None:
+            torques = torques + Friction(self.friction, "known").force(rates, params)
+        return PhaseState(rates, torques)
 
     def simulate(
         self, start: PhaseState, params: Parameters, steps: int, every: int = 1
@@ -113,6 +131,7 @@ def pendulum(friction: str | None = None, spread: float = 0.0) -> Scene:
         settings,
         space=1,
         max_drift=DRIFT,
+        half_extent=HALF_EXTENT,
         friction=friction,
         engine=engine,
     )

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Generator, Tensor
 
 from dynamics import (
+    Hamiltonian,
     Head,
     PairLaw,
     Parameters,
@@ -55,6 +56,9 @@ class Scene:
         box: side of a periodic box, over which distances are taken; ``None`` for open space.
         least_distance: what two bodies must keep for an episode to be certified; for disks that
             may not overlap.
+        half_extent: world units from the middle of its pictures to their edge.
+        derivatives_without: what :meth:`derivatives` leaves out because it has no derivative, such
+            as a bath's noise; ``None`` where nothing is.
     """
 
     name: str
@@ -67,6 +71,13 @@ class Scene:
     max_drift: float = 0.1
     box: float | None = None
     least_distance: float = 0.0
+    half_extent: float = 4.0
+    derivatives_without: str | None = None
+
+    @property
+    def conserves(self) -> bool:
+        """Whether the truth keeps its energy."""
+        return getattr(self.law, "conserves", True)
 
     @property
     def conditions(self) -> int:
@@ -97,6 +108,26 @@ class Scene:
     ) -> Rollout:
         """What the bodies would do without any force, against which skill is measured."""
         return rollout(ballistic(), start, params, steps // every, every * self.dt)
+
+    def place(self, q: Float[Tensor, "*b n d"]) -> Float[Tensor, "*b n e"]:
+        """Where bodies are drawn, world units; only what has two coordinates can be.
+
+        It is where they are; in a periodic box, whose middle is drawn in the picture's middle,
+        where they come in again.
+        """
+        return q if self.box is None else q.remainder(self.box) - self.box / 2
+
+    def derivatives(self, states: PhaseState, params: Parameters) -> PhaseState:
+        """dq/dt and dp/dt of states by the law, friction and drive among it.
+
+        Args:
+            states: ``(..., n, d)``.
+            params: of each state.
+        """
+        if isinstance(self.law, Hamiltonian):
+            return self.law.derivatives(states, params)
+        velocity = states.p / params.mass.unsqueeze(-1)
+        return PhaseState(velocity, self.law.force(states, params))
 
     def energy(self, states: PhaseState, params: Parameters) -> Float[Tensor, "b t"]:
         """True energy of states ``(b, t, n, d)`` under per-episode parameters, ``(b, t)``."""
@@ -147,7 +178,8 @@ def certify(
     Args:
         scene: whose energy is used.
         trajectory: states ``(b, t, n, d)``.
-        half_extent: world units; ``None`` asks nothing of the viewport.
+        half_extent: of the viewport in which bodies are drawn, world units; ``None`` asks nothing
+            of it.
         conserving: whether energy is meant to be conserved.
 
     Example:
@@ -166,7 +198,7 @@ def certify(
     q = trajectory.states.q
     inside = torch.ones(len(q), dtype=torch.bool)
     if half_extent is not None:
-        inside = q.abs().amax((-3, -2, -1)) < half_extent
+        inside = scene.place(q).abs().amax((-3, -2, -1)) < half_extent
     return Certificate(
         trajectory.finite,
         drift,

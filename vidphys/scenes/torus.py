@@ -60,13 +60,17 @@ def disks(level: str = "soft", bodies: int = 4) -> Scene:
             max_drift=1e-9,
             box=BOX,
             least_distance=DIAMETER - OVERLAP,
+            half_extent=BOX / 2,
+            derivatives_without="bounces",
         )
     k = STIFFNESS[level]
     stiffness = (SPREAD[0] * k, SPREAD[1] * k)
     law = Hamiltonian(FixedKinetic(), SoftContact(DIAMETER, PairLaw("alike", box=BOX)))
     sample = _sampler(bodies, stiffness)
     settings["coupling"] = stiffness
-    return Scene(name, law, sample, bodies, DT, settings, max_drift=0.01, box=BOX)
+    return Scene(
+        name, law, sample, bodies, DT, settings, max_drift=0.01, box=BOX, half_extent=BOX / 2
+    )
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from encoders import FeatureMap
 from readouts import READOUTS, FrameReadout, MapShape, Recipe
 from vidphys.data.formats import Recording, TrackFormat
 from vidphys.data.formats.tables import read_text
-from vidphys.scenes import SCENES, gravity
+from vidphys.scenes import SCENES, Scene, gravity
 from vidphys.testing import (
     CheckFailed,
     check_binder,
@@ -355,6 +355,16 @@ def turned() -> Any:
     return replace(gravity(), law=Turned(FixedKinetic(), SoftenedGravity(0.1)))
 
 
+class Weightless(Scene):
+    def derivatives(self, states: PhaseState, params: Parameters) -> PhaseState:
+        return PhaseState(states.p, super().derivatives(states, params).p)
+
+
+def weightless() -> Any:
+    scene = gravity()
+    return Weightless(**{f.name: getattr(scene, f.name) for f in fields(scene)})
+
+
 @pytest.mark.parametrize(
     ("factory", "said"),
     [
@@ -362,6 +372,7 @@ def turned() -> Any:
         (repelling, "couplings above 0"),
         (heated, "most episodes certified"),
         (turned, "minus the gradient of its energy"),
+        (weightless, "the way of its first step"),
         (lambda: gravity(), "pickled for a worker"),
     ],
 )

@@ -65,6 +65,7 @@ class Manifest(Closed):
     settings: dict[str, JsonValue] = {}
     world: Word | None = None
     interval_seconds: Above | None = None
+    derivatives_without: Word | None = None
 
 
 def read_folder(path: Path) -> Dataset:

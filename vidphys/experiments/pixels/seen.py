@@ -52,7 +52,8 @@ class Seen:
 
 def draw(scene: Scene, grounding: Grounding, sizes: PixelSizes, seed: int) -> Seen:
     """Render the clips of a rung; the held-out motions, and their t0, are those of every rung."""
-    world = WORLDS[grounding.world](camera=Camera(height=sizes.image, width=sizes.image))
+    camera = Camera(scene.half_extent, sizes.image, sizes.image)
+    world = WORLDS[grounding.world](camera=camera)
     clips = max(2, sizes.clips // grounding.share)
     train = render_clips(scene, world, clips, sizes.frames, sizes.stride, seed, "train")
     test = render_clips(scene, world, sizes.held_out, sizes.frames, sizes.stride, seed, "test")
