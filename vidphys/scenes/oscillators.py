@@ -84,7 +84,7 @@ def curl_matrix(fraction: float, kind: str) -> Tensor:
 
 @dataclass(frozen=True)
 class OscillatorScene(Scene):
-    """The truth in closed form, by the normal modes of C."""
+    """The truth in closed form, by the normal modes of C; with or without drag."""
 
     stiffness: Tensor = field(default_factory=lambda: torch.zeros(1, 1, dtype=torch.float64))
 
@@ -99,19 +99,26 @@ class OscillatorScene(Scene):
         """The exact solution at every ``every``-th of ``steps`` steps.
 
         Raises:
-            ValueError: a mode that is not confined (K has an eigenvalue <= 0).
+            ValueError: a mode that is not confined (K has an eigenvalue <= 0), or that a drag keeps
+                from swinging.
         """
         start, params = start.map(torch.Tensor.double), params.map(torch.Tensor.double)
         strength, modes = torch.linalg.eigh(self.stiffness)
         squared = CONFINEMENT + params.coupling[..., None] * strength
         if not bool((squared > 0).all()):
             raise ValueError(f"scene {self.name}: not coercive at a coupling asked for")
-        omega = squared.sqrt().unsqueeze(-2)
-        dt = self.dt * every
-        phase = omega * (torch.arange(steps // every + 1, dtype=torch.float64)[:, None] * dt)
+        drag = params.scalars.get("friction", torch.zeros_like(params.coupling))
+        half = drag[..., None] / 2  # masses are one
+        if not bool((squared > half**2).all()):
+            raise ValueError(f"scene {self.name}: a mode is overdamped at the drag asked for")
+        omega, own = ((squared - x**2).sqrt().unsqueeze(-2) for x in (half, 0 * half))
+        half, dt = half.unsqueeze(-2), self.dt * every
+        time = torch.arange(steps // every + 1, dtype=torch.float64)[:, None] * dt
+        phase, decay = omega * time, torch.exp(-half * time)
         q, p = (x.squeeze(-1).unsqueeze(-2) @ modes for x in (start.q, start.p))
-        moved_q = q * phase.cos() + p / omega * phase.sin()
-        moved_p = p * phase.cos() - q * omega * phase.sin()
+        moved_q = decay * (q * phase.cos() + (p + half * q) / omega * phase.sin())
+        pull = q * own * (own / omega) + half * p / omega
+        moved_p = decay * (p * phase.cos() - pull * phase.sin())
         states = PhaseState(*((x @ modes.T).unsqueeze(-1) for x in (moved_q, moved_p)))
         return Rollout(states, params, dt, first_bad_step(states))
 

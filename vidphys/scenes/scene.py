@@ -202,17 +202,18 @@ def certify(
     return Certificate(
         trajectory.finite,
         drift,
-        _closest(q, scene.box),
+        closest(q, scene.box).amin(-1),
         inside,
         scene.max_drift,
         scene.least_distance,
     )
 
 
-def _closest(q: Tensor, box: float | None) -> Tensor:
+def closest(q: Float[Tensor, "*b n d"], box: float | None = None) -> Float[Tensor, "*b"]:
+    """The smallest distance between two bodies of each state; infinite for a single body."""
     bodies = q.shape[-2]
     if bodies < 2:
-        return torch.full((len(q),), torch.inf, dtype=q.dtype)
+        return torch.full(q.shape[:-2], torch.inf, dtype=q.dtype)
     i, j = torch.triu_indices(bodies, bodies, offset=1)
     apart = PairLaw(box=box).nearest(q[..., i, :] - q[..., j, :])
-    return apart.norm(dim=-1).amin((-2, -1))
+    return apart.norm(dim=-1).amin(-1)

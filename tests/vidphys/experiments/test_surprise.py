@@ -7,10 +7,18 @@ from torch import Generator
 from binders import Tracks
 from renderers import Camera, ChannelWorld
 from vidphys.data.clips import render_clips
-from vidphys.experiments.pixels.broken import BREAKS, LAWFUL, VANISHED, broken
+from vidphys.experiments.pixels.broken import (
+    AT_A_STRIKE,
+    BREAKS,
+    LAWFUL,
+    PASSED,
+    VANISHED,
+    broken,
+)
 from vidphys.experiments.pixels.seen import pixel_scene
 from vidphys.experiments.pixels.surprise import AHEAD, CONTEXTS, surprise
 from vidphys.metrics import above, auroc
+from vidphys.scenes.strikes import strikes
 
 FRAMES = CONTEXTS[-1] + 2 * AHEAD
 STRIDE = 40
@@ -33,6 +41,41 @@ def test_a_broken_clip_parts_from_its_twin_at_the_break_and_not_before(made, nam
     assert not differ[before].any()
     assert differ[:, -1].all()
     assert torch.equal(lawful.params.coupling, other.params.coupling)
+
+
+@pytest.fixture(scope="module")
+def struck():
+    world = ChannelWorld(Camera(height=24, width=24))
+    clips = render_clips(strikes(), world, 24, FRAMES + AHEAD, STRIDE, 0, "strikes")
+    rng = Generator().manual_seed(0)
+    return broken(strikes(), clips, STRIDE, CONTEXTS[-1] + 1, rng, AT_A_STRIKE)
+
+
+def test_bodies_that_strike_go_through_one_another(struck):
+    rows = torch.arange(len(struck.at))
+    assert len(rows) >= 6
+
+    def gap(name):  # of the pair that strikes
+        q = struck.clips[name].states.q
+        i, j = torch.triu_indices(3, 3, offset=1)
+        apart = q[..., i, :] - q[..., j, :]  # (b, t, pairs, 2)
+        pair = apart[rows, struck.at].norm(dim=-1).argmin(-1)
+        return apart[rows, :, pair]
+
+    lawful, passed = gap(LAWFUL), gap(PASSED)
+    before = torch.arange(lawful.shape[1]) < struck.at[:, None]
+    assert torch.equal(lawful[before], passed[before])
+    nearest = [x.norm(dim=-1).masked_fill(before, torch.inf).amin(1) for x in (lawful, passed)]
+    assert float(nearest[0].min()) > 0.45  # disks of diameter 0.7 give way a little
+    assert float(nearest[1].median()) < 0.3
+
+
+def test_the_law_of_strikes_is_surprised_where_bodies_go_through_one_another(struck):
+    found = {}
+    for name, clips in struck.clips.items():
+        tracks = Tracks(clips.states.q, torch.ones(clips.states.q.shape[:3]), clips.times)
+        found[name] = surprise(strikes().law, tracks, clips.params, clips.interval, 7, 0.003)
+    assert auroc(found[PASSED], found[LAWFUL]).value >= 0.95
 
 
 def test_the_first_body_alone_vanishes(made):

@@ -6,18 +6,25 @@ its lawful twin are the same pictures up to the frame at which they part.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import torch
 from torch import Generator, Tensor
 
-from dynamics import Parameters, PhaseState
+from dynamics import Hamiltonian, Parameters, PhaseState
+from dynamics.contact import SoftContact
+from dynamics.potentials import Potential, SumPotential
 from vidphys.data.clips import Clips, pictures
 from vidphys.scenes import Scene, certify
+from vidphys.scenes.scene import closest
+from vidphys.scenes.strikes import DIAMETER
 
 FAR = 1e3  # world units; where no camera looks
 JUMP = 0.75  # world units
+NEVER = -1  # no frame
+PARTED = 3  # frames after the first of a strike, in which bodies go through and are seen to
 
 
 @dataclass(frozen=True)
@@ -27,11 +34,13 @@ class Breach:
     Args:
         state: at the break, of all clips, ``(b, n, d)``; the others' order of bodies is random, so
             the first body is any.
-        params: the law until then.
+        params: the law's numbers.
+        scene: whose law it is.
     """
 
     state: PhaseState
     params: Parameters
+    scene: Scene
 
 
 def _turned(breach: Breach) -> Breach:
@@ -64,12 +73,22 @@ def _repelled(breach: Breach) -> Breach:
     return replace(breach, params=breach.params.with_coupling(-breach.params.coupling))
 
 
+def _passed(breach: Breach) -> Breach:
+    """Bodies that strike each other go through one another."""
+    law = breach.scene.law
+    assert isinstance(law, Hamiltonian) and isinstance(law.potential, SumPotential)
+    left = [part for part in law.potential.parts if not isinstance(part, SoftContact)]
+    through = Hamiltonian(law.kinetic, SumPotential(cast(list[Potential], left)), law.integrator)
+    return replace(breach, scene=replace(breach.scene, law=through))
+
+
 def _same(breach: Breach) -> Breach:
     return breach
 
 
-LAWFUL, VANISHED = "lawful", "vanished"
-BREAKS: dict[str, Callable[[Breach], Breach]] = {
+Change = Callable[[Breach], Breach]
+LAWFUL, VANISHED, PASSED = "lawful", "vanished", "passed"
+BREAKS: dict[str, Change] = {
     VANISHED: _same,  # the first body is not drawn any more
     "turned": _turned,
     "back": _back,
@@ -92,8 +111,49 @@ class Broken:
     at: Tensor
 
 
-def broken(scene: Scene, clips: Clips, stride: int, first: int, rng: Generator) -> Broken:
-    """Break each of some lawful clips in every way, at a frame drawn for each episode.
+def _any_frame(clips: Clips, first: int, rng: Generator) -> Tensor:
+    """One of each clip from ``first`` on, but for the last, ``(b,)``."""
+    return torch.randint(first, clips.frames.shape[1] - 1, (len(clips),), generator=rng)
+
+
+def _first_strike(clips: Clips, first: int, rng: Generator) -> Tensor:
+    """The first frame from ``first`` on at which bodies have come to touch, ``(b,)``.
+
+    It is no frame where there is none, or where the clip ends before they have parted.
+    """
+    touch = closest(clips.states.q) < DIAMETER
+    touch[:, 1:] &= ~touch[:, :-1].clone()
+    touch[:, :first] = touch[:, -PARTED:] = False
+    return torch.where(touch.any(1), touch.int().argmax(1), NEVER)
+
+
+@dataclass(frozen=True)
+class Breaks:
+    """How clips are broken.
+
+    Args:
+        at: the first frame of each clip that breaks the law, ``(b,)``, not before a given one;
+            :data:`NEVER` leaves a clip out.
+        ways: by name.
+    """
+
+    at: Callable[[Clips, int, Generator], Tensor]
+    ways: Mapping[str, Change]
+
+
+ANYWHERE = Breaks(_any_frame, BREAKS)
+AT_A_STRIKE = Breaks(_first_strike, {PASSED: _passed})
+
+
+def broken(
+    scene: Scene,
+    clips: Clips,
+    stride: int,
+    first: int,
+    rng: Generator,
+    breaks: Breaks = ANYWHERE,
+) -> Broken:
+    """Break each of some lawful clips in every way.
 
     Args:
         scene: that the clips are of.
@@ -101,22 +161,23 @@ def broken(scene: Scene, clips: Clips, stride: int, first: int, rng: Generator) 
         stride: reference steps between frames.
         first: frame before which none breaks.
         rng: of the frames.
+        breaks: where and how.
 
     Returns:
         Only episodes whose bodies stay in the picture in all ways.
     """
-    frames = clips.frames.shape[1]
-    at = torch.randint(first, frames - 1, (len(clips),), generator=rng)
+    at, frames = breaks.at(clips, first, rng), clips.frames.shape[1]
     before = clips.states[torch.arange(len(clips)), at - 1]
     found = {LAWFUL: clips.states.q}
-    stays = torch.ones(len(clips), dtype=torch.bool)
-    for name, change in BREAKS.items():
-        after = change(Breach(before, clips.params))
-        rolled = scene.simulate(after.state, after.params, stride * (frames - first), stride)
-        stays &= certify(scene, rolled, clips.world.camera.half_extent).passed
+    stays = at != NEVER
+    for name, change in breaks.ways.items():
+        after, steps = change(Breach(before, clips.params, scene)), stride * (frames - first)
+        rolled = after.scene.simulate(after.state, after.params, steps, stride)
+        stays &= certify(after.scene, rolled, clips.world.camera.half_extent).passed
         found[name] = _spliced(clips.states.q, rolled.states.q, at)
-    late = torch.arange(frames) >= at[:, None]
-    found[VANISHED][..., 0, :] = torch.where(late[..., None], FAR, found[VANISHED][..., 0, :])
+    if VANISHED in found:
+        gone = (torch.arange(frames) >= at[:, None])[..., None]
+        found[VANISHED][..., 0, :] = torch.where(gone, FAR, found[VANISHED][..., 0, :])
     made = {name: _drawn(clips, q, stays) for name, q in found.items()}
     return Broken(made, at[stays])
 

@@ -20,11 +20,19 @@ from dynamics import Head, Parameters, ballistic
 from vidphys import metrics
 from vidphys.data.clips import render_clips
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.experiments.pixels.broken import BREAKS, LAWFUL, Broken, broken
+from vidphys.experiments.pixels.broken import (
+    ANYWHERE,
+    AT_A_STRIKE,
+    LAWFUL,
+    Breaks,
+    Broken,
+    broken,
+)
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell, Scored
 from vidphys.experiments.pixels.seen import Perceived, pixel_scene
 from vidphys.perception.catalogue import RUNGS
 from vidphys.runs.records import Recorder
+from vidphys.scenes.strikes import strikes
 from vidphys.seeding import derive
 from vidphys.shooting.foretold import missed
 from vidphys.shooting.initial_state import choose_slack
@@ -38,12 +46,18 @@ WINDOWS = 3  # one after the other, the first after the longest context
 
 @dataclass(frozen=True)
 class SurpriseCell(PixelCell):
-    """Heads trained on a rung's tracks, asked which of two clips breaks the law."""
+    """Heads trained on a rung's tracks, asked which of two clips breaks the law.
+
+    Args:
+        breaks: where and how clips are broken.
+    """
+
+    breaks: Breaks = ANYWHERE
 
     def also(
         self, task: CellTask, seed: int, head: str, scored: Sequence[Scored], perceived: Perceived
     ) -> None:
-        g, asked = self.grounding, partial(_watched, task, perceived, seed)
+        g, asked = self.grounding, partial(_watched, task, perceived, seed, self.breaks)
         watched = task.kept.once("watched", (g.name, seed), asked)
         for one in scored:
             score_surprise(one.recorder, one.head, perceived, watched)
@@ -66,13 +80,13 @@ class Watched:
     params: Parameters
 
 
-def _watched(task: CellTask, perceived: Perceived, seed: int) -> Watched:
+def _watched(task: CellTask, perceived: Perceived, seed: int, breaks: Breaks) -> Watched:
     asked, train = perceived.seen.asked, perceived.seen.train
     sizes, frames = task.pixel, CONTEXTS[-1] + WINDOWS * AHEAD
     name, few = "surprise", sizes.held_out
     clips = render_clips(asked.scene, train.world, few, frames, sizes.stride, seed, name)
     rng = Generator().manual_seed(derive(seed, "breaks"))
-    made = broken(asked.scene, clips, sizes.stride, CONTEXTS[-1] + 1, rng)
+    made = broken(asked.scene, clips, sizes.stride, CONTEXTS[-1] + 1, rng, breaks)
     return Watched(_seen(perceived, made), made.clips[LAWFUL].params)
 
 
@@ -135,12 +149,22 @@ def surprise(
     return torch.stack(found).amax(0)
 
 
+STRIKES = "{}@strikes"  # a rung that is asked where bodies strike each other
+
 SURPRISE = Table.told(
     "surprise",
-    cells={name: SurpriseCell(RUNGS[name], TWINS) for name in RUNGS_ASKED},
+    cells={
+        **{name: SurpriseCell(RUNGS[name], TWINS) for name in RUNGS_ASKED},
+        **{
+            STRIKES.format(name): SurpriseCell(RUNGS[name], TWINS, strikes, breaks=AT_A_STRIKE)
+            for name in RUNGS_ASKED
+        },
+    },
     settings={
         "scene": pixel_scene().settings,
-        "breaks": sorted(BREAKS),
+        "breaks": sorted(ANYWHERE.ways),
+        "strikes": strikes().settings,
+        "breaks_at_a_strike": sorted(AT_A_STRIKE.ways),
         "contexts": CONTEXTS,
         "ahead": AHEAD,
     },
