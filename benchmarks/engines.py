@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vidphys.experiments.core.cell import Unit
-from vidphys.experiments.costs import known_costs
+from vidphys.experiments.costs import known_costs, pace_here
 from vidphys.experiments.forecast import forecast
 from vidphys.experiments.ladder import LADDER
 from vidphys.experiments.study import units_of
@@ -29,7 +29,9 @@ SEEDS, WORKERS = 2, 2
 
 def planned(units: Sequence[Unit], engine: EngineName, measured: Sequence[Path] = ()) -> float:
     """Seconds that the plan says, by ours of the units' times or by those of a run."""
-    return forecast(units, "quick", preset("quick"), known_costs(measured), engine).wall(WORKERS)
+    pace = pace_here(WORKERS)
+    known = known_costs(measured, pace=pace)
+    return forecast(units, "quick", preset("quick"), known, engine, pace).wall(WORKERS)
 
 
 def timed(engine: EngineName, cells: Sequence[str], folder: Path) -> float:

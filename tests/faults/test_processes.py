@@ -256,7 +256,7 @@ def test_f6_being_told_again_says_nothing_more(capfd):
 
 def test_a_unit_that_failed_and_then_succeeds_is_no_failure_of_the_run(tmp_path, monkeypatch):
     from vidphys.cli.console import Console
-    from vidphys.cli.study import StudyOptions, run_units
+    from vidphys.cli.study import StudyOptions, run_study
     from vidphys.experiments.core.cell import Unit
     from vidphys.runs.folder import RunFolder
 
@@ -266,7 +266,7 @@ def test_a_unit_that_failed_and_then_succeeds_is_no_failure_of_the_run(tmp_path,
     found = [[(1, WorkerLost("killed"))], []]
     monkeypatch.setattr(pool, "run_all", lambda *_args: found.pop(0))
     options, console = StudyOptions(workers=1), Console(True, 2, "x")
-    assert run_units(run, units, options.sizes()[0], options, console) == 1
+    assert run_study(run, units, options.sizes()[0], options, console) == 1
     assert {each["cell"] for each in run.manifest()["skipped"]} == {"other/c", "t/b"}
-    assert run_units(run, units, options.sizes()[0], options, console) == 0
+    assert run_study(run, units, options.sizes()[0], options, console) == 0
     assert [each["cell"] for each in run.manifest()["skipped"]] == ["other/c"]

@@ -71,6 +71,7 @@ ELSEWHERE = [
     ("--device cuda", "--device cpu", "a card"),
     ("DEVICE=cuda", "DEVICE=cpu", "a card"),
     ("--engine ray", "--engine local", "a cluster"),
+    ("--engine submitit", "--engine local", "a cluster"),
     ("--address HEAD:6379", "", "a cluster"),
     ("s3://", "file://", "the network"),
     ("--encoder dinov2-small", "--encoder dino-tiny", "its weights"),

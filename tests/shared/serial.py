@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def serially(work, tasks, _workers, _show, finished):
+def serially(work, tasks, _workers, _show, finished, _cards=()):
     """In place of processes, which take longer to start than the work does."""
     failures = []
     for number, task in enumerate(tasks):

@@ -29,7 +29,7 @@ GROUPS = {  # an option that stands in none is one of what is asked
         *("steps", "batch", "learning_rates", "widths", "rates", "readers", "mirrors", "patience"),
         *("shift", "head_steps", "friction", "on_nan"),
     ),
-    "Where it is computed": ("device", "workers", "engine", "address", "threads"),
+    "Where it is computed": ("device", "workers", "engine", "address", "threads", "measured"),
     "What is kept and shown": (
         *("out", "store", "store_dtype", "profile", "overwrite", "json", "quiet"),
     ),

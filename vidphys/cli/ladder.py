@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
-from vidphys.cli.study import StudyOptions, measured, option, run_units
+from vidphys.cli.study import StudyOptions, measured, option, run_study
 
 if TYPE_CHECKING:
     from vidphys.runs.folder import RunFolder
@@ -67,7 +67,7 @@ def ladder(config: LadderConfig) -> int:
         RunFolder.at_work(config.out, settings, config.overwrite, threads=1) as run,
         Console(config.quiet, len(units), "ladder") as console,
     ):
-        failed = run_units(run, units, sizes, config, console)
+        failed = run_study(run, units, sizes, config, console)
         run.join()
         report = publish(run, console)
         console.result(f"{measured(run, units)}; seeds {told(seeds)}; report: {report}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -33,9 +32,6 @@ class PlanConfig(StudyOptions):
         tables: those of `vidphys reproduce`.
         cells: as `vidphys help ladder` and `vidphys help reproduce` say.
         heads, scene: as `vidphys help ladder` says.
-        measured: run folders whose units' times are taken; ours, of the preset quick on one core,
-            where there is none. What was measured in another preset is scaled as cells are that are
-            known in both, else by the part of the work that grows most: an upper bound.
         units: print each unit, too.
         json: print all of it as JSON, for a script: seconds, by the clock for so many workers.
     """
@@ -45,7 +41,6 @@ class PlanConfig(StudyOptions):
     cells: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
     scene: str = ""
-    measured: tuple[Path, ...] = ()
     units: bool = False
     json: bool = False
 
@@ -59,7 +54,7 @@ def plan(config: PlanConfig) -> int:
     Raises:
         InputError: as the verb itself, or a folder of measured units that is no run.
     """
-    from vidphys.experiments.costs import known_costs
+    from vidphys.experiments.costs import known_costs, pace_here
     from vidphys.experiments.forecast import forecast, told_seconds
     from vidphys.experiments.study import units_of
 
@@ -67,8 +62,9 @@ def plan(config: PlanConfig) -> int:
     tables, cells = _asked(config)
     with option("--cells"):
         units = units_of(tables, seeds, cells)
-    known = known_costs(config.measured, config.device)
-    found = forecast(units, config.preset, sizes, known, config.engine)
+    pace = pace_here(config.workers)
+    known = known_costs(config.measured, config.device, pace)
+    found = forecast(units, config.preset, sizes, known, config.engine, pace)
     if config.json:
         print(json.dumps(_as_data(found, config.workers)))
         return 0
@@ -103,6 +99,7 @@ def _as_data(found: Forecast, workers: int) -> dict[str, Any]:
         "seconds": sum(found.seconds),
         "unknown": found.unknown,
         "peak_bytes": found.peak_bytes,
+        "pace": found.pace,
         "wall": _walls(found, workers),
     }
 

@@ -11,7 +11,7 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.profiles import with_profile
-from vidphys.cli.study import StudyOptions, option, run_units
+from vidphys.cli.study import StudyOptions, option, run_study
 from vidphys.errors import InputError
 
 
@@ -60,7 +60,7 @@ def reproduce(config: ReproduceConfig) -> int:
         RunFolder.at_work(config.out, settings, config.overwrite, threads=1) as run,
         Console(config.quiet, len(units), "reproduce") as console,
     ):
-        failed = run_units(run, units, sizes, config, console)
+        failed = run_study(run, units, sizes, config, console)
         verdicts = write_verdicts(run, tables)
         report = write_results(run.path)
         rows = [row for table in verdicts.values() for row in table["rows"]]

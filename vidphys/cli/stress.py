@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from vidphys.cli.console import Console
+from vidphys.cli.units import EngineOptions, compile_loops, run_units
 
 
 @dataclass(frozen=True)
-class StressConfig:
+class StressConfig(EngineOptions):
     """Run the extremes as a matrix against references, with a verdict for each cell.
 
     Example: vidphys stress --preset quick --out runs/stress
@@ -35,13 +36,11 @@ def stress(config: StressConfig) -> int:
     """Judge what is left of the matrix and write the report.
 
     Returns:
-        0, or 1 if a cell is silently wrong.
+        0, or 1 if a cell is silently wrong or a family failed; what others found is kept.
 
     Raises:
-        InputError: an unknown axis, or a run folder that holds something else.
+        InputError: an unknown axis, no worker, or a run folder that holds something else.
     """
-    import torch
-
     from vidphys.runs.folder import RunFolder
     from vidphys.stress.case import SILENT
     from vidphys.stress.figures import MET, NOT_MEASURED
@@ -51,29 +50,25 @@ def stress(config: StressConfig) -> int:
         load_family,
         run_family,
         settings_of,
+        units_of,
         write_verdicts,
     )
     from viz.stress import write_stress_report
 
-    torch.set_num_threads(1)
+    config.check_workers()
     settings = settings_of(config.preset, config.axes)
-    outcomes = []
     with ExitStack() as stack:
-        run = stack.enter_context(RunFolder.at_work(config.out, settings, config.overwrite))
+        run = stack.enter_context(
+            RunFolder.at_work(config.out, settings, config.overwrite, threads=1)
+        )
         chosen = run.manifest()["settings"]["cells"]
-        cells = {k: v for k, v in families(PRESETS[config.preset]).items() if k in chosen}
-        console = stack.enter_context(Console(config.quiet, len(cells), "stress"))
-        for index, (name, cases) in enumerate(cells.items()):
-            if run.is_done(name):
-                outcomes += load_family(run, name, cases)
-            else:
-
-                def show(done: int, name: str = name, count: int = len(cases)) -> None:
-                    console.stage((name, done, count))
-
-                outcomes += run_family(run, name, cases, show)
-            console.done(index)
+        units = units_of(chosen, config.preset)
+        console = stack.enter_context(Console(config.quiet, len(units), "stress"))
+        compile_loops(run, units, config.workers, console)
+        failed = run_units(run, run_family, units, config, console)
         run.join()
+        cells = {k: v for k, v in families(PRESETS[config.preset]).items() if run.is_done(k)}
+        outcomes = [o for name, cases in cells.items() for o in load_family(run, name, cases)]
         verdicts = write_verdicts(run, outcomes)
         report = write_stress_report(run.path)
         for outcome in outcomes:
@@ -85,4 +80,4 @@ def stress(config: StressConfig) -> int:
             f"{len(outcomes)} cells: {counts}; figures A1-A30: {figures.count(MET)} met, "
             f"{figures.count(NOT_MEASURED)} not measured; report: {report}"
         )
-    return 1 if SILENT in verdicts["counts"] else 0
+    return 1 if failed or SILENT in verdicts["counts"] else 0

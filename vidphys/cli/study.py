@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from vidphys.cli.units import SKIPPED, EngineOptions, compile_loops, run_units
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 from vidphys.presets import Preset, preset
@@ -16,26 +17,26 @@ if TYPE_CHECKING:
     from vidphys.cli.console import Console
     from vidphys.experiments.core.cell import Unit
     from vidphys.runs.folder import RunFolder
+    from vidphys.runs.units import WorkUnit
 
 LONG_SECONDS = 60.0  # of a run that is worth a word on how long it takes
-SKIPPED = "skipped"  # how the reason begins of what was not run for want of weights
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyOptions:
+class StudyOptions(EngineOptions):
     """How large a study is, and how it is computed.
 
     Args:
         preset: sizes and seeds; quick is minutes on two cores.
         seed: the first seed. Those below 100 are for development; figures are reported from 100.
         seeds: how many from there on, instead of the preset's number.
-        workers: how many processes share the work.
         profile: settings for this verb, from a file that `vidphys trade --pick ... --save` wrote.
         device: where models are trained and rolled; references and scores are on the CPU.
-        engine: where units of work run: processes of this machine, or a Ray cluster (the extra
-            ray), whose nodes all see the run folder.
-        address: of a Ray cluster that runs already, such as auto or HOST:6379; without it one is
-            started on this machine, with so many cores as there are workers.
+        measured: run folders whose units' times and memory are taken; where there is none our
+            times, of the preset quick on one core, multiplied by how many times as long this
+            machine takes for half a second of such work now. What was measured in another preset is
+            scaled as cells are that are known in both, else by the part of the work that grows
+            most: an upper bound.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
@@ -43,11 +44,9 @@ class StudyOptions:
     preset: Literal["quick", "standard", "paper"] = "quick"
     seed: int = 0
     seeds: int | None = None
-    workers: int = 2
     profile: Path | None = None
     device: Literal["cpu", "cuda"] = "cpu"
-    engine: Literal["local", "ray"] = "local"
-    address: str | None = None
+    measured: tuple[Path, ...] = ()
     overwrite: bool = False
     quiet: bool = False
 
@@ -58,8 +57,7 @@ class StudyOptions:
             InputError: no worker or seed, or a device that is not there.
         """
         check_cuda(self.device)
-        if self.workers < 1:
-            raise InputError(f"--workers {self.workers}: at least one process is needed")
+        self.check_workers()
         sizes = preset(self.preset)
         seeds = sizes.seeds if self.seeds is None else self.seeds
         if seeds < 1:
@@ -82,7 +80,7 @@ def option(name: str) -> Iterator[None]:
         raise InputError(f"{name}: {error}") from error
 
 
-def run_units(
+def run_study(
     run: RunFolder, units: Sequence[Unit], sizes: Preset, config: StudyOptions, console: Console
 ) -> int:
     """Do every unit of a study; one that fails is named in the run folder and the others go on.
@@ -91,50 +89,49 @@ def run_units(
         How many failed. A unit whose encoder's weights are not on this machine is skipped, which
         is no failure.
     """
-    from dynamics.compiled.ahead import compile_ahead
-    from encoders.release import WeightsMissing
     from vidphys.experiments.study import run_unit
-    from vidphys.runs.engine import engine_of
-    from vidphys.runs.needs import Needs
 
-    share = 1 / config.workers if config.device == "cuda" else 0.0
-    engine = engine_of(config.engine, config.workers, config.address, Needs(gpu=share))
+    work = work_units(run, units, sizes, config)
     _foretell(run, units, sizes, config, console)
-    if min(config.workers, len(units)) > 1:
-        console.stage(("compiling", 0, 1))
-        compile_ahead()
-        console.stage(("compiling", 1, 1))
-    failed, lost = 0, set()
-    wanting: dict[str, dict[str, None]] = {}  # rungs by what they miss
-    tasks = [(run.path, unit, sizes, config.device) for unit in units]
-    for index, error in engine(run_unit, tasks, console.stage, console.done):
-        unit, absent = units[index], isinstance(error, WeightsMissing)
-        failed += not absent
-        word = SKIPPED if absent else f"failed: {type(error).__name__}"
-        for cell, part in zip(unit.cells, unit.parts, strict=True):
-            if not run.is_done(part):
-                lost.add(f"{unit.table}/{cell}")
-                run.skip(f"{unit.table}/{cell}", f"{word}: {error}")
-                if absent:
-                    wanting.setdefault(str(error), {})[cell.partition("/")[0]] = None
-                else:
-                    console.warn(f"{part} {word}: {error}")
-    for why, rungs in wanting.items():
-        console.warn(f"{', '.join(rungs)} {SKIPPED}: {why}")
-    run.unskip({f"{unit.table}/{cell}" for unit in units for cell in unit.cells} - lost)
-    return failed
+    compile_loops(run, work, config.workers, console)
+    return run_units(run, run_unit, work, config, console)
+
+
+def work_units(
+    run: RunFolder, units: Sequence[Unit], sizes: Preset, config: StudyOptions
+) -> list[WorkUnit]:
+    """The units as every engine takes them; each needs the memory that it was seen to take."""
+    from vidphys.experiments.costs import MEASURED, Costs
+    from vidphys.runs.needs import Needs, card_share
+    from vidphys.runs.units import WorkUnit
+
+    known = Costs.of_runs([*config.measured, run.path], config.device)
+    share = card_share(config.workers, config.address) if config.device == "cuda" else 0.0
+    work = []
+    for unit in units:
+        cost = known.of(unit, config.preset, sizes)
+        memory = cost[0].peak_bytes if cost is not None and cost[1] == MEASURED else 0
+        cells = (f"{unit.table}/{cell}" for cell in unit.cells)
+        parts = dict(zip(unit.parts, cells, strict=True))
+        rung = unit.cells[0].partition("/")[0]
+        needs = Needs(memory=memory, gpu=share)
+        work.append(WorkUnit(parts, rung, (unit, sizes, config.device), needs))
+    return work
 
 
 def _foretell(
     run: RunFolder, units: Sequence[Unit], sizes: Preset, config: StudyOptions, console: Console
 ) -> None:
-    """Say what is left to do and how long that takes, by what this very run has measured so far."""
-    from vidphys.experiments.costs import known_costs
+    """Say what is left to do and how long that takes, by what is measured of it so far."""
+    from vidphys.experiments.costs import known_costs, pace_here
     from vidphys.experiments.forecast import forecast
 
     left = [unit for unit in units if not all(run.is_done(part) for part in unit.parts)]
-    known = known_costs([run.path], config.device)
-    found = forecast(left, config.preset, sizes, known, config.engine)
+    if config.quiet or not left:
+        return
+    pace = pace_here(config.workers)
+    known = known_costs([*config.measured, run.path], config.device, pace)
+    found = forecast(left, config.preset, sizes, known, config.engine, pace)
     if found.seconds and found.wall(config.workers) > LONG_SECONDS:
         console.note(found.sentence(config.workers))
 

@@ -22,6 +22,9 @@ class TradeConfig:
 
     Example: vidphys trade --out runs/trade && vidphys trade --pick "inversion_nmse<=0.02"
 
+    Fronts are measured one after the other, in this process: other work beside them would spoil the
+    times, and another machine has others. So there are no workers and no engine.
+
     Args:
         out: the run folder; with pick or compare, where the measured points lie. The same command
             again goes on where it was.

@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.cell import OfRung, Unit
 from vidphys.experiments.core.members import PROBE
+from vidphys.experiments.pace import step_seconds
 from vidphys.perception.catalogue import ORACLES
 from vidphys.presets import PRESETS, OracleSizes, PixelSizes, Preset
 from vidphys.runs.cost import Cost, cost_of
@@ -32,17 +34,22 @@ class Costs:
     known: Mapping[str, Mapping[str, Cost]] = field(default_factory=dict)
 
     @classmethod
-    def ours(cls) -> Costs:
-        """Those that come with vidphys, on one core: all of quick, some of standard."""
-        read = tomllib.loads(OURS.read_text(encoding="utf-8"))
+    def ours(cls, pace: float = 1.0) -> Costs:
+        """Those that come with vidphys, on one core: all of quick, some of standard.
+
+        Args:
+            pace: see :func:`pace_here`.
+        """
+        read = _ours()
         return cls(
             {
                 preset: {
-                    f"{table}/{cell}": Cost(seconds)
+                    f"{table}/{cell}": Cost(seconds * pace)
                     for table, cells in tables.items()
                     for cell, seconds in cells.items()
                 }
                 for preset, tables in read.items()
+                if preset in PRESETS
             }
         )
 
@@ -115,10 +122,34 @@ class Costs:
         return median(seen) if seen else growth(PRESETS[old], sizes, _sees(name))
 
 
-def known_costs(folders: Sequence[Path] = (), device: str = CPU) -> Costs:
-    """What is known for a kind of device: from these runs, else ours, which are of the CPU."""
+def known_costs(folders: Sequence[Path] = (), device: str = CPU, pace: float = 1.0) -> Costs:
+    """What is known for a kind of device: from these runs, else ours, which are of the CPU.
+
+    Args:
+        folders: of runs.
+        device: its kind.
+        pace: of this machine, by which our times are multiplied and those of the runs are not.
+    """
     found = Costs.of_runs(folders, device)
-    return found.or_else(Costs.ours()) if device == CPU else found
+    return found.or_else(Costs.ours(pace)) if device == CPU else found
+
+
+def pace_here(workers: int) -> float:
+    """How many times as long as the machine of our times this one takes now, by half a second.
+
+    Args:
+        workers: that will share this machine.
+    """
+    return step_seconds(workers) / step_seconds_of_ours()
+
+
+def step_seconds_of_ours() -> float:
+    """Of the machine of our times, what :func:`step_seconds` measures here."""
+    return _ours()["step_seconds"]
+
+
+def _ours() -> dict[str, Any]:
+    return tomllib.loads(OURS.read_text(encoding="utf-8"))
 
 
 def _asked(name: str, cells: Sequence[str]) -> str:

@@ -10,7 +10,6 @@ import logging
 import os
 import signal
 import threading
-import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,7 +18,7 @@ from typing import Any
 from vidphys.errors import InputError
 from vidphys.runs.ending import SIGNALS
 from vidphys.runs.needs import Needs
-from vidphys.runs.pool import TRIES, Message, WorkerLost, WorkerWarning
+from vidphys.runs.pool import Message, given_up
 from vidphys.runs.worker import outcome, quietly_with_one_thread
 
 POLL_SECONDS = 0.5
@@ -43,13 +42,13 @@ class Cluster:
         workers: cores of a cluster that is started here.
         address: of one that runs already, such as ``auto`` or ``10.0.0.1:6379``; ``None`` starts
             one on this machine, which ends with this process.
-        needs: of each task.
+        needs: of each task, in their order; of all that are not named, one core.
 
     Raises:
         InputError: Ray is not installed.
     """
 
-    def __init__(self, workers: int, address: str | None, needs: Needs) -> None:
+    def __init__(self, workers: int, address: str | None, needs: Sequence[Needs]) -> None:
         try:
             import ray
         except ImportError as error:
@@ -97,15 +96,15 @@ class Cluster:
     ) -> list[tuple[int, Exception]]:
         ray, waiting = self.ray, deque(range(len(tasks)))
         board = ray.remote(num_cpus=0, max_restarts=-1)(_Board).remote()
-        needs: dict[str, Any] = {"num_cpus": self.needs.cores, "num_gpus": self.needs.gpu}
-        needs |= {"memory": self.needs.memory} if self.needs.memory else {}
-        call = ray.remote(**needs, max_retries=0)(_call)
+        call = ray.remote(max_retries=0)(_call)
+        asked = self._asked(len(tasks))
         running: dict[Any, int] = {}
         lost, failures = Counter[int](), list[tuple[int, Exception]]()
         while waiting or running:
             while waiting:
                 number = waiting.popleft()
-                running[call.remote(board, number, work, tasks[number])] = number
+                begun = call.options(**asked[number])
+                running[begun.remote(board, number, work, tasks[number])] = number
             ready, _ = ray.wait(list(running), timeout=POLL_SECONDS)
             for message in self._news(board):
                 show(message)
@@ -115,13 +114,10 @@ class Cluster:
                     found = ray.get(reference)
                 except ray.exceptions.RayError as error:
                     lost[number] += 1
-                    how = f"the process of task {number + 1} was lost ({type(error).__name__})"
-                    if lost[number] == TRIES:
-                        said = f"{how}, as {TRIES - 1} were before it"
-                        failures.append((number, WorkerLost(said)))
+                    how = f"the process of task {number + 1} went away ({type(error).__name__})"
+                    if given := given_up(how, lost[number]):
+                        failures.append((number, given))
                     else:
-                        said = f"{how}; its work is tried again"
-                        warnings.warn(said, WorkerWarning, stacklevel=3)
                         waiting.append(number)
                 else:
                     if found[0] == "done":
@@ -129,6 +125,24 @@ class Cluster:
                     else:
                         failures.append((number, found[1]))
         return failures
+
+    def _asked(self, count: int) -> list[dict[str, Any]]:
+        """What each task asks the cluster for: no more cores or memory than its largest node has.
+
+        A task that asked for more would wait for ever.
+        """
+        nodes = [node["Resources"] for node in self.ray.nodes() if node["Alive"]]
+        cores = max((node.get("CPU", 1.0) for node in nodes), default=1.0)
+        memory = max((node.get("memory", 0.0) for node in nodes), default=0.0)
+        needs = [*self.needs, *[Needs()] * (count - len(self.needs))]
+        return [
+            {
+                "num_cpus": min(need.cores, cores),
+                "num_gpus": need.gpu,
+                **({"memory": int(min(need.memory, memory))} if need.memory else {}),
+            }
+            for need in needs
+        ]
 
     def _news(self, board: Any) -> list[Message]:
         """What tasks said; nothing while the board itself is being made anew."""

@@ -45,6 +45,8 @@ FOLDERS = (
     "clips",
     "truth",
     "outcomes",
+    "logs",
+    "jobs",
 )
 FILES = (
     "run.json",
@@ -195,6 +197,15 @@ class RunFolder:
     def showcase(self, cell: str) -> Path:
         """File of the arrays that a cell's recording is drawn from."""
         return self.path / "showcase" / (cell.replace("/", "-") + ".safetensors")
+
+    def log(self, part: str) -> Path:
+        """File in which a unit of work keeps what it says; it has the name of its first part."""
+        return self.path / "logs" / (part.replace("/", "-") + ".log")
+
+    @property
+    def jobs(self) -> Path:
+        """Folder of what an engine keeps for its jobs, while they run."""
+        return self.path / "jobs"
 
     def is_done(self, part: str) -> bool:
         """Whether a piece of work has already left its tables."""

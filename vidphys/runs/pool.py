@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
+from vidphys.runs.cards import least_used, seeing
 from vidphys.runs.ending import SIGNALS
 from vidphys.runs.worker import serve
 
@@ -37,9 +38,10 @@ class WorkerWarning(UserWarning):
 class _Worker:
     """One process, the task that it is at, and what it last said."""
 
-    def __init__(self, work: Callable[..., None]) -> None:
+    def __init__(self, work: Callable[..., None], card: str | None) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
+        self.card = card
         self.task: int | None = None
         self.silent = self.idle = 0.0
         self.stage = "its start"
@@ -47,7 +49,7 @@ class _Worker:
         # shared resources comes first: its start takes the block away.
         with _safe_path():
             resource_tracker.ensure_running()
-        with _blocked_signals(), _safe_path():
+        with _blocked_signals(), _safe_path(), seeing(card):
             self.process: SpawnProcess = context.Process(target=serve, args=(theirs,), daemon=True)
             self.process.start()
         theirs.close()
@@ -91,6 +93,7 @@ def run_all(
     workers: int,
     show: Callable[[Message], None],
     finished: Callable[[int], None],
+    cards: Sequence[str] = (),
 ) -> list[tuple[int, Exception]]:
     """Call ``work(*task, report)`` for each task in ``workers`` processes of one thread each.
 
@@ -103,6 +106,7 @@ def run_all(
         workers: processes.
         show: called here with each message.
         finished: called here with the number of each task that ended well.
+        cards: given to the workers in turn, each of which sees its own alone.
 
     Returns:
         The tasks that raised, with what they raised, or :class:`WorkerLost`; the others go on.
@@ -112,7 +116,7 @@ def run_all(
     staff: list[_Worker] = []
     try:
         while waiting or any(worker.task is not None for worker in staff):
-            while waiting and (worker := _free(staff, workers, work)):
+            while waiting and (worker := _free(staff, workers, work, cards)):
                 worker.give(waiting[0], tasks[waiting[0]])
                 waiting.popleft()
             for worker, message in _heard(staff):
@@ -121,7 +125,8 @@ def run_all(
                     staff.remove(worker)
                     if number is not None:
                         lost[number] += 1
-                        if error := _lost(worker, lost[number]):
+                        how = f"the process at {worker.stage} died ({worker.end_of()})"
+                        if error := given_up(how, lost[number]):
                             failures.append((number, error))
                         else:
                             waiting.appendleft(number)
@@ -141,7 +146,9 @@ def run_all(
     return failures
 
 
-def _free(staff: list[_Worker], workers: int, work: Callable[..., None]) -> _Worker | None:
+def _free(
+    staff: list[_Worker], workers: int, work: Callable[..., None], cards: Sequence[str]
+) -> _Worker | None:
     """A worker without a task, started if there may be another one."""
     for worker in staff:
         if worker.task is None:
@@ -149,7 +156,7 @@ def _free(staff: list[_Worker], workers: int, work: Callable[..., None]) -> _Wor
     if len(staff) == workers:
         return None
     with _blocked_signals():  # none is started and then not known of
-        staff.append(_Worker(work))
+        staff.append(_Worker(work, least_used(cards, [worker.card for worker in staff])))
     return staff[-1]
 
 
@@ -172,9 +179,13 @@ def _heard(staff: Sequence[_Worker]) -> Iterator[tuple[_Worker, tuple[Any, ...] 
         yield worker, message
 
 
-def _lost(worker: _Worker, times: int) -> WorkerLost | None:
-    """Say that a worker died; gives the error once its task is not to be tried again."""
-    how = f"the process at {worker.stage} died ({worker.end_of()})"
+def given_up(how: str, times: int) -> WorkerLost | None:
+    """Say how a task was lost; gives the error once it is not to be tried again.
+
+    Args:
+        how: in words.
+        times: that it was lost.
+    """
     if times == TRIES:
         return WorkerLost(f"{how}, as {TRIES - 1} did before it")
     warnings.warn(f"{how}; its work is tried again", WorkerWarning, stacklevel=3)

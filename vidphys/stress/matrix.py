@@ -1,18 +1,23 @@
-"""The whole matrix: which cells a preset has, run one after the other and recorded by axis."""
+"""The whole matrix: which cells a preset has, run family by family and recorded by axis."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vidphys.errors import InputError
+from vidphys.runs.cost import Cost, peak_memory
 from vidphys.runs.folder import RunFolder
+from vidphys.runs.needs import Needs
 from vidphys.runs.records import Origin, Recorder
 from vidphys.runs.sealed import read_sealed, write_sealed
+from vidphys.runs.units import WorkUnit
 from vidphys.stress import (
     balance,
     baths,
@@ -62,33 +67,36 @@ HEAVY = ("bodies", "image size")
 
 def families(sizes: StressSizes) -> dict[str, list[Case]]:
     """The cells of a preset, by the family that they are run and kept in."""
-    made: dict[str, Iterable[Case]] = {
-        "methods": methods.methods(),
-        "softening": orbits.softening(),
-        "mass-ratio": orbits.mass_ratio(),
-        "scale": orbits.scale(),
-        "origin": orbits.origin(),
-        "time-step": orbits.time_step(),
-        "stiffness": contacts.stiffness(),
-        "coincidence": contacts.coincidence(),
-        "wall": walls.walls(),
-        "friction": baths.friction(),
-        "temperature": baths.temperature(),
-        "drive": baths.drive(),
-        "bodies": crowds.crowds(),
-        "image-size": pictures.sizes(),
-        "reading": pictures.readings(),
-        "training-range": learned.heads(),
-        "threads": threads.threads(),
-        "compiled": compiled.compiled(),
-        "energy-balance": balance.energy_balance(),
-        "input": inputs.inputs(),
+    made = {name: list(cases()) for name, cases in _makers(sizes).items()}
+    return {name: _thinned(cases, sizes) for name, cases in made.items() if cases}
+
+
+def _makers(sizes: StressSizes) -> dict[str, Callable[[], Iterable[Case]]]:
+    long_ones = {"long": partial(long.long_rollouts, sizes.long_steps)} if sizes.long_steps else {}
+    return {
+        "methods": methods.methods,
+        "softening": orbits.softening,
+        "mass-ratio": orbits.mass_ratio,
+        "scale": orbits.scale,
+        "origin": orbits.origin,
+        "time-step": orbits.time_step,
+        "stiffness": contacts.stiffness,
+        "coincidence": contacts.coincidence,
+        "wall": walls.walls,
+        "friction": baths.friction,
+        "temperature": baths.temperature,
+        "drive": baths.drive,
+        "bodies": crowds.crowds,
+        "image-size": pictures.sizes,
+        "reading": pictures.readings,
+        "training-range": learned.heads,
+        "threads": threads.threads,
+        "compiled": compiled.compiled,
+        "energy-balance": balance.energy_balance,
+        "input": inputs.inputs,
+        "foreign": foreign.parts,
+        **long_ones,
     }
-    if strange := list(foreign.parts()):
-        made["foreign"] = strange
-    if sizes.long_steps:
-        made["long"] = long.long_rollouts(sizes.long_steps)
-    return {name: _thinned(list(cases), sizes) for name, cases in made.items()}
 
 
 def _thinned(cases: list[Case], sizes: StressSizes) -> list[Case]:
@@ -118,18 +126,35 @@ def settings_of(preset: str, axes: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def run_family(
-    run: RunFolder, name: str, cases: list[Case], progress: Callable[[int], None]
-) -> list[Outcome]:
-    """Judge a family's cells, one after the other, and keep what was found."""
-    outcomes = []
+def units_of(names: Sequence[str], preset: str) -> list[WorkUnit]:
+    """The families of a run as units of work, in the order of the matrix."""
+    most = Needs(cores=max(threads.COUNTS))
+    return [
+        WorkUnit({name: name}, name, (name, preset), most if name == "threads" else Needs())
+        for name in _makers(PRESETS[preset])
+        if name in names
+    ]
+
+
+def run_family(path: Path, name: str, preset: str, report: Callable[[str, int, int], None]) -> None:
+    """Judge a family's cells, one after the other, and keep what was found.
+
+    Args:
+        path: the run folder.
+        name: of the family.
+        preset: of the run.
+        report: called as ``(name, cells done, cells)``.
+    """
+    run, sizes, outcomes = RunFolder(path), PRESETS[preset], []
+    began = time.perf_counter()
+    cases = _thinned(list(_makers(sizes)[name]()), sizes)
     for index, case in enumerate(cases):
         outcomes.append(judge(case))
-        progress(index + 1)
+        report(name, index + 1, len(cases))
     kept = {"cells": [_plain(outcome) for outcome in outcomes]}
     write_sealed(_kept(run, name), kept, SCHEMA_VERSION)
-    run.finish(name, *_recorded(outcomes).tables())
-    return outcomes
+    cost = Cost(time.perf_counter() - began, peak_memory())
+    run.finish(name, *_recorded(outcomes).tables(), cost=cost)
 
 
 def _recorded(outcomes: Sequence[Outcome]) -> Recorder:
@@ -170,7 +195,7 @@ def _kept(run: RunFolder, name: str) -> Path:
 
 
 def load_family(run: RunFolder, name: str, cases: list[Case]) -> list[Outcome]:
-    """What an earlier call of the same command found."""
+    """What was found of a family that is done."""
     path, todo = _kept(run, name), "delete it and the part beside it, and run again"
     kept = read_sealed(path, "outcomes", todo, SCHEMA_VERSION, ["cells"])
     found = {cell["name"]: cell for cell in kept["cells"]}

@@ -170,7 +170,7 @@ def test_a_ladder_without_weights_skips_the_rung_and_succeeds(tmp_path, monkeypa
     assert said == "warning: hiera skipped: no weights; fetch them\n"  # once, not for each cell
 
 
-def _absent(work, tasks, workers, show, finished):
+def _absent(work, tasks, workers, show, finished, cards):
     return [(0, WeightsMissing("no weights; fetch them"))]
 
 

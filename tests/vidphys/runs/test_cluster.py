@@ -11,6 +11,7 @@ import sys
 import time
 import warnings
 from contextlib import ExitStack
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -65,6 +66,28 @@ def check(found):
 @pytest.mark.timeout(400)
 def test_a_cluster_does_the_same(tmp_path, nodes):
     check(run(engine_of("ray", 2, nodes.address), tmp_path / "run", KINDS))
+
+
+@pytest.fixture
+def jobs(tmp_path, monkeypatch):
+    """Jobs that are processes of this machine, be there Slurm or not."""
+    submitit = pytest.importorskip("submitit")
+    monkeypatch.setattr(submitit.AutoExecutor, "which", staticmethod(lambda: "local"))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))  # of the errands
+    yield engine_of("submitit", 2, jobs=tmp_path / "jobs")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]  # nothing of their own is left
+
+
+def test_jobs_do_what_they_are_given_and_say_what_failed(tmp_path, jobs):
+    failures, finished, shown, lost, done = run(jobs, tmp_path / "run", {"a": "write", "c": "fail"})
+    assert (finished, done, lost) == ([0], {"a"}, []) and ("a", 1, 1) in shown
+    assert failures.keys() == {1} and "c cannot be done" in str(failures[1])
+
+
+@LONG
+@pytest.mark.timeout(400)
+def test_jobs_that_are_lost_are_done_again(tmp_path, jobs):
+    check(run(jobs, tmp_path / "run", KINDS))
 
 
 @LONG
@@ -127,7 +150,22 @@ def test_what_an_engine_refuses(monkeypatch):
         engine_of("local", 1, "auto")
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(InputError, match="pip install"):
-        Cluster(1, None, Needs())
+        Cluster(1, None, ())
+
+
+def test_no_task_asks_for_more_than_the_largest_node_has(monkeypatch):
+    nodes = [
+        {"Alive": True, "Resources": {"CPU": 2.0, "memory": 2.0e9}},
+        {"Alive": True, "Resources": {"CPU": 4.0, "memory": 1.0e9}},
+        {"Alive": False, "Resources": {"CPU": 64.0, "memory": 9.0e9}},
+    ]
+    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(nodes=lambda: nodes))
+    needs = [Needs(cores=8, memory=10**9), Needs(memory=10**10, gpu=0.25)]
+    assert Cluster(2, None, needs)._asked(3) == [
+        {"num_cpus": 4.0, "num_gpus": 0.0, "memory": 10**9},
+        {"num_cpus": 1.0, "num_gpus": 0.25, "memory": 2 * 10**9},
+        {"num_cpus": 1.0, "num_gpus": 0.0},
+    ]
 
 
 def test_a_cluster_of_ones_own_is_new_and_leaves_signals_as_they_were(monkeypatch):

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import torch
 
+from vidphys.runs.engine import engine_of
+from vidphys.runs.needs import Needs
 from vidphys.runs.pool import run_all
 from vidphys.training.loop import _finish_step_on_signal
 
@@ -38,6 +40,20 @@ def tell_threads(folder: Path, name: str, _report) -> None:
 def test_a_worker_has_one_thread(tmp_path: Path):
     assert run_all(tell_threads, [(tmp_path, "a")], 1, print, lambda _: None) == []
     assert (tmp_path / "a").read_text() == "1"
+
+
+def tell_card(folder: Path, name: str, _report) -> None:
+    (folder / name).write_text(os.environ.get("CUDA_VISIBLE_DEVICES", "all"))
+    (folder / f"{name}-begun").touch()
+    _until(lambda: len(list(folder.glob("*-begun"))) == 3)
+
+
+def test_workers_get_the_cards_in_turn(tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3, 5")
+    tasks, share = [(tmp_path, name) for name in "abc"], [Needs(gpu=0.5)] * 3
+    assert engine_of("local", 3, None, share)(tell_card, tasks, print, lambda _: None) == []
+    assert sorted((tmp_path / name).read_text() for name in "abc") == ["3", "3", "5"]
+    assert os.environ["CUDA_VISIBLE_DEVICES"] == "3, 5"
 
 
 def test_workers_keep_their_work_and_end_when_the_run_is_killed(tmp_path: Path):

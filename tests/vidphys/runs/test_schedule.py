@@ -1,21 +1,30 @@
 """Units of work side by side, in a simulation; and what they took, from what they left."""
 
+import json
+import os
 import time
 from dataclasses import replace
 
+import pyarrow as pa
 import pytest
+import torch
 
+from tests.faults.test_processes import children_of
 from tests.shared.small_studies import TINY
 from vidphys.cli import main
+from vidphys.cli.study import StudyOptions, work_units
 from vidphys.errors import InputError
+from vidphys.experiments import costs
 from vidphys.experiments.core.cell import Unit
-from vidphys.experiments.costs import Costs, growth, known_costs
+from vidphys.experiments.costs import Costs, growth, known_costs, pace_here
 from vidphys.experiments.forecast import START_SECONDS, forecast
 from vidphys.experiments.ladder import LADDER, cells_of
+from vidphys.experiments.pace import step_seconds
 from vidphys.experiments.study import run_unit, settings_of, units_of
 from vidphys.presets import PRESETS, preset
 from vidphys.runs.cost import Cost
 from vidphys.runs.folder import RunFolder
+from vidphys.runs.needs import Needs
 from vidphys.runs.schedule import makespan
 
 
@@ -99,6 +108,62 @@ def test_a_plan_is_printed_and_nothing_is_run(tmp_path, capsys, monkeypatch):
     assert not list(tmp_path.iterdir())
     assert main(["plan", "reproduce"]) == 2
     assert "name a table" in capsys.readouterr().err
+
+
+def at_pace(monkeypatch, pace):
+    """A machine that takes so many times as long as that of our times."""
+    seconds = pace * costs.step_seconds_of_ours()
+    monkeypatch.setattr(costs, "step_seconds", lambda _workers: seconds)
+
+
+def test_our_times_are_multiplied_by_this_machines_pace_and_measured_ones_are_not(monkeypatch):
+    at_pace(monkeypatch, 3)
+    cell = "ladder/oracle/factored"
+    (oracle,), (jepa,) = units("oracle/factored"), units("jepa/factored")
+    ours = [Costs.ours().of(unit, "quick", preset("quick"))[0].seconds for unit in (oracle, jepa)]
+    here = Costs({"quick": {cell: Cost(10.0)}}).or_else(Costs.ours(pace_here(2)))
+    found = forecast([oracle, jepa], "quick", preset("quick"), here, pace=pace_here(2))
+    assert found.seconds == pytest.approx([10.0, 3 * ours[1]])
+    assert found.wall(1) == pytest.approx(10 + 3 * ours[1] + 3 * START_SECONDS["local"])
+    assert "times 3, by a measure of this machine" in found.sentence(1)
+
+
+def test_a_plan_says_by_what_our_times_are_multiplied(monkeypatch, capsys):
+    told = {}
+    for pace in (1, 3):
+        at_pace(monkeypatch, pace)
+        assert main(["plan", "reproduce", "stability", "--json"]) == 0
+        told[pace] = json.loads(capsys.readouterr().out)
+        assert told[pace]["pace"] == pytest.approx(pace)
+    assert told[3]["seconds"] == pytest.approx(3 * told[1]["seconds"])
+
+
+def test_the_measure_of_a_machine_leaves_it_as_it_was():
+    before = torch.get_num_threads(), torch.random.get_rng_state()
+    children = children_of(os.getpid())
+    assert 0 < step_seconds(2) < 60
+    assert torch.get_num_threads() == before[0]
+    assert torch.equal(torch.random.get_rng_state(), before[1])
+    assert children_of(os.getpid()) == children
+
+
+def test_a_unit_needs_the_memory_that_it_was_seen_to_take(tmp_path, monkeypatch):
+    """In a run of the same preset; and of cards the share that the workers leave it."""
+    unit, other = units("oracle/factored", "renderer/factored")
+    settings = settings_of("ladder", "quick", TINY, [unit, other], [LADDER])
+    run = RunFolder.open(tmp_path / "run", settings)
+    table = pa.table({"seed": [0], "experiment": ["ladder"], "cell": list(unit.cells)})
+    table = table.append_column("device", pa.array(["cpu"]))
+    run.finish(unit.parts[0], table, table, cost=Cost(3.0, 2**30))
+    new = RunFolder.open(tmp_path / "new", settings)
+    options = StudyOptions(workers=2, measured=(run.path,))
+    needs = [work.needs for work in work_units(new, [unit, other], TINY, options)]
+    assert needs == [Needs(memory=2**30), Needs()]
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
+    on_cards = replace(options, workers=8, device="cuda")
+    assert [w.needs.gpu for w in work_units(new, [unit], TINY, on_cards)] == [0.25]
+    elsewhere = replace(on_cards, engine="ray", address="auto")
+    assert [w.needs.gpu for w in work_units(new, [unit], TINY, elsewhere)] == [0.125]
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import warnings
 from collections import Counter
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -15,7 +17,10 @@ import torch
 
 from dynamics import INTEGRATORS, EnergyWarning, PhaseState
 from dynamics.integrators import Integrator
+from tests.shared.serial import serially
 from vidphys.cli import main
+from vidphys.runs import pool
+from vidphys.runs.pool import WorkerLost
 from vidphys.stress import balance, baths, compiled, contacts, inputs, methods, orbits, pictures
 from vidphys.stress.bodies import Orbit, invariant_error
 from vidphys.stress.case import REFUSED, SILENT, SKIPPED, SOUND, WARNED, Case, Skip
@@ -169,7 +174,45 @@ def test_softened_orbits_are_sound_or_warned_of(shape: str) -> None:
         assert judge(short).verdict in (SOUND, WARNED)
 
 
-def test_the_verb_writes_records_verdicts_figures_and_a_report(tmp_path, capsys) -> None:
+def rows(run: Path) -> list[dict]:
+    kept = pq.read_table(run / "records.parquet").to_pylist()
+    return [{k: v for k, v in row.items() if k != "seconds"} for row in kept]
+
+
+def test_two_workers_record_what_one_process_does(tmp_path, monkeypatch) -> None:
+    command = ["stress", "--axes", "drive", "coincidence", "input", "--quiet", "--out"]
+    assert main([*command, str(tmp_path / "two"), "--workers", "2"]) == 0
+    monkeypatch.setattr(pool, "run_all", serially)
+    assert main([*command, str(tmp_path / "alone")]) == 0
+    assert rows(tmp_path / "two") == rows(tmp_path / "alone")
+    for run in ("two", "alone"):
+        logs = {log.stem: log.read_text() for log in (tmp_path / run / "logs").iterdir()}
+        assert logs.keys() == {"drive", "coincidence", "input"}
+        assert all("\ndone: " in re.sub(r"(?m)^\S+ ", "", log) for log in logs.values())
+
+
+def lost_at_coincidence(work, tasks, workers, show, finished, cards):
+    failures = serially(work, tasks[1:], workers, show, finished)
+    return [(0, WorkerLost("killed")), *((n + 1, error) for n, error in failures)]
+
+
+def test_a_family_whose_process_is_lost_is_named_and_the_others_are_judged(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    command = ["stress", "--out", str(tmp_path / "run"), "--axes", "drive", "coincidence"]
+    monkeypatch.setattr(pool, "run_all", lost_at_coincidence)
+    assert main([*command, "--quiet"]) == 1
+    assert "coincidence failed: WorkerLost" in capsys.readouterr().err
+    assert {row["grounding"] for row in rows(tmp_path / "run")} == {"drive"}
+    monkeypatch.setattr(pool, "run_all", serially)
+    assert main([*command, "--quiet"]) == 0
+    assert {row["grounding"] for row in rows(tmp_path / "run")} == {"drive", "coincidence"}
+
+
+def test_the_verb_writes_records_verdicts_figures_and_a_report(
+    tmp_path, capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr(pool, "run_all", serially)
     command = ["stress", "--out", str(tmp_path / "run"), "--axes", "drive", "--quiet"]
     assert main(command) == 0
     assert "figures A1-A30" in capsys.readouterr().out
@@ -189,6 +232,7 @@ def test_the_verb_writes_records_verdicts_figures_and_a_report(tmp_path, capsys)
 def test_the_verb_fails_where_a_cell_is_silently_wrong(tmp_path, monkeypatch, capsys) -> None:
     wrong = cell(lambda: 2.0)
     monkeypatch.setattr("vidphys.stress.matrix.baths.drive", lambda: iter([wrong]))
+    monkeypatch.setattr(pool, "run_all", serially)
     assert main(["stress", "--out", str(tmp_path / "run"), "--axes", "drive", "--quiet"]) == 1
     assert "silently wrong: axis/system" in capsys.readouterr().err
 
