@@ -25,7 +25,7 @@ from torch.nn import Linear
 
 from dynamics.activations import TANH
 from dynamics.compiled.episodes import Episodes, told
-from dynamics.compiled.head import PARTS, Backend, CompiledHead, refusal
+from dynamics.compiled.head import PARTS, Backend, CompiledHead, fastest, refusal
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Trajectory
 from dynamics.integrators import leapfrog
@@ -217,8 +217,8 @@ def _ready(head: CompiledHead, states: Tensor) -> tuple[Backend, Any]:
     key = head.backend, states.dtype, states.device, states.shape[-2:]
     if known := head.packed.get(key):
         return known
-    fastest: Backend = "triton" if states.device.type == "cuda" else "numba"
-    name = head.backend or ("torch" if refusal(head, fastest, states) else fastest)
+    best = fastest(states.device)
+    name = head.backend or ("torch" if refusal(head, best, states) else best)
     if trouble := refusal(head, name, states):
         raise ValueError(f"compiled model: backend '{name}' {trouble}")
     name = "torch" if states.shape[-2] < 2 else name

@@ -35,6 +35,26 @@ class Trajectory:
     reached: dict[str, float] | None = None
 
 
+@dataclass(frozen=True)
+class Report:
+    """What a spline was built for, and what it reached.
+
+    Args:
+        tolerance: of the force, as it was asked for.
+        error: as it was measured in the model's floating type; both are of
+            :class:`dynamics.compiled.build.Sample`.
+        resolution: of the spline, see its class.
+        reach: world units up to which it stands for the network.
+        size: bytes of its table in that type.
+    """
+
+    tolerance: float
+    error: float
+    resolution: int
+    reach: float
+    size: int
+
+
 Advance = Callable[[PhaseState, Parameters, float, Memory], tuple[PhaseState, Memory]]
 
 
@@ -63,11 +83,13 @@ class Head(nn.Module, ABC):
         dt: seconds of one application of a transition map, which has no other step; ``None``
             for a vector field, which may be stepped by any.
         domain: the largest :func:`dynamics.domain.extents` of the states it was trained on.
+        report: of a spline that stands for its network; ``None`` where it rolls by itself.
     """
 
     engine: ClassVar[Engine | None] = None
     dt: float | None = None
     domain: Tensor
+    report: Report | None = None
 
     def __init__(self) -> None:
         super().__init__()

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from dynamics import checks
 from dynamics.findings import Finding
-from dynamics.head import Head, Trajectory, stepped
+from dynamics.head import Head, Report, Trajectory, stepped
 from dynamics.state import Parameters, PhaseState
 from dynamics.substeps import Substepper, watched
 
@@ -38,6 +38,7 @@ class Rollout:
         split: steps of single episodes that were taken in such pieces.
         backend: what computed it, see :class:`dynamics.head.Trajectory`.
         fallbacks: pairs at which a compiled model asked its network, over all steps.
+        report: of the spline that stood for a network; ``None`` where the model itself was rolled.
     """
 
     states: PhaseState
@@ -50,6 +51,7 @@ class Rollout:
     backend: str = "torch"
     fallbacks: int = 0
     split: int = 0
+    report: Report | None = None
 
     @property
     def finite(self) -> Bool[Tensor, "*b"]:
@@ -148,7 +150,8 @@ def rollout(
     pieces, split = (stepper.pieces, stepper.split) if stepper else (0, 0)
     said = (*findings, *found)
     ran = path.backend, path.fallbacks
-    return Rollout(states, params, dt * every, first_bad, seed, said, pieces, *ran, split)
+    more = pieces, *ran, split, head.report
+    return Rollout(states, params, dt * every, first_bad, seed, said, *more)
 
 
 @contextmanager

@@ -12,31 +12,13 @@ from torch import Tensor
 from torch.nn.functional import max_pool1d
 
 from dynamics.compiled.spline import PairSpline, PlaneSpline, RadialSpline
+from dynamics.head import Report
 from dynamics.potentials import CORE, DisplacementPotential, PairPotential, RadialPotential
 
 RADIAL_RESOLUTIONS = (0, 1, 2, 3, 4, 5, 6)  # log2 of the pieces of an octave
 PLANE_RESOLUTIONS = (16, 32, 64, 128, 256)  # cells along a side
 RADII, DIRECTIONS = 2000, 12  # at which the force is compared
 NEIGHBOURS = 51  # radii over which the size of the force is taken: a third up and down
-
-
-@dataclass(frozen=True)
-class Report:
-    """What a spline was built for, and what it reached.
-
-    Args:
-        tolerance: of the force, as it was asked for.
-        error: as it was measured in the model's floating type, see :class:`Sample`.
-        resolution: of the spline, see its class.
-        reach: world units up to which it stands for the network.
-        size: bytes of its table in that type.
-    """
-
-    tolerance: float
-    error: float
-    resolution: int
-    reach: float
-    size: int
 
 
 def pair_spline(
@@ -52,8 +34,9 @@ def pair_spline(
     Raises:
         ValueError: no spline that is tried meets it; what the finest reaches is said.
     """
-    real = dtype_of(network)
-    exact = copy.deepcopy(network).double()
+    weight = next(network.parameters())
+    real, device = weight.dtype, weight.device
+    exact = copy.deepcopy(network).cpu().double()
     sample = Sample.of(exact, reach)
     radial = isinstance(network, RadialPotential)
     kind: Any = RadialSpline if radial else PlaneSpline
@@ -61,7 +44,8 @@ def pair_spline(
         spline: PairSpline = kind(exact, resolution, reach).to(real)
         error = sample.error(spline)
         if error <= tolerance:
-            return spline, Report(tolerance, error, resolution, reach, spline.table.nbytes)
+            report = Report(tolerance, error, resolution, reach, spline.table.nbytes)
+            return spline.to(device), report
     name = str(real).removeprefix("torch.")
     raise ValueError(
         f"compile_head: the finest spline ({resolution}) has a force error of {error:.1e} in "

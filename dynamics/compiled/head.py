@@ -12,10 +12,10 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from dynamics.compiled.build import Report, pair_spline
+from dynamics.compiled.build import pair_spline
 from dynamics.compiled.spline import PairSpline
 from dynamics.hamiltonian import Hamiltonian
-from dynamics.head import Head, Trajectory
+from dynamics.head import Head, Report, Trajectory
 from dynamics.integrators import YOSHIDA_WEIGHTS, leapfrog, yoshida4
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import DisplacementPotential, RadialPotential
@@ -114,8 +114,22 @@ def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
     """Why a backend cannot roll a model from positions ``(..., n, d)``; ``None`` where it can."""
     if backend == "torch":
         return None
-    if backend not in ("numba", "triton"):
+    if backend not in MOST_BODIES:
         return "is unknown; use torch, numba or triton"
+    if trouble := unfused(head, backend, states):
+        return trouble
+    if backend == "triton" and not isinstance(head.potential, PairSpline):
+        return "evaluates splines only; give a tolerance"
+    wanted = "cpu" if backend == "numba" else "cuda"
+    if states.device.type != wanted and not (backend == "triton" and interpreted()):
+        return f"needs states on {wanted}, these are on {states.device.type}"
+    if not installed(backend):
+        return f"is not installed; install {backend}"
+    return None
+
+
+def unfused(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
+    """Why the loops of a backend cannot roll a model or its spline, on whatever machine."""
     if not isinstance(head.kinetic, FixedKinetic) or len(head.ports):
         return "rolls |p|^2 / 2m and a pair law, with no ports and no learned kinetic energy"
     if not isinstance(head.potential, (PairSpline, *_COMPILED)):
@@ -125,17 +139,13 @@ def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
     bodies, space = states.shape[-2:]
     if space != 2:
         return f"rolls bodies in a plane, these are in {space} dimensions"
-    if backend == "triton" and not isinstance(head.potential, PairSpline):
-        return "evaluates splines only; give a tolerance"
     most = MOST_BODIES[backend]
-    if bodies > most:
-        return f"holds at most {most} bodies, got {bodies}"
-    wanted = "cpu" if backend == "numba" else "cuda"
-    if states.device.type != wanted and not (backend == "triton" and interpreted()):
-        return f"needs states on {wanted}, these are on {states.device.type}"
-    if not installed(backend):
-        return f"is not installed; install {backend}"
-    return None
+    return f"holds at most {most} bodies, got {bodies}" if bodies > most else None
+
+
+def fastest(device: torch.device) -> Backend:
+    """The backend whose loops run where states lie."""
+    return "triton" if device.type == "cuda" else "numba"
 
 
 @lru_cache

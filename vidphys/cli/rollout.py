@@ -32,7 +32,8 @@ class RolloutConfig:
     --beyond 1.2 --reach 310 240 --body 2 (after 1.2 seconds, in the units below).
 
     Writes rollout.npz (positions as a camera without drift sees them, in the units of the
-    training's labels or of the tracks) and a recording for `vidphys view`.
+    training's labels or of the tracks) and a recording for `vidphys view`. A learned pair law is
+    compiled into a spline for a long rollout, as run.json says.
 
     Args:
         run: folder of a finished `vidphys fit` or `vidphys train`.
@@ -152,7 +153,10 @@ def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
             raise InputError(f"{config.input}: {error}") from error
         _write(run.path / "rollout.npz", reading, changed)
         run.tell(
-            flags={x.name: {**asdict(x), "raised": x.raised, "said": str(x)} for x in reading.flags}
+            rolled={k: x.ran and asdict(x.ran) for k, x in named(reading.rollout, changed)},
+            flags={
+                x.name: {**asdict(x), "raised": x.raised, "said": str(x)} for x in reading.flags
+            },
         )
         extent = pipeline.reader.half_extent
         with console.drawing("the recording"):

@@ -14,7 +14,7 @@ from dynamics import Head, Parameters, PhaseState
 from dynamics.potentials import PairPotential
 from vidphys.errors import InputError
 from vidphys.opened import Run, open_run
-from vidphys.play.stage import AT_ONCE, Stage, View, quick
+from vidphys.play.stage import AT_ONCE, Stage, View
 from vidphys.scenes import SCENES, Scene
 from vidphys.seeding import derive
 
@@ -96,10 +96,9 @@ class LadderSource:
 
         _known(name, self.names)
         cell, seed = self.seeds[name]
-        asked, learned = CELLS[cell], self.run.head(cell, seed)
+        asked, learned = CELLS[cell], self.run.head(cell, seed).requires_grad_(False)
         scene = asked.scene()  # type: ignore[attr-defined]
-        compiled, notes = quick(learned.requires_grad_(False))
-        held_out = self.episodes
+        held_out, notes = self.episodes, tuple[str, ...]()
         if isinstance(asked, OracleCell):
             held_out = self.run.settings["sizes"]["oracle"]["held_out"]
         question = held_out_question(scene, held_out, seed)
@@ -109,7 +108,7 @@ class LadderSource:
             new, law = _starts(scene, more, seed)
             start = PhaseState(torch.cat([start.q, new.q]), torch.cat([start.p, new.p]))
             params = Parameters.cat([params, law])
-            notes = (*notes, f"Episodes from {held_out} on were made for this page.")
+            notes = (f"Episodes from {held_out} on were made for this page.",)
         rung, own, at = parts_of(cell)
         twin = None
         other = f"{rung}/{TWIN}" + (f"@{at}" if at else "")
@@ -120,7 +119,8 @@ class LadderSource:
             notes = (*notes, "Rolled from true states: what this rung sees is not asked here.")
         start, params = start.map(torch.Tensor.float), params.map(torch.Tensor.float)
         dt = question.step_of(learned)
-        return Stage(name, learned, start, params, dt, scene, compiled, twin, notes=notes)
+        stage = Stage(name, learned, start, params, dt, scene, twin=twin, notes=notes)
+        return stage.compiled()
 
 
 @dataclass(frozen=True)
@@ -157,21 +157,20 @@ class FitSource:
         units = fitted.units
         view = View(units.length, units.seconds, torch.from_numpy(fitted.origin))
         coupled = any(isinstance(part, PairPotential) for part in fitted.head.modules())
-        compiled, notes = quick(fitted.head.requires_grad_(False))
         told = "From the last frame of the tracks on. Grey: the law that held."
         dt = model_step(fitted.interval / units.seconds)[0]
-        return Stage(
+        stage = Stage(
             name,
-            fitted.head,
+            fitted.head.requires_grad_(False),
             start,
             law,
             dt,
-            quick=compiled,
             view=view,
             coupled=coupled,
             seen=fitted.seen,
-            notes=(told, *notes),
+            notes=(told,),
         )
+        return stage.compiled()
 
 
 @dataclass(frozen=True)
@@ -215,19 +214,18 @@ class TrainingSource:
         twin = dynamics.heads[TWIN].requires_grad_(False) if name != TWIN else None
         start, params = read.state.map(torch.Tensor.float), read.law.map(torch.Tensor.float)
         head = dynamics.heads[name].requires_grad_(False)
-        compiled, notes = quick(head)
         told = f"From the last frame of {self.clip.name} on. Grey: the law that held."
-        return Stage(
+        stage = Stage(
             name,
             head,
             start,
             params,
             dynamics.dt,
-            quick=compiled,
             twin=None if twin is None else (twin, dynamics.dt),
             view=View(chart=chart),
-            notes=(told, *notes),
+            notes=(told,),
         )
+        return stage.compiled()
 
 
 def source_of(

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from dynamics import INTEGRATORS, Head, Parameters, PhaseState
-from dynamics.compiled import CompiledHead, compile_head
+from dynamics.compiled import CompiledHead, form_of
 from dynamics.compiled.head import PARTS
 from vidphys.data.charts import Chart
 from vidphys.errors import InputError
@@ -94,6 +94,13 @@ class Stage:
     def episodes(self) -> int:
         """How many starts there are."""
         return len(self.start.q)
+
+    def compiled(self) -> Stage:
+        """The same with the model also in the form that rolls fastest, or a note of why not."""
+        form = form_of(self.head, self.start, self.params, None, self.dt, substeps=False)
+        if isinstance(form.head, CompiledHead):
+            return replace(self, quick=form.head)
+        return replace(self, notes=(*self.notes, f"not compiled, and slower for it: {form.why}"))
 
     def part(self, episode: int) -> tuple[int, Stage]:
         """The :data:`AT_ONCE` episodes among which one is, and the number of the first of them.
@@ -217,15 +224,6 @@ class Stage:
         if not self.coupled:
             raise InputError("play: coupling: this model has no force between its bodies")
         return replace(law, params=law.params.with_coupling(asked.coupling))
-
-
-def quick(head: Head) -> tuple[CompiledHead | None, tuple[str, ...]]:
-    """A model in the form that rolls fastest, or why there is none."""
-    try:
-        return compile_head(head), ()
-    except ValueError as error:
-        why = str(error).removeprefix("compile_head: ")
-        return None, (f"not compiled, and slower for it: {why}",)
 
 
 def _plain(x: Tensor) -> Any:

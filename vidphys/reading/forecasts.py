@@ -11,6 +11,7 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, Parameters, PhaseState, rollout
+from dynamics.compiled import Report, form_of
 from readouts.differencing import central_difference
 from vidphys.data.evenness import JITTER, evenly, jitter
 from vidphys.errors import InputError
@@ -22,6 +23,21 @@ SAME_RATE = 0.02
 
 
 @dataclass(frozen=True)
+class Ran:
+    """What computed a rollout: the trained model as it is, or a spline that stands for it.
+
+    Args:
+        backend: see :class:`dynamics.head.Trajectory`.
+        spline: how near its force is, and how near it had to be; ``None`` without one.
+        why: there is none, in words.
+    """
+
+    backend: str
+    spline: Report | None
+    why: str
+
+
+@dataclass(frozen=True)
 class Forecast:
     """A rollout in the picture.
 
@@ -30,12 +46,14 @@ class Forecast:
         positions: world units ``(r, n, 2)``, as seen by a camera without drift.
         findings: what is wrong with it, in words.
         push: that a body was given at the start, where one was looked for.
+        ran: what computed it, where a model did.
     """
 
     times: Tensor
     positions: Tensor
     findings: tuple[str, ...] = ()
     push: Push | None = None
+    ran: Ran | None = None
 
 
 def state_at(head: Head, clip: Followed, end: int, dynamics: Dynamics) -> PhaseState:
@@ -99,11 +117,13 @@ def forecast(
         start = push.state.map(lambda x: x.to(law.mass.dtype))
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        rolled = rollout(head, start, law, steps, dt)
+        form = form_of(head, start, law, steps, dt)
+        rolled = rollout(form.head, start, law, steps, dt)
     coordinates = rolled.states.q[0]
     times = began + dt * torch.arange(len(coordinates), dtype=torch.float64)
     said = tuple(" ".join(str(each.message).split()) for each in found)
-    return Forecast(times, dynamics.chart.place(coordinates), said, push)
+    ran = Ran(rolled.backend, rolled.report, form.why)
+    return Forecast(times, dynamics.chart.place(coordinates), said, push, ran)
 
 
 def forecast_error(found: Forecast, track: Tracks, frames: Tensor) -> float:

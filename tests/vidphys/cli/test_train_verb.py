@@ -396,6 +396,10 @@ class TestRollout:
         apart = {}
         for name, *more in asked:
             assert rollout(run, clip, tmp_path / name, *more) == 0
+            ran = json.loads((tmp_path / name / "run.json").read_text())["rolled"]
+            assert list(ran) == ["the law that held", "the changed law"]
+            for each in ran.values():
+                assert each["spline"] is None and "too few for a spline" in each["why"]
             with np.load(tmp_path / name / "rollout.npz") as found:
                 assert found["times"].shape == (FRAMES,) and found["track"].shape == (FRAMES, 1, 2)
                 np.testing.assert_array_equal(found["rollout"][0], found["changed"][0])

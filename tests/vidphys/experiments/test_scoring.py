@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from dynamics import HEADS, PhaseState
+from dynamics.compiled import choice
 from vidphys import metrics
 from vidphys.experiments.core import scoring
 from vidphys.experiments.core.dissipation import score_retrace
@@ -85,6 +86,49 @@ def test_a_longer_rollout_that_is_there_gives_the_same_numbers(monkeypatch):
     assert asks[0] == asks[1] + 3
     for kind in (0, 1):
         assert tables[0][kind].equals(tables[1][kind])
+
+
+@pytest.mark.parametrize("name", ["factored", "factored-radial"])
+def test_a_spline_answers_as_its_network_and_the_record_says_which_did(name, monkeypatch):
+    scene = gravity()
+    start, params = scene.sample(8, torch.Generator().manual_seed(0))
+    asked = Question(scene, start, start, params, steps=100)
+    torch.manual_seed(0)
+    head = scene.build(HEADS[name])
+    with torch.no_grad():
+        head.potential.phi.layers[-1].weight *= 8  # forces of order one
+    found = {}
+    for form, pays in (("network", choice.PAYS), ("spline", 1)):
+        monkeypatch.setattr(choice, "PAYS", pays)
+        recorder = new_recorder()
+        score_inversion(recorder, head, asked)
+        score_drift(recorder, head, asked, (100, 200))
+        rows = recorder.rows
+        found[form] = {(r["metric"], r["coupling"], r["horizon"]): r["value"] for r in rows}
+    network, spline = found["network"], found["spline"]
+    for law, steps in ((-0.5, 100), (-1.0, 100), (-1.5, 100), (None, 200)):
+        assert (network["compiled", law, steps], spline["compiled", law, steps]) == (0, 1)
+        assert 0 < spline["compiled_force_error", law, steps] <= choice.TOLERANCE
+        assert spline["compiled_tolerance", law, steps] == choice.TOLERANCE
+    assert not [key for key in network if key[0].startswith("compiled_")]
+    for key, value in network.items():
+        if value is None:
+            assert spline[key] is None, key
+        elif key[0] != "compiled":
+            near = pytest.approx(value, rel=20 * choice.TOLERANCE, abs=choice.TOLERANCE)
+            assert spline[key] == near, key
+
+
+def test_a_model_that_is_read_back_is_rolled_to_the_same_bits(monkeypatch):
+    scene = gravity()
+    start, params = scene.sample(8, torch.Generator().manual_seed(0))
+    asked = Question(scene, start, start, params, steps=20)
+    monkeypatch.setattr(choice, "PAYS", 1)
+    heads = [scene.build(HEADS["factored"]) for _ in range(2)]
+    heads[1].load_state_dict(heads[0].state_dict())
+    one, two = (asked.ask(head, 100) for head in heads)
+    assert one.report is not None and one.report == two.report
+    assert torch.equal(one.states.flat, two.states.flat)
 
 
 @pytest.mark.parametrize(("sound", "status"), [(1, "failed"), (2, "ok")])

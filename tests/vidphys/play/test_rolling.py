@@ -1,18 +1,18 @@
 """The page gets what Python rolls, under the law, the start and the step that it asked."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
 from torch import Generator
 
-from dynamics import HEADS, INTEGRATORS, build, rollout
+from dynamics import HEADS, INTEGRATORS, build, rollout, terms
 from dynamics.substeps import watched
 from vidphys.errors import InputError
 from vidphys.play import Asked, Stage, answers, source_of, stage, survey, surveys
 from vidphys.play.pieces import in_pieces
 from vidphys.play.rolling import Kept, begun, of_model
-from vidphys.play.stage import quick
 from vidphys.scenes import gravity
 
 STEPS = 60
@@ -58,9 +58,7 @@ def test_the_model_is_rolled_as_python_does_under_the_law_that_is_asked():
 
 
 def test_a_law_that_the_step_may_not_resolve_is_rolled_at_once_and_said():
-    torch.manual_seed(0)
-    compiled, _ = quick(build(HEADS["factored"], bodies=3, dt=0.002))
-    stage = a_stage(quick=compiled)
+    stage = a_stage().compiled()
     question = asked(factors={"mass1": 5.0, "mass2": 5.0}, coupling=50.0, dt=0.5)
     start, law, how = begun(stage, question)
     assert watched(law.head, start, law.params, how.dt)  # which rollout would take in pieces
@@ -69,11 +67,9 @@ def test_a_law_that_the_step_may_not_resolve_is_rolled_at_once_and_said():
 
 
 def test_the_compiled_form_gives_the_same_to_its_tolerance():
-    torch.manual_seed(0)
-    learned = build(HEADS["factored"], bodies=3, dt=0.002)
-    compiled, notes = quick(learned)
-    stage = a_stage(quick=compiled)
-    assert compiled is not None and not notes
+    stage = a_stage().compiled()
+    learned, compiled = stage.head, stage.quick
+    assert compiled is not None and not stage.notes
     fast, about = whole(stage, asked(coupling=-1.0), "model")
     slow = rollout(learned, stage.start, stage.params.with_coupling(-1.0), STEPS, stage.dt)
     assert about["backend"] == "numba"
@@ -83,11 +79,21 @@ def test_the_compiled_form_gives_the_same_to_its_tolerance():
 
 
 def test_a_compiled_form_is_left_for_an_integrator_that_it_does_not_have():
-    stage = a_stage(quick=quick(build(HEADS["factored"], bodies=3, dt=0.002))[0])
+    stage = a_stage().compiled()
     _, about = whole(stage, asked(integrator="rk4"), "model")
     assert about["backend"] == "torch"
     _, about = whole(stage, asked(integrator="yoshida4"), "model")
     assert about["backend"] == "numba"
+
+
+def test_friction_can_be_taken_from_a_pair_law_which_is_not_compiled_with_it():
+    torch.manual_seed(0)
+    term = replace(HEADS["factored-radial"], ports=(terms.LinearFriction(),))
+    stage = replace(a_stage(), head=build(term, 3, 0.002).requires_grad_(False)).compiled()
+    assert stage.quick is None and "with no ports" in stage.notes[0]
+    free, _ = whole(stage, asked(factors={"friction": 0.0}), "model")
+    rubbed, _ = whole(stage, asked(), "model")
+    assert not torch.allclose(free, rubbed, atol=1e-5)
 
 
 def test_the_truth_and_the_twin_stand_beside_it_under_the_same_law():

@@ -1,13 +1,15 @@
 """What is fitted to tracks and where it goes: charts, stretches, forecasts, on known motion."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from binders import Tracks
-from dynamics import Parameters, rollout, terms
+from dynamics import HEADS, Parameters, PhaseState, build, rollout, terms
+from dynamics.compiled.choice import FEW, PAYS, TOLERANCE
 from vidphys.data.charts import Curve, Plane, chart_from_config, chart_of
 from vidphys.errors import InputError
 from vidphys.reading.clip_dynamics import (
@@ -162,3 +164,22 @@ def test_curves_survive_json():
     curve = chart_of(pendulum().positions[0])
     assert all(isinstance(x, float) for x in curve.to_config()["bend"])
     np.testing.assert_array_equal(chart_from_config(curve.to_config()).bend, curve.bend)
+
+
+def test_a_long_forecast_of_a_pair_law_is_its_splines_and_says_so():
+    plain = HEADS["factored-radial"]
+    rubbed = replace(plain, ports=(terms.LinearFriction(),))
+    start = PhaseState(torch.tensor([[[0.0, 0.0], [1.0, 0.5]]]), torch.zeros(1, 2, 2))
+    seconds, said = -(-PAYS // FEW) * step.HEAD_DT, {}
+    for name, term, whole in (("long", plain, 1), ("short", plain, 0.5), ("rubbed", rubbed, 1)):
+        torch.manual_seed(0)
+        head = build(term, 2, step.HEAD_DT)
+        dynamics = Dynamics(Plane(), 0.1, {}, {})
+        found = forecast(head, start, law(2), dynamics, 0.0, whole * seconds)
+        exact = rollout(head, start, law(2), 200, step.HEAD_DT).states.q[0].double()
+        torch.testing.assert_close(found.positions[:201], exact, rtol=1e-4, atol=1e-4)
+        said[name] = found.ran
+    assert said["long"].spline.error <= said["long"].spline.tolerance == TOLERANCE
+    assert (said["long"].backend, said["long"].why) == ("numba", "")
+    assert said["short"].spline is None and "too few for a spline" in said["short"].why
+    assert said["rubbed"].spline is None and "with no ports" in said["rubbed"].why

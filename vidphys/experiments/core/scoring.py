@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from dynamics import Head, Parameters, PhaseState, Rollout, rollout
+from dynamics.compiled import form_of
 from vidphys import metrics
 from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
@@ -69,11 +70,15 @@ class Question:
     def ask(
         self, head: Head, steps: int, params: Parameters | None = None, substeps: bool = True
     ) -> Rollout:
-        """The head's rollout over ``steps`` reference steps, in its own step and precision."""
+        """The head's rollout over ``steps`` reference steps, in its own step and precision.
+
+        A long one of a learned pair law is its spline's: see :mod:`dynamics.compiled.choice`.
+        """
         start, law = suited((self.start, self.params if params is None else params), head)
         dt = self.step_of(head)
         every = round(self.every * self.scene.dt / dt)
         count = steps // self.every * every
+        head = form_of(head, start, law, count, dt, substeps).head
         return moved(rollout(head, start, law, count, dt, every, substeps=substeps), CPU)
 
     def reference(self, params: Parameters, steps: int | None = None) -> Rollout:
@@ -147,7 +152,9 @@ def score_changed_law(
         label: what the records' column ``coupling`` says.
     """
     steps = question.steps
-    predicted = question.ask(head, steps, changed).states
+    rolled = question.ask(head, steps, changed)
+    record_form(recorder, rolled, label, steps)
+    predicted = rolled.states
     reference = question.reference(changed).states
     default = question.reference(usual).states
     straight = question.straight_lines().states
@@ -167,6 +174,29 @@ def score_changed_law(
     recorder.add_episodes(
         "inversion_nmse", metrics.episode_nmse(predicted, reference), label, steps
     )
+
+
+def record_form(
+    recorder: Recorder, rolled: Rollout, label: float | None, steps: int, kind: str = ""
+) -> None:
+    """Whether a spline stood for the head, how near its force is, and how near it had to be.
+
+    Args:
+        recorder: gets ``compiled``, 0 or 1, and of a spline ``compiled_force_error`` and
+            ``compiled_tolerance``, both relative, see :class:`dynamics.compiled.build.Sample`.
+        rolled: says what was rolled.
+        label: what the records' column ``coupling`` says.
+        steps: reference steps up to which it was scored.
+        kind: ends the names, of rollouts of another kind.
+    """
+    report, episodes = rolled.report, len(rolled.states.q)
+    numbers = {"compiled": float(report is not None)}
+    if report is not None:
+        numbers["compiled_force_error"] = report.error
+        numbers["compiled_tolerance"] = report.tolerance
+    for name, value in numbers.items():
+        summary = metrics.Summary(value, metrics.OK, episodes, 0)
+        recorder.add(f"{name}{kind}", summary, label, steps)
 
 
 def score_start(
@@ -200,6 +230,7 @@ def score_fixed_step(recorder: Recorder, head: Head, question: Question, rolled:
     whole = steps * episodes * round(rolled.dt / question.step_of(head))
     recorder.add_value("steps_in_pieces", rolled.split / max(1, whole))
     fixed = question.ask(head, DRIFT_STEPS[-1], substeps=False)
+    record_form(recorder, fixed, None, DRIFT_STEPS[-1], "_fixed_step")
     drift = _drift(question, fixed)
     for horizon in DRIFT_STEPS:
         at = drift[:, horizon // question.every]
@@ -238,6 +269,7 @@ def score_drift(
         rolled: the head under the law that held, at least as long; rolled here where not given.
     """
     rolled = question.ask(head, horizons[-1]) if rolled is None else rolled
+    record_form(recorder, rolled, None, horizons[-1])
     drift = _drift(question, rolled)
     for horizon in horizons:
         at = drift[:, horizon // question.every]
@@ -283,6 +315,7 @@ def score_long_drift(
         rolled: the head over ``LONG_STEPS`` under the law that held; rolled here where not given.
     """
     rolled = question.ask(head, LONG_STEPS) if rolled is None else rolled
+    record_form(recorder, rolled, None, LONG_STEPS)
     drift = _drift(question, rolled)
     at = drift[:, -1]
     recorder.add("energy_drift_median", metrics.median(at), None, LONG_STEPS)
