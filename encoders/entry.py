@@ -1,23 +1,27 @@
 """The tensors of one entry of a feature store, written as they are made.
 
-It is what safetensors writes of ``times`` and ``values``, byte for byte, with no value held.
+It is what safetensors writes of ``times`` and ``values``, byte for byte, with no value held. Values
+in eight bits are followed by their scales and means, which are held until then.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from encoders.arrays import as_kept, as_times, header
+import numpy as np
+
+from encoders.arrays import as_kept, as_times, fewer_cells, header
 from encoders.grid import stride_of
 from encoders.manifests import SCHEMA_VERSION, FeatureRequest
+from encoders.quantised import EIGHT, quantised
 from registry.seal import sealed
 
 if TYPE_CHECKING:
-    import numpy as np
     from torch import Tensor
 
 
@@ -45,12 +49,15 @@ class EntryFile:
         file: empty.
         origin: of the features.
         dtype: of the values, by its name.
+        most: cells on a side that maps are pooled to at most; as they are where not given.
     """
 
-    def __init__(self, file: BinaryIO, origin: Origin, dtype: str) -> None:
+    def __init__(self, file: BinaryIO, origin: Origin, dtype: str, most: int | None = None) -> None:
         self.origin, self.times, self.dtype = origin, as_times(origin.times), dtype
-        self.grid: tuple[int, ...] = ()
+        self.most, self.grid = most, tuple[int, ...]()
         self.file, self._hash, self._frames, self._bytes = file, hashlib.sha256(), 0, 0
+        self._beside: list[tuple[np.ndarray, np.ndarray]] = []  # scale and mean of each piece
+        self._lost = self._whole = 0.0  # squares, of what eight bits lost and of all
 
     def add(self, piece: Tensor | np.ndarray) -> None:
         """Append ``(f, c, h, w)``.
@@ -58,7 +65,7 @@ class EntryFile:
         Raises:
             ValueError: values that the dtype cannot hold.
         """
-        values = as_kept(piece, self.dtype)
+        values = self._kept(piece)
         if values is None:
             raise ValueError(
                 f"feature store: features of {self.origin.source} are not finite in "
@@ -71,8 +78,8 @@ class EntryFile:
         self._put(values.tobytes())
         self._frames += len(values)
 
-    def about(self) -> dict[str, Any]:
-        """What a manifest says of it once all is there.
+    def finished(self) -> dict[str, Any]:
+        """Write what comes last; what a manifest says of the file, which is whole.
 
         Raises:
             ValueError: fewer or more feature frames than times.
@@ -82,11 +89,34 @@ class EntryFile:
                 f"feature store: {self._frames} feature frames of {self.origin.source} came in, "
                 f"and {len(self.times)} times"
             )
+        for part in zip(*self._beside, strict=True):
+            for values in part:
+                self._put(values.tobytes())
+        error = math.sqrt(self._lost / self._whole) if self._whole else 0.0
         return {
             "shape": [self._frames, *self.grid],
             "bytes": self._bytes,
             "sha256": self._hash.hexdigest(),
+            **({"stored_error": float(f"{error:.3g}")} if self.dtype == EIGHT else {}),
         }
+
+    def _kept(self, piece: Tensor | np.ndarray) -> np.ndarray | None:
+        """The values of a piece as they are written."""
+        if self.most is None and self.dtype != EIGHT:
+            return as_kept(piece, self.dtype)
+        whole = as_kept(piece, "float32")
+        if whole is None:
+            return None
+        if self.most is not None:
+            whole = fewer_cells(whole, self.most)
+        return self._in_eight_bits(whole) if self.dtype == EIGHT else as_kept(whole, self.dtype)
+
+    def _in_eight_bits(self, whole: np.ndarray) -> np.ndarray:
+        kept = quantised(whole)
+        self._beside.append((kept.scale, kept.mean))
+        self._lost += _square(kept.numbers() - whole)
+        self._whole += _square(whole)
+        return kept.values
 
     def _put(self, data: bytes) -> None:
         self._hash.update(data)
@@ -98,12 +128,16 @@ def manifest_of(request: FeatureRequest, file: EntryFile) -> dict[str, Any]:
     manifest = {
         "schema_version": SCHEMA_VERSION,
         "source": file.origin.source,
-        "request": asdict(request),
+        "request": request.told,
         "made": dict(file.origin.made),
         "stride": list(stride_of(file.origin.size, file.grid)),
-        **file.about(),
+        **file.finished(),
     }
     return sealed(manifest)
+
+
+def _square(values: np.ndarray) -> float:
+    return float(np.square(values, dtype=np.float64).sum())
 
 
 class Entries:

@@ -120,7 +120,7 @@ class LooseEntries:
             for request, partial in partials.items():
                 opening.callback(partial.unlink, missing_ok=True)
                 file = opening.enter_context(partial.open("wb"))
-                files.append(EntryFile(file, origin, request.dtype))
+                files.append(EntryFile(file, origin, request.dtype, request.grid))
             stack = opening.pop_all()
 
         def keep() -> None:

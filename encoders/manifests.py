@@ -29,7 +29,8 @@ class FeatureRequest:
         frames: indices of the frames, counted by decoding.
         times: seconds of each frame.
         frame_size: (height, width) of the frames that the encoder was given.
-        dtype: of the stored values.
+        dtype: of the stored values; ``int8`` has a scale and a mean for each channel.
+        grid: cells on a side that maps are pooled to at most; as they are where not given.
     """
 
     encoder: EncoderIdentity
@@ -37,12 +38,19 @@ class FeatureRequest:
     frames: tuple[int, ...]
     times: tuple[float, ...]
     frame_size: tuple[int, int]
-    dtype: Literal["float16", "bfloat16", "float32"] = "float16"
+    dtype: Literal["float16", "bfloat16", "float32", "int8"] = "float16"
+    grid: int | None = None
+
+    @cached_property
+    def told(self) -> dict[str, Any]:
+        """What a manifest says of it: without a grid as before there were any."""
+        told = asdict(self)
+        return told if self.grid is not None else {k: v for k, v in told.items() if k != "grid"}
 
     @cached_property
     def key(self) -> str:
         """SHA-256 of the request, the name of its files."""
-        text = json.dumps(asdict(self), sort_keys=True)
+        text = json.dumps(self.told, sort_keys=True)
         return hashlib.sha256(f"{KEYED}:{text}".encode()).hexdigest()
 
 

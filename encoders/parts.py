@@ -84,7 +84,7 @@ class Part:
             for request in requests:
                 spool = opening.enter_context(SpooledTemporaryFile(HELD))
                 file = cast(BinaryIO, spool)
-                files.append(EntryFile(file, origin, request.dtype))
+                files.append(EntryFile(file, origin, request.dtype, request.grid))
             stack = opening.pop_all()
 
         def keep() -> None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -122,7 +121,9 @@ class FeatureStore:
         return () if found is None else tuple(found[0]["shape"])
 
     def read(self, request: FeatureRequest) -> FeatureMap | None:
-        """The features of ``request``, memory-mapped, or ``None`` where the store has none.
+        """The features of ``request``, or ``None`` where the store has none.
+
+        They are memory-mapped; those in eight bits become float32 in memory.
 
         Raises:
             StaleFeatures: the entry is damaged, or of another schema.
@@ -146,7 +147,7 @@ class FeatureStore:
             return None
         manifest, opened = found
         path = self.loose.path(request.key)
-        if manifest["request"] != json.loads(json.dumps(asdict(request))):
+        if manifest["request"] != json.loads(json.dumps(request.told)):
             raise StaleFeatures(f"feature store: {path} was edited; delete it to extract again")
         try:
             return opened(), manifest["stride"]

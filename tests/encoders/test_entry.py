@@ -30,7 +30,7 @@ def test_the_same_bytes(
             for piece in values.split(2):
                 entry.add(form(piece))
         assert pieces.read_bytes() == whole.read_bytes()
-        assert entry.about() == {
+        assert entry.finished() == {
             "shape": list(shape),
             "bytes": whole.stat().st_size,
             "sha256": hashlib.sha256(whole.read_bytes()).hexdigest(),
@@ -55,6 +55,6 @@ def test_what_does_not_fit(tmp_path: Path) -> None:
                 entry.add(piece)
         entry.add(torch.ones(2, 1, 1, 1))
         with pytest.raises(ValueError, match="2 feature frames of clip.mp4 came in, and 3 times"):
-            entry.about()
+            entry.finished()
     for bad in (3.4e38, np.inf, -np.inf, np.nan):
         assert as_kept(np.full(1, bad), "bfloat16") is None

@@ -1,4 +1,7 @@
-"""Cheaper ways to keep features, whose cost in what is read from them a probe measures."""
+"""Cheaper ways to keep features, whose cost in what is read from them a probe measures.
+
+They are those of a feature store: what is measured here is what `vidphys extract` then keeps.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,11 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn import functional
 
-LEVELS = 127  # of 8 bits, on either side of zero
+from encoders.arrays import bytes_kept, fewer_cells
+from encoders.quantised import quantised
+
 FEWER = 4  # cells on a side
-SCALE_BYTES, MEAN_BYTES = 2, 4  # of a channel's scale and mean, a float16 and a float32
 
 
 @dataclass(frozen=True)
@@ -33,54 +36,42 @@ class Keeping:
 
 
 def in_eight_bits(maps: Float[Tensor, "e c h w"]) -> Float[Tensor, "e c h w"]:
-    """Rounded to 8 bits around each channel's mean over cells, which stays as it is.
-
-    Motion lies in small changes of that mean, below a step of the loudest cell. So what is kept
-    beside the bits is the mean less that of the bits: together they give the true mean, whatever
-    was rounded.
-
-    Example:
-        >>> maps = torch.tensor([[[[227.0, 131.6, 40.4, 1.0]]]])  # one channel, of mean 100
-        >>> kept = in_eight_bits(maps)
-        >>> [round(x, 1) for x in kept.flatten().tolist()], round(float(kept.mean()), 4)
-        ([227.0, 132.0, 40.0, 1.0], 100.0)
-    """
-    whole = maps.float()
-    apart = whole - whole.mean((-2, -1), keepdim=True)
-    scale = apart.abs().amax((-2, -1), keepdim=True) / LEVELS
-    scale = scale.half().float().clamp_min(torch.finfo(torch.float16).tiny)
-    bits = (apart / scale).round().clamp(-LEVELS, LEVELS) * scale
-    return bits + (whole - bits).mean((-2, -1), keepdim=True)
+    """As a feature store of int8 gives them back; see :mod:`encoders.quantised`."""
+    return torch.from_numpy(quantised(maps.float().cpu().numpy()).numbers())
 
 
 def in_fewer_cells(maps: Float[Tensor, "e c h w"]) -> Float[Tensor, "e c h2 w2"]:
     """The mean over blocks of cells, :data:`FEWER` blocks on a side at most."""
-    return functional.adaptive_avg_pool2d(maps.float(), _fewer(*maps.shape[-2:]))
+    return torch.from_numpy(fewer_cells(maps.float().cpu().numpy(), FEWER))
 
 
-def _fewer(height: int, width: int) -> tuple[int, int]:
-    return min(height, FEWER), min(width, FEWER)
+def _stored(dtype: str, most: int | None = None) -> Callable[[int, int, int], int]:
+    """Bytes that a feature store has of an example, but for its file's header."""
 
+    def size(channels: int, height: int, width: int) -> int:
+        sides = (min(side, most or side) for side in (height, width))
+        return bytes_kept((channels, *sides), dtype)
 
-def _as_bytes(channels: int, height: int, width: int) -> int:
-    return channels * (height * width + SCALE_BYTES + MEAN_BYTES)
+    return size
 
 
 KEPT = {
     keeping.name: keeping
     for keeping in (
-        Keeping("int8", "8 bits, a scale and a mean for each channel", in_eight_bits, _as_bytes),
+        Keeping(
+            "int8", "8 bits, a scale and a mean for each channel", in_eight_bits, _stored("int8")
+        ),
         Keeping(
             f"{FEWER}x{FEWER}",
             "the mean over blocks of cells, 16 bits",
             in_fewer_cells,
-            lambda c, h, w: 2 * c * _fewer(h, w)[0] * _fewer(h, w)[1],
+            _stored("float16", FEWER),
         ),
         Keeping(
             f"{FEWER}x{FEWER}-int8",
             "both",
             lambda maps: in_eight_bits(in_fewer_cells(maps)),
-            lambda c, h, w: _as_bytes(c, *_fewer(h, w)),
+            _stored("int8", FEWER),
         ),
     )
 }
