@@ -47,7 +47,10 @@ class ExtractConfig(SeeingOptions):
         fast: compute in bfloat16 where that is faster here; its error is told, and recorded.
         batch: frames, or windows of a video encoder, per forward pass.
         runtime: what computes the network, for encoders that have a choice.
-        store_dtype: of the values on disk.
+        store_dtype: of the values on disk; int8 has 8 bits a cell, and each channel's mean over
+            cells as it is. What was lost stands in each entry's manifest.
+        grid: cells on a side that maps are pooled to at most before they are stored; such entries
+            are others than those of whole maps.
         shared: share the work with all who run the same command on the same folders, on this
             machine or others that see them; each may come, leave or die at any time.
         lease: with shared: seconds without a sign of life after which a worker's clips are taken
@@ -63,7 +66,8 @@ class ExtractConfig(SeeingOptions):
     fast: bool = False
     batch: int | None = None
     runtime: Literal["torch", "compile", "openvino"] | None = None
-    store_dtype: Literal["float16", "bfloat16", "float32"] = "float16"
+    store_dtype: Literal["float16", "bfloat16", "float32", "int8"] = "float16"
+    grid: int | None = None
     shared: bool = False
     lease: float | None = None
     profile: Path | None = None
@@ -92,6 +96,8 @@ def extract(config: ExtractConfig) -> int:
         raise InputError("extract: --dtype is given, and --fast chooses it; leave one of them out")
     if config.fast and config.shared:
         raise InputError("extract: --fast measures this machine; with --shared say --dtype")
+    if config.grid is not None and config.grid < 1:
+        raise InputError(f"extract: --grid {config.grid}; maps need at least 1 cell on a side")
     if config.lease is not None and not config.shared:
         raise InputError("extract: --lease is of work that is shared; add --shared")
     try:
@@ -133,7 +139,7 @@ def _extract_all(
         found = _fast(config, files[0], layers)
         encoder, known = found.encoder, {"feature_error": found.error} if found.short else {}
         print(found)
-    wanted = Wanted(encoder, layers, store, config.store_dtype, known)
+    wanted = Wanted(encoder, layers, store, config.store_dtype, config.grid, known)
     started, counts = time.perf_counter(), Counter[str]()
     with Console(config.quiet, len(files), "extract") as console:
 
@@ -174,7 +180,7 @@ def _take_part(config: ExtractConfig, encoder: LayeredEncoder, layers: tuple[str
     from vidphys.runs.claims import LEASE
 
     store, begun = FeatureStore(config.out), time.perf_counter()
-    wanted = Wanted(encoder, layers, store, config.store_dtype)
+    wanted = Wanted(encoder, layers, store, config.store_dtype, config.grid)
     selection = {**asdict(config.selection), "resample": config.resample}
     work = Extraction(store, config.clips, wanted, selection)
     with Console(config.quiet, len(work.units), "extract") as console:

@@ -31,7 +31,7 @@ GROUPS = {  # an option that stands in none is one of what is asked
     ),
     "Where it is computed": ("device", "workers", "engine", "address", "threads", "measured"),
     "What is kept and shown": (
-        *("out", "store", "store_dtype", "profile", "overwrite", "json", "quiet"),
+        *("out", "store", "store_dtype", "grid", "profile", "overwrite", "json", "quiet"),
     ),
 }
 ORDER = (ASKED, *GROUPS)

@@ -23,7 +23,7 @@ from vidphys.data.provenance import provenance
 from vidphys.data.video import Video
 from vidphys.progress import Progress
 
-StoredDtype = Literal["float16", "bfloat16", "float32"]
+StoredDtype = Literal["float16", "bfloat16", "float32", "int8"]
 Axes = tuple[int, ...]  # of frames (..., H, W) along which they are mirrored
 
 
@@ -125,9 +125,18 @@ def pictures(frames: Frames, axes: Axes = ()) -> Iterator[Tensor]:
 
 
 def request_of(
-    video: Video, encoder: IdentifiedEncoder, dtype: StoredDtype, axes: Axes
+    video: Video,
+    encoder: IdentifiedEncoder,
+    dtype: StoredDtype,
+    axes: Axes = (),
+    grid: int | None = None,
 ) -> FeatureRequest:
-    """What features of a clip are filed under; see :func:`extract`."""
+    """What features of a clip are filed under.
+
+    Args:
+        video, encoder, dtype, axes: see :func:`extract`.
+        grid: cells on a side that maps are pooled to at most; as they are where not given.
+    """
     source = f"{video.sha256} mirrored along {axes}"
     return FeatureRequest(
         encoder=encoder.identity,
@@ -136,6 +145,7 @@ def request_of(
         times=tuple(float(t) for t in video.times),
         frame_size=video.size,
         dtype=dtype,
+        grid=grid,
     )
 
 

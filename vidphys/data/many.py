@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import torch
 
+from encoders.arrays import bytes_kept
 from encoders.entry import Entries, Origin
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.many import ComingClip, ManyClips
@@ -38,6 +39,7 @@ class Wanted:
         layers: some of its ``layers``.
         store: where features are kept.
         dtype: of the stored values.
+        grid: cells on a side that maps are pooled to at most; as they are where not given.
         made: what else an entry's manifest is to say.
     """
 
@@ -45,12 +47,15 @@ class Wanted:
     layers: Sequence[str]
     store: Kept
     dtype: StoredDtype = "float16"
+    grid: int | None = None
     made: Mapping[str, Any] | None = None
 
     def requests(self, video: Video) -> dict[str, FeatureRequest]:
         """By layer, what is filed."""
         at = {layer: self.encoder.at(layer) for layer in self.layers}
-        return {layer: request_of(video, each, self.dtype, ()) for layer, each in at.items()}
+        return {
+            layer: request_of(video, each, self.dtype, grid=self.grid) for layer, each in at.items()
+        }
 
 
 def extract_many(
@@ -158,6 +163,8 @@ def cost_of(wanted: Wanted, size: tuple[int, int]) -> Cost:
     begun = time.perf_counter()
     found = encoder.encode_layers(blank, times, wanted.layers)
     seconds = time.perf_counter() - begun
-    width = torch.finfo(getattr(torch, wanted.dtype)).bits // 8
-    values = sum(features.values.numel() for features in found.values())
-    return Cost(seconds / count, values * width / count)
+    size = 0
+    for features in found.values():
+        sides = (min(side, wanted.grid or side) for side in features.grid)
+        size += bytes_kept((*features.values.shape[:-2], *sides), wanted.dtype)
+    return Cost(seconds / count, size / count)

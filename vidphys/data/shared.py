@@ -169,7 +169,8 @@ def _planned(shards: Path, given: Sequence[Path], about: Any) -> Path:
 
 def _about(wanted: Wanted, selection: Any) -> Any:
     identities = [asdict(wanted.encoder.at(layer).identity) for layer in wanted.layers]
-    return {"encoder": identities, "dtype": wanted.dtype, "selection": selection}
+    grid = {} if wanted.grid is None else {"grid": wanted.grid}
+    return {"encoder": identities, "dtype": wanted.dtype, **grid, "selection": selection}
 
 
 def _extracted(

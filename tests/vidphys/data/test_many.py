@@ -192,3 +192,32 @@ def test_the_verb_takes_a_folder_and_all_layers_and_goes_on(videos, tmp_path, ca
     assert main([*command, str(tmp_path / "s"), "--layer", "3", "--quiet"]) == 2
     assert "no layer 3; it has 2, 4, 8" in capsys.readouterr().err
     assert next(FeatureStore(tmp_path / "s").entries())["made"]["starts"] == 0
+
+
+def test_the_verb_keeps_eight_bits_and_fewer_cells_and_no_whole_map_is_taken_from_them(
+    videos, tmp_path, capsys, monkeypatch
+):
+    know_cells(monkeypatch)
+    command = ["extract", str(tmp_path / "clips"), "--encoder", "cells", "--quiet", "--out"]
+    small = [*command, str(tmp_path / "s"), "--store-dtype", "int8", "--grid", "3"]
+    assert main(small) == 0
+    assert "3 channels on a 3 x 3 grid" in capsys.readouterr().out
+    assert main([*command, str(tmp_path / "s")]) == 0
+    assert "hit rate 0%" in capsys.readouterr().out
+    assert main(small) == 0
+    assert "hit rate 100%" in capsys.readouterr().out
+    kept = [*FeatureStore(tmp_path / "s").entries()]
+    assert sorted(entry["shape"][2:] for entry in kept) == [[3, 3]] * 3 + [[8, 8]] * 3
+    for entry in kept:
+        asked = entry["request"]
+        assert asked.get("grid") == (3 if entry["shape"][-1] == 3 else None)
+        assert ("stored_error" in entry) == (asked["dtype"] == "int8") == ("grid" in asked)
+    assert main([*small, "--shared"]) == 0
+    assert "0 entries are new" in capsys.readouterr().out
+    assert main([*small[:-2], "--grid", "0"]) == 2
+    assert "need at least 1 cell" in capsys.readouterr().err
+
+
+def test_a_pass_foretells_the_bytes_of_eight_bits_and_fewer_cells(tmp_path):
+    eight = replace(wanted(tmp_path, ("2", "8")), dtype="int8", grid=4)
+    assert cost_of(eight, (16, 16)).bytes == 3 * (4 * 4 + 8) + 3 * (2 * 2 + 8)
