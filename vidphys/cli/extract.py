@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from vidphys.data.precision import Precision
 
 ALL = ("all",)  # layers
+LOST = "feature_error"  # in an entry's manifest
 PACKED = 1000  # entries of their own, from which on a store is packed
 
 
@@ -134,10 +135,12 @@ def _extract_all(
     from vidphys.data.ahead import ahead
     from vidphys.data.many import Wanted, extract_many
 
-    store, known = FeatureStore(config.out), {}
+    store, known = FeatureStore(config.out), dict[str, float]()
     if config.fast:
         found = _fast(config, files[0], layers)
-        encoder, known = found.encoder, {"feature_error": found.error} if found.short else {}
+        encoder = found.encoder
+        if found.short:
+            known[LOST] = found.error
         print(found)
     wanted = Wanted(encoder, layers, store, config.store_dtype, config.grid, known)
     started, counts = time.perf_counter(), Counter[str]()
@@ -159,6 +162,8 @@ def _extract_all(
                 if first:
                     _tell_cost(console, wanted, video, files)
                 first = False
+                if _in_fewer_bits(config) and not known and wanted.missing(video):
+                    known.update(_lost(config, console, encoder, layers, video))
                 yield video
 
         busy = extract_many(opened(), wanted, done)
@@ -180,10 +185,14 @@ def _take_part(config: ExtractConfig, encoder: LayeredEncoder, layers: tuple[str
     from vidphys.runs.claims import LEASE
 
     store, begun = FeatureStore(config.out), time.perf_counter()
-    wanted = Wanted(encoder, layers, store, config.store_dtype, config.grid)
+    known: dict[str, float] = {}
+    wanted = Wanted(encoder, layers, store, config.store_dtype, config.grid, known)
     selection = {**asdict(config.selection), "resample": config.resample}
     work = Extraction(store, config.clips, wanted, selection)
     with Console(config.quiet, len(work.units), "extract") as console:
+        if _in_fewer_bits(config) and not work.joined:
+            first = work.first(partial(_open, config))
+            known.update(_lost(config, console, encoder, layers, first) if first else {})
         found = work.run(
             partial(_open, config), console.done, LEASE if config.lease is None else config.lease
         )
@@ -197,16 +206,37 @@ def _take_part(config: ExtractConfig, encoder: LayeredEncoder, layers: tuple[str
     return 1 if found.failed else 0
 
 
+def _in_fewer_bits(config: ExtractConfig) -> bool:
+    return config.dtype not in (None, "float32")
+
+
+def _lost(
+    config: ExtractConfig,
+    console: Console,
+    encoder: LayeredEncoder,
+    layers: tuple[str, ...],
+    video: Video,
+) -> dict[str, float]:
+    """What manifests are to say of an encoder that computes in fewer bits; it is told too."""
+    from vidphys.data import precision
+
+    error = precision.error_of(encoder, _loading(config), layers, video)
+    console.result(f"{config.dtype}: a feature error of {error:.2g} against float32")
+    return {LOST: error}
+
+
 def _fast(config: ExtractConfig, file: Path, layers: tuple[str, ...]) -> Precision:
-    from encoders.frozen import load_encoder
     from vidphys.data.precision import faster
 
+    return faster(_loading(config), layers, _open(config, file))
+
+
+def _loading(config: ExtractConfig) -> Callable[[str], LayeredEncoder]:
+    """The encoder in any precision."""
+    from encoders.frozen import load_encoder
+
     options, where = _options(config), (config.weights, config.device)
-
-    def load(dtype: str) -> LayeredEncoder:
-        return load_encoder(config.encoder, {**options, "dtype": dtype}, *where)
-
-    return faster(load, layers, _open(config, file))
+    return lambda dtype: load_encoder(config.encoder, {**options, "dtype": dtype}, *where)
 
 
 def _options(config: ExtractConfig) -> dict[str, Any]:

@@ -57,6 +57,11 @@ class Wanted:
             layer: request_of(video, each, self.dtype, grid=self.grid) for layer, each in at.items()
         }
 
+    def missing(self, video: Video) -> list[str]:
+        """Layers that are not in the store."""
+        requests = self.requests(video).items()
+        return [layer for layer, request in requests if not self.store.has(request)]
+
 
 def extract_many(
     videos: Iterable[Video],
@@ -87,8 +92,7 @@ def extract_many(
 
 def _made_alone(video: Video, wanted: Wanted) -> Sequence[str]:
     """By an encoder that takes one clip at a time; the layers that were not there."""
-    requests = wanted.requests(video)
-    layers = [layer for layer, request in requests.items() if not wanted.store.has(request)]
+    requests, layers = wanted.requests(video), wanted.missing(video)
     times, shown = torch.from_numpy(video.times), partial(pictures, video.frames)
     for made in stream(wanted.encoder, shown, video.size, times, layers) if layers else ():
         with _begin(wanted, video, requests, made.layers, made.times) as entries:
@@ -102,8 +106,7 @@ def _missing(
 ) -> Iterator[ComingClip]:
     """The clips of which something is not there."""
     for video in videos:
-        requests = wanted.requests(video)
-        layers = [layer for layer, r in requests.items() if not wanted.store.has(r)]
+        layers = wanted.missing(video)
         if not layers:
             done(video, ())
             continue
@@ -111,7 +114,7 @@ def _missing(
             chunks=partial(_chunks, video),
             times=torch.from_numpy(video.times),
             layers=layers,
-            begin=partial(_begin, wanted, video, requests),
+            begin=partial(_begin, wanted, video, wanted.requests(video)),
             done=partial(done, video, layers),
         )
 

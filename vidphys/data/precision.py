@@ -1,26 +1,28 @@
-"""Whether an encoder is faster in bfloat16 on this machine, and what that costs."""
+"""What fewer bits of an encoder's arithmetic cost, and whether they are faster on this machine."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from encoders.features import FeatureMap
 from encoders.identity import LayeredEncoder
 from vidphys.data.video import Video
 
 EXACT, SHORT = "float32", "bfloat16"
-FRAMES = 16  # of a clip, that are tried
+FRAMES = 16  # of a clip, that are tried at least
 
 
 @dataclass(frozen=True)
 class Precision:
-    """What was measured on a few frames of a clip.
+    """What was measured on the first window of a clip.
 
     Args:
         encoder: the faster one.
@@ -51,23 +53,53 @@ def faster(load: Callable[[str], LayeredEncoder], layers: Sequence[str], video: 
     Args:
         load: the encoder in a precision.
         layers: that are read.
-        video: whose first frames are tried.
+        video: whose first window is tried.
     """
-    block = np.stack([*islice(video.frames, FRAMES)])
-    frames = torch.from_numpy(block).permute(0, 3, 1, 2)[None]
-    times = torch.from_numpy(video.times[: len(block)])
     seconds, values, encoders = {}, {}, {}
     for dtype in (EXACT, SHORT):
         encoder = encoders[dtype] = load(dtype)
+        frames, times = _first_window(encoder, video)
         encoder.encode_layers(frames, times, layers)  # the first takes longer
         begun = time.perf_counter()
         values[dtype] = encoder.encode_layers(frames, times, layers)
         seconds[dtype] = time.perf_counter() - begun
-    exact, short = (values[dtype] for dtype in (EXACT, SHORT))
-    away = [_away(short[layer].values, exact[layer].values) for layer in exact]
     ratio = seconds[EXACT] / seconds[SHORT]
-    return Precision(encoders[SHORT if ratio > 1 else EXACT], ratio, max(away))
+    away = _away(values[SHORT], values[EXACT])
+    return Precision(encoders[SHORT if ratio > 1 else EXACT], ratio, away)
 
 
-def _away(found: Tensor, exact: Tensor) -> float:
-    return float((found - exact).norm() / exact.norm().clamp_min(1e-12))
+def error_of(
+    encoder: LayeredEncoder,
+    load: Callable[[str], LayeredEncoder],
+    layers: Sequence[str],
+    video: Video,
+) -> float:
+    """The error of an encoder's features against those in float32, relative, in the worst layer.
+
+    Args:
+        encoder: that computes in fewer bits.
+        load: the same in a precision.
+        layers: that are read.
+        video: whose first window is tried.
+    """
+    seen = _first_window(encoder, video)
+    exact = load(EXACT).encode_layers(*seen, layers)
+    return _away(encoder.encode_layers(*seen, layers), exact)
+
+
+def _first_window(encoder: Any, video: Video) -> tuple[Tensor, Tensor]:
+    """Frames and their times."""
+    windowing = getattr(encoder, "windowing", None)
+    window = encoder.frame_stride * windowing.frames if windowing else 0
+    block = np.stack([*islice(video.frames, max(FRAMES, window))])
+    frames = torch.from_numpy(block).permute(0, 3, 1, 2)[None]
+    return frames, torch.from_numpy(video.times[: len(block)])
+
+
+def _away(found: Mapping[str, FeatureMap], exact: Mapping[str, FeatureMap]) -> float:
+    """Three digits: the rest may differ from one machine to the next."""
+    worst = 0.0
+    for layer, features in exact.items():
+        lost = (found[layer].values - features.values).norm()
+        worst = max(worst, float(lost / features.values.norm().clamp_min(1e-12)))
+    return float(f"{worst:.3g}")

@@ -115,6 +115,15 @@ class Extraction:
         failed = tuple((path, why) for path, why in about["failed"])
         return Outcome(len(self.units), here, about["clips"], about["entries"], failed)
 
+    def first(self, opened: Callable[[Path], Video]) -> Video | None:
+        """The first clip that can be opened, which is the same for all workers."""
+        for unit in range(len(self.units)):
+            with suppress(ValueError):
+                for clip in self.units[unit]:
+                    if isinstance(found := _tried(opened, clip), Video):
+                        return found
+        return None
+
     def _said(self) -> dict[str, Any]:
         path = self.folder / ABOUT
         todo = f"move {self.folder}.sqlite away, and extract again"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
 from encoders.features import FeatureMap
+from encoders.frozen.catalogue import load_encoder
 from encoders.store import FeatureStore
 from tests.shared.small_clips import write_clip
 from vidphys.cli import main
@@ -49,3 +51,38 @@ def test_the_verb_tells_it_and_keeps_it(tmp_path, capsys):
     assert ("feature_error" in kept["made"]) == short
     assert main(["extract", str(tmp_path / "c.avi"), *out, "--dtype", "float32"]) == 2
     assert "--fast chooses it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_run_in_fewer_bits_keeps_the_error_of_its_first_window(
+    tmp_path, shared, capsys, monkeypatch
+):
+    """Of 16 frames at least; entries of another precision, and a run that makes none, have none."""
+    for name, count in (("a", 18), ("b", 4)):
+        write_clip(tmp_path / "clips" / f"{name}.avi", count, table=False)
+    (tmp_path / "clips" / "0.avi").write_bytes(b"none" if shared else b"")
+    if not shared:
+        (tmp_path / "clips" / "0.avi").unlink()
+    command = ["extract", str(tmp_path / "clips"), "--out", str(tmp_path / "s"), "--quiet"]
+    short = [*command, "--dtype", "bfloat16", "--layers", "1", "3", *["--shared"] * shared]
+    assert main(short) == shared
+    assert "feature error" in capsys.readouterr().out
+    video = open_video(tmp_path / "clips" / "a.avi", ClipSelection(stop=16))
+    frames = torch.from_numpy(np.stack([*video.frames])).permute(0, 3, 1, 2)[None]
+    maps = [
+        load_encoder("dino-tiny", {"dtype": dtype}).encode_layers(
+            frames, torch.from_numpy(video.times), ("1", "3")
+        )
+        for dtype in ("float32", "bfloat16")
+    ]
+    exact, found = ([each[layer].values for layer in "13"] for each in maps)
+    away = [float((f - e).norm() / e.norm()) for f, e in zip(found, exact, strict=True)]
+    kept = [*FeatureStore(tmp_path / "s").entries()]
+    assert len(kept) == 4
+    for entry in kept:
+        assert entry["made"]["feature_error"] == pytest.approx(max(away), rel=5e-3) and max(away)
+    monkeypatch.setattr(precision, "error_of", lambda *_: 1 / 0)
+    assert main(short) == shared
+    assert main(command) == (2 if shared else 0)
+    whole = [e for e in FeatureStore(tmp_path / "s").entries() if e not in kept]
+    assert all("feature_error" not in entry["made"] for entry in whole)
