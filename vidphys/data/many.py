@@ -166,8 +166,8 @@ def cost_of(wanted: Wanted, size: tuple[int, int]) -> Cost:
     begun = time.perf_counter()
     found = encoder.encode_layers(blank, times, wanted.layers)
     seconds = time.perf_counter() - begun
-    size = 0
+    kept = 0
     for features in found.values():
         sides = (min(side, wanted.grid or side) for side in features.grid)
-        size += bytes_kept((*features.values.shape[:-2], *sides), wanted.dtype)
-    return Cost(seconds / count, size / count)
+        kept += bytes_kept((*features.values.shape[:-2], *sides), wanted.dtype)
+    return Cost(seconds / count, kept / count)
