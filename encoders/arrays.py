@@ -40,12 +40,12 @@ class FeatureArrays:
 
     Args:
         values: ``(t, c, h, w)``, float16 or float32; bfloat16 and int8 are read as float32.
-        stride: pixels of the frames between neighbouring cells, (height, width).
+        stride: pixels of the frames between neighbouring cells, as there.
         times: seconds, ``(t,)``.
     """
 
     values: np.ndarray
-    stride: tuple[float, float]
+    stride: tuple[float, ...]
     times: np.ndarray
 
 
@@ -68,7 +68,7 @@ class Mapped:
     def arrays(self, stride: Sequence[float]) -> FeatureArrays:
         """For NumPy."""
         values = numbers(self.values) if self.dtype == HALF else self._plain()
-        return FeatureArrays(values, (stride[0], stride[1]), self.times)
+        return FeatureArrays(values, tuple(stride), self.times)
 
     def features(self, stride: Sequence[float]) -> FeatureMap:
         """For torch, memory-mapped still; but for eight bits, which become float32 in memory."""
@@ -79,7 +79,7 @@ class Mapped:
         values = torch.from_numpy(self._plain())
         if self.dtype == HALF:
             values = values.view(torch.bfloat16)
-        return FeatureMap(values[None], (stride[0], stride[1]), torch.from_numpy(self.times))
+        return FeatureMap(values[None], tuple(stride), torch.from_numpy(self.times))
 
     def _plain(self) -> np.ndarray:
         if self.dtype == EIGHT:

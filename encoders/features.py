@@ -24,6 +24,8 @@ class FeatureMap:
         values: ``(b, t, c, h, w)``; ``t`` counts feature frames, which a video encoder may have
             fewer of than the clip has frames.
         stride: pixels of the encoder's input image between neighbouring cells, (height, width).
+            Where the grid leaves out a border of the image, its pixels follow: above (and below),
+            and left (and right).
         times: seconds, the centre of what each feature frame saw, ``(t,)``.
 
     Example:
@@ -33,7 +35,7 @@ class FeatureMap:
     """
 
     values: Float[Tensor, "b t c h w"]
-    stride: tuple[float, float]
+    stride: tuple[float, ...]
     times: Float[Tensor, " t"]
 
     @property
@@ -44,12 +46,12 @@ class FeatureMap:
     def cell_centres(self) -> Float[Tensor, "h w 2"]:
         """(x, y) of each cell's centre in normalised image units.
 
-        The unit is half of the longer image side; the origin is the image centre, x grows to the
-        right and y grows **upwards**.
+        The unit is half of the longer side of the whole image; the origin is the image centre, x
+        grows to the right and y grows **upwards**.
         """
         h, w = self.grid
-        sv, su = self.stride
-        half = max(h * sv, w * su) / 2
+        sv, su = self.stride[:2]
+        half = max(size_of(self.stride, self.values.shape)) / 2
         device = self.values.device
         x = ((torch.arange(w, device=device) + 0.5) * su - w * su / 2) / half
         y = (h * sv / 2 - (torch.arange(h, device=device) + 0.5) * sv) / half
@@ -64,7 +66,7 @@ class FeatureStream:
         layers: that come from one pass.
         pieces: ``(f, c, h, w)`` of each layer, one after the other; ``f`` adds up to
             ``len(times)``.
-        size: of the frames in pixels, (height, width).
+        size: of the frames in pixels, (height, width), with the border that the features leave out.
         times: as those of a :class:`FeatureMap`.
     """
 

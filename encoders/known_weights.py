@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 SINGLE = (".safetensors", ".pt", ".pth")  # endings of weights that are one file
+PROCESSOR = ("preprocessor_config.json", "video_preprocessor_config.json")  # of transformers
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class WeightsEntry:
         config: of a model of transformers, what it is built from without its ``config.json``.
         look: how a model was shown its images, by :data:`encoders.preprocess.LOOKS`, where its
             release does not say it.
+        beside: further files of the hub's repository, of which those that it has are fetched.
     """
 
     file: str
@@ -44,6 +47,7 @@ class WeightsEntry:
     door: str | None = None
     config: dict[str, Any] = field(default_factory=dict)
     look: str = "imagenet"
+    beside: tuple[str, ...] = ()
 
     @property
     def is_folder(self) -> bool:
@@ -81,11 +85,59 @@ KNOWN = _read()
 
 
 def entry(name: str) -> WeightsEntry:
-    """The table's entry.
+    """The table's entry, or what is behind a door: a release without a hash, locked when it comes.
+
+    Args:
+        name: a key of :data:`KNOWN`, ``timm:NAME``, ``hf:OWNER/NAME`` or ``torchvision:NAME``.
 
     Raises:
         ValueError: unknown name.
     """
-    if name not in KNOWN:
-        raise ValueError(f"weights: unknown name {name!r}; known are {', '.join(KNOWN)}")
-    return KNOWN[name]
+    if name in KNOWN:
+        return KNOWN[name]
+    door, _, inner = name.partition(":")
+    if inner and door in DOORS:
+        return DOORS[door](inner)
+    behind = ", ".join(f"{door}:NAME" for door in DOORS)
+    raise ValueError(
+        f"weights: unknown name {name!r}; known are {', '.join(KNOWN)}, and any {behind}"
+    )
+
+
+def timm_repository(name: str) -> str:
+    """Where the hub has a network's weights, or those that its name without a tag means."""
+    from timm.models import get_pretrained_cfg
+
+    told = get_pretrained_cfg(name)
+    return (told.hf_hub_id if told is not None else None) or f"timm/{name}"
+
+
+def _of_timm(name: str) -> WeightsEntry:
+    return _of_hub(timm_repository(name), f"timm--{name}", f"{name} of timm")
+
+
+def _of_transformers(repository: str) -> WeightsEntry:
+    file = f"hf--{repository.replace('/', '--')}"
+    return _of_hub(repository, file, f"{repository} of transformers", PROCESSOR)
+
+
+def _of_hub(repository: str, file: str, about: str, beside: tuple[str, ...] = ()) -> WeightsEntry:
+    licence = f"that of https://huggingface.co/{repository}"
+    return WeightsEntry(file, (), licence, about, repository, beside=beside)
+
+
+def _of_torchvision(name: str) -> WeightsEntry:
+    from torchvision.models import get_model_weights
+
+    url = next(iter(get_model_weights(name))).url
+    file = url.rpartition("/")[2]
+    begins = file.rpartition("-")[2].partition(".")[0]
+    licence = "that of https://docs.pytorch.org/vision"
+    return WeightsEntry(file, (), licence, f"{name} of torchvision", url=url, begins=begins)
+
+
+DOORS: dict[str, Callable[[str], WeightsEntry]] = {
+    "timm": _of_timm,
+    "hf": _of_transformers,
+    "torchvision": _of_torchvision,
+}

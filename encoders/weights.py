@@ -49,7 +49,7 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
     """Find and check the weights ``name``.
 
     Args:
-        name: a key of ``KNOWN``.
+        name: see :func:`encoders.known_weights.entry`.
         where: a weights folder, or the file or release folder itself; see :func:`weights_folder`
             for the default.
 
@@ -62,9 +62,14 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
     locked = _locked(place)
     path = place if place.exists() else _cached(known, known.revision or locked["revision"])
     if path is None or path.is_dir() != known.is_folder:
+        copied = (
+            f", or copy {known.what_to_copy()} to {place} and run `vidphys weights check {name} "
+            "--lock`"
+        )
         raise WeightsMissing(
             f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it by "
-            f"{known.how_to_get(name)}, or give its folder as `weights` or in {FOLDER_VARIABLE}"
+            f"{known.how_to_get(name)}{copied if known.hub or known.url else ''}, or give its "
+            f"folder as `weights` or in {FOLDER_VARIABLE}"
         )
     digest = release_sha256(path)
     accepted = [sha256 for sha256 in (*known.sha256, locked["sha256"]) if sha256]
@@ -116,7 +121,7 @@ def fetch(name: str, folder: Path | None = None, show: Show | None = None) -> We
     What broke off is gone on with; what is here already, or comes with the package, is not fetched.
 
     Args:
-        name: a key of ``KNOWN``.
+        name: see :func:`encoders.known_weights.entry`.
         folder: see :func:`weights_folder`.
         show: of a file that no hub has, called as ``(bytes there, bytes in all)``; the hub's own
             client shows its progress itself.
@@ -193,6 +198,10 @@ def _download(known: WeightsEntry, revision: str | None, got: Path) -> str | Non
     for name in names:
         source, _ = from_hub(known.hub, name, commit)
         shutil.copyfile(source, got / name)
+    for name in known.beside:
+        with suppress(FileNotFoundError):
+            source, _ = from_hub(known.hub, name, commit)
+            shutil.copyfile(source, got / name)
     return commit
 
 

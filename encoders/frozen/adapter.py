@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.differenced import Differenced
 
 WHERE = ("weights", "device")  # what a factory may be told beside its encoder's options
 
@@ -28,7 +29,10 @@ class Adapter:
     def __call__(
         self, *, weights: Path | None = None, device: str = "cpu", **options: Any
     ) -> FrozenEncoder:
-        return self.load(self.settings(**options), weights, device)
+        settings = self.settings(**options)
+        made = self.load(settings, weights, device)
+        reach: int | None = getattr(settings, "difference", None)
+        return made if reach is None else Differenced(made, reach)
 
     @property
     def __signature__(self) -> inspect.Signature:

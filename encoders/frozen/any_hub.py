@@ -2,8 +2,9 @@
 
 The model is the library's, made by its ``config.json`` and filled from safetensors; no code of a
 repository is run, and nothing is fetched. Normalisation and size are those of
-``preprocessor_config.json``. Which token stands where is not guessed: the network's first layer is
-asked with one bright patch, see :mod:`encoders.frozen.token_order`.
+``preprocessor_config.json``; the whole picture is resized to the square, so that nothing of the
+scene is cut off, unless another ``fit`` is asked for. Which token stands where is not guessed: the
+network's first layer is asked with one bright patch, see :mod:`encoders.frozen.token_order`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from jaxtyping import Float
@@ -28,13 +29,13 @@ from encoders.frozen.token_order import ask_order
 from encoders.frozen.tokens import chosen_layer, numbered, windowing_words
 from encoders.frozen.untrained import fresh
 from encoders.frozen.windows import Windowing
-from encoders.known_weights import entry
-from encoders.preprocess import LOOKS, Look
+from encoders.grid import Size
+from encoders.known_weights import PROCESSOR, entry
+from encoders.preprocess import LOOKS, Fit, Fitting, Look, require_square
 from encoders.release import CONFIG, WeightsFile, read_config
 from encoders.weights import config_of, find_weights, weights_path
 
 CODE_VERSION = 1
-PREPROCESSOR = ("preprocessor_config.json", "video_preprocessor_config.json")
 FRAMES = ("num_frames", "frames_per_clip")  # what configurations call a window
 ANY_LENGTH = 16  # frames of a window where a model of clips takes any number
 TOWERS = ("vision_model", "video_model", "video_encoder")  # of models that see, what sees
@@ -47,8 +48,14 @@ class AnyHubSettings:
 
     Args:
         layer: of the model's hidden states, from 1; the last where not given.
+        resolution: network pixels of a side; the model's own where not given. One that has a table
+            of positions interpolates it, as its library does it, or is refused.
+        fit: how images of another shape are shown, see :class:`encoders.preprocess.Fitting`.
+        frames: of a video model: in a window; the model's own where not given.
         hop: of a video model: frames from a window's start to the next one's.
         frame_stride: take each so-many-th frame.
+        difference: of an image model: frames to either side over which the change of the features
+            is read beside them, see :mod:`encoders.frozen.differenced`; not read where not given.
         seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames, or windows of a video model, per forward pass.
@@ -56,8 +63,12 @@ class AnyHubSettings:
     """
 
     layer: int | str | None = None
+    resolution: int | None = None
+    fit: Fit = "squash"
+    frames: int | None = None
     hop: int | None = None
     frame_stride: int = 1
+    difference: int | None = None
     seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 4
@@ -73,11 +84,14 @@ class AnyHubEncoder(FrozenEncoder):
         name: that it was asked for by.
         weights: what it was loaded from.
         look: how it was shown its images.
-        side: network pixels of a side; the whole image is resized to the square.
+        fitting: how frames become its input.
 
     Raises:
-        ValueError: a layer that it does not have, or tokens in no order that is known.
+        ValueError: a layer, a resolution or a window that it does not have, or tokens in no order
+            that is known.
     """
+
+    fitting: Fitting
 
     def __init__(
         self,
@@ -86,17 +100,30 @@ class AnyHubEncoder(FrozenEncoder):
         name: str,
         weights: WeightsFile,
         look: Look,
-        side: int,
+        fitting: Fitting,
     ) -> None:
-        config: Any = model.config
-        self.look, self.side, self.what = look, side, name
+        self.look, self.fitting = look, fitting
         self.input = next(key for key in PIXELS if key in inputs_of(model))
-        usual = ANY_LENGTH if self.input == PIXELS[0] else 1
-        frames = next((int(getattr(config, key)) for key in FRAMES if hasattr(config, key)), usual)
-        self.video, self.place = frames > 1, next(model.parameters()).device
-        states = partial(states_of, model.eval(), self.input)
-        blurred = config.model_type in FRAME_BY_FRAME
-        self.order = ask_order(name, states, self._blank(frames), 2 if blurred else 0)
+        frames = _told_frames(name, model, self.input, settings.frames)
+        self.video = frames > 1
+        self.resized = _told_side(model, fitting.side) or settings.frames is not None
+        states = partial(states_of, model.eval(), self.input, resized=self.resized)
+        shape = (3, fitting.side, fitting.side)
+        blank = torch.zeros(1, *((frames,) if self.video else ()), *shape, device=_place(model))
+        blurred = cast(Any, model.config).model_type in FRAME_BY_FRAME
+        try:
+            self.order = ask_order(name, states, blank, 2 if blurred else 0)
+        except (RuntimeError, ValueError, AssertionError) as error:
+            if settings.resolution is None and settings.frames is None:
+                raise
+            said = " ".join(str(error).split())[:200]
+            raise ValueError(
+                f"{name}: its library does not let it take {frames} frame(s) of {fitting.side} "
+                f"pixels ({said}); leave `resolution` and `frames` out"
+            ) from error
+        if fitting.fit == "pad":
+            with torch.inference_mode():
+                self.fitting = fitting.padded(self.order.maps(x).shape for x in states(blank))
         layers = numbered(self.order.layers)
         windowing = Windowing(frames, settings.hop, frames // self.order.grid.frames)
         words = windowing_words(windowing, settings.frame_stride)
@@ -108,27 +135,24 @@ class AnyHubEncoder(FrozenEncoder):
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"{words}, rgb, the image to the square, {look}",
+            preprocessing=f"{words}, rgb, {self.fitting}, {look}",
             layer=chosen_layer(name, settings.layer, layers),
-            resolution=side,
+            resolution=fitting.side,
         )
-
-    def _blank(self, frames: int) -> Tensor:
-        shape = (1, frames, 3, self.side, self.side) if self.video else (1, 3, self.side, self.side)
-        return torch.zeros(shape, device=self.place)
 
     def encode(
         self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
     ) -> Sequence[Float[Tensor, "n t k h w"]]:
-        pixels = self.look.clips(clips, (self.side, self.side), self.dtype)
+        pixels = self.fitting.pixels(clips, self.look, self.dtype)
+        size = clips.shape[-2], clips.shape[-1]
         if self.video:
-            return self.fast_maps(pixels, layers)
-        found = self.fast_maps(pixels.flatten(0, 1), layers)
-        return [maps.unflatten(0, clips.shape[:2])[:, :, 0] for maps in found]
+            return [self.fitting.kept(maps, size) for maps in self.fast_maps(pixels, layers)]
+        found = (maps[:, 0] for maps in self.fast_maps(pixels.flatten(0, 1), layers))
+        return [self.fitting.kept(maps, size).unflatten(0, clips.shape[:2]) for maps in found]
 
     def maps(self, pixels: Tensor, layers: tuple[str, ...]) -> list[Tensor]:
         """Pixels as the model takes them to ``(n, t, k, h, w)``; an image has one frame."""
-        states = states_of(self.network, self.input, pixels)
+        states = states_of(self.network, self.input, pixels, self.resized)
         return [self.order.maps(states[int(layer)]) for layer in layers]
 
 
@@ -166,9 +190,40 @@ def load_any_hub(
             release = configuration(name, place, where)
             config = read_config(release, {})
         model, weights = fresh(partial(_model, name, config, None), settings.seed)
+    require_square(name, settings.fit)
     usual = LOOKS[entry(named).look] if named else None
-    look, side = shown(release, model.config, usual)
-    return AnyHubEncoder(model.to(device), settings, name, weights, look, side)
+    look, fitting = shown(release, model, settings, usual)
+    return AnyHubEncoder(model.to(device), settings, name, weights, look, fitting)
+
+
+def _told_frames(name: str, model: nn.Module, pixels: str, wanted: int | None) -> int:
+    """Frames of a window; a model whose layers count them is told."""
+    config: Any = model.config
+    usual = ANY_LENGTH if pixels == PIXELS[0] else 1
+    key = next((key for key in FRAMES if hasattr(config, key)), None)
+    own = usual if key is None else int(getattr(config, key))
+    if wanted is None or wanted == own:
+        return own
+    if own == 1:
+        raise ValueError(f"{name}: sees one image at a time; leave `frames` out")
+    for part in (config, *model.modules()) if key is not None else ():
+        if getattr(part, cast(str, key), None) == own:
+            setattr(part, cast(str, key), wanted)
+    return wanted
+
+
+def _told_side(model: nn.Module, side: int) -> bool:
+    """Whether a model sees pictures of another size than its own, which it is told."""
+    config: Any = model.config
+    own = getattr(config, "image_size", None)
+    if own is None or side in (own, *(own if isinstance(own, (list, tuple)) else ())):
+        return False
+    config.image_size = side if isinstance(own, int) else [side, side]
+    return True
+
+
+def _place(model: nn.Module) -> torch.device:
+    return next(model.parameters()).device
 
 
 def _model(name: str, config: Mapping[str, Any], filled_from: Path | None) -> nn.Module:
@@ -204,26 +259,50 @@ def _model(name: str, config: Mapping[str, Any], filled_from: Path | None) -> nn
     return made
 
 
-def shown(folder: Path, config: Any, usual: Look | None = None) -> tuple[Look, int]:
-    """How a model was shown its images, and the side of its square in pixels.
+def shown(
+    folder: Path, model: nn.Module, settings: AnyHubSettings, usual: Look | None = None
+) -> tuple[Look, Fitting]:
+    """How a model was shown its images, and how frames become its square.
 
     Args:
         folder: of the release, with or without its processor's configuration.
-        config: of the model.
+        model: that is shown them.
+        settings: of the encoder.
         usual: how, where the folder does not say it.
     """
     told: dict[str, Any] = {}
-    for name in PREPROCESSOR:
+    for name in PROCESSOR:
         if (folder / name).is_file():
             told = json.loads((folder / name).read_text(encoding="utf-8"))
     mean, std = told.get("image_mean"), told.get("image_std")
     if mean is None or not told.get("do_normalize", True):
         mean, std = ((0.0,) * 3, (1.0,) * 3) if told else (Look.mean, Look.std)
     size = told.get("crop_size") or told.get("size") or {}
-    own = getattr(config, "image_size", None) or getattr(config, "crop_size", None)
-    side = own or (size if isinstance(size, int) else size.get("height", size.get("shortest_edge")))
-    side = side[0] if isinstance(side, (list, tuple)) else side
+    side = _own_side(model) or (
+        size if isinstance(size, int) else size.get("height", size.get("shortest_edge"))
+    )
+    side = int((side[0] if isinstance(side, (list, tuple)) else side) or 224)
+    before = _before(told, settings.resolution or side)
+    fitting = Fitting(settings.fit, settings.resolution or side, before=before)
     if not told and usual is not None:
-        return usual, int(side or 224)
+        return usual, fitting
     mode = RESAMPLE.get(told.get("resample", 2), "bicubic")
-    return Look(tuple(mean), tuple(std or Look.std), mode), int(side or 224)
+    return Look(tuple(mean), tuple(std or Look.std), mode), fitting
+
+
+def _own_side(model: nn.Module) -> Any:
+    """Pixels that a model, or the network of timm inside of it, is made for, if it says so."""
+    config: Any = model.config
+    own = getattr(config, "image_size", None) or getattr(config, "crop_size", None)
+    return own or next((x.img_size for x in model.modules() if hasattr(x, "img_size")), None)
+
+
+def _before(told: Mapping[str, Any], side: int) -> int | float | Size | None:
+    """Pixels that a processor resizes pictures to, of which it then cuts ``side``."""
+    size, cut = told.get("size"), told.get("crop_size")
+    if not (size and cut and told.get("do_center_crop", True)):
+        return None
+    scale = side / (cut if isinstance(cut, int) else cut["height"])
+    if isinstance(size, int) or "shortest_edge" in size:
+        return scale * (size if isinstance(size, int) else size["shortest_edge"])
+    return scale * size["height"], scale * size["width"]

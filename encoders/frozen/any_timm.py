@@ -2,11 +2,13 @@
 
 The network, its layers, its image size and its normalisation are the library's. Class and register
 tokens are left out. A network that takes images of any size sees the clip's own shape; one of a
-fixed size sees the whole image resized to its square, so that nothing of the scene is cut off.
+fixed size sees the whole image resized to its square, so that nothing of the scene is cut off,
+unless another ``fit`` is asked for.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -22,12 +24,13 @@ from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer, numbered
 from encoders.frozen.untrained import fresh
-from encoders.preprocess import Look
+from encoders.known_weights import timm_repository
+from encoders.preprocess import Fit, Fitting, Look, require_square
 from encoders.release import CONFIG, WeightsFile, load_strict, read_config
 from encoders.weights import find_weights
 
 CODE_VERSION = 1
-SHOWN = ("mean", "std", "input_size", "interpolation", "fixed_input_size")  # of a release
+SHOWN = ("mean", "std", "input_size", "interpolation", "fixed_input_size", "crop_pct", "crop_mode")
 MODES = {"bilinear": "bilinear", "bicubic": "bicubic"}  # others are taken as bicubic
 
 
@@ -39,7 +42,11 @@ class AnyTimmSettings:
         layer: of the network's feature maps, from 1: blocks of a transformer, stages of others; the
             last where not given.
         resolution: network pixels of the longer image side; the network's own where not given.
+        fit: how images of another shape are shown, see :class:`encoders.preprocess.Fitting`: in
+            their own shape where the network takes any, else squashed to the square.
         frame_stride: take each so-many-th frame.
+        difference: frames to either side over which the change of the features is read beside
+            them, see :mod:`encoders.frozen.differenced`; not read where not given.
         seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames per forward pass.
@@ -48,7 +55,9 @@ class AnyTimmSettings:
 
     layer: int | str | None = None
     resolution: int | None = None
+    fit: Fit | None = None
     frame_stride: int = 1
+    difference: int | None = None
     seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 8
@@ -85,26 +94,27 @@ class AnyTimmEncoder(TimmMaps):
                 f"{name}: sees images of {own} pixels only, not {resolution}; leave "
                 "`resolution` out"
             )
+        fit: Fit = settings.fit or ("squash" if square else "keep")
         if square:
-            multiple = own
+            require_square(name, fit)
+        shorter = math.floor(resolution / data["crop_pct"])
+        before = (shorter, shorter) if data["crop_mode"] == "squash" else shorter
+        fitting = Fitting(fit, resolution, 1 if square and fit != "pad" else multiple, before)
         look = Look(
             tuple(data["mean"]), tuple(data["std"]), MODES.get(data["interpolation"], "bicubic")
         )
-        shape = "the image to the square" if square else f"sides to multiples of {multiple}"
         super().__init__(
             network,
             settings,
-            multiple,
+            fitting,
             norm=_normed(network),
             look=look,
-            square=square,
             layers=layers,
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"each {settings.frame_stride}. frame, rgb, {shape}, {look}",
+            preprocessing=f"each {settings.frame_stride}. frame, rgb, {fitting}, {look}",
             layer=chosen_layer(name, settings.layer, layers),
-            resolution=resolution,
         )
 
 
@@ -132,7 +142,7 @@ def load_any_timm(
         network, weights = fresh(partial(_built, name, {}), settings.seed)
     else:
         if named is None:
-            weights = published(called, _repository(name), where)
+            weights = published(called, timm_repository(name), where)
         else:
             weights = find_weights(named, where)
         network = _built(name, _told(name, weights))
@@ -169,14 +179,6 @@ def _near(name: str) -> list[str]:
     import timm
 
     return difflib.get_close_matches(name.partition(".")[0], timm.list_models(), n=5, cutoff=0.3)
-
-
-def _repository(name: str) -> str:
-    """Where the hub has the weights of a name, or those that its name without a tag means."""
-    from timm.models import get_pretrained_cfg
-
-    told = get_pretrained_cfg(name)
-    return (told.hf_hub_id if told is not None else None) or f"timm/{name}"
 
 
 def _told(name: str, weights: WeightsFile) -> dict[str, Any]:

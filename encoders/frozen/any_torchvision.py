@@ -1,7 +1,8 @@
 """Video networks of torchvision, by their name: ``torchvision:NAME``.
 
 The network, its side in pixels and its normalisation are the library's; its classifier is left
-out. The whole image is resized to the square, so that nothing of the scene is cut off. Layers are
+out. The whole image is resized to the square, so that nothing of the scene is cut off, unless
+another ``fit`` is asked for. Layers are
 the modules of its trunk in their order, counted from 1, each with its own stride in time; after the
 last comes the network's norm, where it has one. A feature frame stands in the middle of its
 receptive field, no later than the last frame.
@@ -26,8 +27,8 @@ from encoders.frozen.base import Dtype, FrozenEncoder
 from encoders.frozen.tokens import chosen_layer, numbered, windowing_words
 from encoders.frozen.untrained import fresh
 from encoders.frozen.windows import Windowing
-from encoders.preprocess import Look
-from encoders.release import WeightsFile, WeightsMissing, load_tensors, release_sha256
+from encoders.preprocess import Fit, Fitting, Look, require_square
+from encoders.release import WeightsFile, load_tensors, release_sha256
 from encoders.weights import find_weights
 
 CODE_VERSION = 1
@@ -42,6 +43,7 @@ class TorchvisionSettings:
     Args:
         layer: of the trunk's modules, from 1; the last where not given. Later ones are not run.
         resolution: network pixels of a side; the one that it was trained at where not given.
+        fit: how images of another shape are shown, see :class:`encoders.preprocess.Fitting`.
         frames: in a window.
         hop: frames from a window's start to the next one's.
         frame_stride: take each so-many-th frame, before windows are made.
@@ -52,6 +54,7 @@ class TorchvisionSettings:
 
     layer: int | str | None = None
     resolution: int | None = None
+    fit: Fit = "squash"
     frames: int = 16
     hop: int | None = None
     frame_stride: int = 1
@@ -69,11 +72,13 @@ class TorchvisionEncoder(FrozenEncoder):
         name: that it was asked for by.
         weights: what the network was loaded from.
         look: how it was shown its images.
-        side: network pixels of a side.
+        fitting: how frames become the network's input.
 
     Raises:
         ValueError: a layer or a window that the network does not have.
     """
+
+    fitting: Fitting
 
     def __init__(
         self,
@@ -82,10 +87,13 @@ class TorchvisionEncoder(FrozenEncoder):
         name: str,
         weights: WeightsFile,
         look: Look,
-        side: int,
+        fitting: Fitting,
     ) -> None:
-        self.look, self.side, self.frames = look, side, settings.frames
-        shapes = _shapes(network, settings.frames, side)
+        self.look, self.frames = look, settings.frames
+        shapes = _shapes(network, settings.frames, fitting.side)
+        if fitting.fit == "pad":
+            fitting = fitting.padded(shapes)
+        self.fitting = fitting
         layers = numbered(len(shapes))
         self.tubelets = {
             layer: settings.frames // shape[2] for layer, shape in zip(layers, shapes, strict=True)
@@ -103,9 +111,9 @@ class TorchvisionEncoder(FrozenEncoder):
             name=name,
             code_version=CODE_VERSION,
             weights_sha256=weights.sha256,
-            preprocessing=f"{words}, rgb, the image to the square, {look}",
+            preprocessing=f"{words}, rgb, {fitting}, {look}",
             layer=layer,
-            resolution=side,
+            resolution=fitting.side,
         )
 
     @property
@@ -128,11 +136,11 @@ class TorchvisionEncoder(FrozenEncoder):
     def encode(
         self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
     ) -> list[Float[Tensor, "n t k h w"]]:
-        pixels = self.look.clips(clips, (self.side, self.side), self.dtype).transpose(1, 2)
-        found = []
+        pixels = self.fitting.pixels(clips, self.look, self.dtype).transpose(1, 2)
+        size, found = (clips.shape[-2], clips.shape[-1]), []
         for layer, maps in zip(self.layers, _trunk(self.network, pixels), strict=False):
             if layer in layers:
-                found.append(maps.transpose(1, 2))
+                found.append(self.fitting.kept(maps, size).transpose(1, 2))
             if layer == layers[-1]:
                 break
         return found
@@ -166,6 +174,9 @@ def load_any_torchvision(
     build, usual = _builder(name), next(iter(get_model_weights(name)))
     shown = usual.transforms()
     side = settings.resolution or shown.crop_size[0]
+    require_square(called, settings.fit)
+    before = [pixels * side / shown.crop_size[0] for pixels in shown.resize_size]
+    fitting = Fitting(settings.fit, side, before=before[0] if len(before) == 1 else tuple(before))
     look = Look(tuple(shown.mean), tuple(shown.std))
     if name.startswith("mvit") and (side, settings.frames) != (shown.crop_size[0], 16):
         raise ValueError(
@@ -176,10 +187,13 @@ def load_any_torchvision(
     if settings.seed is not None:
         network, weights = fresh(make, settings.seed)
     else:
-        weights = find_weights(named, where) if named else _given(called, usual.url, where)
+        if named is None and where is not None and where.is_file():
+            weights = WeightsFile(where, release_sha256(where))
+        else:
+            weights = find_weights(called, where)
         network = make()
         load_tensors(network, weights.path, _read(weights.path), HEADS)
-    return TorchvisionEncoder(network.to(device), settings, called, weights, look, side)
+    return TorchvisionEncoder(network.to(device), settings, called, weights, look, fitting)
 
 
 def _builder(name: str) -> Any:
@@ -191,15 +205,6 @@ def _builder(name: str) -> Any:
     if name not in known:
         raise unknown("video network of torchvision", name, known)
     return get_model_builder(name)
-
-
-def _given(called: str, url: str, where: Path | None) -> WeightsFile:
-    if where is None or not where.is_file():
-        raise WeightsMissing(
-            f"{called}: no weights in {where or 'any place that was given'}; download {url} and "
-            "give the file as `weights`"
-        )
-    return WeightsFile(where, release_sha256(where))
 
 
 def _read(path: Path) -> dict[str, Tensor]:

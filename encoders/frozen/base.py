@@ -18,8 +18,9 @@ from encoders.features import FeatureMap, FeatureStream
 from encoders.frozen.runtimes import Maps, Runtime, check_runtime, under_runtime
 from encoders.frozen.tokens import chosen_layer
 from encoders.frozen.windows import Window, Windowing, feature_times, seen_by, windows
-from encoders.grid import stride_of
+from encoders.grid import Size, stride_of
 from encoders.identity import EncoderIdentity
+from encoders.preprocess import Fitting
 
 Dtype = Literal["float32", "bfloat16", "float16"]
 DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
@@ -48,6 +49,8 @@ class FrozenEncoder(ABC):
     Raises:
         ValueError: a stride or a batch below one, or a runtime that cannot be used here.
     """
+
+    fitting: Fitting | None = None  # how frames become the network's input, where they may be cut
 
     def __init__(
         self,
@@ -84,6 +87,10 @@ class FrozenEncoder(ABC):
     def sight(self) -> Hashable:
         """What the pixels of a pass depend on; layers where it is the same share a pass."""
         return self.windowing
+
+    def framed(self, size: Size) -> Size:
+        """The size (height, width) of frames, with the border of them that features leave out."""
+        return size if self.fitting is None else self.fitting.framed(size)
 
     def at(self, layer: int | str) -> FrozenEncoder:
         """The same network at another layer; nothing is loaded or copied.
@@ -184,7 +191,10 @@ class FrozenEncoder(ABC):
         progress: Callable[[int, int], None] | None,
     ) -> dict[str, FeatureMap]:
         """Layers that see the same windows of the same pixels."""
-        size, count = (frames.shape[-2], frames.shape[-1]), frames.shape[0] * frames.shape[1]
+        count, size = (
+            frames.shape[0] * frames.shape[1],
+            self.framed((frames.shape[-2], frames.shape[-1])),
+        )
         frames, times = frames[:, :: self.frame_stride], times[:: self.frame_stride]
         plan = windows(frames.shape[1], self.windowing)
         jobs = ((clip[list(window.frames)], window) for clip in frames for window in plan)
@@ -230,7 +240,8 @@ class FrozenEncoder(ABC):
             plan = windows(len(taken), seer.windowing)
             jobs = zip(seen_by(plan, chunks(), self.frame_stride), plan, strict=True)
             pieces = seer._passes(jobs, group, _counted(told, len(plan), len(times)))
-            yield FeatureStream(group, pieces, size, feature_times(taken, seer.windowing))
+            stamps = feature_times(taken, seer.windowing)
+            yield FeatureStream(group, pieces, self.framed(size), stamps)
 
     def groups(self, layers: Sequence[int | str]) -> list[tuple[FrozenEncoder, tuple[str, ...]]]:
         """Layers that see the same windows of the same pixels, and an encoder of them."""

@@ -19,6 +19,7 @@ from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer, numbered
 from encoders.frozen.untrained import fresh
+from encoders.preprocess import Fitting
 from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import config_of, find_weights
 
@@ -37,6 +38,8 @@ class DINOv2Settings:
             blocks are not computed.
         resolution: network pixels of the longer image side, a multiple of the patch.
         frame_stride: take each so-many-th frame.
+        difference: frames to either side over which the change of the features is read beside
+            them, see :mod:`encoders.frozen.differenced`; not read where not given.
         seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames per forward pass.
@@ -46,6 +49,7 @@ class DINOv2Settings:
     layer: int | str | None = None
     resolution: int = 224
     frame_stride: int = 1
+    difference: int | None = None
     seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 8
@@ -81,7 +85,7 @@ class DINOv2Encoder(TimmMaps):
         super().__init__(
             network,
             settings,
-            patch,
+            Fitting("keep", settings.resolution, patch),
             norm=True,
             layers=layers,
             name=name,

@@ -16,6 +16,7 @@ from encoders.frozen.runtimes import Runtime
 from encoders.frozen.timm_maps import TimmMaps
 from encoders.frozen.tokens import chosen_layer
 from encoders.frozen.untrained import fresh
+from encoders.preprocess import Fitting
 from encoders.release import WeightsFile, load_strict
 from encoders.weights import find_weights
 
@@ -35,6 +36,8 @@ class HieraSettings:
         layer: the stage, named by its stride in network pixels: 4, 8, 16 or 32 (96, 192, 384,
             768 channels). Later stages are not computed. Stride 8 localises best for its price.
         resolution: network pixels of the longer image side, a multiple of 32.
+        difference: frames to either side over which the change of the features is read beside
+            them, see :mod:`encoders.frozen.differenced`; not read where not given.
         seed: take weights that it draws, untrained, as a control; none need be on the machine.
         dtype: of the computation.
         batch: frames per forward pass. The last pass is filled up, so that a frame has the same
@@ -44,6 +47,7 @@ class HieraSettings:
 
     layer: int | str = 8
     resolution: int = 128
+    difference: int | None = None
     seed: int | None = None
     dtype: Dtype = "float32"
     batch: int = 8
@@ -66,7 +70,7 @@ class HieraEncoder(TimmMaps):
         super().__init__(
             trunk,
             settings,
-            MULTIPLE,
+            Fitting("keep", settings.resolution, MULTIPLE),
             layers=LAYERS,
             name=NAME,
             code_version=CODE_VERSION,

@@ -30,13 +30,16 @@ def inputs_of(model: nn.Module) -> list[str]:
     return found
 
 
-def states_of(model: nn.Module, name: str, pixels: Tensor) -> tuple[Tensor, ...]:
+def states_of(
+    model: nn.Module, name: str, pixels: Tensor, resized: bool = False
+) -> tuple[Tensor, ...]:
     """All hidden states, that of the embedding first.
 
     Args:
         model: that sees pictures or clips.
         name: of its pixels among what it is called with.
         pixels: ``(n, 3, H, W)``, or ``(n, f, 3, H, W)`` of clips.
+        resized: whether these are of another size or number than the model's own.
 
     Raises:
         ValueError: the model gives none.
@@ -44,9 +47,9 @@ def states_of(model: nn.Module, name: str, pixels: Tensor) -> tuple[Tensor, ...]
     config: Any = model.config
     if config.model_type in SIDE_BY_SIDE:
         n, frames = pixels.shape[:2]
-        states = _called(model, name, pixels.flatten(0, 1))
+        states = _called(model, name, pixels.flatten(0, 1), resized)
         return tuple(x[:, 1:].unflatten(0, (n, frames)).flatten(1, 2) for x in states)
-    states = _called(model, name, pixels)
+    states = _called(model, name, pixels, resized)
     if config.model_type in FRAME_BY_FRAME:
         return tuple(x[:, 1:] for x in states[:-1]) + states[-1:]
     if config.model_type in SPACE_THEN_TIME:
@@ -58,8 +61,9 @@ def states_of(model: nn.Module, name: str, pixels: Tensor) -> tuple[Tensor, ...]
     return states
 
 
-def _called(model: nn.Module, name: str, pixels: Tensor) -> tuple[Tensor, ...]:
-    more = {"skip_predictor": True} if "skip_predictor" in inputs_of(model) else {}
+def _called(model: nn.Module, name: str, pixels: Tensor, resized: bool) -> tuple[Tensor, ...]:
+    flags = {"skip_predictor": True, "interpolate_pos_encoding": resized}
+    more = {key: flag for key, flag in flags.items() if flag and key in inputs_of(model)}
     try:
         found = model(**{name: pixels}, output_hidden_states=True, return_dict=True, **more)
     except TypeError as error:

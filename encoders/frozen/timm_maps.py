@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.windows import Windowing
-from encoders.preprocess import IMAGENET, Look, network_size
+from encoders.preprocess import IMAGENET, Fitting, Look
 
 
 class TimmMaps(FrozenEncoder):
@@ -18,40 +18,34 @@ class TimmMaps(FrozenEncoder):
 
     Args:
         network: of timm, with ``forward_intermediates``.
-        settings: with ``resolution``; see :class:`FrozenEncoder`.
-        multiple: network pixels that sides are rounded to.
+        settings: see :class:`FrozenEncoder`.
+        fitting: how frames become the network's input.
         norm: whether the network's final norm follows the last of them.
         look: how the network was shown its images.
-        square: whether the whole image is resized to a square, as a network of one size needs.
-        identity: see :class:`FrozenEncoder`.
-
-    Raises:
-        ValueError: a resolution that is no multiple.
+        identity: see :class:`FrozenEncoder`; its resolution is that of the fitting.
     """
+
+    fitting: Fitting
 
     def __init__(
         self,
         network: nn.Module,
         settings: Any,
-        multiple: int,
+        fitting: Fitting,
         norm: bool = False,
         look: Look = IMAGENET,
-        square: bool = False,
         **identity: Any,
     ) -> None:
-        identity = {"resolution": getattr(settings, "resolution", None), **identity}
-        network_size(1, 1, identity["resolution"], multiple)
-        self.multiple, self.norm, self.look, self.square = multiple, norm, look, square
-        super().__init__(network, settings, Windowing(), **identity)
+        self.fitting, self.norm, self.look = fitting, norm, look
+        super().__init__(network, settings, Windowing(), resolution=fitting.side, **identity)
 
     def encode(
         self, clips: Float[Tensor, "n f c H W"], layers: tuple[str, ...]
     ) -> list[Float[Tensor, "n t k h w"]]:
-        height, width = (1, 1) if self.square else clips.shape[-2:]
-        size = network_size(height, width, self.identity.resolution, self.multiple)
-        pixels = self.look.clips(clips, size, self.dtype)
+        pixels = self.fitting.pixels(clips, self.look, self.dtype)
         found = self.fast_maps(pixels.flatten(0, 1), layers)
-        return [maps.unflatten(0, clips.shape[:2]) for maps in found]
+        size = clips.shape[-2], clips.shape[-1]
+        return [self.fitting.kept(maps, size).unflatten(0, clips.shape[:2]) for maps in found]
 
     def maps(self, pixels: Tensor, layers: tuple[str, ...]) -> list[Tensor]:
         """``(f, 3, h, w)`` to ``(f, k, h, w)`` of each layer."""

@@ -6,6 +6,7 @@ with are the outputs of the library's own modules while it runs its own forward 
 
 from __future__ import annotations
 
+import copy
 import json
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from torchvision.models.video.mvit import MSBlockConfig, MViT
 from encoders.frozen import ENCODERS, load_encoder
 from encoders.frozen.any_torchvision import TorchvisionEncoder, TorchvisionSettings
 from encoders.known_weights import KNOWN
-from encoders.preprocess import LOOKS, Look
+from encoders.preprocess import LOOKS, Fitting, Look
 from encoders.release import WeightsFile
 from encoders.weights import lock
 
@@ -71,6 +72,18 @@ OF_HUB = {
         **SMALL,
     ),
 }
+OF_HUB["pe-video"] = lambda: hub.PeVideoEncoderConfig(
+    hidden_size=32,
+    intermediate_size=48,
+    num_attention_heads=2,
+    num_hidden_layers=2,
+    head_dim=16,
+    vision_config={
+        "architecture": "vit_pe_core_small_patch16_384",
+        "model_args": {"embed_dim": 32, "depth": 1, "num_heads": 2, "img_size": 32},
+        "num_classes": 24,
+    },
+)
 OF_TORCHVISION = {"s3d": 16, "r2plus1d": 8, "swin3d": 4}  # frames of a window
 TIMES = torch.arange(16, dtype=torch.float64) / 25
 
@@ -81,12 +94,14 @@ def clip(frames, height, width):
 
 
 def shown(encoder, frames):
-    """Pixels ``(n, f, 3, h, w)``, resized and normalised by hand."""
+    """Pixels ``(n, f, 3, h, w)``, resized, cut and normalised by hand."""
     look, side = encoder.look, encoder.identity.resolution
-    pixels = frames.flatten(0, 1).float() / 255
-    if pixels.shape[-2:] != (side, side):
-        pixels = functional.interpolate(pixels, (side, side), mode=look.mode, antialias=True)
-        pixels = pixels.clamp(0, 1)
+    pixels, whole = frames.flatten(0, 1).float() / 255, encoder.fitting.whole(frames.shape[-2:])
+    if pixels.shape[-2:] != whole:
+        pixels = functional.interpolate(pixels, whole, mode=look.mode, antialias=True).clamp(0, 1)
+    if encoder.fitting.fit == "crop":
+        top, left = ((length - side) // 2 for length in whole)
+        pixels = pixels[..., top : top + side, left : left + side]
     mean, std = (torch.tensor(x)[:, None, None] for x in (look.mean, look.std))
     return ((pixels - mean) / std).unflatten(0, frames.shape[:2])
 
@@ -104,24 +119,48 @@ def outputs(network, modules, *args, **kwargs):
     return [out[0] if isinstance(out, tuple) else out for out in seen]
 
 
-def expect(encoder, name, told, frames, options=None):
-    """Every layer, a batch of another size, another shape of picture, and bfloat16."""
-    times = TIMES[: frames.shape[1]]
-    found = encoder.encode_layers(frames, times, encoder.layers)
-    states = told(encoder, shown(encoder, frames))
-    assert len(states) == len(encoder.layers)
-    for layer, state in zip(encoder.layers, states, strict=True):
-        values = found[layer].values
-        assert values.shape == state.shape, (name, layer)
-        torch.testing.assert_close(values, state, atol=2e-4, rtol=1e-3)
-    for early, late in zip(states, states[1:], strict=False):  # or it shows nothing
-        assert early.shape != late.shape or (early - late).norm() > 1e-4 * late.norm()
+def expect(load, told, frames, side, more=()):
+    """Hold every layer to what the library says of the same pixels.
+
+    Of square pictures, and of wide ones that are squashed, cut, and shown as the encoder shows them
+    by itself; in passes of other sizes; and in bfloat16, which is near and not the same.
+
+    Args:
+        load: the encoder with some options.
+        told: the library's states of pixels ``(n, f, 3, h, w)``, one layer after the other.
+        frames: of a window.
+        side: pixels that the network is made for.
+        more: options under which wide pictures are held to the library, too.
+    """
+    wide, times = clip(frames, side, 2 * side), TIMES[:frames]
+    shapes = [(clip(frames, side, side), {}), *((wide, {"fit": fit}) for fit in ("squash", "crop"))]
+    for clips, options in (*shapes, *((wide, options) for options in more), (wide, {})):
+        encoder = load(batch=2, **options)
+        found = encoder.encode_layers(clips, times, encoder.layers)
+        states = told(shown(encoder, clips))
+        assert len(states) == len(encoder.layers)
+        for layer, state in zip(encoder.layers, states, strict=True):
+            assert found[layer].values.shape == state.shape, (options, layer)
+            torch.testing.assert_close(found[layer].values, state, atol=2e-4, rtol=1e-3)
+        for early, late in zip(states, states[1:], strict=False):  # or it shows nothing
+            assert early.shape != late.shape or (early - late).norm() > 1e-4 * late.norm()
+    for batch in (1, 3):
+        other = load(batch=batch).encode_layers(wide, times, encoder.layers)
+        for layer, maps in found.items():
+            torch.testing.assert_close(other[layer].values, maps.values, atol=1e-4, rtol=1e-3)
+    short = load(batch=2, dtype="bfloat16").encode_layers(wide, times, encoder.layers)
+    for layer, maps in found.items():
+        off = float((short[layer].values - maps.values).norm() / maps.values.norm())
+        assert 1e-5 < off < 0.05, (layer, off)
 
 
 def release_of_timm(name, folder):
     arch = KNOWN[name].door.partition(":")[2]
     torch.manual_seed(0)
-    network = timm.create_model(arch, pretrained=False, num_classes=0, **OF_TIMM[name]).eval()
+    made = {"pretrained": False, "num_classes": 0, **OF_TIMM[name]}
+    if "img_size" in made:  # it takes others too
+        made["dynamic_img_size"] = True
+    network = timm.create_model(arch, **made).eval()
     for key, weight in network.named_parameters():  # or a block would hardly change its input
         if key.endswith("gamma"):
             weight.data.fill_(1.0)
@@ -144,8 +183,8 @@ def states_of_timm(network, pixels):
         with torch.no_grad():
             states[-1] = norm(states[-1])
         states = [x[:, network.num_prefix_tokens :] for x in states]
-        side = int(states[0].shape[1] ** 0.5)
-        states = [x.unflatten(1, (side, side)).permute(0, 3, 1, 2) for x in states]
+        grid = [pixels.shape[-2 + k] // network.patch_embed.patch_size[k] for k in (0, 1)]
+        states = [x.unflatten(1, grid).permute(0, 3, 1, 2) for x in states]
     return [x.unflatten(0, pixels.shape[:2]) for x in states]
 
 
@@ -153,14 +192,15 @@ def states_of_timm(network, pixels):
 def test_an_image_encoder_is_its_librarys_in_every_layer(name, tmp_path):
     network = release_of_timm(name, tmp_path)
     side = OF_TIMM[name].get("img_size", 64)
-    options = {"resolution": side, "batch": 3}
-    encoder = load_encoder(name, options, tmp_path)
+    encoder = load_encoder(name, {"resolution": side}, tmp_path)
     assert encoder.identity.name == name
-    expect(encoder, name, lambda _, x: states_of_timm(network, x), clip(2, side, side))
-    wide = clip(2, side, side)[..., : side // 2, :].repeat(1, 1, 1, 2, 1)
-    small = load_encoder(name, {**options, "batch": 1, "dtype": "bfloat16"}, tmp_path)
-    exact, short = (each(wide, TIMES[:2]).values for each in (encoder, small))
-    assert 1e-5 < float((exact - short).norm() / exact.norm()) < 0.05
+
+    def load(resolution=side, **options):
+        return load_encoder(name, {"resolution": resolution, **options}, tmp_path)
+
+    assert encoder.fitting.fit == "keep"  # of any shape, and of other sizes than its own
+    larger = {"resolution": side + 2 * encoder.fitting.multiple}
+    expect(load, lambda x: states_of_timm(network, x), 2, side, [larger])
 
 
 @pytest.mark.parametrize("name", OF_HUB)
@@ -169,20 +209,69 @@ def test_a_video_encoder_is_its_librarys_in_every_layer(name, tmp_path):
     model = hub.AutoModel.from_config(OF_HUB[name]()).eval()
     model.save_pretrained(tmp_path / name)
     lock(tmp_path / name, None)
-    encoder = load_encoder(name, {"batch": 2}, tmp_path)
-    assert encoder.look == LOOKS[KNOWN[name].look]
+    encoder = load_encoder(name, {}, tmp_path)
+    assert encoder.look == LOOKS[KNOWN[name].look] and encoder.identity.resolution == 32
 
-    def told(_, pixels):
+    def load(**options):
+        return load_encoder(name, options, tmp_path)
+
+    def told(pixels):
         return states_of_hub(name, getattr(model, "vision_model", model), pixels)
 
-    expect(encoder, name, told, clip(4, 32, 32))
-    expect(encoder, name, told, clip(4, 40, 24))
-    short = load_encoder(name, {"batch": 1, "dtype": "bfloat16"}, tmp_path)
-    frames = clip(4, 40, 24)
-    exact, found = (each(frames, TIMES[:4]).values for each in (encoder, short))
-    assert 1e-5 < float((exact - found).norm() / exact.norm()) < 0.05
-    single = load_encoder(name, {"batch": 1}, tmp_path)(frames, TIMES[:4]).values
-    torch.testing.assert_close(single, exact, atol=1e-5, rtol=1e-4)
+    expect(load, told, 16 if name == "pe-video" else 4, 32)
+
+
+def test_other_windows_and_sizes_are_those_of_a_model_that_is_made_for_them(tmp_path):
+    torch.manual_seed(0)
+    small = hub.AutoModel.from_config(OF_HUB["timesformer"]()).eval()
+    small.save_pretrained(tmp_path / "timesformer")
+    lock(tmp_path / "timesformer", None)
+    told = OF_HUB["timesformer"]()
+    told.num_frames, told.image_size = 8, 48
+    large, state = hub.AutoModel.from_config(told).eval(), small.state_dict()
+    times = functional.interpolate(state["embeddings.time_embeddings"].mT, 8).mT
+    table = state["embeddings.position_embeddings"]
+    places = table[:, 1:].mT.unflatten(2, (4, 4))
+    places = functional.interpolate(places, (6, 6)).flatten(2).mT  # each cell its nearest
+    state["embeddings.time_embeddings"] = times
+    state["embeddings.position_embeddings"] = torch.cat([table[:, :1], places], 1)
+    large.load_state_dict(state)
+    encoder = load_encoder("timesformer", {"frames": 8, "resolution": 48}, tmp_path)
+    assert encoder.windowing.frames == 8 and encoder.identity.resolution == 48
+    frames = clip(8, 48, 48)
+    found = encoder.encode_layers(frames, TIMES[:8], encoder.layers)
+    states = states_of_hub("timesformer", large, shown(encoder, frames))
+    for layer, expected in zip(encoder.layers, states, strict=True):
+        torch.testing.assert_close(found[layer].values, expected, atol=2e-4, rtol=1e-3)
+
+
+def test_frames_that_send_messages_are_told_how_many_they_are(tmp_path):
+    torch.manual_seed(0)
+    small = hub.AutoModel.from_config(OF_HUB["xclip"]()).eval()
+    small.save_pretrained(tmp_path / "xclip")
+    lock(tmp_path / "xclip", None)
+    told = OF_HUB["xclip"]()
+    told.vision_config.num_frames = 8
+    large = hub.AutoModel.from_config(told).eval().vision_model
+    large.load_state_dict(small.vision_model.state_dict())
+    encoder = load_encoder("xclip", {"frames": 8}, tmp_path)
+    frames = clip(8, 32, 32)
+    found = encoder.encode_layers(frames, TIMES[:8], encoder.layers)
+    states = states_of_hub("xclip", large, shown(encoder, frames))
+    for layer, expected in zip(encoder.layers, states, strict=True):
+        torch.testing.assert_close(found[layer].values, expected, atol=2e-4, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("vivit", {"resolution": 48}), ("vivit", {"frames": 8})]
+)
+def test_a_size_or_a_window_that_the_library_does_not_let_it_take_is_refused(
+    name, options, tmp_path
+):
+    hub.AutoModel.from_config(OF_HUB[name]()).save_pretrained(tmp_path / name)
+    lock(tmp_path / name, None)
+    with pytest.raises(ValueError, match=f"{name}: its library does not let it take .* leave"):
+        load_encoder(name, options, tmp_path)
 
 
 def states_of_hub(name, model, pixels):
@@ -197,6 +286,11 @@ def states_of_hub(name, model, pixels):
             found[-1] = model.layernorm2(found[-1])
         space = [_grid(x.unflatten(0, (n, frames))) for x in found[:2]]
         return space + [_grid(x.unflatten(0, (n, -1)).transpose(1, 2)) for x in found[2:]]
+    if name == "pe-video":
+        found = outputs(model, model.layers, pixel_values_videos=pixels)
+        with torch.no_grad():
+            found[-1] = torch.cat([found[-1][:, :1], model(pixels).last_hidden_state], 1)
+        return [x[:, 1:, :, None, None] for x in found]
     layers = model.encoder.layer if name == "timesformer" else model.layers
     found = [x[:, 1:] for x in outputs(model, layers, pixel_values=pixels)]
     with torch.no_grad():
@@ -221,11 +315,11 @@ def test_a_network_of_torchvision_is_its_librarys_in_every_layer(name, tmp_path)
     file = tmp_path / KNOWN[name].file
     torch.save(network.state_dict(), file)
     lock(file, None)
-    encoder = load_encoder(name, {"resolution": 32, "frames": frames, "batch": 2}, tmp_path)
+    encoder = load_encoder(name, {"resolution": 32, "frames": frames}, tmp_path)
     usual = get_model_weights(KNOWN[name].door.partition(":")[2]).DEFAULT.transforms()
     assert encoder.look == Look(tuple(usual.mean), tuple(usual.std))
 
-    def told(_, pixels):
+    def told(pixels):
         if hasattr(network, "features"):
             found = outputs(network.features, list(network.features), first(pixels))
         else:
@@ -241,7 +335,19 @@ def test_a_network_of_torchvision_is_its_librarys_in_every_layer(name, tmp_path)
         return network.patch_embed(x) if name == "swin3d" else x
 
     with torch.no_grad():
-        expect(encoder, name, told, clip(frames, 32, 32))
+        expect(loader(encoder.network, name, frames, encoder.look), told, frames, 32)
+
+
+def loader(network, name, frames, look):
+    """Makes encoders over a network of torchvision, of 32 pixels."""
+    none = WeightsFile(Path("none"), "0" * 64)
+
+    def load(fit="squash", dtype="float32", **options):
+        own = copy.deepcopy(network) if dtype == "bfloat16" else network
+        settings = TorchvisionSettings(frames=frames, fit=fit, dtype=dtype, **options)
+        return TorchvisionEncoder(own, settings, name, none, look, Fitting(fit, 32, before=40))
+
+    return load
 
 
 def test_tokens_of_mvit_are_maps_without_the_class_token():
@@ -252,19 +358,18 @@ def test_tokens_of_mvit_are_maps_without_the_class_token():
     ]
     flags = {"residual_pool": True, "residual_with_cls_embed": True, "rel_pos_embed": True}
     network = MViT((32, 32), 4, blocks, proj_after_attn=True, **flags).eval()
-    none, settings = WeightsFile(Path("none"), "0" * 64), TorchvisionSettings(frames=4, batch=2)
-    encoder = TorchvisionEncoder(network, settings, "mvit", none, Look(), 32)
+    load = loader(network, "mvit", 4, Look())
     with torch.no_grad():
         sizes = [(2, 8, 8), (2, 8, 8), (2, 4, 4)]
 
-        def told(_, pixels):
+        def told(pixels):
             found = outputs(network, network.blocks, pixels.transpose(1, 2))
             found[-1] = network.norm(found[-1])
             pairs = zip(found, sizes, strict=True)
             return [x[:, 1:].unflatten(1, size).permute(0, 1, 4, 2, 3) for x, size in pairs]
 
-        expect(encoder, "mvit", told, clip(4, 32, 32))
-    assert encoder(clip(4, 32, 32), TIMES[:4]).times.tolist() == [0.0, 0.08]
+        expect(load, told, 4, 32)
+    assert load()(clip(4, 32, 32), TIMES[:4]).times.tolist() == [0.0, 0.08]
     with pytest.raises(ValueError, match="of 16 frames of 224 pixels; leave"):
         load_encoder("mvit", {"seed": 0, "frames": 8})
 

@@ -25,7 +25,8 @@ class WeightsConfig:
 
     Args:
         action: list what is known and whether it is here; fetch from the hub; check the hashes.
-        names: encoders; all for list and check if none is named.
+        names: encoders, or any timm:NAME, hf:OWNER/NAME or torchvision:NAME; for list and check all
+            that have a name, if none is named.
         weights: folder; else VIDPHYS_WEIGHTS, else the user's cache.
         lock: with check: accept the files as they are and write their hashes beside them.
         json: with list: print it as JSON, for a script.
@@ -50,7 +51,10 @@ def weights(config: WeightsConfig) -> None:
     if config.json and config.action != "list":
         raise InputError("weights: --json goes with list only")
     if config.action == "fetch" and not config.names:
-        raise InputError(f"weights fetch: name what to fetch; known are {', '.join(KNOWN)}")
+        raise InputError(
+            f"weights fetch: name what to fetch; known are {', '.join(KNOWN)}, "
+            "and any timm:NAME, hf:OWNER/NAME or torchvision:NAME"
+        )
     try:
         for name in config.names or KNOWN:
             entry(name)

@@ -14,6 +14,7 @@ from encoders.arrays import bytes_kept
 from encoders.entry import Entries, Origin
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.many import ComingClip, ManyClips
+from encoders.grid import Size
 from encoders.identity import LayeredEncoder, stream
 from encoders.store import FeatureRequest
 from vidphys.data.ahead import prefetched
@@ -95,7 +96,7 @@ def _made_alone(video: Video, wanted: Wanted) -> Sequence[str]:
     requests, layers = wanted.requests(video), wanted.missing(video)
     times, shown = torch.from_numpy(video.times), partial(pictures, video.frames)
     for made in stream(wanted.encoder, shown, video.size, times, layers) if layers else ():
-        with _begin(wanted, video, requests, made.layers, made.times) as entries:
+        with _begin(wanted, video, requests, made.size, made.layers, made.times) as entries:
             for piece in made.pieces:
                 entries.add(piece)
     return layers
@@ -105,6 +106,7 @@ def _missing(
     videos: Iterable[Video], wanted: Wanted, done: Callable[[Video, Sequence[str]], None]
 ) -> Iterator[ComingClip]:
     """The clips of which something is not there."""
+    encoder: Any = wanted.encoder
     for video in videos:
         layers = wanted.missing(video)
         if not layers:
@@ -114,7 +116,9 @@ def _missing(
             chunks=partial(_chunks, video),
             times=torch.from_numpy(video.times),
             layers=layers,
-            begin=partial(_begin, wanted, video, wanted.requests(video)),
+            begin=partial(
+                _begin, wanted, video, wanted.requests(video), encoder.framed(video.size)
+            ),
             done=partial(done, video, layers),
         )
 
@@ -123,12 +127,13 @@ def _begin(
     wanted: Wanted,
     video: Video,
     requests: Mapping[str, FeatureRequest],
+    size: Size,
     layers: tuple[str, ...],
     times: torch.Tensor,
 ) -> Entries:
     made = {**provenance(video), **(wanted.made or {})}
     chosen = [requests[layer] for layer in layers]
-    return wanted.store.begin(chosen, Origin(str(video.path), video.size, times, made))
+    return wanted.store.begin(chosen, Origin(str(video.path), size, times, made))
 
 
 def _chunks(video: Video) -> Iterator[torch.Tensor]:

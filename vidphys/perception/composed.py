@@ -67,7 +67,7 @@ class FrozenTokens(nn.Module):
     """
 
     def __init__(
-        self, values: Tensor, stride: tuple[float, float], channels: int = SlotSettings.channels
+        self, values: Tensor, stride: tuple[float, ...], channels: int = SlotSettings.channels
     ) -> None:
         super().__init__()
         self.stride = stride

@@ -76,6 +76,7 @@ class FrozenSettings:
 
 
 SETTINGS = FrozenSettings()
+REACH = 2  # frames to either side that an encoder with frame differencing looks at
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ def fit_frozen(
     together: int | None = None,
     anchored: bool = False,
     random: bool = False,
+    difference: int | None = None,
     how: FrozenSettings = SETTINGS,
 ) -> Perception:
     """Load an encoder and train a readout over it.
@@ -156,11 +158,15 @@ def fit_frozen(
         options: of its settings.
         task, pooled, together, anchored, how: see :func:`fit_readout`.
         random: the same network with weights that were never trained, as a control.
+        difference: of an encoder of images: frames to either side over which the change of its
+            features is read beside them; not read where not given.
 
     Raises:
         WeightsMissing: the encoder's weights are not on this machine, and are not random.
         InputError: see :func:`fit_readout`.
     """
+    if difference is not None:
+        options = options | {"difference": difference}
     seed = {"seed": derive(task.seed, "weights", encoder_name)} if random else {}
     network = load_encoder(encoder_name, options | seed, device=task.device)
     encoder = LoadedEncoder(encoder_name, options, network)
@@ -315,4 +321,12 @@ _TRAINED = [
     rung_over("videomae-pooled", "videomae-base", video=True, pooled=True),
     *(rung_over(f"vjepa2-{size}", f"vjepa2-{size}", video=True) for size in ("l", "h", "g", "ac")),
 ]
-FROZEN_GROUNDINGS = [each for rung in _TRAINED for each in with_variants(rung)]
+FROZEN_GROUNDINGS = [
+    *(each for rung in _TRAINED for each in with_variants(rung)),
+    # encoders of images, with frame differencing
+    *(
+        rung.varied("diff", together=2 * REACH + 1, difference=REACH)
+        for rung in _TRAINED
+        if rung.name in ("hiera", "dino-tiny", "dinov2")
+    ),
+]

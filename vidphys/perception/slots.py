@@ -115,7 +115,7 @@ class FrameTokens(nn.Module):
         pool = max(1, min(frames.shape[-2:]) // self.pixels)
         seen = functional.avg_pool2d(frames.flatten(0, 1), pool).unflatten(0, frames.shape[:2])
         found = self.encoder(torch.cat([seen, 1 - seen], 2), torch.zeros(frames.shape[1]))
-        stride = (pool * found.stride[0], pool * found.stride[1])
+        stride = tuple(pool * pixels for pixels in found.stride)
         return FeatureMap(found.values, stride, found.times)
 
 

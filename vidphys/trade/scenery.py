@@ -66,8 +66,9 @@ class Probe:
             return features
         flat = torch.nn.functional.avg_pool2d(features.values.flatten(0, 1), self.pooling)
         values = flat.unflatten(0, features.values.shape[:2])
-        down, right = (size * self.pooling for size in features.stride)
-        return FeatureMap(values, (down, right), features.times)
+        down, right, *border = features.stride
+        stride = down * self.pooling, right * self.pooling, *border
+        return FeatureMap(values, stride, features.times)
 
 
 def _scores(values: Tensor, at: Tensor, centres: Tensor) -> Callable[[Tensor], Tensor]:

@@ -81,6 +81,7 @@ def test_every_rung_says_what_it_is_told_and_what_it_knows():
         assert not rung.of or (rung.of in RUNGS and told[name]["variant_of"] == rung.of)
     assert {name for name, rung in RUNGS.items() if rung.of == "hiera"} == {
         "hiera-anchored",
+        "hiera-diff",
         "hiera-random",
     }
     assert RUNGS["hiera-anchored"].supervision == "anchor: tracker"
