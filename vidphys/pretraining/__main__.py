@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +12,7 @@ import tyro
 
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
+from vidphys.pretraining.clips import Signs
 from vidphys.pretraining.run import SHIPPED, TOY, pretrain
 
 EVERY = 50
@@ -27,6 +28,9 @@ class PretrainConfig:
         name: which encoder.
         out: its release folder; the same command goes on after an interruption.
         preset: how long; `shipped` made the weights in the package.
+        steps: of the training, in place of the preset's.
+        couplings: of the clips: of both signs, or attraction alone, as of the encoders of the
+            package whose names end in -attraction.
         seed: of initial weights, clips and order.
         device: of the training.
     """
@@ -34,6 +38,8 @@ class PretrainConfig:
     name: Annotated[Literal["videomae-tiny", "vjepa2-tiny", "dino-tiny"], tyro.conf.Positional]
     out: Path
     preset: Literal["toy", "shipped"] = "shipped"
+    steps: int | None = None
+    couplings: Signs = "both"
     seed: int = 0
     device: Literal["cpu", "cuda"] = "cpu"
 
@@ -50,7 +56,17 @@ def main() -> int:
     try:
         check_cuda(config.device)
         settings = SHIPPED[config.name] if config.preset == "shipped" else TOY
-        result = pretrain(config.name, settings, config.out, config.seed, config.device, _show)
+        if config.steps is not None:
+            settings = replace(settings, steps=config.steps)
+        result = pretrain(
+            config.name,
+            settings,
+            config.out,
+            config.seed,
+            config.device,
+            _show,
+            config.couplings,
+        )
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

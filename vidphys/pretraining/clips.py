@@ -9,6 +9,7 @@ from __future__ import annotations
 import colorsys
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Generator, Tensor
@@ -18,6 +19,9 @@ from vidphys.scenes import gravity
 from vidphys.seeding import derive
 
 BODIES = (2, 3, 4, 6)
+Signs = Literal["both", "attraction"]
+# of G; the same chance draws the same strengths, mirrored or not
+COUPLINGS: dict[Signs, tuple[float, float]] = {"both": (-1.5, 1.5), "attraction": (0.0, 1.5)}
 STEPS_PER_FRAME = 40  # of the scenes, 0.002 s each: frames 0.08 s apart, as in the ladder
 LENGTH = 16  # frames of a simulated trajectory
 LOOKS = 4096  # examples drawn from one trajectory
@@ -79,12 +83,20 @@ class RandomClips:
         layout: of an example.
         seed: of trajectories and looks.
         device: where batches are put.
+        signs: of the couplings; see ``COUPLINGS``.
     """
 
-    def __init__(self, trajectories: int, layout: Layout, seed: int, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        trajectories: int,
+        layout: Layout,
+        seed: int,
+        device: str = "cpu",
+        signs: Signs = "both",
+    ) -> None:
         self.layout, self.seed, self.device = layout, seed, device
         self.camera = Camera(height=layout.side, width=layout.side)
-        self.paths = [_paths(bodies, trajectories, seed) for bodies in BODIES]
+        self.paths = [_paths(bodies, trajectories, seed, COUPLINGS[signs]) for bodies in BODIES]
         self.trajectories = trajectories
 
     def __len__(self) -> int:
@@ -109,9 +121,9 @@ class RandomClips:
         return _drawn(q, self.camera, rng), torch.randperm(self.layout.tokens, generator=rng)
 
 
-def _paths(bodies: int, count: int, seed: int) -> Tensor:
+def _paths(bodies: int, count: int, seed: int, coupling: tuple[float, float]) -> Tensor:
     """Positions of simulated bodies, world units, ``(count, t, n, 2)``; wild episodes dropped."""
-    scene = gravity(bodies=bodies, mass=(1.0, 1.0), coupling=(-1.5, 1.5))
+    scene = gravity(bodies=bodies, mass=(1.0, 1.0), coupling=coupling)
     rng = Generator().manual_seed(derive(seed, "paths", str(bodies)))
     steps = (LENGTH - 1) * STEPS_PER_FRAME
     rolled = scene.simulate(*scene.sample(2 * count, rng), steps, STEPS_PER_FRAME)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from encoders.release import CONFIG, TENSORS, release_sha256
 from vidphys.errors import InputError
-from vidphys.pretraining.clips import Examples, Layout, RandomClips
+from vidphys.pretraining.clips import COUPLINGS, Examples, Layout, RandomClips, Signs
 from vidphys.pretraining.dino import PatchDistillation
 from vidphys.pretraining.videomae import MaskedAutoencoding
 from vidphys.pretraining.vjepa2 import FeaturePrediction
@@ -93,6 +93,7 @@ def pretrain(
     seed: int,
     device: str = "cpu",
     progress: Progress | None = None,
+    signs: Signs = "both",
 ) -> Pretrained:
     """Train an encoder without labels and write its release folder.
 
@@ -106,6 +107,7 @@ def pretrain(
         seed: of initial weights, clips and order.
         device: of the training.
         progress: called as ``(step, steps, loss)``.
+        signs: of the couplings of the clips; all else is drawn alike.
 
     Raises:
         InputError: unknown name.
@@ -115,8 +117,8 @@ def pretrain(
     torch.manual_seed(derive(seed, "init", name))
     module = OBJECTIVES[name]().to(device)
     objective = cast(Objective, module)
-    data = RandomClips(TRAJECTORIES, objective.layout, derive(seed, "clips", name), device)
-    unseen = RandomClips(1, objective.layout, derive(seed, "unseen", name), device)
+    data = RandomClips(TRAJECTORIES, objective.layout, derive(seed, "clips", name), device, signs)
+    unseen = RandomClips(1, objective.layout, derive(seed, "unseen", name), device, signs)
     before = watch(module, unseen)
 
     def after_step(step: int, steps: int, loss: float) -> None:
@@ -128,7 +130,7 @@ def pretrain(
     fit(module, objective, data, settings, derive(seed, "order", name), checkpoint, after_step)
     sha256 = write_release(out, *objective.release())
     result = Pretrained(before, watch(module, unseen), sha256)
-    _record(out, name, settings, seed, device, result)
+    _record(out, name, settings, seed, device, signs, result)
     for file in out.glob(f"{checkpoint.stem}*"):
         file.unlink()
     return result
@@ -156,13 +158,20 @@ def write_release(out: Path, config: dict[str, Any], tensors: dict[str, Tensor])
 
 
 def _record(
-    out: Path, name: str, settings: FitSettings, seed: int, device: str, result: Pretrained
+    out: Path,
+    name: str,
+    settings: FitSettings,
+    seed: int,
+    device: str,
+    signs: Signs,
+    result: Pretrained,
 ) -> None:
     versions = {package: importlib.metadata.version(package) for package in PACKAGES}
     record = {
-        "schema_version": 1,
+        "schema_version": 2,
         "name": name,
         "settings": asdict(settings),
+        "couplings": {"signs": signs, "range": COUPLINGS[signs]},
         "seed": seed,
         "device": device,
         "versions": versions,

@@ -23,9 +23,10 @@ from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import PixelSizes
 from vidphys.pretraining import run
-from vidphys.pretraining.clips import Layout, RandomClips
+from vidphys.pretraining.clips import Layout, RandomClips, Signs
 from vidphys.pretraining.dino import FIRST_MOMENTUM
-from vidphys.pretraining.run import OBJECTIVES, RECORD, pretrain, watch
+from vidphys.pretraining.run import OBJECTIVES, RECORD, Pretrained, pretrain, watch
+from vidphys.progress import Progress
 from vidphys.scenes import gravity
 from vidphys.training.loop import FitSettings
 
@@ -154,6 +155,15 @@ def test_an_example_is_a_function_of_its_number() -> None:
     assert not torch.equal(changed.frames, other.frames)
 
 
+@pytest.mark.parametrize(("signs", "repelled"), [("both", True), ("attraction", False)])
+def test_the_signs_of_the_couplings_reach_the_clips(signs: Signs, repelled: bool) -> None:
+    """Whether any of two bodies is ever pushed away from the other."""
+    pair = RandomClips(16, LAYOUT, 3, signs=signs).paths[0]
+    apart = pair[:, :, 0] - pair[:, :, 1]
+    along = (apart.diff(n=2, dim=1) * apart[:, 1:-1]).sum(-1)
+    assert bool((along > 0).any()) == repelled
+
+
 def test_what_is_asked_is_not_visible() -> None:
     batch = RandomClips(2, LAYOUT, 0)[torch.arange(3)]
     assert batch.visible.shape == (3, 102)
@@ -184,15 +194,20 @@ def test_a_teacher_follows() -> None:
 def test_an_interrupted_pretraining_ends_with_the_same_release(
     name: str, tmp_path: Path, few: None
 ) -> None:
-    whole = pretrain(name, TOY, tmp_path / "whole", seed=1)
+    def trained(out: Path, progress: Progress | None = None) -> Pretrained:
+        return pretrain(name, TOY, out, seed=1, progress=progress, signs="attraction")
+
+    whole = trained(tmp_path / "whole")
 
     def stop(step: int, _steps: int, _loss: float) -> None:
         if step == 3:
             signal.raise_signal(signal.SIGTERM)
 
     with pytest.raises(KeyboardInterrupt):
-        pretrain(name, TOY, tmp_path / "cut", seed=1, progress=stop)
-    assert pretrain(name, TOY, tmp_path / "cut", seed=1) == whole
+        trained(tmp_path / "cut", stop)
+    assert trained(tmp_path / "cut") == whole
+    record = json.loads((tmp_path / "cut" / RECORD).read_text())
+    assert record["couplings"] == {"signs": "attraction", "range": [0.0, 1.5]}
     files = {file.name for file in (tmp_path / "cut").iterdir()}
     assert files == {"config.json", "model.safetensors", RECORD}
     released = load_encoder(name, {}, _locked(tmp_path / "cut"))
