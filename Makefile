@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: ladder paper test test-gpu check docs docs-run picture hostile lock locked audit sbom mutate faults setup
+.PHONY: ladder paper test test-gpu check docs docs-run picture tiny hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -45,6 +45,13 @@ picture: $(READY)
 	$(VENV)/bin/vidphys ladder --cells anonymous-tracker/factored --out runs/picture
 	rm -f docs/ladder.png
 	$(VENV)/bin/vidphys view runs/picture --movie docs/ladder.png
+
+# The figure and the table of the model cards: what training adds to the tiny encoders, five minutes.
+TINY = dino-tiny videomae-tiny vjepa2-tiny
+tiny: $(READY)
+	$(VENV)/bin/vidphys render --scene gravity-and-coulomb --world rgb --clips 100 --frames 16 --image 64 --seed 0 --out runs/tiny/clips
+	$(VENV)/bin/vidphys atlas runs/tiny/clips --encoders $(TINY) $(TINY:=-attraction) --targets position direction velocity speed --seed 0 --store runs/tiny/features --out runs/tiny/atlas
+	$(VENV)/bin/python -m vidphys.pretraining.figure runs/tiny/atlas --out docs/tiny-encoders.svg
 
 # Every command of README and docs, at sizes that one can wait for; `make test` runs the short pages.
 docs-run: $(READY)

@@ -26,7 +26,7 @@ from encoders.weights import config_of, find_weights
 CODE_VERSION = 1
 ARCHITECTURES = {
     f"dinov2-{size}": f"vit_{size}_patch14_dinov2" for size in ("small", "base", "large")
-} | {"dino-tiny": "vit_small_patch14_dinov2"}
+} | dict.fromkeys(("dino-tiny", "dino-tiny-attraction"), "vit_small_patch14_dinov2")
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from encoders.release import WeightsFile, load_strict, read_config
 from encoders.weights import config_of, find_weights
 
 CODE_VERSION = 1
-NAMES = ("videomae-tiny", "videomae-small", "videomae-base")
+NAMES = ("videomae-tiny", "videomae-tiny-attraction", "videomae-small", "videomae-base")
 PREPROCESSING = "rgb, the image to the square, bilinear, imagenet"
 SMALL = {"hidden_size": 384, "num_attention_heads": 6, "intermediate_size": 1536}
 UNUSED = (

@@ -42,7 +42,7 @@ LARGER: dict[str, dict[str, Any]] = {
     },
 }  # than the library's own configuration, which is that of L
 PREDICTOR = "predictor"  # a layer beyond the encoder's last
-NAMES = ("vjepa2-tiny", "vjepa2-l", "vjepa2-h", "vjepa2-g")
+NAMES = ("vjepa2-tiny", "vjepa2-tiny-attraction", "vjepa2-l", "vjepa2-h", "vjepa2-g")
 PREPROCESSING = "rgb, longer side to resolution, sides to whole patches, bilinear, imagenet"
 
 

@@ -20,7 +20,7 @@ from vidphys.seeding import derive
 
 BODIES = (2, 3, 4, 6)
 Signs = Literal["both", "attraction"]
-# of G; the same chance draws the same strengths, mirrored or not
+# of G; strengths are spread alike in both
 COUPLINGS: dict[Signs, tuple[float, float]] = {"both": (-1.5, 1.5), "attraction": (0.0, 1.5)}
 STEPS_PER_FRAME = 40  # of the scenes, 0.002 s each: frames 0.08 s apart, as in the ladder
 LENGTH = 16  # frames of a simulated trajectory

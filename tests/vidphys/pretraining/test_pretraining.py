@@ -23,7 +23,7 @@ from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import RUNGS
 from vidphys.presets import PixelSizes
 from vidphys.pretraining import run
-from vidphys.pretraining.clips import Layout, RandomClips, Signs
+from vidphys.pretraining.clips import COUPLINGS, Layout, RandomClips, Signs
 from vidphys.pretraining.dino import FIRST_MOMENTUM
 from vidphys.pretraining.run import OBJECTIVES, RECORD, Pretrained, pretrain, watch
 from vidphys.progress import Progress
@@ -31,11 +31,16 @@ from vidphys.scenes import gravity
 from vidphys.training.loop import FitSettings
 
 TINY = tuple(OBJECTIVES)
-MOST_BYTES = 6_000_000
+TWIN = "-attraction"
+PACKED = (*TINY, *(f"{name}{TWIN}" for name in TINY))
+MOST_BYTES = 1_000_000
 GOLDEN = {
     "videomae-tiny": (1.9026, -0.2927, 1.0272),
     "vjepa2-tiny": (0.1147, -1.0062, 1.0061),
     "dino-tiny": (-1.4157, 0.1981, 1.0048),
+    "videomae-tiny-attraction": (1.8807, -0.3720, 1.0282),
+    "vjepa2-tiny-attraction": (0.2302, -1.0340, 1.0061),
+    "dino-tiny-attraction": (-1.3700, 0.1754, 1.0044),
 }
 LAYOUT = Layout(frames=4, side=64, patch=4, tubelet=2, visible=0.2, asked=0.25)
 TOY = FitSettings(steps=4, batch=2, learning_rate=1e-3, clip=1.0, save_every=2)
@@ -55,17 +60,19 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_package_holds_all_that_it_can_make() -> None:
-    assert {name for name, entry in KNOWN.items() if entry.packaged} == set(TINY)
+    assert {name for name, entry in KNOWN.items() if entry.packaged} == set(PACKED)
     assert set(TINY) <= set(RUNGS)
 
 
-@pytest.mark.parametrize("name", TINY)
+@pytest.mark.parametrize("name", PACKED)
 def test_packaged_weights_are_small_known_and_recorded(name: str, bare: None) -> None:
     found = find_weights(name)
     assert found.path == PACKAGED / name
     assert sum(file.stat().st_size for file in release_files(found.path)) <= MOST_BYTES
     record = json.loads((found.path / RECORD).read_text())
-    assert record["name"] == name
+    assert record["name"] == name.removesuffix(TWIN)
+    signs: Signs = "attraction" if name.endswith(TWIN) else "both"
+    assert record["couplings"] == {"signs": signs, "range": list(COUPLINGS[signs])}
     assert record["sha256"] == found.sha256 == KNOWN[name].sha256[0]
     assert record["after"]["loss"] < record["before"]["loss"]
     assert fetch(name) == found
@@ -101,6 +108,15 @@ def two_bodies() -> torch.Tensor:
 
 
 @pytest.mark.parametrize("name", TINY)
+def test_a_twin_differs_from_its_encoder_in_the_couplings_alone(name: str) -> None:
+    made, twin = (
+        json.loads((PACKAGED / each / RECORD).read_text()) for each in (name, f"{name}{TWIN}")
+    )
+    differ = {key for key in made if made[key] != twin[key]}
+    assert differ == {"couplings", "before", "after", "sha256"}
+
+
+@pytest.mark.parametrize("name", PACKED)
 def test_golden_features(name: str, bare: None) -> None:
     values = load_encoder(name, {})(two_bodies(), torch.arange(4, dtype=torch.float64)).values
     found = torch.stack([values[0, 1, 0, 8, 9], values[0, 1, 1, 7, 6], values[0, 0].std()])
