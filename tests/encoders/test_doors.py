@@ -217,7 +217,9 @@ def test_what_cannot_be_is_said(name, options, said):
 
 def test_weights_that_are_not_here_say_how_to_get_them(tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
-    with pytest.raises(WeightsMissing, match="weights fetch timm:vit_tiny_patch16_224`, or copy config.json"):
+    with pytest.raises(
+        WeightsMissing, match="weights fetch timm:vit_tiny_patch16_224`, or copy config.json"
+    ):
         load_encoder("timm:vit_tiny_patch16_224", {})
     with pytest.raises(WeightsMissing, match="weights fetch hf:some/where`, or copy"):
         load_encoder("hf:some/where", {})

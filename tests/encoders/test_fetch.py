@@ -24,10 +24,10 @@ FILES = {
 }
 
 
-def run_fetch(server, folder, tmp_path):
+def run_fetch(server, folder, tmp_path, name="dinov2-small"):
     told = {"HF_ENDPOINT": server, "HF_HUB_CACHE": str(tmp_path / "cache"), "HF_HUB_OFFLINE": "0"}
     return subprocess.run(
-        [sys.executable, "-m", "vidphys", "weights", "fetch", "dinov2-small", "--weights", folder],
+        [sys.executable, "-m", "vidphys", "weights", "fetch", name, "--weights", folder],
         env=os.environ | told | {"HF_HUB_DISABLE_XET": "1"},
         capture_output=True,
         text=True,
@@ -56,6 +56,19 @@ def test_the_hubs_client_gets_a_release_through_a_redirect_and_a_break(tmp_path)
     assert other.returncode == 2 and "Traceback" not in other.stderr
     said = " ".join(other.stderr.split())
     assert "copy config.json and model.safetensors" in said and "dinov2-small and run" in said
+
+
+def test_what_is_behind_a_door_is_fetched_and_then_found_by_its_name(tmp_path):
+    beside = {"preprocessor_config.json": b'{"size": {"height": 64, "width": 64}}'}
+    with hub_server(FILES | beside) as server:
+        done = run_fetch(server.address, str(tmp_path / "w"), tmp_path, "hf:owner/model")
+        assert done.returncode == 0, done.stderr
+        assert "https://huggingface.co/owner/model" in done.stdout  # its licence
+        other = run_fetch(server.address, str(tmp_path / "w"), tmp_path, "nobody:model")
+    for name, data in (FILES | beside).items():
+        assert (tmp_path / "w" / "hf--owner--model" / name).read_bytes() == data
+    find_weights("hf:owner/model", tmp_path / "w")
+    assert other.returncode == 2 and "hf:NAME" in other.stderr
 
 
 def test_a_file_is_gone_on_with_where_it_broke_off(tmp_path):

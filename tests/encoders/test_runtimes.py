@@ -1,6 +1,7 @@
 """Runtimes compute what torch computes, and refuse what they cannot."""
 
 import importlib.util
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -9,7 +10,6 @@ from torch import nn
 from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.runtimes import check_runtime, under_runtime
 from encoders.frozen.windows import Windowing
-from encoders.identity import EncoderIdentity
 
 needs_openvino = pytest.mark.skipif(
     importlib.util.find_spec("openvino") is None, reason="the extra openvino is not installed"
@@ -46,8 +46,10 @@ class SmallEncoder(FrozenEncoder):
 
 
 def encoder_of(runtime: str, dtype: str) -> SmallEncoder:
-    identity = EncoderIdentity("small", 1, "0" * 64, "none", "1", 16, dtype)
-    return SmallEncoder(small_network(), Windowing(), 1, 2, identity, runtime)
+    settings = SimpleNamespace(dtype=dtype, batch=2, runtime=runtime)
+    told = {"name": "small", "code_version": 1, "weights_sha256": "0" * 64}
+    told |= {"preprocessing": "none", "layer": "1", "resolution": 16}
+    return SmallEncoder(small_network(), settings, Windowing(), **told)
 
 
 @needs_openvino

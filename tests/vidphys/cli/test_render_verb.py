@@ -56,8 +56,8 @@ def test_the_labels_are_where_the_bodies_are_drawn(tmp_path):
         assert float((drawn - torch.from_numpy(np.asarray(video.frames))).abs().max()) <= 1
         assert 0.5 <= file.coupling <= 1.5 and file.mass == (1.0, 1.0, 1.0)
         again = clip_file(file.path)
-        assert again.labels.path == file.labels.path
-        assert replace(again, labels=file.labels) == file
+        assert (again.labels.path, again.truth.path) == (file.labels.path, file.truth.path)
+        assert replace(again, labels=file.labels, truth=file.truth) == file
     assert len({f.coupling for f in found.files}) == 3
 
 

@@ -18,7 +18,7 @@ from vidphys.diagnose.explanations.rivals import (
     slight,
     undecided,
 )
-from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms import choose, view
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
 from vidphys.diagnose.mechanisms.law import Law
@@ -197,3 +197,18 @@ def test_a_term_that_is_as_small_as_its_error_is_hardly_told_from_none(friction,
     numbers = {name: (times * CERTAIN, 1.0) for name in ("force 1", "linear")}
     numbers |= {"force 2": (0.0, 1.0)}
     assert slight(SimpleNamespace(model=SimpleNamespace(law=law), numbers=numbers)) == told
+
+
+@pytest.mark.parametrize(
+    ("behind", "coasts", "first"),
+    [(8.0, True, "none"), (8.0, False, "uniform"), (14.0, True, "uniform")],
+)
+def test_dry_friction_is_likelier_than_a_pull_that_only_slows(monkeypatch, behind, coasts, first):
+    def fitted(restoring, friction, numbers, score):
+        law = SimpleNamespace(restoring=restoring, friction=friction)
+        model = SimpleNamespace(law=law)
+        return SimpleNamespace(model=model, score=score, covariance=np.eye(numbers))
+
+    monkeypatch.setattr(choose, "_coasts", lambda found: coasts)
+    pull, dry = fitted("uniform", "none", 6, 0.0), fitted("none", "dry", 5, -behind)
+    assert choose.ranked([pull, dry])[0].model.law.restoring == first
