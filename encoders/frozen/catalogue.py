@@ -37,22 +37,24 @@ DOORS: dict[str, Callable[[str], Callable[..., Any]]] = {
     "torchvision": any_torchvision,
 }
 ENCODERS: Registry[Callable[..., Any]] = Registry("encoder", "vidphys.encoders", DOORS)
-TINY: dict[str, tuple[type[Any], Callable[..., FrozenEncoder]]] = {  # our own, each with its twin
-    f"{name}-tiny{twin}": opened
-    for name, opened in {
-        "dino": (DINOTinySettings, load_dinov2),
-        "videomae": (VideoMAESettings, load_videomae),
-        "vjepa2": (VJEPA2TinySettings, load_vjepa2),
-    }.items()
-    for twin in ("", "-attraction")
+Loader = Callable[..., FrozenEncoder]
+TINY: dict[str, tuple[type[Any], Loader]] = {  # our own, by their kind
+    "dino": (DINOTinySettings, load_dinov2),
+    "videomae": (VideoMAESettings, load_videomae),
+    "vjepa2": (VJEPA2TinySettings, load_vjepa2),
 }
+TWINS = ("", "-attraction")  # of each, the second of which never saw repulsion
 
 for _name, _factory in {
     "hiera": Adapter(HieraSettings, load_hiera),
     "i3d": Adapter(I3DSettings, load_i3d),
     "sam2-memory": Adapter(Sam2MemorySettings, load_sam2_memory),
     **{name: Adapter(DINOv2Settings, partial(load_dinov2, name)) for name in ARCHITECTURES},
-    **{name: Adapter(taken, partial(load, name)) for name, (taken, load) in TINY.items()},
+    **{
+        name: Adapter(taken, partial(load, name))
+        for kind, (taken, load) in TINY.items()
+        for name in (f"{kind}-tiny{twin}" for twin in TWINS)
+    },
     "videomae-small": Adapter(VideoMAESettings, partial(load_videomae, "videomae-small")),
     "videomae-base": Adapter(VideoMAESettings, partial(load_videomae, "videomae-base")),
     "vjepa2-l": Adapter(VJEPA2Settings, partial(load_vjepa2, "vjepa2-l")),

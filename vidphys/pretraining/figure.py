@@ -144,8 +144,16 @@ def _panel(panel: Axes, found: Sequence[Gain], encoders: Sequence[str]) -> None:
             [score.high - score.value for score in scores],
         ]
         rows = [encoders.index(each.encoder) + side for each in found]
-        style = {"color": colour, "marker": marker, "linestyle": "none", "capsize": 2}
-        panel.errorbar(values, rows, xerr=ends, label=label, **style)
+        panel.errorbar(
+            values,
+            rows,
+            xerr=ends,
+            label=label,
+            color=colour,
+            marker=marker,
+            linestyle="none",
+            capsize=2,
+        )
     panel.axvline(found[0].pixels, color="#7F7F7F", linestyle=":", label="pixels")
     panel.spines[["top", "right"]].set_visible(False)
 

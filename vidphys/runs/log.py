@@ -69,7 +69,7 @@ def _opened(log: Path) -> Iterator[TextIO]:
     number = os.open(log, flags, 0o666)
     with open(number, "a", buffering=1, encoding="utf-8", errors="backslashreplace") as file:  # noqa: PTH123
         try:
-            _note(file, f"begins, process {os.getpid()}")
+            _note(file, f"begins in process {os.getpid()}")
         except OSError:
             if not os.fstat(number).st_size:
                 log.unlink()

@@ -46,7 +46,7 @@ def test_a_worker_keeps_what_each_unit_says_and_what_it_took(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")  # none of it is lost among what the verb shows
     for name in "ab":
         first, *said, end, last = lines_of(tmp_path / f"{name}.log")
-        assert re.fullmatch(r"begins, process \d+", first) and last == ""
+        assert re.fullmatch(r"begins in process \d+", first) and last == ""
         told = [line for line in said if "warnings.warn" not in line]
         assert told[:3] == [f"{name} prints", "compiled code prints", "an error"]
         assert "UserWarning: energy is lost" in told[3]  # of the second one too
