@@ -10,6 +10,7 @@ import tyro
 
 from vidphys.cli.console import Console
 from vidphys.cli.options import given_columns, refuse
+from vidphys.cli.units import EngineOptions, run_units
 from vidphys.data.video import ClipSelection
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
@@ -23,7 +24,7 @@ SCHEMA = 1  # of atlas.json
 
 
 @dataclass(frozen=True)
-class AtlasConfig:
+class AtlasConfig(EngineOptions):
     """Map what each layer of frozen encoders knows of each target, beside all controls.
 
     Example: vidphys atlas clips --encoders dino-tiny vjepa2-tiny --out runs/atlas
@@ -72,7 +73,6 @@ class AtlasConfig:
         side: shrink frames so that their longer side has at most this many pixels.
         rate: frames per second, in place of the container's time stamps.
         resample: take the frames nearest to so many a second, of clips whose frames come unevenly.
-        workers: how many processes share the work.
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
     """
@@ -102,7 +102,6 @@ class AtlasConfig:
     side: int | None = None
     rate: float | None = None
     resample: float | None = None
-    workers: int = 2
     overwrite: bool = False
     quiet: bool = False
 
@@ -132,7 +131,7 @@ def atlas(config: AtlasConfig) -> int:
         Console(config.quiet, len(units), "atlas") as console,
     ):
         _tell(run, console, settings.known)
-        failed = _run_units(run, units, settings, config.workers, console)
+        failed = _run(run, units, settings, config, console)
         sentences = publish(run)
         for sentence in sentences:
             console.result(sentence)
@@ -149,7 +148,7 @@ def _check(config: AtlasConfig) -> None:
     from vidphys.probing.readouts import ATTENTION, READOUTS, TWO_STAGE
     from vidphys.probing.two_stage import LEAST
 
-    for name, least in (("each", 1), ("grid", 1), ("folds", 2), ("seeds", 1), ("workers", 1)):
+    for name, least in (("each", 1), ("grid", 1), ("folds", 2), ("seeds", 1)):
         if getattr(config, name) < least:
             raise InputError(f"`{name}` {getattr(config, name)}: must be at least {least}")
     if config.seed < 0:
@@ -169,6 +168,7 @@ def _check(config: AtlasConfig) -> None:
     for encoder in config.encoders:
         ENCODERS[encoder]
     check_cuda(config.device)
+    config.check_workers()
 
 
 def _settings(config: AtlasConfig) -> AtlasSettings:
@@ -217,34 +217,19 @@ def _tell(run: RunFolder, console: Console, known: Known) -> None:
     run.tell(**about, clips=[dict(clip) for clip in known.about])
 
 
-def _run_units(
+def _run(
     run: RunFolder,
     units: list[AtlasUnit],
     settings: AtlasSettings,
-    workers: int,
+    config: AtlasConfig,
     console: Console,
 ) -> int:
-    """Do every unit; one that fails is named in the run folder and the others go on.
-
-    Returns:
-        How many failed. An encoder whose weights are not on this machine is skipped, which is no
-        failure.
-    """
-    from encoders.release import WeightsMissing
+    """Do every unit, where the options say; how many failed."""
     from vidphys.probing.atlas import run_unit
-    from vidphys.runs.pool import run_all
+    from vidphys.runs.units import WorkUnit
 
-    failed, lost = 0, set()
-    tasks = [(run.path, unit, settings) for unit in units]
-    for index, error in run_all(run_unit, tasks, workers, console.stage, console.done):
-        absent = isinstance(error, WeightsMissing)
-        failed += not absent
-        word = "skipped" if absent else f"failed: {type(error).__name__}"
-        lost.add(units[index].encoder)
-        run.skip(units[index].encoder, f"{word}: {error}")
-        console.warn(f"{units[index].part} {word}: {error}")
-    run.unskip({unit.encoder for unit in units} - lost)
-    return failed
+    work = [WorkUnit({u.part: u.encoder}, u.encoder, (u, settings)) for u in units]
+    return run_units(run, run_unit, work, config, console)
 
 
 def publish(run: RunFolder) -> list[str]:
