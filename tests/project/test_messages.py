@@ -17,7 +17,7 @@ PACKAGES = (
     "readouts",
     "vidphys",
 )
-COMMAND_LINES = ("vidphys/cli/", "vidphys/pretraining/__main__.py")
+COMMAND_LINES = ("vidphys/cli/", "vidphys/pretraining/__main__.py", "vidphys/pretraining/figure.py")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 TOLD = re.compile(r"--[\w-]+(=\S+)?")  # a whole one, told to a program
 
