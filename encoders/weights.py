@@ -63,8 +63,8 @@ def find_weights(name: str, where: Path | None = None) -> WeightsFile:
     path = place if place.exists() else _cached(known, known.revision or locked["revision"])
     if path is None or path.is_dir() != known.is_folder:
         copied = (
-            f", or copy {known.what_to_copy()} to {place} and run `vidphys weights check {name} "
-            "--lock`"
+            f", or copy {known.what_to_copy()} to {place} and let `vidphys weights check {name}` "
+            "lock its hash"
         )
         raise WeightsMissing(
             f"weights of {name!r}: no {'folder' if known.is_folder else 'file'} {place}; get it by "
