@@ -19,7 +19,7 @@ class Bordered(tuple[float, float]):
 
     def __new__(cls, size: Size, border: Size = (0.0, 0.0)) -> Bordered:
         made = super().__new__(cls, size)
-        made.border = border
+        made.border = (float(border[0]), float(border[1]))
         return made
 
 
@@ -30,7 +30,7 @@ def stride_of(size: Size, shape: Sequence[int]) -> tuple[float, ...]:
 
     Example:
         >>> stride_of((32, 64), (4, 4)), stride_of(Bordered((32, 64), (0, 16)), (4, 4))
-        ((8.0, 16.0), (8.0, 8.0, 0, 16))
+        ((8.0, 16.0), (8.0, 8.0, 0.0, 16.0))
     """
     border = size.border if isinstance(size, Bordered) else (0.0, 0.0)
     cells = zip(size, border, shape[-2:], strict=True)

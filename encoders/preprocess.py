@@ -134,7 +134,7 @@ class Fitting:
         >>> Fitting("crop", 224).whole(wide), Fitting("pad", 224, 16).whole(wide)
         ((224, 398), (128, 224))
         >>> Fitting("crop", 224).framed(wide).border  # pixels of the picture
-        (0.0, 69.9497487437186)
+        (0.0, 69.949748743718...)
     """
 
     fit: Fit
