@@ -14,7 +14,8 @@ import pytest
 
 from vidphys.runs import pool
 from vidphys.runs.ending import INTERRUPTED, Ending
-from vidphys.runs.pool import WorkerLost, WorkerWarning, run_all
+from vidphys.runs.pool import run_all
+from vidphys.runs.tasks import WorkerLost, WorkerWarning
 
 HOME = Path(__file__).parents[2]
 BOTH = [signal.SIGINT, signal.SIGTERM]

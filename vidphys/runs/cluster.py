@@ -10,7 +10,6 @@ import logging
 import os
 import signal
 import threading
-from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -18,7 +17,8 @@ from typing import Any
 from vidphys.errors import InputError
 from vidphys.runs.ending import SIGNALS
 from vidphys.runs.needs import Needs
-from vidphys.runs.pool import Message, given_up
+from vidphys.runs.pool import Message
+from vidphys.runs.tasks import Tasks
 from vidphys.runs.worker import outcome, quietly_with_one_thread
 
 POLL_SECONDS = 0.5
@@ -94,15 +94,14 @@ class Cluster:
         show: Callable[[Message], None],
         finished: Callable[[int], None],
     ) -> list[tuple[int, Exception]]:
-        ray, waiting = self.ray, deque(range(len(tasks)))
+        ray, kept = self.ray, Tasks(len(tasks), finished)
         board = ray.remote(num_cpus=0, max_restarts=-1)(_Board).remote()
         call = ray.remote(max_retries=0)(_call)
         asked = self._asked(len(tasks))
         running: dict[Any, int] = {}
-        lost, failures = Counter[int](), list[tuple[int, Exception]]()
-        while waiting or running:
-            while waiting:
-                number = waiting.popleft()
+        while kept.waiting or running:
+            while kept.waiting:
+                number = kept.waiting.popleft()
                 begun = call.options(**asked[number])
                 running[begun.remote(board, number, work, tasks[number])] = number
             ready, _ = ray.wait(list(running), timeout=POLL_SECONDS)
@@ -113,18 +112,12 @@ class Cluster:
                 try:
                     found = ray.get(reference)
                 except ray.exceptions.RayError as error:
-                    lost[number] += 1
                     how = f"the process of task {number + 1} went away ({type(error).__name__})"
-                    if given := given_up(how, lost[number]):
-                        failures.append((number, given))
-                    else:
-                        waiting.append(number)
+                    if kept.again(number, how):
+                        kept.waiting.append(number)
                 else:
-                    if found[0] == "done":
-                        finished(number)
-                    else:
-                        failures.append((number, found[1]))
-        return failures
+                    kept.ended(number, found)
+        return kept.failures
 
     def _asked(self, count: int) -> list[dict[str, Any]]:
         """What each task asks the cluster for: no more cores or memory than its largest node has.

@@ -38,7 +38,7 @@ class Engine(Protocol):
 
         Returns:
             The tasks that raised, with what they raised, or
-            :class:`vidphys.runs.pool.WorkerLost`; the others go on.
+            :class:`vidphys.runs.tasks.WorkerLost`; the others go on.
         """
         ...
 

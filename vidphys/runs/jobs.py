@@ -11,7 +11,6 @@ import math
 import shutil
 import sys
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,8 @@ from typing import Any
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_json
 from vidphys.runs.needs import Needs
-from vidphys.runs.pool import Message, given_up
+from vidphys.runs.pool import Message
+from vidphys.runs.tasks import Tasks
 from vidphys.runs.worker import outcome, quietly_with_one_thread
 
 POLL_SECONDS = 1.0
@@ -75,11 +75,10 @@ class Jobs:
         show: Callable[[Message], None],
         finished: Callable[[int], None],
     ) -> list[tuple[int, Exception]]:
-        waiting, lost = deque(range(len(tasks))), Counter[int]()
-        failures: list[tuple[int, Exception]] = []
-        while waiting or running:
-            while waiting and len(running) < self.workers:
-                number = waiting.popleft()
+        kept = Tasks(len(tasks), finished)
+        while kept.waiting or running:
+            while kept.waiting and len(running) < self.workers:
+                number = kept.waiting.popleft()
                 said, executor = self._said(number), self._executor(number)
                 running[executor.submit(_job, said, work, tasks[number])] = number
             time.sleep(POLL_SECONDS)
@@ -91,18 +90,12 @@ class Jobs:
                 try:
                     found = job.result()
                 except Exception as error:  # its own are told as outcomes
-                    lost[number] += 1
                     how = f"the job of task {number + 1} went away ({type(error).__name__})"
-                    if given := given_up(how, lost[number]):
-                        failures.append((number, given))
-                    else:
-                        waiting.append(number)
+                    if kept.again(number, how):
+                        kept.waiting.append(number)
                 else:
-                    if found[0] == "done":
-                        finished(number)
-                    else:
-                        failures.append((number, found[1]))
-        return failures
+                    kept.ended(number, found)
+        return kept.failures
 
     def _executor(self, number: int) -> Any:
         """What submits a task's job, with what it asks for; a share of a card is a whole one."""

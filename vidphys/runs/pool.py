@@ -7,7 +7,6 @@ import os
 import signal
 import time
 import warnings
-from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -17,22 +16,14 @@ from typing import Any
 
 from vidphys.runs.cards import least_used, seeing
 from vidphys.runs.ending import SIGNALS
+from vidphys.runs.tasks import Tasks, WorkerWarning
 from vidphys.runs.worker import serve
 
 Message = tuple[str, int, int]
 POLL_SECONDS = 0.5
-TRIES = 3  # of a task whose worker dies
 DEAF_SECONDS = 180.0  # without a sign of life, after which a worker is given up
 STUCK_SECONDS = 900.0  # without progress, after which a worker's task is warned of
 END_SECONDS = 3.0  # for workers to end by themselves
-
-
-class WorkerLost(RuntimeError):
-    """The process that did a task died each time."""
-
-
-class WorkerWarning(UserWarning):
-    """A worker died or makes no progress."""
 
 
 class _Worker:
@@ -109,11 +100,11 @@ def run_all(
         cards: given to the workers in turn, each of which sees its own alone.
 
     Returns:
-        The tasks that raised, with what they raised, or :class:`WorkerLost`; the others go on.
+        The tasks that raised, with what they raised, or :class:`vidphys.runs.tasks.WorkerLost`; the
+        others go on.
     """
-    waiting, lost = deque(range(len(tasks))), Counter[int]()
-    failures: list[tuple[int, Exception]] = []
-    staff: list[_Worker] = []
+    kept, staff = Tasks(len(tasks), finished), list[_Worker]()
+    waiting = kept.waiting
     try:
         while waiting or any(worker.task is not None for worker in staff):
             while waiting and (worker := _free(staff, workers, work, cards)):
@@ -124,26 +115,20 @@ def run_all(
                 if message is None:
                     staff.remove(worker)
                     if number is not None:
-                        lost[number] += 1
                         how = f"the process at {worker.stage} died ({worker.end_of()})"
-                        if error := given_up(how, lost[number]):
-                            failures.append((number, error))
-                        else:
+                        if kept.again(number, how):
                             waiting.appendleft(number)
                 elif message[0] == "at":
                     worker.stage = message[1]
                     show(message[1:])
                 elif message[0] in ("done", "failed") and number is not None:
                     worker.task = None
-                    if message[0] == "done":
-                        finished(number)
-                    else:
-                        failures.append((number, message[1]))
+                    kept.ended(number, message)
         for worker in staff:
             worker.send(None)
     finally:
         _end(staff)
-    return failures
+    return kept.failures
 
 
 def _free(
@@ -177,19 +162,6 @@ def _heard(staff: Sequence[_Worker]) -> Iterator[tuple[_Worker, tuple[Any, ...] 
         if message != ("alive",):
             worker.idle = 0.0
         yield worker, message
-
-
-def given_up(how: str, times: int) -> WorkerLost | None:
-    """Say how a task was lost; gives the error once it is not to be tried again.
-
-    Args:
-        how: in words.
-        times: that it was lost.
-    """
-    if times == TRIES:
-        return WorkerLost(f"{how}, as {TRIES - 1} did before it")
-    warnings.warn(f"{how}; its work is tried again", WorkerWarning, stacklevel=3)
-    return None
 
 
 def _end(staff: Sequence[_Worker]) -> None:

@@ -22,7 +22,7 @@ from vidphys.errors import InputError
 from vidphys.runs.cluster import Cluster
 from vidphys.runs.engine import engine_of
 from vidphys.runs.needs import Needs
-from vidphys.runs.pool import WorkerLost, WorkerWarning
+from vidphys.runs.tasks import WorkerLost, WorkerWarning
 
 LONG = pytest.mark.skipif(
     "VIDPHYS_FAULTS" not in os.environ, reason="make faults runs it, half a minute"

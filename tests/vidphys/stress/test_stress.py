@@ -20,7 +20,7 @@ from dynamics.integrators import Integrator
 from tests.shared.serial import serially
 from vidphys.cli import main
 from vidphys.runs import pool
-from vidphys.runs.pool import WorkerLost
+from vidphys.runs.tasks import WorkerLost
 from vidphys.stress import balance, baths, compiled, contacts, inputs, methods, orbits, pictures
 from vidphys.stress.bodies import Orbit, invariant_error
 from vidphys.stress.case import REFUSED, SILENT, SKIPPED, SOUND, WARNED, Case, Skip
