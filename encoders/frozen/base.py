@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from encoders.features import FeatureMap, FeatureStream
 from encoders.frozen.runtimes import Maps, Runtime, check_runtime, under_runtime
 from encoders.frozen.tokens import chosen_layer
+from encoders.frozen.transfers import sent
 from encoders.frozen.windows import Window, Windowing, feature_times, seen_by, windows
 from encoders.grid import Size, stride_of
 from encoders.identity import EncoderIdentity
@@ -251,6 +252,11 @@ class FrozenEncoder(ABC):
             together.setdefault(asked[layer].sight, []).append(layer)
         return [(asked[group[0]], tuple(group)) for group in together.values()]
 
+    @property
+    def device(self) -> torch.device:
+        """Where the network is."""
+        return next(self.network.parameters()).device
+
     def _passes(
         self, jobs: Iterable[Job], layers: tuple[str, ...], told: Callable[[int], None]
     ) -> Iterator[list[Tensor]]:
@@ -267,8 +273,7 @@ class FrozenEncoder(ABC):
     def one_pass(self, jobs: list[Job], layers: tuple[str, ...]) -> list[list[Tensor]]:
         """Of each layer, the kept maps of each window."""
         filled = jobs + jobs[-1:] * (self.batch - len(jobs))
-        clips = torch.stack([seen for seen, _ in filled])
-        clips = clips.to(next(self.network.parameters()).device)
+        clips = sent(torch.stack([seen for seen, _ in filled]), self.device)
         light = clips.float() if clips.is_floating_point() else clips.float() / 255
         return [
             [maps[i, list(window.kept)].float() for i, (_, window) in enumerate(jobs)]

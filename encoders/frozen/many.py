@@ -2,12 +2,12 @@
 
 A pass costs the same whether its windows are of one clip or of several, and a window's features do
 not depend on its company, so that short clips cost what long ones do. Frames are taken as they
-come, and no more windows wait than one pass has, of each shape of frames.
+come, and no more windows wait than one pass has, of each shape of frames. While a card computes a
+pass, the features of the one before it are written and the frames of the next are read.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,6 +18,7 @@ from torch import Tensor
 
 from encoders.entry import Entries
 from encoders.frozen.base import FrozenEncoder
+from encoders.frozen.transfers import Coming
 from encoders.frozen.windows import Window, feature_times, seen_by, windows
 
 MOST_OPEN = 32  # clips whose last windows wait for company
@@ -79,6 +80,7 @@ class ManyClips:
         self.encoder, self.passed, self.busy = encoder, passed, 0.0
         self._waiting: dict[Hashable, Waiting] = {}
         self._open: list[_Open] = []
+        self._under_way: tuple[Coming, Waiting] | None = None
 
     def encode(self, clips: Iterable[ComingClip]) -> None:
         """Encode all clips; after an error those before it are whole, and of others nothing is.
@@ -93,10 +95,12 @@ class ManyClips:
                     self._flush()
             self._flush()
         except BaseException as error:
+            with suppress(Exception):  # the first error is the one that is told
+                self._finish()
             for opened in [each for each in self._open if not each.taken]:
                 self._abandon(opened, error)
             if isinstance(error, Exception):
-                with suppress(Exception):  # the first error is the one that is told
+                with suppress(Exception):
                     self._flush()
             for opened in list(self._open):
                 self._abandon(opened, error)
@@ -142,12 +146,25 @@ class ManyClips:
         for key in list(self._waiting):
             layers: tuple[str, ...] = key[0]  # type: ignore[index]
             self._run(self.encoder.at(layers[0]), layers, self._waiting.pop(key))
+        self._finish()
 
     def _run(self, seer: FrozenEncoder, layers: tuple[str, ...], jobs: Waiting) -> None:
-        begun = time.perf_counter()
+        """Begin a pass; the one before it is finished meanwhile."""
+        windows = [(seen, window) for seen, window, _ in jobs]
         with torch.inference_mode():
-            found = seer.one_pass([(seen, window) for seen, window, _ in jobs], layers)
-        self.busy += time.perf_counter() - begun
+            coming = Coming(lambda: seer.one_pass(windows, layers), seer.device)
+        self._finish()
+        self._under_way = coming, jobs
+        if not coming.under_way:
+            self._finish()
+
+    def _finish(self) -> None:
+        """Write what the pass that is under way gives."""
+        if self._under_way is None:
+            return
+        (coming, jobs), self._under_way = self._under_way, None
+        found = coming.maps()
+        self.busy += coming.seconds
         for number, (_, _, part) in enumerate(jobs):
             part.entries.add([maps[number] for maps in found])
             part.left -= 1

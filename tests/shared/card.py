@@ -3,7 +3,8 @@
 What is computed is right, because each tensor on the card stands for one on the CPU, where its
 operations are run. What a card would break by surprise breaks here too: an operation over tensors
 of two devices (but for numbers without axes, and indices), ``.numpy()`` of a tensor that is not on
-the CPU, a generator of the other device, numbers that compiled loops of the CPU read by address.
+the CPU, a generator of the other device, numbers that compiled loops of the CPU read by address,
+what comes to the CPU without being waited for.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ aten = torch.ops.aten
 INDEXED = (aten.index.Tensor, aten.index_put.default, aten.index_put_.default)  # indices: any
 INDEXED += (aten._unsafe_index.Tensor, aten._index_put_impl_.default)
 ACROSS = (aten._to_copy.default, aten.copy_.default)
+WRONG = -1e9  # what there is in memory that nobody wrote to yet
+ON_THE_WAY: list[tuple[Tensor, Tensor]] = []  # to the CPU: where to, and what
 GET_DEVICE = Tensor.device.__get__
 
 
@@ -81,6 +84,9 @@ class OnCard(Tensor):
 
     def tolist(self) -> Any:
         return self.detach().held.tolist()
+
+    def record_stream(self, _: Any) -> None:
+        """Nothing here gives memory away too early."""
 
     def pin_memory(self, *_: Any) -> Tensor:
         raise RuntimeError("cannot pin 'torch.cuda.FloatTensor': only dense CPU tensors can be")
@@ -153,6 +159,23 @@ class _Dispatch(TorchDispatchMode):
         return run(function, args, kwargs or {})
 
 
+class _Event:
+    """That what the card was asked for till now is done, which nobody knows who does not wait."""
+
+    def __init__(self, enable_timing: bool = False) -> None:
+        self.asked = 0
+
+    def record(self) -> None:
+        self.asked = len(ON_THE_WAY)
+
+    def synchronize(self) -> None:
+        for number, (here, there) in enumerate(ON_THE_WAY[: self.asked]):
+            ON_THE_WAY[number] = here.copy_(there), there
+
+    def elapsed_time(self, _: Any) -> float:
+        return 1.0
+
+
 class _Names(TorchFunctionMode):
     """What is asked of ``cuda`` is asked of ``meta``, the device that tensors on the card have."""
 
@@ -172,8 +195,16 @@ class _Names(TorchFunctionMode):
         name = getattr(function, "__name__", "")
         if name == "cuda":
             return args[0].to(torch.device("meta"))
+        if name == "__getitem__":  # torch puts a list on the tensor's own device, which is meta
+            args = args[0], pytree.tree_map_only(list, torch.tensor, args[1], is_leaf=_is_list)
         if name == "cpu" and args:
             return args[0].to(CPU)
+        kwargs = {key: value for key, value in kwargs.items() if key != "pin_memory"}
+        if name == "pin_memory":
+            return args[0].clone()
+        if name == "copy_" and kwargs.get("non_blocking") and isinstance(args[1], OnCard):
+            ON_THE_WAY.append((args[0].fill_(WRONG), args[1].held.clone()))
+            return args[0]
         if kwargs.get("device") is not None:
             kwargs = {**kwargs, "device": renamed(torch.device(kwargs["device"]))}
         if name in ("tensor", "as_tensor") and kwargs.get("device", CPU).type == "meta":
@@ -185,6 +216,10 @@ class _Names(TorchFunctionMode):
             args = (args[0], torch.device(args[1]), *args[2:])
         args = tuple(renamed(x) for x in args)
         return function(*args, **kwargs)
+
+
+def _is_list(x: Any) -> bool:
+    return isinstance(x, list)
 
 
 def _nothing(*_: Any) -> None:
@@ -209,6 +244,10 @@ def a_card() -> Iterator[None]:
         mock.patch("torch.cuda.is_available", lambda: True),
         mock.patch("torch.cuda.get_device_name", lambda *_: "a card that is none"),
         mock.patch("torch.cuda.synchronize", lambda *_: None),
+        mock.patch("torch.cuda.current_stream", mock.MagicMock()),
+        mock.patch("torch.cuda.Stream", mock.MagicMock()),
+        mock.patch("torch.cuda.stream", lambda _: contextlib.nullcontext()),
+        mock.patch("torch.cuda.Event", _Event),
         mock.patch("torch.optim.Optimizer._accelerator_graph_capture_health_check", _nothing),
         # Tensors of inference mode cannot stand for others; what it allows, no_grad allows.
         mock.patch("torch.inference_mode", _inference),
@@ -218,5 +257,6 @@ def a_card() -> Iterator[None]:
         try:
             yield
         finally:
+            ON_THE_WAY.clear()
             for kept in (pair_indices, triple_indices):  # under the card's name
                 kept.cache_clear()

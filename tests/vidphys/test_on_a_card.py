@@ -2,14 +2,21 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from binders import Tracks
 from dynamics import HEADS
+from encoders import load_encoder
+from encoders.store import FeatureStore
 from readouts.differencing import central_difference
 from tests.shared.card import a_card
+from tests.shared.small_clips import write_clip
 from tests.shared.small_studies import TINY
+from vidphys.data.many import Wanted, extract_many
+from vidphys.data.video import ClipSelection, open_video
+from vidphys.errors import InputError
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.oracle import held_out_question, true_segments
@@ -134,6 +141,57 @@ def test_a_training_goes_on_there_from_its_checkpoint(tmp_path):
             train(lines[1], "part.json", 3)
         train(lines[2], "part.json", 9)
         assert lines[2].weight.cpu().tolist() == lines[0].weight.cpu().tolist()
+
+
+@pytest.mark.parametrize("name", ["dino-tiny", "vjepa2-tiny"])
+def test_features_are_extracted_there(name, tmp_path):
+    """Each pass is written while the next is computed, and clips before an error are whole."""
+    videos = []
+    for stem, count in (("a", 20), ("b", 9), ("c", 7)):
+        write_clip(tmp_path / f"{stem}.avi", count, table=False)
+        videos.append(open_video(tmp_path / f"{stem}.avi", ClipSelection()))
+
+    class Broken:
+        held = True
+        shape = videos[2].frames.shape
+
+        def chunks(self):
+            yield np.zeros((2, *self.shape[1:]), np.uint8)
+            raise InputError("cut short")
+
+    clips = [*videos[:2], replace(videos[2], frames=Broken())]
+
+    def extracted(device):
+        encoder = load_encoder(name, {"batch": 4}, None, device)
+        store = FeatureStore(tmp_path / device)
+        many = Wanted(encoder, encoder.layers, store, "float32")
+        with pytest.raises(InputError, match="cut short"):
+            extract_many(iter(clips), many, lambda video, layers: None)
+        return {
+            (video.path.stem, layer): store.read(request)
+            for video in videos
+            for layer, request in many.requests(video).items()
+        }
+
+    here = extracted("cpu")
+    with a_card():
+        there = extracted("cuda")
+    for key, features in here.items():
+        assert (features is None) == (there[key] is None) == (key[0] == "c")
+        if features is not None:
+            assert torch.allclose(there[key].values, features.values, atol=1e-5)
+
+
+def test_what_comes_from_a_card_is_wrong_until_it_is_waited_for():
+    with a_card():
+        x = torch.ones(2, device="cuda")
+        here = torch.empty(2, pin_memory=True).copy_(x, non_blocking=True)
+        event = torch.cuda.Event()
+        event.record()
+        assert here.tolist() != [1, 1]
+        event.synchronize()
+        assert here.tolist() == [1, 1]
+        assert x[[1, 0]].tolist() == [1, 1]  # a list of places
 
 
 def test_what_a_card_refuses_is_refused():
