@@ -20,7 +20,7 @@ Config = TypeVar("Config")
 _LOOK = ("encoder", "layer", "resolution", "frame_stride", "dtype")
 # verb -> the fronts whose configuration it takes, and which of the configuration's names it has
 TAKES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "extract": (("encoders", "runtimes"), (*_LOOK, "runtime", "batch", "store_dtype")),
+    "extract": (("encoders", "runtimes"), (*_LOOK, "runtime", "batch", "store_dtype", "grid")),
     "train": (("encoders",), _LOOK),
     "render": (("drawing",), ("world", "image")),
 }

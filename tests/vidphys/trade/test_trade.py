@@ -383,3 +383,26 @@ def test_the_drawing_front_gives_points_that_the_report_shows(tmp_path):
     text = write_trade(tmp_path).read_text()
     for said in ("us_per_frame", "not finite", "its weights are not here", "<svg", "rk4"):
         assert said in text
+
+
+def test_what_a_store_keeps_of_features_has_its_bytes_and_what_is_read_from_it(tmp_path):
+    from vidphys.trade.context import SIZES, Context
+    from vidphys.trade.fronts import runtimes
+
+    sizes = replace(SIZES["quick"], labelled=4, runtimes=())
+    context = Context(sizes, 0, "cpu", None, tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runtimes, "available", lambda _: ["dino-tiny"])
+        stored = [job for job in runtimes.jobs(context) if "store_dtype" in job.configuration]
+    told = {}
+    for job in stored:
+        errors = job.errors(job.work())
+        form = job.configuration["store_dtype"], job.configuration.get("grid")
+        told[form] = job.units["bytes"], errors["feature_error"], errors["probe_nmse"]
+    whole = 96 * 16 * 16
+    assert told["float32", None][:2] == (4 * whole, 0)
+    assert told["int8", None][0] == whole + 96 * 8 and 0 < told["int8", None][1] < 0.01
+    assert told["int8", 4][0] == 96 * 16 + 96 * 8
+    assert told["float16", 4][1] == pytest.approx(told["int8", 4][1], rel=0.02)
+    assert told["float16", 4][1] > 10 * told["int8", None][1]
+    assert told["int8", None][2] == pytest.approx(told["float32", None][2], rel=0.2)

@@ -1,27 +1,32 @@
 """What computes a frozen network: runtime, precision, frames a pass, or the store on disk.
 
-The error is against the same network in float32 under torch.
+The error is against the same network in float32 under torch. What the store keeps in fewer cells
+counts as the mean of a block in each of its cells. Of what it gives back it is also told how well
+positions are read from it, by the probe of the encoders' front.
 """
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
+from encoders.arrays import bytes_kept
+from encoders.features import FeatureMap
 from encoders.frozen import load_encoder, options_of
 from encoders.identity import EncoderIdentity
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.clips import Clips
+from vidphys.data.extraction import StoredDtype
 from vidphys.points.point import Setting
 from vidphys.trade.context import Context
 from vidphys.trade.fronts.encoders import available
 from vidphys.trade.measure import Job, Scale
-from vidphys.trade.scenery import coloured_clips, encoded
+from vidphys.trade.scenery import Probe, coloured_clips, encoded
 
 SCALE = Scale(
     "runtimes",
@@ -30,7 +35,15 @@ SCALE = Scale(
     "feature_error",
     "the same network in float32 under torch; |x - x'| / |x'| over all features",
 )
-STORED: tuple[Literal["float32", "float16", "bfloat16"], ...] = ("float32", "float16", "bfloat16")
+FEWER = 4  # cells on a side
+STORED: tuple[tuple[StoredDtype, int | None], ...] = (  # and the cells on a side at most
+    ("float32", None),
+    ("float16", None),
+    ("bfloat16", None),
+    ("int8", None),
+    ("float16", FEWER),
+    ("int8", FEWER),
+)
 BATCHES = (1, 8)
 
 
@@ -42,8 +55,10 @@ def jobs(context: Context) -> Iterator[Job]:
         for runtime, dtype in runtimes_of(name, context):
             for batch in BATCHES:
                 yield case.computed(runtime, dtype, batch)
-        for stored in STORED:
-            yield case.cached(stored)
+        whole = encoded(load_encoder(name, {}, context.weights, context.device), clips)
+        for stored, grid in STORED:
+            if grid is None or max(whole.grid) > grid:
+                yield case.cached(stored, grid, whole)
 
 
 def runtimes_of(name: str, context: Context) -> Iterator[tuple[str, str]]:
@@ -78,39 +93,63 @@ class _Case:
         encoder = load_encoder(self.name, options, self.context.weights, self.context.device)
         one = self.clips.first(1)
         task = f"features of {self.name}"
-        return self._job(task, options, dtype, lambda: encoded(encoder, one).values)
+        size = torch.finfo(getattr(torch, dtype)).bits / 8 * self.truth.numel()
+        return self._job(task, options, dtype, lambda: encoded(encoder, one).values, size)
 
-    def cached(self, stored: Literal["float32", "float16", "bfloat16"]) -> Job:
-        """The store's answer, every value touched."""
+    def cached(self, stored: StoredDtype, grid: int | None, whole: FeatureMap) -> Job:
+        """The store's answer, every value touched; ``whole`` has the features of all clips."""
         store = FeatureStore(self.context.scratch / "features")
-        one = self.clips.first(1)
-        request = FeatureRequest(
-            encoder=self.identity,
-            source_sha256="0" * 64,
-            frames=tuple(range(one.frames.shape[1])),
-            times=tuple(one.times.tolist()),
-            frame_size=(one.frames.shape[-2], one.frames.shape[-1]),
-            dtype=stored,
-        )
-        encoder = load_encoder(self.name, {}, self.context.weights, self.context.device)
-        store.get(request, "clip", lambda: encoded(encoder, one))
+        size = self.clips.frames.shape[-2], self.clips.frames.shape[-1]
+        requests = [
+            FeatureRequest(
+                encoder=self.identity,
+                source_sha256=f"{number:064d}",
+                frames=tuple(range(self.clips.frames.shape[1])),
+                times=tuple(self.clips.times.tolist()),
+                frame_size=size,
+                dtype=stored,
+                grid=grid,
+            )
+            for number in range(len(self.clips))
+        ]
+        for request, values in zip(requests, whole.values, strict=True):
+            one = replace(whole, values=values.unsqueeze(0))
+            store.get(request, "clip", lambda one=one: one)  # type: ignore[misc]
 
-        def read() -> Tensor:
+        def read(request: FeatureRequest) -> FeatureMap:
             found = store.read(request)
             assert found is not None
-            return found.values.float()
+            return replace(found, values=found.values.float())
 
+        def look() -> Tensor:
+            return read(requests[0]).values
+
+        def reads() -> dict[str, float]:
+            first, *_ = maps = [read(request) for request in requests]
+            kept = replace(first, values=torch.cat([each.values for each in maps]))
+            return {"probe_nmse": Probe(self.clips).nmse(kept)}
+
+        options: dict[str, Setting] = {"store_dtype": stored}
+        if grid is not None:
+            options["grid"] = grid
         task = f"features of {self.name}, from the store"
-        return self._job(task, {"store_dtype": stored}, stored, read)
+        kept = bytes_kept(read(requests[0]).values.shape, stored)
+        return self._job(task, options, stored, look, kept, reads)
 
     def _job(
-        self, task: str, options: dict[str, Setting], dtype: str, work: Callable[[], Tensor]
+        self,
+        task: str,
+        options: dict[str, Setting],
+        dtype: str,
+        work: Callable[[], Tensor],
+        size: float,
+        more: Callable[[], dict[str, float]] = dict,
     ) -> Job:
         def errors(values: Tensor) -> dict[str, float]:
-            away = (values.double() - self.truth.double()).norm()
-            return {"feature_error": float(away / self.truth.double().norm())}
+            there = _spread(values, self.truth).double()
+            away = (there - self.truth.double()).norm()
+            return {"feature_error": float(away / self.truth.double().norm()), **more()}
 
-        size = torch.finfo(getattr(torch, dtype)).bits / 8
         return Job(
             task=task,
             configuration={"encoder": self.name, **options},
@@ -118,5 +157,13 @@ class _Case:
             errors=errors,
             per_call=self.clips.frames.shape[1],
             dtype=dtype,
-            units={"bytes": size * self.truth.numel() / self.clips.frames.shape[1]},
+            units={"bytes": size / self.clips.frames.shape[1]},
         )
+
+
+def _spread(values: Tensor, like: Tensor) -> Tensor:
+    """Maps ``(b, t, c, h, w)`` with as many cells as others: the nearest of theirs in each."""
+    if values.shape == like.shape:
+        return values
+    cells = like.shape[-2:]
+    return interpolate(values.flatten(0, 1), cells, mode="nearest").unflatten(0, values.shape[:2])
