@@ -60,6 +60,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
         columns: what columns of the tables are, where their names do not tell (u1=LEFT v1=TOP), or
             which of their bodies are learned (u=u2 v=v2).
         store: folder of the feature store; what is missing in it is extracted.
+        store_dtype: of the values there, as `vidphys extract --store-dtype` wrote them.
         out: the run folder.
         readout: what reads positions from features: refined (attention says about where, several
             readers of the cells around it say where exactly, and how sure that is), attention
@@ -107,6 +108,7 @@ class TrainConfig(WhoOptions, SeeingOptions):
     data: Annotated[Path, tyro.conf.Positional]
     columns: tuple[str, ...] = ()
     store: Path = Path("features")
+    store_dtype: Literal["float16", "bfloat16", "float32", "int8"] = "float16"
     out: Path = Path("runs/clip")
     readout: str = AUTO
     layers: tuple[int | str, ...] = ()
@@ -270,6 +272,7 @@ def _settings(config: TrainConfig) -> TrainSettings:
         config.on_nan,
         config.device,
         split_by=config.split_by,
+        store_dtype=config.store_dtype,
     )
 
 
@@ -296,7 +299,7 @@ def _train(
     try:
         store = FeatureStore(config.store)
         with console.busy("looking at the clips"):
-            clips = see(dataset, encoders, store, selection, binder, stage)
+            clips = see(dataset, encoders, store, selection, binder, stage, config.store_dtype)
         _tell(run, console, dataset, clips)
         console.done(0)
         perceived = perceive(clips, dataset, encoders, store, settings, checkpoints, stage)

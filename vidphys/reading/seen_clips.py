@@ -17,7 +17,7 @@ from encoders.identity import LayeredEncoder
 from encoders.store import FeatureStore
 from vidphys.data.about import about_video
 from vidphys.data.clip_files import ClipFile, Dataset
-from vidphys.data.extraction import extract, extract_layers
+from vidphys.data.extraction import StoredDtype, extract, extract_layers
 from vidphys.data.feature_frames import frame_targets
 from vidphys.data.labelled import LabelledFrames, joined
 from vidphys.data.labelled_clips import LabelledClip, read_clips
@@ -76,6 +76,7 @@ def see(
     selection: ClipSelection,
     binder: Binder,
     stage: Stage,
+    dtype: StoredDtype = "float16",
 ) -> tuple[SeenClip, ...]:
     """Labels and features of every clip; only one clip's frames are in memory at a time.
 
@@ -86,6 +87,7 @@ def see(
         selection: frames of each clip.
         binder: follows the bodies where no table tells the positions.
         stage: gives a stage's progress its name.
+        dtype: of the stored features.
 
     Raises:
         InputError: see :func:`vidphys.data.labelled_clips.read_clips`; bodies that no readout of
@@ -107,7 +109,7 @@ def see(
             )
         _check_frames(clip, encoders)
         progress = stage(f"{clip.file.path.name}: features")
-        features = _features(clip.video, encoders, store, progress)
+        features = _features(clip.video, encoders, store, dtype, progress)
         seen.append(
             SeenClip(
                 clip.file,
@@ -126,16 +128,17 @@ def _features(
     video: Video,
     encoders: Mapping[Layer, LoadedEncoder],
     store: FeatureStore,
+    dtype: StoredDtype,
     progress: Progress,
 ) -> dict[Layer, FeatureMap]:
     """Those of every layer, from one pass where one network has them all."""
     first = next(iter(encoders.values())).network
     names = {layer: encoder.network.identity.layer for layer, encoder in encoders.items()}
     if isinstance(first, LayeredEncoder) and set(names.values()) <= set(first.layers):
-        found = extract_layers(video, first, list(names.values()), store, progress=progress)
+        found = extract_layers(video, first, list(names.values()), store, dtype, progress)
         return {layer: found[name].features for layer, name in names.items()}
     return {
-        layer: extract(video, encoder.network, store, progress=progress).features
+        layer: extract(video, encoder.network, store, dtype, progress).features
         for layer, encoder in encoders.items()
     }
 

@@ -19,7 +19,7 @@ from encoders.store import FeatureStore
 from readouts.kinds import MapShape
 from vidphys.data.charts import chart_of
 from vidphys.data.clip_files import Dataset
-from vidphys.data.extraction import Axes, extract
+from vidphys.data.extraction import Axes, StoredDtype, extract
 from vidphys.data.splits import AUTO, Split
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.reading.clip_dynamics import Dynamics, Followed, fit_head, sample, terms_of
@@ -54,6 +54,7 @@ class TrainSettings:
         on_nan: of the heads; see :class:`vidphys.training.learner.FitSettings`.
         device: where readouts and heads are trained; they come back from there.
         split_by: see :func:`vidphys.reading.seen_clips.split_of`.
+        store_dtype: of the stored features.
     """
 
     readout: ReadoutSettings
@@ -67,6 +68,7 @@ class TrainSettings:
     on_nan: OnNan = "stop"
     device: str = "cpu"
     split_by: str = AUTO
+    store_dtype: StoredDtype = "float16"
 
 
 @dataclass(frozen=True)
@@ -148,21 +150,21 @@ def perceive(
     tracks = tuple(
         reader.tracks(clip.features[layer], clip.labels.times)
         if asked is None
-        else _closely(reader, clip, store, settings.selection, stage)
+        else _closely(reader, clip, store, settings, stage)
         for clip, asked in zip(clips, splits[layer].asked, strict=True)
     )
     return Perceived(clips, splits, tuple(readouts), chosen, reader, tracks)
 
 
 def _closely(
-    reader: Reader, clip: SeenClip, store: FeatureStore, selection: ClipSelection, stage: Stage
+    reader: Reader, clip: SeenClip, store: FeatureStore, settings: TrainSettings, stage: Stage
 ) -> Tracks:
-    video, network = open_video(clip.file.path, selection), reader.encoder.network
+    video, network = open_video(clip.file.path, settings.selection), reader.encoder.network
 
     def see(axes: Axes) -> FeatureMap:
         flipped = "".join("xy"[-1 - axis] for axis in axes)
         name = f"{clip.file.path.name}: features" + (flipped and f", mirrored in {flipped}")
-        return extract(video, network, store, progress=stage(name), axes=axes).features
+        return extract(video, network, store, settings.store_dtype, stage(name), axes).features
 
     return reader.closely(see, clip.labels.times)
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from binders.base import Binder
 from binders.tracks import Tracks
+from encoders.store import FeatureStore
 from readouts.base import FrameReadout
 from readouts.kinds import MapShape, ReadoutKind
 from readouts.local import RefinedReadout
@@ -91,6 +92,18 @@ def rollout(run: Path, clip: Path, out: Path, *more: str) -> int:
 
 def weights(run: Path) -> dict[str, torch.Tensor]:
     return checkpoint.load(run / "checkpoints" / "pipeline.json")[0]
+
+
+def test_features_in_eight_bits_are_read_where_they_lie(folder, monkeypatch):
+    know_cells(monkeypatch)
+    coarse(monkeypatch)
+    store = folder.parent / "features"
+    eight = ["--store-dtype", "int8"]
+    assert main(["extract", str(folder), "--encoder", "cells", *eight, "--out", str(store)]) == 0
+    before = [entry["request"] for entry in FeatureStore(store).entries()]
+    assert {request["dtype"] for request in before} == {"int8"} and len(before) == CLIPS
+    assert train(folder, folder.parent / "run", *eight, "--no-mirrors") == 0
+    assert [entry["request"] for entry in FeatureStore(store).entries()] == before
 
 
 def records(run: Path) -> dict[tuple[str, str], float]:
