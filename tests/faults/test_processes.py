@@ -122,6 +122,9 @@ def test_f6_signals_are_heeded_before_anything_heavy_is_loaded():
     [
         "import time\nwhile True:\n  try: time.sleep(60)\n  except KeyboardInterrupt: pass",
         "import hashlib\nhashlib.pbkdf2_hmac('sha256', b'x', b'y', 10**9)",
+        "import ctypes, time\n"
+        "called = ctypes.CFUNCTYPE(None)(lambda: [time.sleep(0.01) for _ in range(10**4)])\n"
+        "while True: called()",
     ],
 )
 def test_f6_neither_a_long_call_nor_an_interrupt_that_is_swallowed_keeps_a_process(busy):

@@ -22,9 +22,10 @@ class Ending:
     """Inside, the first signal raises KeyboardInterrupt, and later ones do nothing.
 
     The process ends with :data:`INTERRUPTED` when ``grace`` seconds have passed since, even where
-    the interrupt is not heeded (a long call of compiled code, somebody's ``except``), and at once
-    in an import, which writes nothing and may swallow interrupts. Checkpoints and tables are whole
-    at every instant, so there is nothing that the process would have to wait for.
+    the interrupt is not heeded (a long call of compiled code, somebody's ``except``). It does so at
+    once in an import, which writes nothing and may swallow interrupts, and where no interrupt can
+    come out (a function that C calls, an object's end): Python would print and forget it.
+    Checkpoints and tables are whole at every instant, so there is nothing to wait for.
 
     Args:
         grace: seconds.
@@ -46,6 +47,7 @@ class Ending:
         reading, self._writing = os.pipe()
         os.set_blocking(self._writing, False)
         self._handlers = {number: signal.signal(number, self._heed) for number in SIGNALS}
+        self._unraisable, sys.unraisablehook = sys.unraisablehook, self._forgotten
         # Written to by the signal itself: no bytecode need run for the watch to wake.
         self._before = signal.set_wakeup_fd(self._writing, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, args=(reading,), daemon=True).start()
@@ -59,6 +61,7 @@ class Ending:
     ) -> None:
         if hasattr(self, "_handlers"):
             signal.set_wakeup_fd(self._before)
+            sys.unraisablehook = self._unraisable
             for number, handler in self._handlers.items():
                 signal.signal(number, handler)
             self._left.set()
@@ -77,6 +80,11 @@ class Ending:
         if not self.working or _is_importing(frame):
             self._leave()
         raise KeyboardInterrupt
+
+    def _forgotten(self, raised: sys.UnraisableHookArgs) -> None:
+        if self.asked and isinstance(raised.exc_value, KeyboardInterrupt):
+            self._leave()
+        self._unraisable(raised)
 
     def _watch(self, reading: int) -> None:
         while (told := os.read(reading, 1)) and told[0] not in SIGNALS:
