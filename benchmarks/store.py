@@ -14,7 +14,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -50,13 +49,13 @@ def entries(count: int) -> Iterator[Loose]:
     manifest: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "source": "clip.mp4",
-        "request": asdict(first),
+        "request": first.told,
         "made": {},
         "stride": [16.0, 16.0],
         **about,
     }
     clip = first.source_sha256
-    key_text = f"{KEYED}:{json.dumps(asdict(first), sort_keys=True)}"
+    key_text = f"{KEYED}:{json.dumps(first.told, sort_keys=True)}"
     seal_text = json.dumps(manifest, sort_keys=True)
     for number in range(count):
         other = f"{number:064x}"

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 import benchmarks.__main__ as command
+from benchmarks import store
 from benchmarks.benchmark import ROWS
 from benchmarks.match import BUILDING, BenchmarkRow, Contender, Match, _row, play
+from encoders.store import FeatureStore
 from vidphys.trade import timing
 
 
@@ -111,3 +113,12 @@ def test_building_pays_after_as_many_steps_as_it_saves():
     # 0.8 s a step against 0.2 s: 3 s are won back in five steps
     assert network.numbers["steps until building pays"] == pytest.approx(5.0)
     assert other.numbers == {BUILDING: 3.0}
+
+
+def test_the_store_of_made_entries_is_one_that_extraction_would_find(tmp_path, capsys):
+    store.main(tmp_path / "store", 300)
+    assert "look up" in capsys.readouterr().out
+    kept = FeatureStore(tmp_path / "store")
+    found = kept.read(store.request(299))
+    assert found is not None and tuple(found.values.shape) == (1, *store.MADE.values.shape)
+    assert kept.verify() == []
