@@ -11,6 +11,7 @@ from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.mechanism import first_lawful, meeting, thinned
+from vidphys.diagnose.mechanisms.passers import passes_by
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
 from vidphys.diagnose.mechanisms.shadows import without_shadows
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -19,6 +20,7 @@ from vidphys.diagnose.recordings.parted import parted
 MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
 ASKEW = 0.15  # of the spread: the same before the camera's view is set right
 STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
+JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
 SELDOM = 0.5  # of another body's frames
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 RELEASED = 0.6  # of the frames, after which a hand has let go
@@ -38,18 +40,41 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     alone, shadows = without_shadows(motion, MOST_TRIED)
     if len(alone) == 1:
         return _of(motion, alone), shadows
-    found, said = _lawful_of(_of(motion, alone))
-    return found, (*shadows, *said)
+    motion = _of(motion, alone)
+    going = _without_passers(motion)
+    if len(going) < motion.bodies:
+        kept, found = _lawful_of(_of(motion, going))
+        if found:
+            return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
+    kept, found = _lawful_of(motion)
+    if not found and motion.bodies == 2:
+        return kept, shadows  # of two that no law moves alone, each may move the other
+    found = found or [0]  # the binder's likeliest
+    return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
 
 
-def _lawful_of(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
-    """The same of things of which none is another's shadow."""
+def _without_passers(motion: Motion) -> list[int]:
+    """Those that do not only pass by; all where there are no others, or where they meet."""
+    passing = {body for body in range(motion.bodies) if passes_by(motion, body)}
+    if passing and len(passing) < motion.bodies:
+        passing -= {
+            body for group in meeting(thinned(motion), camera=True) for body in group.bodies
+        }
+    going = [body for body in range(motion.bodies) if body not in passing]
+    return going or list(range(motion.bodies))
+
+
+def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
+    """The bodies that a law moves, of things of which none is another's shadow; and the motion.
+
+    The motion is mended where they touch.
+    """
     pairs = [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
     for pair in pairs:
         rods = rods_in_picture(_of(motion, pair))
         if rods is not None and rods.left < GOOD * rods.spread:
             chain = [pair[end] for end in rods.rods.order]  # from the pivot on
-            return _of(motion, chain), _said(motion.bodies, 2)
+            return motion, chain
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
     laws: dict[int, list[Fit]] = {}
@@ -62,15 +87,12 @@ def _lawful_of(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     if not met and not _stay(motion, lawful):
         let_go = _released(followed, before=min(lawful, default=motion.bodies))
         if let_go:
-            return _of(followed, let_go), _said(motion.bodies, len(let_go))
+            return followed, let_go
     found = met + _seen_enough(motion, lawful)
     for pair in pairs:
         if set(pair) & set(found) and at_one_distance(_of(motion, pair)):
             found = [*found, *(set(pair) - set(found))]  # a rod may join them
-    if len(found) == motion.bodies or (not found and motion.bodies == 2):
-        return motion, ()  # of two that no law moves alone, each may move the other
-    found = sorted(found) or [0]  # the binder's likeliest
-    return _of(motion, found), _said(motion.bodies, len(found))
+    return motion, sorted(found)
 
 
 def _said(all_: int, looked_at: int) -> tuple[str, ...]:
@@ -130,7 +152,7 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
 
 def _lawful(clips: Sequence[Frames], fits: Sequence[Fit]) -> bool:
     """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
-    if any(fit.holds for fit in fits):
+    if any(fit.holds and fit.left < JUMPY * fit.spread for fit in fits):
         return True
     askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]
     return any(fit.left < STRAIGHTENED * fit.spread for fit in askew)

@@ -1,0 +1,50 @@
+"""What walks by at an even speed is left out beside a body that a force moves, and only there."""
+
+import numpy as np
+import pytest
+
+from tests.vidphys.diagnose.test_mechanisms import noisy
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.passers import passes_by
+
+TIMES = np.arange(120) / 30
+ALONG = 0.4 * TIMES - 0.8
+WALK = np.stack([ALONG, 0.01 * np.abs(np.sin(5 * TIMES)) - 0.3], -1)
+TO_AND_FRO = np.stack([0.4 * np.abs((TIMES + 0.7) % 2.6 - 1.3), 0 * TIMES], -1)
+FLIGHT = np.stack([0.35 * TIMES - 0.6, 0.5 * TIMES * (3.5 - TIMES) - 0.5], -1)
+SPRING = np.stack([0.3 * np.cos(4 * TIMES), 0 * TIMES], -1)
+SLOWED = np.stack([0.5 * TIMES - 0.055 * TIMES**2, 0 * TIMES], -1)
+
+
+@pytest.mark.parametrize(
+    ("way", "so"),
+    [(WALK, True), (TO_AND_FRO, True), (FLIGHT, False), (SPRING, False), (SLOWED, False)],
+    ids=["walks", "turns back", "flies", "swings", "gets slower"],
+)
+def test_only_what_keeps_its_line_and_its_speed_passes_by(way, so):
+    assert passes_by(noisy(way[:, None], 1e-3), 0) == so
+
+
+@pytest.mark.parametrize("walk", [WALK, TO_AND_FRO], ids=["walks", "turns back"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_body_is_looked_at_and_not_who_walks_by(walk, first):
+    ways = [FLIGHT, walk]
+    motion = noisy(np.stack([ways[first], ways[1 - first]], 1), 5e-4)
+    looked_at, said = of_lawful_bodies(motion)
+    assert looked_at.bodies == 1
+    assert np.array_equal(looked_at.positions[..., 0, :], motion.positions[..., first, :])
+    assert "1 of them" in said[0]
+
+
+def test_what_only_coasts_is_looked_at_where_nothing_else_moves_by_a_law():
+    wave = np.cumsum(np.random.default_rng(2).normal(size=(120, 2)), 0) * 0.03
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([wave, WALK], 1), 5e-4))
+    assert looked_at.bodies == 1
+    assert looked_at.positions[0, -1, 0, 0] == pytest.approx(WALK[-1, 0], abs=0.01)
+
+
+def test_what_only_jumps_about_is_no_body_though_any_law_leaves_noise():
+    jumps = 0.05 * np.random.default_rng(5).normal(size=(120, 2)) + 0.4 * SPRING
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([jumps, SPRING - 0.5], 1), 5e-4))
+    assert looked_at.bodies == 1
+    assert looked_at.positions[0, 0, 0, 0] == pytest.approx(SPRING[0, 0] - 0.5, abs=0.01)

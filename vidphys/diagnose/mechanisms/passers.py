@@ -1,0 +1,41 @@
+"""What goes straight on at an even speed, or to and fro, as people walk: no force shows in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+
+WINDOWS = 20  # side by side over the frames that show it, in each of which its velocity is told
+EVEN = 0.15  # of its usual velocity, by which that of a window may differ
+MOSTLY = 0.7  # of the windows, whose velocity is the usual one: in the others it turns back
+
+
+def passes_by(motion: Motion, body: int) -> bool:
+    """Whether a followed thing keeps to one line and one speed, but for turning back.
+
+    Beside a body that a force moves it is a bystander. By itself it may be a body that nothing
+    pulls, so that only the company tells.
+
+    Args:
+        motion: of one clip.
+        body: which of the things.
+    """
+    seen = motion.seen[0, :, body]
+    path, times = motion.positions[0, seen, body], motion.times[0, seen]
+    size = max(LEAST_FRAMES, len(path) // WINDOWS)
+    starts = range(0, len(path) - size + 1, max(1, size // 2))
+    if len(starts) < 2:
+        return False
+    rates = np.array([_rate(path[k : k + size], times[k : k + size]) for k in starts])
+    main = np.linalg.svd(rates, full_matrices=False)[2][0]
+    ahead = rates * np.where(rates @ main < 0, -1.0, 1.0)[:, None]
+    usual = np.median(ahead, 0)
+    off = np.linalg.norm(ahead - usual, axis=-1)
+    return bool((off <= EVEN * np.linalg.norm(usual)).mean() >= MOSTLY)
+
+
+def _rate(path: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Velocity of places ``(t, d)`` by a straight line through them."""
+    since = times - times.mean()
+    return since @ (path - path.mean(0)) / (since @ since)
