@@ -73,11 +73,14 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
 
 
 def number(x: Quantity, units: Units) -> str:
-    """With its interval and unit, and whether it is of use."""
+    """With its interval and unit; between which limits it lies where it is not told."""
     value, error = (units.told(v, x.length) for v in (x.value, NORMAL_95 * x.error))
     unit = units.named(x.length, x.seconds)
-    doubt = "" if x.known else ", hardly told by this recording"
-    return f"{x.name} {value:.4g} ± {error:.2g}{f' {unit}' if unit else ''} (95 %){doubt}"
+    ending = f"{f' {unit}' if unit else ''} (95 %)"
+    if x.known:
+        return f"{x.name} {value:.4g} ± {error:.2g}{ending}"
+    low, high = value - error, value + error
+    return f"{x.name}: not told by this recording, between {low:.2g} and {high:.2g}{ending}"
 
 
 def what_is_left(mechanism: Mechanism, units: Units) -> str:

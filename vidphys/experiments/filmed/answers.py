@@ -13,6 +13,7 @@ import numpy as np
 from binders.motion import MotionBinder
 from vidphys.data.video import ClipSelection
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.quantities import VAGUE
 from vidphys.diagnose.recordings.clips import follow_clip
 from vidphys.diagnose.telling.answers import answer
 from vidphys.statistics import NORMAL_95
@@ -30,10 +31,13 @@ class Told:
     Args:
         value: in its own unit of length, and seconds.
         half: of the 95 % interval.
+        known: whether it is an answer; where the interval reaches far to either side, as
+            :data:`VAGUE` has it, the product says that the clip does not tell it.
     """
 
     value: float
     half: float
+    known: bool
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ TURNS = ("arc", "angle")
 
 
 def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | None:
-    """A number of the truth as a law of the product has it, SI; ``None`` where it tells none.
+    """A number of the truth as a law of the product has it, SI; ``None`` where it has none.
 
     Args:
         group: of ``mechanism``.
@@ -136,8 +140,7 @@ def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | 
         used.append(length)
         scale = 1 / (length["value"] * unit)
         vague = length["standard_error"] / length["value"]
-    if not all(x["known"] for x in used):
-        return None
     found = quantities[said]
-    error = np.hypot(found["standard_error"], vague * found["value"])
-    return Told(found["value"] * scale, NORMAL_95 * float(error) * scale)
+    half = NORMAL_95 * float(np.hypot(found["standard_error"], vague * found["value"]))
+    known = all(x["known"] for x in used) and half <= VAGUE * abs(found["value"])
+    return Told(found["value"] * scale, half * scale, known)

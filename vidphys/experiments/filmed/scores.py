@@ -33,13 +33,18 @@ SAME_TIME = 2e-3  # seconds
 
 @dataclass(frozen=True)
 class NumberScore:
-    """A number of the truth beside what was told; ``None`` where nothing was."""
+    """A number of the truth beside what was told; ``None`` where nothing was.
+
+    A number that the product has, but of which it says that the clip does not tell it, is
+    ``refused``: it has no value here, and no part in errors and biases.
+    """
 
     name: str
     body: int | None
     truth: float
     value: float | None
     half: float | None
+    refused: bool = False
 
     @property
     def error(self) -> float | None:
@@ -178,11 +183,11 @@ def _numbers(truth: Truth, found: Answer, order: dict[int, int]) -> tuple[Number
         for group in found.mechanism:
             if body is not None and body in group["bodies"]:
                 said = told(group, number.name, body, unit)
-        value = None if said is None else said.value
-        half = None if said is None else said.half
+        refused = said is not None and not said.known
+        value, half = (None, None) if said is None or refused else (said.value, said.half)
         if number.name == "mass_ratio" and value and half is not None and order.get(1) == 0:
             value, half = 1 / value, half / value**2  # the product's first body is the second
-        scores.append(NumberScore(number.name, number.body, number.value, value, half))
+        scores.append(NumberScore(number.name, number.body, number.value, value, half, refused))
     return tuple(scores)
 
 

@@ -72,6 +72,13 @@ def _shares(rows: Recorder, scores: Sequence[Score]) -> None:
 
 
 def _sizes(rows: Recorder, scores: Sequence[Score]) -> None:
+    """Medians, and the errors with their signs of numbers in clips that are explained.
+
+    ``bias`` is the size of their median, ``bias_mean`` their mean over ``bias_numbers`` of them.
+    Beside them stands ``bias_refused``: numbers of which the product says that the clip does not
+    tell them, as their interval reaches beyond 30 % of them. They are no answers, and have no part
+    in the others.
+    """
     claimed = [number for s in scores if s.claimed for number in s.numbers]
     errors = [number.error for s in scores for number in s.numbers if number.error is not None]
     biases = [number.error for number in claimed if number.error is not None]
@@ -87,6 +94,10 @@ def _sizes(rows: Recorder, scores: Sequence[Score]) -> None:
         _median(rows, metric, values)
     if biases:
         rows.add_value("bias", abs(float(np.median(biases))))
+        rows.add_value("bias_mean", float(np.mean(biases)))
+        rows.add_value("bias_numbers", float(len(biases)))
+    if claimed:
+        rows.add_value("bias_refused", float(sum(number.refused for number in claimed)))
     for name in {number.name for number in claimed}:
         own = [n.error for n in claimed if n.name == name and n.error is not None]
         _median(rows, f"{name}_error", [abs(error) for error in own])

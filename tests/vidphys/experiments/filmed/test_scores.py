@@ -8,6 +8,7 @@ import pytest
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.filmed import table
 from vidphys.experiments.filmed.answers import EXPLAINED, NOT, Answer, pixels_of
+from vidphys.experiments.filmed.answers import told as told_number
 from vidphys.experiments.filmed.byhand import forecast_by_hand
 from vidphys.experiments.filmed.film import compose, truth_of
 from vidphys.experiments.filmed.nuisances import Nuisances
@@ -71,6 +72,17 @@ def test_a_number_that_is_hardly_told_is_no_answer():
         found = score(told, right(told, said, {"pendulum", "linear"}))
         (rate,) = (n for n in found.numbers if n.name == "omega")
         assert (rate.value is not None) is answered, error
+        assert rate.refused is not answered
+    (damping,) = (n for n in found.numbers if n.name == "damping")
+    assert damping.value is None and not damping.refused  # nothing was said of it
+
+
+def test_a_drag_is_hardly_told_where_it_and_the_length_are_so_together():
+    """The product tells the friction of an angle; the drag is that over the length."""
+    told = {"bodies": [0], "moves on": "arc", "quantities": {"length": quantity(0.5, 0.06)}}
+    for error, known in ((0.06, True), (0.12, False)):
+        told["quantities"]["square friction"] = quantity(1.0, error)
+        assert told_number(told, "drag", 0, 1.0).known is known
 
 
 def test_a_sure_wrong_answer_counts_and_a_refusal_does_not():
@@ -126,7 +138,7 @@ def test_the_table_records_shares_and_sizes_of_all_clips_and_of_each_part(monkey
     omega = next(n.value for n in told[0].numbers if n.name == "omega")
     answers = [
         right(told[0], {"rate": quantity(1.05 * omega, 0.1)}, {"pendulum", "linear"}),
-        right(told[1], {}, {"uniform"}),
+        right(told[1], {"acceleration": quantity(9.0, 2.0)}, {"uniform"}),
     ]
     scores = [score(t, a) for t, a in zip(told, answers, strict=True)]
     scores[0].write(tmp_path / "score.json")
@@ -143,3 +155,7 @@ def test_the_table_records_shares_and_sizes_of_all_clips_and_of_each_part(monkey
     assert rows["clips/mild", "sure_and_wrong"] == 0.0
     assert rows["clips/pendulum-string", "omega_error_median"] == pytest.approx(0.05)
     assert rows["clips", "seconds_median"] == 1.0
+    assert rows["clips/pendulum-string", "bias_mean"] == pytest.approx(0.05)
+    assert rows["clips/pendulum-string", "bias_refused"] == 0.0
+    assert rows["clips/tilt", "bias_refused"] == table.FEW / 2
+    assert ("clips/tilt", "bias") not in rows
