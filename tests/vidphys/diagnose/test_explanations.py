@@ -10,14 +10,17 @@ from tests.vidphys.diagnose.test_mechanisms import noisy, thrown
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import State, beside_simple, roll
+from vidphys.diagnose.explanations.law_words import number
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.inference.linearised import sure_modes
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, pair_term
 from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.mechanisms.quantities import Quantity
 from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, motion_of
+from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.answers import answer
 from vidphys.diagnose.weak.spectrum import Mode
 
@@ -167,3 +170,14 @@ def test_terms_that_need_steps_far_shorter_than_a_frame_are_not_rolled_for_ever(
         return
     with pytest.raises(FloatingPointError, match="steps far shorter"):
         roll(spring, start, times)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (0.02, "length 0.35 ± 0.039 m (95 %)"),
+        (0.077, "length: not told by this recording, between 0.2 and 0.5 m (95 %)"),
+    ],
+)
+def test_a_number_is_told_or_else_the_limits_between_which_it_lies(error, said):
+    assert number(Quantity("length", 0.35, error, 1), Units("m")) == said
