@@ -110,7 +110,8 @@ def pretrain(
         signs: of the couplings of the clips; all else is drawn alike.
 
     Raises:
-        InputError: unknown name.
+        InputError: unknown name, or the folder's checkpoint is of another name, seed, couplings or
+            settings.
     """
     if name not in OBJECTIVES:
         raise InputError(f"pretraining {name}: unknown; use one of {', '.join(OBJECTIVES)}")
@@ -126,8 +127,9 @@ def pretrain(
         if progress is not None:
             progress(step, steps, loss)
 
-    checkpoint = out / CHECKPOINT
-    fit(module, objective, data, settings, derive(seed, "order", name), checkpoint, after_step)
+    checkpoint, order = out / CHECKPOINT, derive(seed, "order", name)
+    of = {"name": name, "couplings": signs, "seed": seed}
+    fit(module, objective, data, settings, order, checkpoint, after_step, of)
     sha256 = write_release(out, *objective.release())
     result = Pretrained(before, watch(module, unseen), sha256)
     _record(out, name, settings, seed, device, signs, result)

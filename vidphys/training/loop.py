@@ -74,6 +74,7 @@ def fit(
     seed: int,
     save_to: Path | None = None,
     progress: Progress | None = None,
+    of: Mapping[str, Any] | None = None,
 ) -> FitResult:
     """Minimise ``loss(data[index])`` over the parameters of ``modules``, in place.
 
@@ -88,8 +89,11 @@ def fit(
         seed: of the batch order.
         save_to: JSON path of the checkpoint; ``None`` keeps none.
         progress: called as ``(step, steps, loss)``.
+        of: what is trained and on what, as plain data, where ``settings`` and ``modules`` do not
+            tell; a checkpoint keeps it.
 
     Raises:
+        InputError: the checkpoint is of another training, or damaged.
         FloatingPointError: the loss or its gradient is not finite; nothing is updated by it, and
             the checkpoint is that of before. The message names the batch.
 
@@ -104,7 +108,7 @@ def fit(
         (2.0, 1.0)
     """
     learner = Learner(modules, loss, settings)
-    fit_together([learner], data, seed, save_to, progress)
+    fit_together([learner], data, seed, save_to, progress, of)
     return FitResult(learner.step, learner.loss, settings.learning_rate)
 
 
@@ -114,6 +118,7 @@ def fit_together(
     seed: int,
     save_to: Path | None = None,
     progress: Progress | None = None,
+    of: Mapping[str, Any] | None = None,
 ) -> None:
     """Train several models on the same batches, each of which is read once; see :func:`fit`.
 
@@ -122,9 +127,10 @@ def fit_together(
 
     Args:
         learners: of the same steps, batch and checkpoints, on one device, where batches go.
-        data, seed, save_to, progress: see :func:`fit`; the loss told is the learners' mean.
+        data, seed, save_to, progress, of: see :func:`fit`; the loss told is the learners' mean.
 
     Raises:
+        InputError: see :func:`fit`.
         FloatingPointError: all learners are lost.
     """
     plan = {(s.steps, s.batch, s.save_every) for s in (each.settings for each in learners)}
@@ -134,7 +140,7 @@ def fit_together(
     device, rng = device_of(learners[0].modules), Generator().manual_seed(seed)
     rngs = {"rng": rng} | ({"data_rng": data.rng} if isinstance(data, Drawing) else {})
     if save_to is not None and save_to.exists():
-        _load(save_to, learners, rngs)
+        _load(save_to, learners, rngs, of)
     with _finish_step_on_signal() as interrupted:
         while live := [each for each in learners if not each.done]:
             index = torch.randint(len(data), (size,), generator=rng)
@@ -154,7 +160,7 @@ def fit_together(
                 progress(step, steps, sum(kept) / len(kept) if kept else math.nan)
             due = step % save_every == 0 or all(each.done for each in learners)
             if save_to is not None and (due or interrupted.is_set()):
-                _save(save_to, learners, rngs)
+                _save(save_to, learners, rngs, of)
             if interrupted.is_set():
                 raise KeyboardInterrupt
 
@@ -174,17 +180,33 @@ def _named(index: Tensor) -> str:
     return f"examples {', '.join(numbers)}" + (", ..." if len(index) > NAMED else "")
 
 
-def _save(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]) -> None:
+def _save(
+    path: Path,
+    learners: Sequence[Learner],
+    rngs: Mapping[str, Generator],
+    of: Mapping[str, Any] | None,
+) -> None:
     tensors = {name: rng.get_state() for name, rng in rngs.items()}
     for i, learner in enumerate(learners):
         tensors |= {f"{i}/{k}": v for k, v in learner.tensors().items()}
     step = max(each.step for each in learners)
     meta = {"step": step, "learners": [each.meta() for each in learners]}
+    meta |= {} if of is None else {"of": dict(of)}
     checkpoint.save(path, tensors, meta, keep_last=True)
 
 
-def _load(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]) -> None:
+def _load(
+    path: Path,
+    learners: Sequence[Learner],
+    rngs: Mapping[str, Generator],
+    of: Mapping[str, Any] | None,
+) -> None:
     tensors, meta = checkpoint.load_good(path)
+    if of is not None and meta.get("of") != dict(of):
+        raise InputError(
+            f"checkpoint {path}: made of {_pairs(meta.get('of'))}, not {_pairs(of)}; use another "
+            "folder, or delete it"
+        )
     made = len(meta.get("learners", ()))  # none in a checkpoint of before there were several
     if made != len(learners):
         raise InputError(
@@ -198,6 +220,10 @@ def _load(path: Path, learners: Sequence[Learner], rngs: Mapping[str, Generator]
             raise InputError(f"checkpoint {path}: {error}") from error
     for name, rng in rngs.items():
         rng.set_state(tensors[name])
+
+
+def _pairs(of: Mapping[str, Any] | None) -> str:
+    return ", ".join(f"{k} {v}" for k, v in of.items()) if of else "what it does not tell"
 
 
 @contextmanager

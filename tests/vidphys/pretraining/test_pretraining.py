@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import signal
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -231,6 +233,31 @@ def test_an_interrupted_pretraining_ends_with_the_same_release(
     assert all(
         t.dtype == torch.float16 for t in load_file(tmp_path / "cut" / "model.safetensors").values()
     )
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"name": "dino-tiny"}, "made of name videomae-tiny, .*, not name dino-tiny"),
+        ({"seed": 2}, "seed 1, not .* seed 2"),
+        ({"signs": "attraction"}, "couplings both, .*, not .* couplings attraction"),
+        ({"settings": replace(TOY, steps=6)}, "made with other settings .*'steps': 4"),
+    ],
+)
+def test_a_checkpoint_of_another_pretraining_is_refused(
+    changed: dict[str, Any], told: str, tmp_path: Path, few: None
+) -> None:
+    def stop(step: int, _steps: int, _loss: float) -> None:
+        if step == 2:
+            signal.raise_signal(signal.SIGTERM)
+
+    asked: dict[str, Any] = {"name": "videomae-tiny", "settings": TOY, "seed": 1}
+    with pytest.raises(KeyboardInterrupt):
+        pretrain(**asked, out=tmp_path, progress=stop)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(InputError, match=f"^checkpoint .*{told}.*; use another folder, or delete"):
+        pretrain(**{**asked, **changed}, out=tmp_path)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def _locked(release: Path) -> Path:
