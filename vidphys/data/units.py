@@ -17,10 +17,10 @@ from vidphys.data.formats import ClipFormat, format_of
 from vidphys.data.listed import clips_at
 from vidphys.data.sets import set_of
 from vidphys.data.sets.folder import MANIFEST
+from vidphys.data.sets.shards import SHARD, shards_in
 from vidphys.errors import InputError
 
 SLICE = 256  # clips in a unit, but for a shard, which is one whole
-SHARD = ".tar"
 
 
 class Units:
@@ -102,7 +102,7 @@ def _sliced(given: Sequence[Path]) -> Iterator[list[Path]]:
 def _each(place: Path) -> Iterator[Path]:
     """Clips and shards; a folder is not looked into further than its names."""
     if place.is_dir() and not (place / MANIFEST).is_file():
-        if shards := sorted(p for p in place.glob(f"*{SHARD}") if p.is_file()):
+        if shards := shards_in(place):
             yield from shards
             return
         if set_of(place) is None:

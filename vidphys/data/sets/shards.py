@@ -10,6 +10,7 @@ with train, val or test.
 from __future__ import annotations
 
 import json
+import os
 import re
 import tarfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,6 +28,7 @@ from vidphys.data.sets.base import MOST_CLIPS, SetFormat, facts_of, labels_of, t
 from vidphys.data.sets.sources import encoded, pictures
 from vidphys.errors import InputError
 
+SHARD = ".tar"
 FILMS = frozenset({"mp4", "avi", "mkv", "webm", "mov"})
 PICTURES = frozenset({"jpg", "jpeg", "png", "webp"})
 MOST_MEMBERS = 10**6  # of an archive
@@ -61,10 +63,16 @@ def looks(path: Path) -> bool:
     return bool(_shards(path))
 
 
+def shards_in(folder: Path) -> list[Path]:
+    """The shards of a folder; of its other entries, which may be millions, nothing is held."""
+    with os.scandir(folder) as entries:
+        return sorted(folder / e.name for e in entries if e.name.endswith(SHARD) and e.is_file())
+
+
 def _shards(path: Path) -> list[Path]:
     if path.is_dir():
-        return sorted(p for p in path.glob("*.tar") if p.is_file())
-    return [path] if path.is_file() and path.suffix.lower() == ".tar" else []
+        return shards_in(path)
+    return [path] if path.is_file() and path.suffix.lower() == SHARD else []
 
 
 def read(path: Path) -> Dataset:
