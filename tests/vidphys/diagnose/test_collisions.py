@@ -98,6 +98,16 @@ def test_rubbing_at_contact_leaves_the_momentum():
     assert told(found)["mass ratio"].value == pytest.approx(2.2, rel=0.02)
 
 
+def test_discs_on_a_slope_share_one_acceleration():
+    ratio, restitution, reach, *rest = GLANCING
+    start, contact = np.array(rest).reshape(2, 2, 2), np.array([[0, 1, reach, 1.0]])
+    force, masses = np.array([0.03, -0.04]), np.array([1, ratio])
+    path = rolled(TIMES, start, force, NONE, masses, contact, restitution, 0.0)[:, 0]
+    quantity = told(find_mechanism(recorded(path)))
+    assert quantity["mass ratio"].value == pytest.approx(ratio, rel=0.02)
+    assert quantity["acceleration"].value == pytest.approx(0.05, rel=0.05)
+
+
 def test_three_bodies_that_meet_one_after_the_other():
     start = np.array([[[0.0], [0.6], [1.2]], [[0.8], [0.0], [0.0]]])
     contacts = np.array([[0, 1, 0.1, 1.0], [1, 2, 0.1, 1.0]])
