@@ -106,6 +106,8 @@ def test_discs_on_a_slope_share_one_acceleration():
     quantity = told(find_mechanism(recorded(path)))
     assert quantity["mass ratio"].value == pytest.approx(ratio, rel=0.02)
     assert quantity["acceleration"].value == pytest.approx(0.05, rel=0.05)
+    seen = answer(recorded(path), False, 0.3, camera=True)
+    assert {"collision", "uniform"} == set(seen.data["terms"])
 
 
 def test_three_bodies_that_meet_one_after_the_other():

@@ -96,6 +96,8 @@ def only_slows(fit: Fit) -> bool:
     law = fit.model.law
     if law.restoring != "uniform" or law.frictions or law.walls or not law.pictured:
         return False
+    if "collision" in fit.kinds:  # such bodies do not go straight
+        return False
     rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
     speed = np.linalg.norm(rates, axis=-1)
     force = np.array([fit.numbers[f"force {i + 1}"][0] for i in range(law.coordinates)])
