@@ -66,5 +66,5 @@ class Coming:
 
 def _fetched(values: Tensor) -> Tensor:
     """Where values will be on the CPU, once the card has done what it was asked for till now."""
-    here = torch.empty(values.shape, dtype=values.dtype, pin_memory=True)
+    here = torch.empty(values.shape, dtype=values.dtype, device="cpu", pin_memory=True)
     return here.copy_(values, non_blocking=True)
