@@ -276,7 +276,7 @@ class FrozenEncoder(ABC):
         clips = sent(torch.stack([seen for seen, _ in filled]), self.device)
         light = clips.float() if clips.is_floating_point() else clips.float() / 255
         return [
-            [maps[i, list(window.kept)].float() for i, (_, window) in enumerate(jobs)]
+            [maps[i, window.span].float() for i, (_, window) in enumerate(jobs)]
             for maps in self.encode(light, layers)
         ]
 

@@ -66,6 +66,11 @@ class Window:
     frames: tuple[int, ...]
     kept: tuple[int, ...]
 
+    @property
+    def span(self) -> slice:
+        """What is kept, as a slice: a card would wait for a list of places."""
+        return slice(self.kept[0], self.kept[-1] + 1)
+
 
 def windows(count: int, windowing: Windowing) -> list[Window]:
     """The windows of a clip of ``count`` frames; their kept feature frames follow each other."""

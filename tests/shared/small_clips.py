@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.catalogue import ENCODERS, Adapter
 from encoders.frozen.windows import Windowing
 from vidphys.data.rendered import write_video
+from vidphys.data.video import Video
+from vidphys.errors import InputError
 
 RATE, SIDE = 25.0, 32
 
@@ -90,3 +93,17 @@ def write_clip(path: Path, frames: int, phase: float = 0.0, table: bool = True) 
     if table:
         rows = "\n".join(f"{u:.6f},{v:.6f}" for u, v in places[:, 0])
         path.with_suffix(".csv").write_text(f"u1,v1\n{rows}\n")
+
+
+def cut_short(video: Video) -> Video:
+    """A clip that ends in an error after its first frames, two black ones."""
+
+    class Frames:
+        held = True
+        shape = video.frames.shape
+
+        def chunks(self) -> Iterator[np.ndarray]:
+            yield np.zeros((2, *self.shape[1:]), np.uint8)
+            raise InputError("cut short")
+
+    return replace(video, frames=Frames())  # type: ignore[arg-type]

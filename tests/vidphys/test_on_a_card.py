@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
@@ -12,7 +11,7 @@ from encoders import load_encoder
 from encoders.store import FeatureStore
 from readouts.differencing import central_difference
 from tests.shared.card import a_card
-from tests.shared.small_clips import write_clip
+from tests.shared.small_clips import cut_short, write_clip
 from tests.shared.small_studies import TINY
 from vidphys.data.many import Wanted, extract_many
 from vidphys.data.video import ClipSelection, open_video
@@ -151,15 +150,7 @@ def test_features_are_extracted_there(name, tmp_path):
         write_clip(tmp_path / f"{stem}.avi", count, table=False)
         videos.append(open_video(tmp_path / f"{stem}.avi", ClipSelection()))
 
-    class Broken:
-        held = True
-        shape = videos[2].frames.shape
-
-        def chunks(self):
-            yield np.zeros((2, *self.shape[1:]), np.uint8)
-            raise InputError("cut short")
-
-    clips = [*videos[:2], replace(videos[2], frames=Broken())]
+    clips = [*videos[:2], cut_short(videos[2])]
 
     def extracted(device):
         encoder = load_encoder(name, {"batch": 4}, None, device)

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from encoders.store import FeatureStore
-from tests.shared.small_clips import RATE, Cells, CellsSettings, know_cells, write_clip
+from tests.shared.small_clips import RATE, Cells, CellsSettings, cut_short, know_cells, write_clip
 from vidphys.cli import main
 from vidphys.data.ahead import ahead, prefetched
 from vidphys.data.extraction import extract_layers
@@ -74,16 +74,8 @@ def test_frames_of_other_sizes_and_other_missing_layers_share_no_pass(videos, tm
 
 
 def test_after_an_error_the_clips_before_it_are_whole_and_nothing_else_is_there(videos, tmp_path):
-    class Broken:
-        held = True
-        shape = videos[2].frames.shape
-
-        def chunks(self):
-            yield np.zeros((2, *self.shape[1:]), np.uint8)
-            raise InputError("cut short")
-
     many, done = wanted(tmp_path / "s"), []
-    broken = replace(videos[2], frames=Broken())
+    broken = cut_short(videos[2])
     with pytest.raises(InputError, match="cut short"):
         extract_many([*videos[:2], broken], many, lambda video, _: done.append(video.path.stem))
     assert done == ["a", "b"] and len([*many.store.entries()]) == 4

@@ -55,10 +55,9 @@ def jobs(context: Context) -> Iterator[Job]:
         for runtime, dtype in runtimes_of(name, context):
             for batch in BATCHES:
                 yield case.computed(runtime, dtype, batch)
-        whole = encoded(load_encoder(name, {}, context.weights, context.device), clips)
         for stored, grid in STORED:
-            if grid is None or max(whole.grid) > grid:
-                yield case.cached(stored, grid, whole)
+            if grid is None or max(case.whole.grid) > grid:
+                yield case.cached(stored, grid)
 
 
 def runtimes_of(name: str, context: Context) -> Iterator[tuple[str, str]]:
@@ -73,9 +72,9 @@ def runtimes_of(name: str, context: Context) -> Iterator[tuple[str, str]]:
             yield from ((runtime, "float32"), (runtime, "bfloat16"))
 
 
-def _reference(context: Context, clips: Clips, name: str) -> tuple[EncoderIdentity, Tensor]:
+def _reference(context: Context, clips: Clips, name: str) -> tuple[EncoderIdentity, FeatureMap]:
     encoder = load_encoder(name, {}, context.weights, context.device)
-    return encoder.identity, encoded(encoder, clips.first(1)).values
+    return encoder.identity, encoded(encoder, clips)
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,12 @@ class _Case:
     clips: Clips
     name: str
     identity: EncoderIdentity
-    truth: Tensor
+    whole: FeatureMap  # of all clips
+
+    @property
+    def truth(self) -> Tensor:
+        """Of the clip that is timed."""
+        return self.whole.values[:1]
 
     def computed(self, runtime: str, dtype: str, batch: int) -> Job:
         options: dict[str, Setting] = {"dtype": dtype, "batch": batch}
@@ -93,11 +97,11 @@ class _Case:
         encoder = load_encoder(self.name, options, self.context.weights, self.context.device)
         one = self.clips.first(1)
         task = f"features of {self.name}"
-        size = torch.finfo(getattr(torch, dtype)).bits / 8 * self.truth.numel()
+        size = bytes_kept(self.truth.shape, dtype)
         return self._job(task, options, dtype, lambda: encoded(encoder, one).values, size)
 
-    def cached(self, stored: StoredDtype, grid: int | None, whole: FeatureMap) -> Job:
-        """The store's answer, every value touched; ``whole`` has the features of all clips."""
+    def cached(self, stored: StoredDtype, grid: int | None) -> Job:
+        """The store's answer, every value touched."""
         store = FeatureStore(self.context.scratch / "features")
         size = self.clips.frames.shape[-2], self.clips.frames.shape[-1]
         requests = [
@@ -112,8 +116,8 @@ class _Case:
             )
             for number in range(len(self.clips))
         ]
-        for request, values in zip(requests, whole.values, strict=True):
-            one = replace(whole, values=values.unsqueeze(0))
+        for request, values in zip(requests, self.whole.values, strict=True):
+            one = replace(self.whole, values=values.unsqueeze(0))
             store.get(request, "clip", lambda one=one: one)  # type: ignore[misc]
 
         def read(request: FeatureRequest) -> FeatureMap:
