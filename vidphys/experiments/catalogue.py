@@ -15,7 +15,7 @@ from vidphys.experiments.gravity import families, planning, scale, sweeps, trans
 from vidphys.experiments.gravity import table as gravity
 from vidphys.experiments.heat import drive, thermostat
 from vidphys.experiments.ladder import LADDER
-from vidphys.experiments.linear import factorial, maps, necessity
+from vidphys.experiments.linear import factorial, maps, necessity, removal
 from vidphys.experiments.pixels import (
     consistency,
     encoder_scale,
@@ -45,6 +45,7 @@ for table in (
     families.MIXED,
     necessity.NECESSITY,
     necessity.COMPOSITION,
+    removal.REMOVAL,
     scale.N_TRANSFER,
     thermostat.THERMOSTAT,
     thermostat.MEASUREMENT_NOISE,

@@ -11,6 +11,7 @@ from vidphys.scenes.drag import dragged, dragged_gravity
 from vidphys.scenes.gravity import gravity
 from vidphys.scenes.langevin import driven, langevin
 from vidphys.scenes.lyapunov import lyapunov_time
+from vidphys.scenes.many_terms import many_terms
 from vidphys.scenes.oscillators import oscillators
 from vidphys.scenes.pendulum import pendulum
 from vidphys.scenes.scene import Certificate, Scene, certify
@@ -33,6 +34,7 @@ SCENES.register("strikes", strikes)
 SCENES.register("crowd", partial(crowd, 6))  # as many as there are colours
 SCENES.register("drag-weak", partial(dragged_gravity, "weak"))
 SCENES.register("drag-strong", partial(dragged_gravity, "strong"))
+SCENES.register("many-terms", many_terms)
 SCENES.register("langevin", langevin)
 SCENES.register("driven", driven)
 SCENES.register("disks-soft", partial(disks, "soft"))
