@@ -46,10 +46,10 @@ picture: $(READY)
 	rm -f docs/ladder.png
 	$(VENV)/bin/vidphys view runs/picture --movie docs/ladder.png
 
-# The figure and the table of the model cards: what training adds to the tiny encoders, five minutes.
+# The figure and the table of the model cards: what training adds to the tiny encoders, a quarter of an hour.
 TINY = dino-tiny videomae-tiny vjepa2-tiny
 tiny: $(READY)
-	$(VENV)/bin/vidphys render --scene gravity-and-coulomb --world rgb --clips 100 --frames 16 --image 64 --seed 0 --out runs/tiny/clips
+	$(VENV)/bin/vidphys render --scene gravity-and-coulomb --world rgb --clips 300 --frames 16 --image 64 --seed 0 --out runs/tiny/clips
 	$(VENV)/bin/vidphys atlas runs/tiny/clips --encoders $(TINY) $(TINY:=-attraction) --targets position direction velocity speed --seed 0 --store runs/tiny/features --out runs/tiny/atlas
 	$(VENV)/bin/python -m vidphys.pretraining.figure runs/tiny/atlas --out docs/tiny-encoders.svg
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import colorsys
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -30,6 +30,9 @@ ZOOM = (0.8, 1.6)  # of positions
 SHIFT = 2.0  # world units, largest, of all bodies of a clip
 PLAIN = 0.5  # share of clips with the worlds' own colours over black, as the ladder draws them
 BACKGROUND = 0.4  # brightest
+# how the colours of a picture are changed, for who learns that they do not matter
+SATURATION, CONTRAST, BRIGHTNESS = (0.3, 1.2), (0.6, 1.4), (-0.1, 0.2)
+NEGATIVE = 0.2  # share of the pictures
 
 
 @dataclass(frozen=True)
@@ -64,15 +67,24 @@ class Examples:
     Args:
         frames: values in [0, 1], ``(b, t, 3, H, W)``.
         visible, asked: token numbers in rising order, ``(b, v)`` and ``(b, m)``, none in both.
+        colours: an affine change of colours for each clip, ``(b, 3, 4)``.
     """
 
     frames: Tensor
     visible: Tensor
     asked: Tensor
+    colours: Tensor
 
     def to(self, device: str) -> Examples:
         """The same on another device."""
-        return Examples(*(x.to(device) for x in (self.frames, self.visible, self.asked)))
+        parts = (self.frames, self.visible, self.asked, self.colours)
+        return Examples(*(part.to(device) for part in parts))
+
+    def recoloured(self) -> Examples:
+        """The same clips in the changed colours, values in [0, 1]."""
+        mixed = torch.einsum("bij,btjhw->btihw", self.colours[..., :3], self.frames)
+        offset = self.colours[:, None, :, 3, None, None]
+        return replace(self, frames=(mixed + offset).clamp(0, 1))
 
 
 class RandomClips:
@@ -104,21 +116,23 @@ class RandomClips:
 
     def __getitem__(self, index: Tensor) -> Examples:
         drawn = [self._example(int(i)) for i in index]
-        frames, order = (torch.stack(part) for part in zip(*drawn, strict=True))
+        frames, order, colours = (torch.stack(part) for part in zip(*drawn, strict=True))
         visible, asked = (
             round(share * self.layout.tokens) for share in (self.layout.visible, self.layout.asked)
         )
         seen, unseen = order[:, :visible], order[:, visible : visible + asked]
-        return Examples(frames, seen.sort(1).values, unseen.sort(1).values).to(self.device)
+        visible_at, asked_at = seen.sort(1).values, unseen.sort(1).values
+        return Examples(frames, visible_at, asked_at, colours).to(self.device)
 
-    def _example(self, number: int) -> tuple[Tensor, Tensor]:
-        """Frames ``(t, 3, H, W)`` and a random order of the tokens."""
+    def _example(self, number: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Frames ``(t, 3, H, W)``, a random order of the tokens, and a change of colours."""
         rng = Generator().manual_seed(derive(self.seed, "look", str(number)))
         paths = self.paths[number % len(BODIES)]
         path = paths[number // len(BODIES) % self.trajectories]
         first = int(torch.randint(LENGTH - self.layout.frames + 1, (1,), generator=rng))
         q = _moved(path[first : first + self.layout.frames], rng)
-        return _drawn(q, self.camera, rng), torch.randperm(self.layout.tokens, generator=rng)
+        frames = _drawn(q, self.camera, rng)
+        return frames, torch.randperm(self.layout.tokens, generator=rng), _colours(rng)
 
 
 def _paths(bodies: int, count: int, seed: int, coupling: tuple[float, float]) -> Tensor:
@@ -138,7 +152,7 @@ def _moved(q: Tensor, rng: Generator) -> Tensor:
     if mirror < 0.5:
         turn = turn.flip(0)
     shift = SHIFT * (2 * torch.rand(2, generator=rng) - 1)
-    return (ZOOM[0] + (ZOOM[1] - ZOOM[0]) * zoom) * q @ turn + shift
+    return _between(ZOOM, zoom) * q @ turn + shift
 
 
 def _drawn(q: Tensor, camera: Camera, rng: Generator) -> Tensor:
@@ -146,9 +160,29 @@ def _drawn(q: Tensor, camera: Camera, rng: Generator) -> Tensor:
     plain, size = torch.rand(2, generator=rng).tolist()
     hues = torch.rand(max(BODIES), 3, generator=rng).tolist()
     background = BACKGROUND * torch.rand(3, 1, 1, generator=rng)
-    radius = RADII[0] + (RADII[1] - RADII[0]) * size
+    radius = _between(RADII, size)
     if plain < PLAIN:
         return RgbWorld(camera, radius)(q)
     palette = tuple(colorsys.hsv_to_rgb(h, 0.4 + 0.6 * s, 0.6 + 0.4 * v) for h, s, v in hues)
     empty = 1 - AnonymousWorld(camera, radius)(q)
     return (RgbWorld(camera, radius, palette=palette)(q) + empty * background).clamp(0, 1)
+
+
+def _colours(rng: Generator) -> Tensor:
+    """Hues turned, paled, scaled and shifted; some negative. Affine, ``(3, 4)``."""
+    turn, paled, scaled, shifted, negated = torch.rand(5, generator=rng).tolist()
+    grey = torch.full((3, 3), 1 / 3)
+    cross = torch.tensor([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]) / math.sqrt(3)
+    cos, sin = math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)
+    turned = cos * torch.eye(3) + (1 - cos) * grey + sin * cross  # about the axis of greys
+    saturation = _between(SATURATION, paled)
+    mix = (saturation * torch.eye(3) + (1 - saturation) * grey) @ turned
+    mix = _between(CONTRAST, scaled) * mix
+    offset = torch.full((3, 1), _between(BRIGHTNESS, shifted))
+    if negated < NEGATIVE:
+        mix, offset = -mix, 1 - offset
+    return torch.cat((mix, offset), 1)
+
+
+def _between(bounds: tuple[float, float], share: float) -> float:
+    return bounds[0] + (bounds[1] - bounds[0]) * share

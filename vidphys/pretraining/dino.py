@@ -1,11 +1,12 @@
 """Self-distillation of image patches (DINOv2's patch loss, Oquab et al., arXiv:2304.07193).
 
 A slowly following teacher sorts every patch of a frame into prototypes; the student, in whose
-frame half of the patches are grey, says the teacher's sorting of those. The teacher's scores are
-centred and sharpened, which is what keeps all patches from falling into one prototype. The
-transformer is that of ``timm``; the teacher's is what is released. DINOv2's other loss, of the
-class token over crops, is left out: it asks for what crops have in common, and where a body is
-they do not.
+frame the colours are others and half of the patches are grey, says the teacher's sorting of all.
+The colours are what keeps it from sorting patches by colour, in place of by what is there. The
+teacher's scores are centred and sharpened, which is what keeps all patches from falling into one
+prototype. The transformer is that of ``timm``; the teacher's is what is released. DINOv2's other
+loss, of the class token over crops, is left out: it asks for what crops have in common, and where
+a body is they do not.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ FIRST_MOMENTUM = 0.99  # share that the teacher keeps in the first step
 
 
 class PatchDistillation(nn.Module):
-    """Examples to the cross-entropy of the student's sorting of hidden patches."""
+    """Examples to the cross-entropy of the student's sorting of patches."""
 
     layout = LAYOUT
 
@@ -59,14 +60,13 @@ class PatchDistillation(nn.Module):
         self.centre: Tensor
 
     def forward(self, batch: Examples) -> Tensor:
-        pixels = _pixels(batch)
         with torch.no_grad():
-            scores = self.teacher_head(_taken(_tokens(self.teacher, pixels), batch.asked))
+            scores = self.teacher_head(_tokens(self.teacher, _pixels(batch)))
             wanted = ((scores - self.centre) / TEACHER_TEMPERATURE).softmax(-1)
             if self.training:
                 self.centre.lerp_(scores.mean((0, 1)), 1 - CENTRE_MOMENTUM)
-        seen = _tokens(self.student, _hide(pixels, batch.asked))
-        said = self.head(_taken(seen, batch.asked)) / STUDENT_TEMPERATURE
+        shown = _hide(_pixels(batch.recoloured()), batch.asked)
+        said = self.head(_tokens(self.student, shown)) / STUDENT_TEMPERATURE
         return -(wanted * said.log_softmax(-1)).sum(-1).mean()
 
     def after_step(self, step: int, steps: int) -> None:
@@ -126,7 +126,3 @@ def _hide(pixels: Tensor, hidden: Tensor) -> Tensor:
     shown = pixels.new_ones(len(pixels), side**2).scatter(1, hidden, 0.0)
     shown = shown.view(-1, 1, side, side)
     return pixels * nn.functional.interpolate(shown, scale_factor=float(LAYOUT.patch))
-
-
-def _taken(tokens: Tensor, index: Tensor) -> Tensor:
-    return tokens.gather(1, index.unsqueeze(-1).expand(-1, -1, tokens.shape[-1]))

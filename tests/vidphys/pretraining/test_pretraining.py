@@ -39,10 +39,10 @@ MOST_BYTES = 1_000_000
 GOLDEN = {
     "videomae-tiny": (1.9026, -0.2927, 1.0272),
     "vjepa2-tiny": (0.1147, -1.0062, 1.0061),
-    "dino-tiny": (-1.4157, 0.1981, 1.0048),
+    "dino-tiny": (0.3374, -0.2938, 1.0155),
     "videomae-tiny-attraction": (1.8807, -0.3720, 1.0282),
     "vjepa2-tiny-attraction": (0.2302, -1.0340, 1.0061),
-    "dino-tiny-attraction": (-1.3700, 0.1754, 1.0044),
+    "dino-tiny-attraction": (0.2742, 0.2121, 1.0158),
 }
 LAYOUT = Layout(frames=4, side=64, patch=4, tubelet=2, visible=0.2, asked=0.25)
 TOY = FitSettings(steps=4, batch=2, learning_rate=1e-3, clip=1.0, save_every=2)
@@ -76,7 +76,10 @@ def test_packaged_weights_are_small_known_and_recorded(name: str, bare: None) ->
     signs: Signs = "attraction" if name.endswith(TWIN) else "both"
     assert record["couplings"] == {"signs": signs, "range": list(COUPLINGS[signs])}
     assert record["sha256"] == found.sha256 == KNOWN[name].sha256[0]
-    assert record["after"]["loss"] < record["before"]["loss"]
+    before, after = record["before"], record["after"]
+    assert after["deviation"] > 1.2 * before["deviation"]
+    # what a DINO is asked changes with its teacher, so that its losses do not compare
+    assert after["loss"] < before["loss"] or record["name"] == "dino-tiny"
     assert fetch(name) == found
 
 
@@ -171,6 +174,31 @@ def test_an_example_is_a_function_of_its_number() -> None:
     assert 0 <= float(batch.frames.min()) < float(batch.frames.max()) <= 1
     changed = RandomClips(2, LAYOUT, 4)[torch.tensor([1234])]
     assert not torch.equal(changed.frames, other.frames)
+
+
+def test_other_colours_keep_greys_and_places() -> None:
+    batch = RandomClips(2, LAYOUT, 3)[torch.arange(64)]
+    seen = batch.recoloured().frames
+    assert 0 <= float(seen.min()) < float(seen.max()) <= 1
+    grey = replace(batch, frames=batch.frames.mean(2, keepdim=True).expand_as(batch.frames))
+    changed = grey.recoloured().frames
+    torch.testing.assert_close(changed, changed[:, :, :1].expand_as(changed), atol=1e-5, rtol=0)
+    rising = batch.colours[..., :3].sum((1, 2)) > 0  # a negative makes what is brighter darker
+    assert 0.6 < float(rising.float().mean()) < 0.95
+    still = replace(batch, colours=torch.eye(3, 4).expand(64, 3, 4))
+    torch.testing.assert_close(still.recoloured().frames, batch.frames, atol=1e-6, rtol=0)
+    assert torch.equal(batch.recoloured().visible, batch.visible)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_only_the_student_of_pictures_sees_other_colours(name: str) -> None:
+    torch.manual_seed(0)
+    module: Any = OBJECTIVES[name]().eval()
+    batch = RandomClips(2, module.layout, 3)[torch.arange(4)]
+    other = replace(batch, colours=batch.colours.roll(1, 0))
+    with torch.no_grad():
+        assert torch.equal(module.features(batch), module.features(other))
+        assert (float(module(batch)) != float(module(other))) == (name == "dino-tiny")
 
 
 @pytest.mark.parametrize(("signs", "repelled"), [("both", True), ("attraction", False)])
