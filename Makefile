@@ -49,8 +49,8 @@ picture: $(READY)
 # The figure and the table of the model cards: what training adds to the tiny encoders, a quarter of an hour.
 TINY = dino-tiny videomae-tiny vjepa2-tiny
 tiny: $(READY)
-	$(VENV)/bin/vidphys render --scene gravity-and-coulomb --world rgb --clips 300 --frames 16 --image 64 --seed 0 --out runs/tiny/clips
-	$(VENV)/bin/vidphys atlas runs/tiny/clips --encoders $(TINY) $(TINY:=-attraction) --targets position direction velocity speed --seed 0 --store runs/tiny/features --out runs/tiny/atlas
+	$(VENV)/bin/vidphys render --scene gravity-and-coulomb --world rgb --clips 300 --frames 16 --image 64 --seed 100 --out runs/tiny/clips
+	$(VENV)/bin/vidphys atlas runs/tiny/clips --encoders $(TINY) $(TINY:=-attraction) --targets position direction velocity speed --seed 100 --store runs/tiny/features --out runs/tiny/atlas
 	$(VENV)/bin/python -m vidphys.pretraining.figure runs/tiny/atlas --out docs/tiny-encoders.svg
 
 # Every command of README and docs, at sizes that one can wait for; `make test` runs the short pages.

@@ -12,8 +12,9 @@ from vidphys.diagnose.formula.grammar import Term
 from vidphys.diagnose.formula.search import Samples, Sum, design, search
 from vidphys.statistics import NORMAL_95
 
-# nats by which rivals must be worse: ones of no more numbers; ones with more; the same with a word
-MARGIN, LONGER, MORE = 5.0, 3.0, 1.0
+# nats by which rivals must be worse, and by which ones must be whose word is a wider one of a sum's
+MARGIN, WIDER = 5.0, 1.0
+CHANCE = 0.1  # that numbers of no use let a rival fit so much better
 STRANGE = 1e-3  # chance of so large a misfit, below which no formula of the grammar is believed
 CLEAR = 3.0  # times its error, that a coefficient differs from zero
 TINY = 1e-100
@@ -161,22 +162,26 @@ def chosen(found: Sequence[tuple[Sum, Formula, bool]]) -> Verdict:
     rivals = [
         other
         for one, other, _ in fitting
-        if one is not best
-        and one.score < best.score + _apart(best, one)
-        and _told(best, one, other)
+        if one is not best and _near(best, one) and _told(best, one, other)
     ]
     if rivals:
         return Verdict(None, ALIKE, (formula, *rivals[:TOLD]))
     return Verdict(formula, "a formula stands out")
 
 
-def _apart(best: Sum, one: Sum) -> float:
-    """Nats by which a rival must be worse."""
-    if one.numbers <= best.numbers:
-        return MARGIN
+def _near(best: Sum, one: Sum) -> bool:
+    """Whether a rival is so near that nothing tells which of the two it is.
+
+    One with more numbers always fits better; it is near where it does so by more than chance.
+    """
+    worse, more = one.score - best.score, one.numbers - best.numbers
+    if more <= 0:
+        return worse < MARGIN
     own = [term for term in best.terms if term not in one.terms]
     wide = [term for term in one.terms if term not in best.terms]
-    return MORE if all(any(_among(a, b) for b in wide) for a in own) else LONGER
+    if all(any(_among(a, b) for b in wide) for a in own):
+        return worse < WIDER
+    return worse < MARGIN and best.misfit - one.misfit > chdtri(more, CHANCE)
 
 
 def _among(word: Term, wide: Term) -> bool:
