@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +16,11 @@ from viz.whole import whole
 TRAIL = 1.0  # seconds of a path that are shown behind a body
 DIMMED = 0.35  # of a frame's brightness, after the clip has ended
 LEAST = 320  # pixels of the longer side, below which frames are enlarged
-NAMES = {
-    "observed": "observed",
-    "readout": "track",
-    "rollout": "forecast",
-}
 
 
-def write_film(video: Arrays, path: Path, law: str = "another law") -> None:
+def write_film(
+    video: Arrays, path: Path, law: str = "another law", foretold: str = "forecast"
+) -> None:
     """Write the frames of a clip with what is known and foretold of its bodies drawn over them.
 
     Args:
@@ -31,6 +28,7 @@ def write_film(video: Arrays, path: Path, law: str = "another law") -> None:
             the last frame dimmed, until the rollout ends.
         path: the ``.mp4`` to write, replaced as a whole or not at all.
         law: what ``changed`` is called.
+        foretold: what ``rollout`` is called.
 
     Raises:
         ValueError: an array is missing or has the wrong shape, or OpenCV cannot write such a file.
@@ -43,18 +41,22 @@ def write_film(video: Arrays, path: Path, law: str = "another law") -> None:
     zoom = max(1, -(-LEAST // max(height, width)))
     size = zoom * width // 2 * 2, zoom * height // 2 * 2  # the codec wants even
     pictures = _pictures(video, times, interval)
+    names = {"observed": "observed", "readout": "track", "rollout": foretold, "changed": law}
     with whole(path) as part:
-        draw_mp4(part, _drawn(video, pictures, size, law), 1 / interval, size)
+        draw_mp4(part, _drawn(video, pictures, size, names), 1 / interval, size)
 
 
 def _drawn(
-    video: Arrays, pictures: Iterable[tuple[float, np.ndarray]], size: tuple[int, int], law: str
+    video: Arrays,
+    pictures: Iterable[tuple[float, np.ndarray]],
+    size: tuple[int, int],
+    names: Mapping[str, str],
 ) -> Iterator[np.ndarray]:
     import cv2
 
     for time, picture in pictures:
         canvas = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
-        _draw(canvas, video, time, law)
+        _draw(canvas, video, time, names)
         yield canvas
 
 
@@ -69,7 +71,7 @@ def _pictures(
         yield float(times[-1] + k * interval), last
 
 
-def _draw(canvas: np.ndarray, video: Arrays, time: float, law: str) -> None:
+def _draw(canvas: np.ndarray, video: Arrays, time: float, names: Mapping[str, str]) -> None:
     """All paths of the last second, each with a dot where its body is at this time."""
     import cv2
 
@@ -81,7 +83,7 @@ def _draw(canvas: np.ndarray, video: Arrays, time: float, law: str) -> None:
             continue
         when = np.asarray(video[stamps], np.float64)
         pixels = world_to_pixel(video[key], (height, width), half_extent(video))
-        shown.append((role, NAMES.get(role, law)))
+        shown.append((role, names[role]))
         if not when[0] - 1e-9 <= time <= when[-1] + 1e-9:
             continue
         recent = (when > time - TRAIL) & (when <= time + 1e-9)

@@ -102,7 +102,8 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
             ``attention_times (A,)``, how much each cell of a grid over the picture counted for a
             body; ``changed`` and ``changed_times``, a rollout under another law; ``train_end``,
             seconds.
-        meta: what is shown, in words; ``cell`` becomes the recording's name.
+        meta: what is shown, in words; ``cell`` becomes the recording's name, ``law`` that of
+            ``changed``, and ``foretold`` that of ``rollout``.
         path: the ``.rrd`` to write, replaced as a whole or not at all.
 
     Raises:
@@ -112,7 +113,8 @@ def write_overlay_recording(video: Arrays, meta: Mapping[str, str], path: Path) 
     stamps = np.asarray(video["frame_times"], np.float64)
     interval = float(np.median(np.diff(stamps)))
     height, width = video["frames"].shape[1:3]
-    names = {"rollout": "the law that held", "changed": other_law(meta)}
+    held = meta.get("foretold") or "the law that held"
+    names = {"rollout": held, "changed": other_law(meta)}
     shown = {f"video/{role}": names[role] for role in names if role in video}
     tape = Tape(meta, interval, names, shown)
     factor = tape.pictures("video/image", stamps, video["frames"])

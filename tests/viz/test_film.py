@@ -68,6 +68,13 @@ def test_a_small_clip_is_enlarged_and_lost_bodies_leave_no_mark(tmp_path):
         write_film({k: v for k, v in video.items() if k != "rollout"}, tmp_path / "no.mp4")
 
 
+def test_the_legend_says_what_is_foretold(tmp_path, monkeypatch):
+    told = set()
+    monkeypatch.setattr(cv2, "putText", lambda *given: told.add(given[1]))
+    write_film(clip(), tmp_path / "clip.mp4", "no drag", "it stays where it was")
+    assert told == {"track", "it stays where it was", "no drag"}
+
+
 @pytest.fixture
 def short_of_room():
     """A disk on which no file grows beyond some bytes."""

@@ -77,7 +77,7 @@ class DiagnoseConfig(WhoOptions):
         overwrite: give up another run that lies in the folder.
         quiet: print nothing but the result.
         video: also draw the track, the forecast and a changed law over the clip's frames, into
-            this .mp4 file.
+            this .mp4 file; where no law foretells, that the bodies stay.
     """
 
     input: Annotated[Path, tyro.conf.Positional]
@@ -337,8 +337,9 @@ def _record(config: DiagnoseConfig, found: Answered) -> Recorder:
 
 def _film(drawing: Drawing, config: DiagnoseConfig, found: Answered, frames: Frames | None) -> None:
     """The clip with what was foretold drawn over it, where that is asked for."""
+    from vidphys.cli.drawing import STAYS
     from vidphys.cli.recordings import draw_film, followed_alone
 
     if config.video is not None and frames is not None:
         shown = drawing.arrays or followed_alone(found.times, found.positions, frames)
-        draw_film(shown, config.video, found.law)
+        draw_film(shown, config.video, found.law, STAYS if found.stays else "forecast")

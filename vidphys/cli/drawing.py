@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from vidphys.diagnose.telling.answers import Answered
 
 LIBRARIES = ("matplotlib.figure", "rerun")
+STAYS = "it stays where it was"  # what is foretold where no law does
 START = "import sys; sys.path[:] = sys.argv[1:]; import vidphys.cli.drawing as d; d.serve()"
 
 
@@ -80,6 +81,8 @@ def drawing_of(run: Path, name: str, found: Answered, frames: Frames | None) -> 
         "holds": found.data["terms"] if found.data["explained"] else (),
     }
     meta = {"cell": "diagnosis", "clip": name, **({"law": found.law} if found.law else {})}
+    if found.stays:
+        meta["foretold"] = STAYS
     return Drawing(run, figure, found.showcase(frames), meta)
 
 

@@ -167,13 +167,16 @@ def told_law(coupling: float | None, law: Sequence[str], push: object = None) ->
     return ", ".join([*words, "a push"] if push else words)
 
 
-def draw_film(arrays: Mapping[str, np.ndarray], path: Path, law: str = "") -> None:
+def draw_film(
+    arrays: Mapping[str, np.ndarray], path: Path, law: str = "", foretold: str = "forecast"
+) -> None:
     """Draw the arrays of a recording over their frames, into a video file.
 
     Args:
         arrays: of the recording.
         path: the file.
         law: the changed law in words, where there is one.
+        foretold: what the forecast is, in words.
 
     Raises:
         InputError: such a file cannot be written.
@@ -181,7 +184,7 @@ def draw_film(arrays: Mapping[str, np.ndarray], path: Path, law: str = "") -> No
     from viz.film import write_film
 
     try:
-        write_film(arrays, path, law or "another law")
+        write_film(arrays, path, law or "another law", foretold)
     except ValueError as error:
         raise InputError(f"--video {path}: {error}") from error
 

@@ -48,10 +48,10 @@ class Oracle(Explanation):
     def numbers(self):
         return {"miracles": 1.0}
 
-    def forecast(self):
-        tail, still = self.motion.cut(self.end), np.zeros((1, 2))
+    def rolled_on(self):
+        still, seen = np.zeros((1, 2)), self.motion.positions[0, self.end :]
         start = State(0.0, still, still, np.ones(1))
-        return beside_simple(tail.positions[0], tail, start, still)
+        return beside_simple(seen, self.motion, self.end, start, still)
 
     def changed(self):
         return {"no miracle": (self.motion.times[0], self.motion.positions[0])}

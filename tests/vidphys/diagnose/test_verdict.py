@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ def tail(miss: float) -> Validation:
     seen = np.stack([np.cos(TIMES), np.sin(TIMES)], -1)[:, None]
     off = {"model": np.array([miss, 0.0]), "persistence": seen[0] - seen}
     errors = {name: float(np.sqrt((by**2).sum(-1).mean())) for name, by in off.items()}
-    return Validation(TIMES, seen, {name: seen + by for name, by in off.items()}, errors)
+    return Validation(TIMES, seen, {name: seen + by for name, by in off.items()}, errors, seen[0])
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ def test_a_law_that_is_off_for_a_few_frames_and_comes_back_is_mostly_right(off, 
         0.9999,
         0.001,
         1.0,
-        Validation(held.times, held.seen, forecasts, {**held.errors, "model": 0.1}),
+        replace(held, forecasts=forecasts, errors={**held.errors, "model": 0.1}),
     )
     assert found.status == status and found.horizon < TIMES[-1] / 3
 
@@ -86,7 +87,6 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
     law = SimpleNamespace(
         mechanism=found,
-        forecast=lambda: late,
         _period=np.inf,
         _bent=False,
         impossible="",
@@ -97,7 +97,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     )
     for held in (late.forecasts, late.errors):
         held["constant velocity"] = held["persistence"]
-    assert ByMechanism.verdict.func(law).status == status
+    assert ByMechanism.judged(law, late).status == status
 
 
 @pytest.mark.parametrize(("kinds", "status"), [({"dry"}, EXPLAINED), ({"dry", "trap"}, NOT)])
@@ -109,7 +109,6 @@ def test_dry_friction_alone_is_not_beaten_by_a_constant_force(kinds, status) -> 
     found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
     law = SimpleNamespace(
         mechanism=found,
-        forecast=lambda: held,
         _period=np.inf,
         _bent=False,
         impossible="",
@@ -118,7 +117,7 @@ def test_dry_friction_alone_is_not_beaten_by_a_constant_force(kinds, status) -> 
         _late=False,
         whole=SimpleNamespace(groups=()),
     )
-    assert ByMechanism.verdict.func(law).status == status
+    assert ByMechanism.judged(law, held).status == status
 
 
 @pytest.mark.parametrize(
@@ -130,7 +129,7 @@ def test_the_menu_is_never_sure_of_a_picture_where_kicks_may_be_who_follows_it(
 ) -> None:
     told = SimpleNamespace(sure=True, explained=True)
     bath = ByMenu(told, SimpleNamespace(kicks=kicks), None, 10, camera)
-    for name in ("verdict", "strays"):  # nothing was held out that it could foretell
+    for name in ("verdict", "strays", "stays"):  # nothing was held out that it could foretell
         monkeypatch.setattr(ByMenu, name, None if name == "verdict" else False)
     assert bath.jolted is (camera and kicks > 0)
     assert _status(bath) == status and bath.explained

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from vidphys.diagnose.explanations.forecast import Validation
-from vidphys.diagnose.explanations.verdict import Verdict
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
 from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.weak.spectrum import Mode
@@ -42,12 +44,14 @@ class Explanation(Protocol):
     @property
     def explained(self) -> bool:
         """Whether nothing above the noise is left over."""
-        return True
+        return self.verdict is None or self.verdict.status == EXPLAINED
 
-    @property
+    @cached_property
     def verdict(self) -> Verdict | None:
         """How far it may be trusted; ``None`` where that is not known."""
-        return None
+        judged = self.judged(self.rolled_on())
+        stays = judged is not None and self.stays
+        return replace(judged, status=NOT, stays=True) if judged and stays else judged
 
     @property
     def sure(self) -> bool:
@@ -98,8 +102,41 @@ class Explanation(Protocol):
         """Times and positions ``(t, n, d)`` over the last clip; ``None`` where it has no path."""
         return None
 
+    def rolled_on(self) -> Validation | None:
+        """Its law in the tail, beside simple forecasts; ``None`` where it cannot be rolled on."""
+
+    def judged(self, tail: Validation | None) -> Verdict | None:
+        """How far it may be trusted, by what it foretells of a tail; ``None``: not known."""
+        return None
+
+    def earlier(self) -> Sequence[Self]:
+        """The same law by ever more of its frames, whose tail is the others; none: not known."""
+        return ()
+
+    @cached_property
+    def stays(self) -> bool:
+        """Whether that the bodies stay where they are is as good a forecast as its law.
+
+        Frames that were held out have no say in it: the law is rolled on over the last ones that
+        it was fitted to, with its numbers from those before.
+        """
+        earlier = () if self.rolled_on() is None else self.earlier()
+        return not all(each.foretells for each in earlier)
+
+    @property
+    def foretells(self) -> bool:
+        """Whether its law is believed by what it says of the tail, or gains on staying."""
+        tail = self.rolled_on()
+        if tail is not None and not np.isfinite(tail.seen).any():
+            return True  # nothing was seen there that would speak against it
+        judged = self.judged(tail)
+        believed = judged is not None and judged.status != NOT
+        return believed or (tail is not None and tail.gains)
+
     def forecast(self) -> Validation | None:
-        """The tail beside simple forecasts; ``None`` where it cannot be rolled on."""
+        """What is foretold of the tail, beside simple forecasts."""
+        tail = self.rolled_on()
+        return tail.at_rest if tail and self.stays else tail
 
     def oscillations(self) -> list[Oscillation]:
         """The model's beside the recording's own, slowest first."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +11,12 @@ from scipy.integrate import solve_ivp
 from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, Field
 from vidphys.diagnose.inference.structures import Structure
-from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 ACCURACY = 1e-8
 EVALUATIONS, LEAST_EVALUATIONS = 1000, 20_000  # of the force: a moment, and in all
 SAMPLES = 600  # of a changed law
+GAIN = 0.8  # of the error of bodies that stay, below which a model foretells more than that
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,26 @@ class Validation:
         seen: positions there, ``(t, n, d)``; NaN where a body was not seen.
         forecasts: positions by name, ``model`` first.
         errors: root mean squared distance of each, in the unit of the positions.
+        last: where each body was seen last before the tail, ``(n, d)``.
     """
 
     times: np.ndarray
     seen: np.ndarray
     forecasts: dict[str, np.ndarray]
     errors: dict[str, float]
+    last: np.ndarray
+
+    @property
+    def gains(self) -> bool:
+        """Whether the model is clearly nearer than bodies that stay where they were seen last."""
+        return self.errors["model"] < GAIN * self.at_rest.errors["model"]
+
+    @property
+    def at_rest(self) -> Validation:
+        """The same with bodies that stay where they were seen last for the model's."""
+        path = np.broadcast_to(self.last, self.seen.shape)
+        forecasts = {**self.forecasts, **dict.fromkeys(("model", "persistence"), path)}
+        return replace(self, forecasts=forecasts, errors=_errors(forecasts, self.seen))
 
     @property
     def beats_all(self) -> bool:
@@ -84,16 +100,29 @@ class Validation:
         return all(self.errors["model"] < e for name, e in self.errors.items() if name != "model")
 
 
-def beside_simple(model: np.ndarray, tail: Motion, start: State, a: np.ndarray) -> Validation:
+def inner_ends(end: int, total: int) -> list[int]:
+    """Frames that leave as large a share of the first ``end`` as that leaves of all, or half.
+
+    None that come too early to show a force.
+    """
+    share = end * (total - end) // total
+    ends = [end - max(share // part, LEAST_FRAMES) for part in (1, 2)]
+    return [inner for inner in ends if inner >= LEAST_FRAMES]
+
+
+def beside_simple(
+    model: np.ndarray, motion: Motion, end: int, start: State, a: np.ndarray
+) -> Validation:
     """A model's forecast beside persistence, constant velocity and constant acceleration.
 
     Args:
         model: positions in the tail of the last clip, ``(t, n, d)``.
-        tail: nothing was fitted to it.
+        motion: the whole recording.
+        end: where the tail begins, which nothing was fitted to.
         start: the model's last state before the tail, where the simple ones begin.
         a: the acceleration there, ``(n, d)``.
     """
-    times, seen = tail.times[-1], tail.positions[-1]
+    times, seen = motion.times[-1, end:], motion.positions[-1, end:]
     since = (times - start.time)[:, None, None]
     straight = start.q + start.v * since
     forecasts = {
@@ -102,11 +131,22 @@ def beside_simple(model: np.ndarray, tail: Motion, start: State, a: np.ndarray) 
         "constant velocity": straight,
         "constant acceleration": straight + 0.5 * a * since**2,
     }
-    errors = {
+    last = last_seen(motion.positions[-1, :end], start.q)
+    return Validation(times, seen, forecasts, _errors(forecasts, seen), last)
+
+
+def last_seen(places: np.ndarray, unseen: np.ndarray) -> np.ndarray:
+    """Where each body of ``(t, n, d)`` was seen last, or else the place that is given."""
+    seen = np.isfinite(places).all(-1)
+    frames = len(places) - 1 - seen[::-1].argmax(0)
+    return np.where(seen.any(0)[:, None], places[frames, np.arange(places.shape[1])], unseen)
+
+
+def _errors(forecasts: Mapping[str, np.ndarray], seen: np.ndarray) -> dict[str, float]:
+    return {
         name: float(np.sqrt(np.nanmean(((path - seen) ** 2).sum(-1))))
         for name, path in forecasts.items()
     }
-    return Validation(times, seen, forecasts, errors)
 
 
 def changed_laws(structure: Structure) -> dict[str, Structure]:

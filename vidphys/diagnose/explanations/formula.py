@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from dynamics.terms import PotentialTerm
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
 from vidphys.diagnose.explanations.specification import as_specification
-from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict, judge
+from vidphys.diagnose.explanations.verdict import Verdict, judge
 from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.laws import FoundLaw, law_of, spoken
 from vidphys.diagnose.formula.rolled import Rolled
@@ -71,18 +70,13 @@ class ByFormula(Explanation):
     def one_law(self) -> bool:
         return True
 
-    @cached_property
-    def verdict(self) -> Verdict:
+    def judged(self, tail: Validation | None) -> Verdict:
         places = self.motion.positions[:, : self.end, 0, 0]
         spread = float(np.sqrt(np.nanmean((places - np.nanmean(places, 1, keepdims=True)) ** 2)))
         left = float(np.sqrt(self.best.fit.squares / self.best.spring.count))
         steps = np.abs(np.diff(places, axis=1)) / np.diff(self.motion.times[:, : self.end], axis=1)
         period = 2 * np.pi * spread / float(np.nanmean(steps))
-        return judge(1 - (left / spread) ** 2, left, spread, self.forecast(), period)
-
-    @property
-    def explained(self) -> bool:
-        return self.verdict.status == EXPLAINED
+        return judge(1 - (left / spread) ** 2, left, spread, tail, period)
 
     @property
     def noise(self) -> Noise:
@@ -156,7 +150,7 @@ class ByFormula(Explanation):
         }
 
     def numbers(self) -> dict[str, float]:
-        return {"share_explained": self.verdict.share}
+        return {} if self.verdict is None else {"share_explained": self.verdict.share}
 
     def path(self) -> tuple[np.ndarray, np.ndarray] | None:
         if self.motion.clips > 1:
@@ -164,11 +158,7 @@ class ByFormula(Explanation):
         times = self.motion.times[0]
         return times, self.best.path(times)[:, None, None]
 
-    def forecast(self) -> Validation | None:
-        return self._tail
-
-    @cached_property
-    def _tail(self) -> Validation | None:
+    def rolled_on(self) -> Validation | None:
         end, times = self.end, self.motion.times[-1]
         if end >= len(times) or self.motion.clips > 1:
             return None
@@ -178,7 +168,7 @@ class ByFormula(Explanation):
         a = (v - (path[end - 2] - path[end - 3]) / h[0]) / h.mean()
         place, speed, bend = (np.full((1, 1), x) for x in (path[end - 1], v, a))
         start = State(float(times[end - 1]), place, speed, self.motion.mass[-1])
-        return beside_simple(path[end:, None, None], self.motion.cut(end), start, bend)
+        return beside_simple(path[end:, None, None], self.motion, end, start, bend)
 
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Without friction, from the first frame on."""

@@ -10,7 +10,13 @@ import numpy as np
 
 from vidphys.diagnose.explanations.changed import asked_of, under
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
-from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
+from vidphys.diagnose.explanations.forecast import (
+    SAMPLES,
+    State,
+    Validation,
+    beside_simple,
+    inner_ends,
+)
 from vidphys.diagnose.explanations.law_words import beside, told, what_is_left
 from vidphys.diagnose.explanations.rivals import near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
@@ -109,10 +115,8 @@ class ByMechanism(Explanation):
     def kinds(self) -> list[str]:
         return sorted(self.mechanism.kinds)
 
-    @cached_property
-    def verdict(self) -> Verdict:
+    def judged(self, tail: Validation | None) -> Verdict:
         found = self.mechanism
-        tail = self.forecast()
         same = SAME.get(frozenset(found.kinds), ())
         if "centre" in found.kinds and tail is not None:  # far from the place it goes straight on
             apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
@@ -157,10 +161,6 @@ class ByMechanism(Explanation):
         steps = np.linalg.norm(np.diff(part.positions, axis=1), axis=-1)
         speed = np.nanmean(steps / np.diff(part.times, axis=1)[..., None])
         return 2 * np.pi * self.mechanism.spread / max(float(speed), np.finfo(float).tiny)
-
-    @property
-    def explained(self) -> bool:
-        return self.verdict.status == EXPLAINED
 
     @property
     def fastest(self) -> float:
@@ -252,7 +252,7 @@ class ByMechanism(Explanation):
         times = times[times >= self.mechanism.begin[clip]]
         return times, self.mechanism.path(times, clip)
 
-    def forecast(self) -> Validation | None:
+    def rolled_on(self) -> Validation | None:
         end, times = self.end, self.motion.times[-1]
         if end >= len(times):
             return None
@@ -261,7 +261,14 @@ class ByMechanism(Explanation):
         v = (path[2] - path[1]) / h[1]
         a = (v - (path[1] - path[0]) / h[0]) / h.mean()
         start = State(float(times[end - 1]), path[2], v, self.motion.mass[-1])
-        return beside_simple(path[3:], self.motion.cut(end), start, a)
+        return beside_simple(path[3:], self.motion, end, start, a)
+
+    def earlier(self) -> list[ByMechanism]:
+        part, out = self.motion.cut(0, self.end), []
+        for end in inner_ends(self.end, self.motion.positions.shape[1]):
+            known = self.mechanism.by_frames_before(self.motion.times[:, end])
+            out += [] if known is None else [replace(self, mechanism=known, motion=part, end=end)]
+        return out
 
     def oscillations(self) -> list[Oscillation]:
         return []
@@ -297,7 +304,7 @@ class ByMechanism(Explanation):
         return (
             None
             if self._from_below or self.mechanism.kinds & UNWRITTEN.keys()
-            else as_scene(self.whole, self.motion.interval, self.verdict, self.motion.space)
+            else as_scene(self.whole, self.motion.interval, self.explained, self.motion.space)
         )
 
 

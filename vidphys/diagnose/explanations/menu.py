@@ -16,6 +16,7 @@ from vidphys.diagnose.explanations.forecast import (
     Validation,
     beside_simple,
     changed_laws,
+    inner_ends,
     last_state,
     roll,
 )
@@ -33,8 +34,11 @@ from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
 from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
-from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.inference.refine import refine
+from vidphys.diagnose.recordings.motion import Motion, Unseen
+from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
+from vidphys.diagnose.weak.windows import cut_windows
 from vidphys.statistics import NORMAL_95
 
 ASKED = (
@@ -91,7 +95,7 @@ class ByMenu(Explanation):
 
     @property
     def explained(self) -> bool:
-        return self.found.explained and not self.strays
+        return self.found.explained and not (self.strays or self.stays)
 
     @property
     def strays(self) -> bool:
@@ -103,7 +107,7 @@ class ByMenu(Explanation):
     @property
     def sure(self) -> bool:
         bent = self.verdict is not None and self.verdict.bent
-        return self.found.sure and not bent and not self.camera
+        return self.found.sure and not (bent or self.camera or self.stays)
 
     @property
     def jolted(self) -> bool:
@@ -167,10 +171,8 @@ class ByMenu(Explanation):
             lines.append(f"Power of the coupling: {found.power.why}.")
         return lines
 
-    @cached_property
-    def verdict(self) -> Verdict | None:
+    def judged(self, tail: Validation | None) -> Verdict | None:
         """By its forecast, where it can be rolled over frames that were held out."""
-        tail = self.forecast()
         if tail is None:
             return None
         seen = self.motion.cut(0, self.end).positions
@@ -185,22 +187,44 @@ class ByMenu(Explanation):
         doubtful = self.camera and judged.status == EXPLAINED
         return replace(judged, status=MOSTLY) if doubtful else judged
 
-    def forecast(self) -> Validation | None:
+    def rolled_on(self) -> Validation | None:
         return self._tail
+
+    @property
+    def _look(self) -> LongFit:
+        return self.found.look or LongFit(self.inference.fitted, self.inference.windows)
+
+    def earlier(self) -> list[ByMenu]:
+        part, out = self.motion.cut(0, self.end), []
+        for end in inner_ends(self.end, self.motion.positions.shape[1]):
+            look = self._before(end)
+            found = replace(self.found, look=look)
+            out += [] if look is None else [replace(self, found=found, motion=part, end=end)]
+        return out
+
+    def _before(self, end: int) -> LongFit | None:
+        """The same terms with numbers from fewer frames; ``None`` where these do not tell."""
+        size = min(self._look.windows.frames.shape[1], end)
+        try:
+            windows = cut_windows(self.found.motion.cut(0, end), size)
+            paths = splined(windows, self.found.noise.sigma)
+            fitted = refine(windows, paths, self._look.fitted.structure)
+        except (FloatingPointError, np.linalg.LinAlgError, Unseen):
+            return None
+        return LongFit(fitted, windows)
 
     @cached_property
     def _tail(self) -> Validation | None:
         if self.end >= self.motion.positions.shape[1] or self.inference.kicks or self.found.parts:
             return None
-        look = self.found.look or LongFit(self.inference.fitted, self.inference.windows)
+        look = self._look
         start, a = last_state(look)
-        begin = self.motion.times[-1, self.end - 1]
-        tail = self.motion.cut(self.end)
+        times = self.motion.times[-1, self.end - 1 :]
         try:
-            path = roll(look.fitted.structure, start, np.append(begin, tail.times[-1]))[1:]
+            path = roll(look.fitted.structure, start, times)[1:]
         except FloatingPointError:
             return None
-        return beside_simple(path, tail, start, a)
+        return beside_simple(path, self.motion, self.end, start, a)
 
     def oscillations(self) -> list[Oscillation]:
         look, motion = self.found.look, self.motion

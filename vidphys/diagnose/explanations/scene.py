@@ -10,7 +10,6 @@ import numpy as np
 from dynamics import terms
 from dynamics.terms import HeadTerm, PotentialTerm
 from vidphys.diagnose.explanations.specification import as_specification
-from vidphys.diagnose.explanations.verdict import EXPLAINED, Verdict
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line, Turned
 from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
@@ -21,13 +20,13 @@ from vidphys.diagnose.recordings.units import GRAVITY
 SLOWEST = 1e-6  # per second, of a friction that is there
 
 
-def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int) -> dict[str, Any]:
+def as_scene(mechanism: Mechanism, interval: float, explained: bool, space: int) -> dict[str, Any]:
     """The specification of laws; see :func:`as_specification`.
 
     Args:
         mechanism: the laws.
         interval: seconds between frames.
-        verdict: on them.
+        explained: whether they have all of the motion.
         space: dimensions of the positions.
     """
     laws: dict[int, HeadTerm] = {}
@@ -45,7 +44,6 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
                 rods = _in_picture(fit, rest)
             else:
                 origin = [rest]
-            explained = verdict.status == EXPLAINED
             held = as_specification(rods, 2, origin, fit.numbers, explained, interval)
             return {**held, "mass": [1.0, 1.0]}
         if fit.model.law.coupled:
@@ -64,7 +62,6 @@ def as_scene(mechanism: Mechanism, interval: float, verdict: Verdict, space: int
         numbers |= {said + name: number for name, number in fit.numbers.items()}
     ordered = tuple(laws[body] for body in sorted(laws))
     term = ordered[0] if len(ordered) == 1 else terms.Each(ordered, springs, contacts)
-    explained = verdict.status == EXPLAINED
     held = as_specification(term, len(ordered), origin, numbers, explained, interval)
     known = mechanism.groups[0].fit.clips[0].inputs
     return {

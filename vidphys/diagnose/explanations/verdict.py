@@ -35,6 +35,7 @@ class Verdict:
         held_out: seconds of them.
         missed: share of the held-out frames that show bodies and are not foretold.
         bent: whether what is left says that the force is not quite the law's.
+        stays: whether its law foretells no better than that the bodies stay where they are.
     """
 
     status: str
@@ -44,6 +45,7 @@ class Verdict:
     held_out: float
     missed: float = 0.0
     bent: bool = False
+    stays: bool = False
 
 
 def judge(

@@ -24,6 +24,7 @@ MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
+ENOUGH = 0.55  # of the frames that a law was fitted to, by which it is found again
 LATER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # of the frames: where a law is tried to hold from
 
 
@@ -62,6 +63,11 @@ class Mechanism:
         return frozenset().union(*(group.fit.kinds for group in self.groups))
 
     @property
+    def windowed(self) -> bool:
+        """Whether its numbers are from short windows, each with a start of its own."""
+        return self.groups[0].fit.model.law.restoring == "chain"
+
+    @property
     def left(self) -> float:
         """Root mean square distance that the laws leave, unit of the positions."""
         return float(np.sqrt(np.mean([group.fit.left**2 for group in self.groups])))
@@ -84,12 +90,25 @@ class Mechanism:
         Returns:
             The chosen laws with their numbers as they are, and with those from all frames.
         """
-        if any(group.fit.model.law.restoring == "chain" for group in self.groups):
+        if self.windowed:
             return self, self  # of windows, which frames that were held out do not lengthen
         rest = thinned(motion.cut(self.first))
         pairs = [_refitted(frames_of(rest, group.bodies), group) for group in self.groups]
         few, all_ = (tuple(groups) for groups in zip(*pairs, strict=True))
         return replace(self, groups=few), replace(self, groups=all_)
+
+    def by_frames_before(self, times: np.ndarray) -> Mechanism | None:
+        """The same laws with numbers from the frames before a time of each clip ``(e,)``.
+
+        ``None`` where these are too few, or hardly half of those that the laws were fitted to.
+        """
+        since = (times[-1] if self.windowed else times) - self.begin
+        kept = np.all([_enough(group.fit.clips, since) for group in self.groups], axis=0)
+        if not (kept.any() if self.windowed else kept.all()):
+            return None
+        fits = [_again(group.fit, since, kept) for group in self.groups]
+        groups = [replace(x, fit=y) for x, y in zip(self.groups, fits, strict=True) if y]
+        return replace(self, groups=tuple(groups), begin=self.begin[kept]) if all(fits) else None
 
     def path(self, times: np.ndarray, clip: int = -1) -> np.ndarray:
         """Places ``(t, n, d)`` at times of the clip, not before the laws hold."""
@@ -98,6 +117,33 @@ class Mechanism:
         rolled = {group.bodies: group.fit.path(since, clip) for group in self.groups}
         whose = {b: group.bodies for group in self.groups for b in group.bodies}
         return np.stack([rolled[whose[b]][:, parts[b]] for b in sorted(whose)], 1)
+
+
+def _before(clips: Sequence[Frames], since: np.ndarray) -> list[Frames]:
+    """Of each clip the frames before so many seconds."""
+    each = zip(clips, since, strict=True)
+    return [clip.upto(int(np.searchsorted(clip.times, seconds))) for clip, seconds in each]
+
+
+def _enough(clips: Sequence[Frames], since: np.ndarray) -> list[bool]:
+    """Whether so many seconds of each clip are enough of it to tell its law again."""
+    pairs = [
+        zip(few.stretches, whole.stretches, strict=True)
+        for few, whole in zip(_before(clips, since), clips, strict=True)
+    ]
+    return [
+        all(len(x.times) >= max(LEAST_FRAMES, ENOUGH * len(y.times)) for x, y in pair)
+        for pair in pairs
+    ]
+
+
+def _again(found: Fit, since: np.ndarray, kept: np.ndarray) -> Fit | None:
+    """The same law with its numbers from so many seconds of those of its clips that are kept."""
+    numbers, starts = found.model.split(found.values, len(found.clips))
+    some = [clip for clip, keep in zip(_before(found.clips, since), kept, strict=True) if keep]
+    again = fit(some, found.model, np.concatenate([numbers, starts[kept].ravel()]))
+    told = {name: getattr(again, name) for name in Fit.__match_args__} if again else {}
+    return replace(found, **told) if again else None
 
 
 def _refitted(clips: Sequence[Frames], group: Group) -> tuple[Group, Group]:

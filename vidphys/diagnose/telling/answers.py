@@ -63,6 +63,11 @@ class Answered:
     told_in: Units = field(default_factory=Units)
 
     @property
+    def stays(self) -> bool:
+        """Whether what is foretold is that the bodies stay where they are."""
+        return bool(self.data.get("stays", False))
+
+    @property
     def headline(self) -> list[str]:
         """The verdict and the law, and which frames are used."""
         used, *told = self.lines
@@ -178,7 +183,8 @@ def answer(
     answered.numbers.update(explanation.numbers())
     _rolled_on(answered, explanation, motion.positions.shape[1] - end)
     answered.lines.extend(said)
-    answered, scene = replace(answered, path=explanation.path()), explanation.specification()
+    answered = replace(answered, path=_path(answered, explanation))
+    scene = explanation.specification()
     if scene is None:
         return answered
     return replace(answered, specification={"mass": found.motion.mass[0].tolist(), **scene})
@@ -253,6 +259,15 @@ def _left_out(
     answered.lines.insert(0, used.line(begin, end, why))
 
 
+def _path(answered: Answered, explanation: Explanation) -> tuple[np.ndarray, np.ndarray] | None:
+    """The model's, up to what was held out where that is not foretold by it."""
+    path = explanation.path()
+    if path is None or not answered.stays:
+        return path
+    fitted = path[0] < answered.rolled["model"][0][0]
+    return path[0][fitted], path[1][fitted]
+
+
 def _rolled_on(answered: Answered, explanation: Explanation, tail: int) -> None:
     """The model in so many frames that were held out, its oscillations, and under changed laws."""
     follows = explanation.follows
@@ -264,20 +279,22 @@ def _rolled_on(answered: Answered, explanation: Explanation, tail: int) -> None:
         )
     forecast = explanation.forecast() if tail >= LEAST_FRAMES else None
     if forecast is not None:
-        _validated(answered, forecast)
+        _validated(answered, forecast, explanation.stays)
     _oscillations(answered, explanation.oscillations())
-    answered.rolled.update(explanation.changed())
+    if not answered.stays:
+        answered.rolled.update(explanation.changed())
 
 
-def _validated(answered: Answered, tail: Validation) -> None:
-    """The forecast of the tail beside simple ones."""
+def _validated(answered: Answered, tail: Validation, stays: bool) -> None:
+    """The forecast of the tail beside simple ones; it may itself be that the bodies stay."""
     answered.rolled["model"] = tail.times, tail.forecasts["model"]
+    answered.data["stays"] = stays
     answered.data["forecast_error"] = tail.errors
     for name, error in tail.errors.items():
         answered.numbers[f"forecast_rmse_{name.replace(' ', '_')}"] = error
     off = {name: answered.told_in.length(error) for name, error in tail.errors.items()}
     others = ", ".join(f"{name} by {error}" for name, error in off.items() if name != "model")
-    worse = "" if tail.beats_all else "; it is not better than all of them"
+    worse = "" if tail.beats_all or stays else "; it is not better than all of them"
     answered.lines.append(
         f"Over the last {len(tail.times)} frames, which nothing was fitted to, it is off by "
         f"{off['model']} ({others}){worse}."

@@ -31,8 +31,9 @@ def summary(found: Diagnosis, explanation: Explanation | None) -> list[str]:
     """
     if explanation is None:
         return [f"No answer: {found.refused}."]
-    lines = [_verdict(explanation.verdict)] if explanation.verdict is not None else []
-    lines += [BENT] if explanation.verdict is not None and explanation.verdict.bent else []
+    verdict, bodies = explanation.verdict, found.motion.bodies
+    lines = [_verdict(verdict, bodies)] if verdict is not None else []
+    lines += [BENT] if verdict is not None and verdict.bent else []
     return lines + explanation.lines()
 
 
@@ -53,12 +54,18 @@ def about(found: Diagnosis, identity: Identity, advice: Advice | None, units: Un
     return lines
 
 
-def _verdict(verdict: Verdict) -> str:
+def _verdict(verdict: Verdict, bodies: int) -> str:
     """How far the answer may be trusted."""
     has = 100 * max(verdict.share, 0.0)
     text = f"{verdict.status.capitalize()}: the law has {has:.4g} % of the motion"
     if verdict.horizon is None:
         return text + "; nothing was held out that it could foretell."
+    if verdict.stays:
+        it, stay = ("it", "stays") if bodies == 1 else ("they", "stay")
+        return text + (
+            f", but does not foretell it: over the last frames that were fitted, {it} might as "
+            f"well have stayed in place. So the forecast is that {it} {stay} where last seen."
+        )
     if verdict.horizon >= verdict.held_out:
         return text + f" and foretells all of the {verdict.held_out:.3g} s held out."
     again = verdict.status == MOSTLY and verdict.missed < 1 - FOUND_AGAIN

@@ -53,6 +53,7 @@ class Answer:
         forecast: times and places ``(t, n, 2)`` after the fitted part; ``None`` without one.
         seconds: that it took.
         why: it gives no answer, where it gives none.
+        stays: whether the forecast is that the bodies stay, as no law foretells more.
     """
 
     track: np.ndarray
@@ -62,6 +63,7 @@ class Answer:
     forecast: tuple[np.ndarray, np.ndarray] | None
     seconds: float
     why: str = ""
+    stays: bool = False
 
 
 def ask(clip: Path, size: tuple[int, int]) -> Answer:
@@ -89,6 +91,7 @@ def ask(clip: Path, size: tuple[int, int]) -> Answer:
         None if rolled is None else (rolled[0], pixels_of(rolled[1], size)),
         time.perf_counter() - began,
         found.data["refused"] or "",
+        found.stays,
     )
 
 

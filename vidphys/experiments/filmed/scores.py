@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vidphys.diagnose.explanations.forecast import last_seen
 from vidphys.experiments.filmed.answers import (
     ALIKE,
     EXPLAINED,
@@ -70,8 +71,10 @@ class Score:
         kinds, status, why: of the answer.
         exact: whether precisely the right terms are named.
         numbers: see :class:`NumberScore`.
-        forecast: error over the last frames of the model, of persistence and by hand, pixels.
+        forecast: error over the last frames of the model, of bodies that stay where they were
+            followed last, and by hand, pixels.
         seconds: that the answer took.
+        stays: of the answer.
     """
 
     kind: str
@@ -84,6 +87,7 @@ class Score:
     numbers: tuple[NumberScore, ...]
     forecast: dict[str, float]
     seconds: float
+    stays: bool = False
 
     @property
     def followed(self) -> bool:
@@ -134,6 +138,7 @@ def score(truth: Truth, found: Answer) -> Score:
         _numbers(truth, found, order),
         _forecasts(truth, found, track, order),
         found.seconds,
+        found.stays,
     )
 
 
@@ -206,10 +211,11 @@ def _forecasts(
     bodies = sorted(order)
     seen = truth.steady[frames][:, bodies]
     fitted = np.arange(len(truth.times)) < frames[0]
+    last = last_seen(track[: frames[0], bodies], truth.steady[frames[0] - 1, bodies])
     by_hand = forecast_by_hand(truth, track, fitted)[frames][:, bodies]
     paths = {
         "model": places[:, [order[body] for body in bodies]],
-        "persistence": np.broadcast_to(truth.steady[frames[0] - 1, bodies], seen.shape),
+        "persistence": np.broadcast_to(last, seen.shape),
         "by hand": by_hand,
     }
     errors = {name: float(np.sqrt(((p - seen) ** 2).sum(-1).mean())) for name, p in paths.items()}

@@ -50,8 +50,14 @@ def _record(task: CellTask, seed: int, scores: Sequence[Score]) -> None:
 
 
 def _shares(rows: Recorder, scores: Sequence[Score]) -> None:
+    """Shares of clips and numbers.
+
+    ``stays`` is the share of forecasts that are that the bodies stay, as no law foretells more;
+    ``beats_persistence`` is of the others.
+    """
     numbers = [number for score in scores for number in score.numbers]
-    foretold = [s.forecast for s in scores if {"model", "persistence"} <= s.forecast.keys()]
+    told = [s for s in scores if {"model", "persistence"} <= s.forecast.keys()]
+    beaten = [s.forecast["model"] < s.forecast["persistence"] for s in told if not s.stays]
     shares = {
         "followed": [s.followed for s in scores],
         "exact_structure": [s.exact for s in scores],
@@ -62,7 +68,8 @@ def _shares(rows: Recorder, scores: Sequence[Score]) -> None:
         "numbers_told": [number.value is not None for number in numbers],
         "numbers_inside": [n.inside for n in numbers if n.inside is not None],
         "foretold": [bool(s.forecast) for s in scores],
-        "beats_persistence": [f["model"] < f["persistence"] for f in foretold],
+        "stays": [s.stays for s in told],
+        "beats_persistence": beaten,
     }
     for metric, holds in shares.items():
         if holds:

@@ -159,3 +159,16 @@ def test_the_table_records_shares_and_sizes_of_all_clips_and_of_each_part(monkey
     assert rows["clips/pendulum-string", "bias_refused"] == 0.0
     assert rows["clips/tilt", "bias_refused"] == table.FEW / 2
     assert ("clips/tilt", "bias") not in rows
+
+
+def test_a_forecast_that_a_body_stays_is_no_better_and_no_worse_than_that():
+    told = truth("pendulum string")
+    found = right(told, {}, {"pendulum"})
+    times, places = found.forecast
+    begin = len(told.times) - len(times)
+    off = np.array([3.0, 4.0])  # whoever follows it may follow any point of it
+    still = np.broadcast_to(told.steady[begin - 1] + off, places.shape)
+    stays = replace(found, track=found.track + off, forecast=(times, still), stays=True)
+    one = score(told, stays)
+    assert one.stays and one.forecast["model"] == one.forecast["persistence"] > 5
+    assert not score(told, found).stays
