@@ -440,15 +440,28 @@ def beating(law, share=0.1, rate=5.0, frames=200):
     return pivots + 0.4 * np.stack([np.sin(angles), -np.cos(angles)], -1)
 
 
+def waving():
+    """Something that moves by chance."""
+    return 0.2 * np.cumsum(np.random.default_rng(2).standard_normal((200, 1, 2)), 0) / 14
+
+
 @pytest.mark.parametrize("law", ["pendulum", "trap"])
 def test_two_bodies_that_a_spring_ties_are_kept_though_neither_has_a_law_of_its_own(law):
     places = beating(law)
-    wave = 0.2 * np.cumsum(np.random.default_rng(2).standard_normal((200, 1, 2)), 0) / 14
-    looked_at, said = of_lawful_bodies(noisy(np.concatenate([places, wave], 1), 5e-4))
+    looked_at, said = of_lawful_bodies(noisy(np.concatenate([places, waving()], 1), 5e-4))
     assert looked_at.bodies == 2 and said[0].startswith("3 things move")
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
     given = answer(looked_at, False, 0.3, camera=True)
     assert set(given.data["terms"]) >= {"pair", law} and given.data["explained"]
+
+
+def test_two_bodies_that_a_spring_ties_are_kept_where_they_are_followed_badly():
+    steps = np.random.default_rng(3).standard_normal((260, 2, 2))
+    slips = np.stack([steps[k : k + 200] for k in range(60)]).mean(0)  # mistakes that last
+    places = beating("pendulum") + 0.003 * slips / slips.std()
+    looked_at, said = of_lawful_bodies(noisy(np.concatenate([waving(), places], 1), 5e-4))
+    assert looked_at.bodies == 2 and said[0].startswith("3 things move")
+    np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
 
 
 def test_a_ball_that_a_hand_drops_and_that_comes_to_rest_is_told_from_the_hand():

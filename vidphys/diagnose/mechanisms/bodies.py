@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 
+import numpy as np
+
 from vidphys.diagnose.mechanisms.choose import pictured, roughly
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
@@ -22,6 +24,7 @@ ASKEW = 0.15  # of the spread: the same before the camera's view is set right
 STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
 JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
 SELDOM = 0.5  # of another body's frames
+MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them leave
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 RELEASED = 0.6  # of the frames, after which a hand has let go
 
@@ -140,14 +143,27 @@ def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:
 
 
 def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[int]) -> list[int]:
-    """Two bodies that springs tie to each other, of which not both have a law of their own."""
+    """The two that springs tie to each other best, of which not both have a law of their own.
+
+    Beside other things that move, whoever follows them errs more. Of two of which neither has a law
+    of its own, springs may leave as much as a camera that stands askew, if it is far less than
+    their own laws leave.
+    """
+    tied: list[tuple[float, list[int]]] = []
     for pair in map(list, combinations(laws, 2)):
         if set(pair) <= set(lawful) or _stay(motion, pair) != pair:
             continue
-        both = coupled(_clips(motion, pair), [laws[body] for body in pair], camera=True)
-        if both is not None and both.left < GOOD * both.spread:
-            return pair
-    return []
+        fits = [laws[body] for body in pair]
+        both = coupled(_clips(motion, pair), fits, camera=True)
+        if both is None:
+            continue
+        alone = np.sqrt(np.mean([min(x.left for x in each) ** 2 for each in fits]))
+        most = GOOD * both.spread
+        if not set(pair) & set(lawful):
+            most = max(most, min(ASKEW * both.spread, MUCH_LESS * float(alone)))
+        if both.left < most:
+            tied.append((both.left / both.spread, pair))
+    return min(tied, default=(0.0, []))[1]
 
 
 def _lawful(clips: Sequence[Frames], fits: Sequence[Fit]) -> bool:
