@@ -71,7 +71,7 @@ def slight(fit: Fit) -> list[str]:
     law = fit.model.law
     sizes: dict[str, float] = {}
     for name, (value, error) in fit.numbers.items():
-        kind = {"force": "uniform"}.get(name.split()[0], name.split()[0])
+        kind = "uniform" if name in law.forces else name.split()[0]
         sizes[kind] = max(sizes.get(kind, 0.0), abs(value) / max(error, np.finfo(float).tiny))
     asked = law.frictions + (("uniform",) if law.restoring == "uniform" and law.frictions else ())
     return [kind for kind in asked if _seen(fit) and sizes.get(kind, np.inf) < CERTAIN]
@@ -100,7 +100,7 @@ def only_slows(fit: Fit) -> bool:
         return False
     rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
     speed = np.linalg.norm(rates, axis=-1)
-    force = np.array([fit.numbers[f"force {i + 1}"][0] for i in range(law.coordinates)])
+    force = np.array([fit.numbers[name][0] for name in law.forces])
     return bool((rates @ force < -STRAIGHT * speed * np.linalg.norm(force)).all())
 
 

@@ -166,30 +166,31 @@ class _Body:
 
     def _free(self) -> terms.Hamiltonian:
         potentials: tuple[PotentialTerm, ...] = (terms.NoPotential(),)
-        if self.law.restoring in ("uniform", "trap"):
-            first = 0 if self.collides else self.part.start  # a field is common to what collides
-            force = self.longer * np.array(
-                [self.number(f"force {i + 1}") for i in range(first, first + self.chart.size)]
-            )
         if self.law.restoring == "uniform":
-            potentials = (terms.Uniform(_row(force)),)
+            potentials = (terms.Uniform(_row(self._force())),)
         elif isinstance(self.chart, Turned):
             potentials = (self._elliptic(self.chart),)
         elif self.law.restoring == "trap":
             stiffness = self.number(f"stiffness{self.own}")
-            potentials = (terms.Trap(self.mass * stiffness, _row(force / stiffness), True),)
+            centre = self._force() / stiffness
+            potentials = (terms.Trap(self.mass * stiffness, _row(centre), True),)
         elif self.law.restoring == "pendulum":
             potentials = (terms.Pendulum(self.number(f"swing{self.own}")),)
         return terms.Hamiltonian(potentials=potentials, ports=self._ports())
 
+    def _force(self) -> np.ndarray:
+        """The steady one on this body."""
+        names = self.law.forces
+        own = [names[i % len(names)] for i in range(self.part.start, self.part.stop)]
+        return self.longer * np.array([self.number(name) for name in own])
+
     def _elliptic(self, chart: Turned) -> terms.EllipticTrap:
         rates = np.array([self.number(f"stiffness {i + 1}") for i in range(chart.size)])
-        force = np.array([self.number(f"force {i + 1}") for i in range(chart.size)])
         axes = chart.turned(self.geometry)
         along = axes / np.linalg.norm(axes, axis=1, keepdims=True)
         rows = self.mass * along.T @ np.diag(rates) @ along
         rows = 0.5 * (rows + rows.T)
-        return terms.EllipticTrap(tuple(map(_row, rows)), _row(force / rates @ axes))
+        return terms.EllipticTrap(tuple(map(_row, rows)), _row(self._force() / rates @ axes))
 
     def _ports(self) -> tuple[terms.Drag, ...]:
         ports = []

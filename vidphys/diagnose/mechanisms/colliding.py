@@ -56,11 +56,15 @@ class Colliding(Law):
         """Coordinates of each."""
         return self.coordinates // self.bodies
 
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """The same for each coordinate of space: a field is common to all bodies."""
+        return self._steady(self.space) if self.restoring == "uniform" else ()
+
     @cached_property
     def names(self) -> tuple[str, ...]:
-        forces = self.space if self.restoring == "uniform" else 0
         return (
-            *(f"force {i + 1}" for i in range(forces)),
+            *self.forces,
             *(f"{name} {b + 1}" for name in self.frictions for b in range(self.bodies)),
             *(f"mass {b + 1}" for b in range(1, self.bodies)),
             *(f"reach {i + 1}" for i in range(len(self.contacts))),

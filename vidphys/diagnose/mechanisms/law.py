@@ -89,8 +89,7 @@ class Law:
         names = []
         if self.restoring == "trap":
             names += [f"stiffness{x}" for x in each]
-        if self.restoring in ("uniform", "trap"):
-            names += [f"force {i + 1}" for i in range(k)]
+        names += self.forces
         if self.restoring in ("pendulum", "chain"):
             names += [f"swing{x}" for x in each]
         if self.restoring == "chain":
@@ -111,6 +110,15 @@ class Law:
         names += ["spin"] if self.spins else []
         names += view.NAMES if self.pictured else []
         return tuple(names)
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Names of its steady force's numbers, one for each coordinate."""
+        return self._steady(self.coordinates) if self.restoring in ("uniform", "trap") else ()
+
+    @staticmethod
+    def _steady(count: int) -> tuple[str, ...]:
+        return tuple(f"force {i + 1}" for i in range(count))
 
     def _along(self, number: int) -> list[str]:
         """What a wall does to the speed along it."""

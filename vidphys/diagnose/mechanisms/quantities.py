@@ -147,8 +147,7 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         )
         yield "nearest distance", lambda values, _: nearest(replace(fit, values=values)), 1, 0
     if law.restoring == "uniform":
-        # of all coordinates, or of a direction each where several bodies share them
-        forces = [place for name, place in at.items() if name.startswith("force ")]
+        forces = [at[name] for name in law.forces]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
     if law.coupled and law.coordinates == 2:
         one, two = at["coupling 1"], at["coupling 2"]
