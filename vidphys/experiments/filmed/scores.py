@@ -71,8 +71,8 @@ class Score:
         kinds, status, why: of the answer.
         exact: whether precisely the right terms are named.
         numbers: see :class:`NumberScore`.
-        forecast: error over the last frames of the model, of bodies that stay where they were
-            followed last, and by hand, pixels.
+        forecast: error over the last frames of the model, of persistence from where the bodies
+            were, of ``staying`` where they were followed last, and by hand, pixels.
         seconds: that the answer took.
         stays: of the answer.
     """
@@ -215,7 +215,8 @@ def _forecasts(
     by_hand = forecast_by_hand(truth, track, fitted)[frames][:, bodies]
     paths = {
         "model": places[:, [order[body] for body in bodies]],
-        "persistence": np.broadcast_to(last, seen.shape),
+        "persistence": np.broadcast_to(truth.steady[frames[0] - 1, bodies], seen.shape),
+        "staying": np.broadcast_to(last, seen.shape),
         "by hand": by_hand,
     }
     errors = {name: float(np.sqrt(((p - seen) ** 2).sum(-1).mean())) for name, p in paths.items()}

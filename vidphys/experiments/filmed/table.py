@@ -52,12 +52,12 @@ def _record(task: CellTask, seed: int, scores: Sequence[Score]) -> None:
 def _shares(rows: Recorder, scores: Sequence[Score]) -> None:
     """Shares of clips and numbers.
 
-    ``stays`` is the share of forecasts that are that the bodies stay, as no law foretells more;
-    ``beats_persistence`` is of the others.
+    ``stays`` is the share of forecasts that are that the bodies stay where they were followed
+    last, as no law foretells more; such a one is ``no_worse_than_staying``, and beats nothing.
     """
     numbers = [number for score in scores for number in score.numbers]
     told = [s for s in scores if {"model", "persistence"} <= s.forecast.keys()]
-    beaten = [s.forecast["model"] < s.forecast["persistence"] for s in told if not s.stays]
+    foretold = [s.forecast for s in told]
     shares = {
         "followed": [s.followed for s in scores],
         "exact_structure": [s.exact for s in scores],
@@ -69,7 +69,8 @@ def _shares(rows: Recorder, scores: Sequence[Score]) -> None:
         "numbers_inside": [n.inside for n in numbers if n.inside is not None],
         "foretold": [bool(s.forecast) for s in scores],
         "stays": [s.stays for s in told],
-        "beats_persistence": beaten,
+        "beats_persistence": [f["model"] < f["persistence"] for f in foretold],
+        "no_worse_than_staying": [f["model"] <= f["staying"] for f in foretold if "staying" in f],
     }
     for metric, holds in shares.items():
         if holds:

@@ -170,5 +170,6 @@ def test_a_forecast_that_a_body_stays_is_no_better_and_no_worse_than_that():
     still = np.broadcast_to(told.steady[begin - 1] + off, places.shape)
     stays = replace(found, track=found.track + off, forecast=(times, still), stays=True)
     one = score(told, stays)
-    assert one.stays and one.forecast["model"] == one.forecast["persistence"] > 5
+    assert one.stays and one.forecast["model"] == one.forecast["staying"] > 5
+    assert one.forecast["persistence"] != one.forecast["staying"]  # it knows where the body was
     assert not score(told, found).stays
