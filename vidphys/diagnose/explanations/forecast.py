@@ -143,8 +143,10 @@ def last_seen(places: np.ndarray, unseen: np.ndarray) -> np.ndarray:
 
 
 def _errors(forecasts: Mapping[str, np.ndarray], seen: np.ndarray) -> dict[str, float]:
+    """Root mean squared distances; NaN where nothing was seen."""
+    there = np.isfinite(seen).all(-1)
     return {
-        name: float(np.sqrt(np.nanmean(((path - seen) ** 2).sum(-1))))
+        name: float(np.sqrt(((path - seen)[there] ** 2).sum() / (there.sum() or np.nan)))
         for name, path in forecasts.items()
     }
 
