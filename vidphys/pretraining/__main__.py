@@ -13,7 +13,7 @@ import tyro
 from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 from vidphys.pretraining.clips import Signs
-from vidphys.pretraining.run import SHIPPED, TOY, pretrain
+from vidphys.pretraining.run import RECORD, SHIPPED, TOY, pretrain
 
 EVERY = 50
 
@@ -26,7 +26,8 @@ class PretrainConfig:
 
     Args:
         name: which encoder.
-        out: its release folder; the same command goes on after an interruption.
+        out: its release folder; the same command goes on after an interruption, and does nothing
+            more after the end.
         preset: how long; `shipped` made the weights in the package.
         steps: of the training, in place of the preset's.
         couplings: of the clips: of both signs, or attraction alone, as of the encoders of the
@@ -58,6 +59,7 @@ def main() -> int:
         settings = SHIPPED[config.name] if config.preset == "shipped" else TOY
         if config.steps is not None:
             settings = replace(settings, steps=config.steps)
+        ended = (config.out / RECORD).exists()
         result = pretrain(
             config.name,
             settings,
@@ -73,6 +75,8 @@ def main() -> int:
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         return 130
+    if ended:
+        print(f"{config.out}: made before by this command; nothing is trained again")
     for when, watched in (("before", result.before), ("after", result.after)):
         print(f"{when}: loss {watched.loss:.5f}, features' deviation {watched.deviation:.3f}")
     print(f"{config.name}: {config.out}, sha256 {result.sha256}")

@@ -20,11 +20,13 @@ from vidphys.pretraining.videomae import MaskedAutoencoding
 from vidphys.pretraining.vjepa2 import FeaturePrediction
 from vidphys.progress import Progress
 from vidphys.runs.atomic import write_json, write_tensors, write_with
+from vidphys.runs.lock import LOCK, locked
 from vidphys.seeding import derive
 from vidphys.training.loop import FitSettings, fit
 
 RECORD = "pretraining.json"
 CHECKPOINT = "checkpoint.json"
+RELEASED = (RECORD, CONFIG, TENSORS)
 PACKAGES = ("torch", "transformers", "timm", "vidphys")
 TRAJECTORIES = 128  # for each number of bodies
 WATCHED, WATCHED_AT_ONCE = 64, 16  # examples
@@ -98,7 +100,7 @@ def pretrain(
     """Train an encoder without labels and write its release folder.
 
     Interrupted and called again, it goes on from its checkpoint; on a CPU, the same settings and
-    seed give the same weights.
+    seed give the same weights. A folder where it has ended is left as it is.
 
     Args:
         name: a key of ``OBJECTIVES``.
@@ -110,11 +112,29 @@ def pretrain(
         signs: of the couplings of the clips; all else is drawn alike.
 
     Raises:
-        InputError: unknown name, or the folder's checkpoint is of another name, seed, couplings or
-            settings.
+        InputError: unknown name, no step, or a folder that cannot be written, or holds a release
+            or checkpoint of another name, seed, couplings or settings.
     """
     if name not in OBJECTIVES:
         raise InputError(f"pretraining {name}: unknown; use one of {', '.join(OBJECTIVES)}")
+    if settings.steps < 1:
+        raise InputError(f"pretraining {name}: `steps` {settings.steps}: must be at least 1")
+    ended = _ended(out, _told(name, asdict(settings), signs, seed))
+    if ended is not None:
+        return ended
+    with locked(out):
+        return _pretrain(name, settings, out, seed, device, progress, signs)
+
+
+def _pretrain(
+    name: str,
+    settings: FitSettings,
+    out: Path,
+    seed: int,
+    device: str,
+    progress: Progress | None,
+    signs: Signs,
+) -> Pretrained:
     torch.manual_seed(derive(seed, "init", name))
     module = OBJECTIVES[name]().to(device)
     objective = cast(Objective, module)
@@ -133,7 +153,8 @@ def pretrain(
     sha256 = write_release(out, *objective.release())
     result = Pretrained(before, watch(module, unseen), sha256)
     _record(out, name, settings, seed, device, signs, result)
-    for file in out.glob(f"{checkpoint.stem}*"):
+    # a checkpoint's JSON before its tensors
+    for file in (*sorted(out.glob(f"{checkpoint.stem}*"), reverse=True), out / LOCK):
         file.unlink()
     return result
 
@@ -180,3 +201,37 @@ def _record(
         **asdict(result),
     }
     write_json(out / RECORD, record)
+
+
+def _ended(out: Path, asked: dict[str, Any]) -> Pretrained | None:
+    """What a folder's record says, where its release is of the pretraining that is asked for.
+
+    ``None`` where there is no release, or a pretraining was stopped while it wrote one.
+
+    Raises:
+        InputError: the release is of another pretraining, of unknown origin, or damaged.
+    """
+    if (out / CHECKPOINT).exists() or not any((out / file).exists() for file in RELEASED):
+        return None
+    try:
+        held = json.loads((out / RECORD).read_text(encoding="utf-8"))
+        made = _told(held["name"], held["settings"], held["couplings"]["signs"], held["seed"])
+        before, after = (Watched(**held[when]) for when in ("before", "after"))
+        if release_sha256(out) != held["sha256"]:
+            raise ValueError("its weights do not fit their hash")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"pretraining: {out} holds other files than a pretraining leaves ({error}); use "
+            "another folder"
+        ) from error
+    other = [key for key in asked if made.get(key) != asked[key]]
+    if other:
+        there, here = (", ".join(f"{k} {of.get(k)}" for k in other) for of in (made, asked))
+        raise InputError(
+            f"pretraining: {out} holds a release made with {there}, not {here}; use another folder"
+        )
+    return Pretrained(before, after, held["sha256"])
+
+
+def _told(name: str, settings: dict[str, Any], signs: Signs, seed: int) -> dict[str, Any]:
+    return {"name": name, "couplings": signs, "seed": seed, **settings}

@@ -29,6 +29,7 @@ from vidphys.pretraining.clips import COUPLINGS, Layout, RandomClips, Signs
 from vidphys.pretraining.dino import FIRST_MOMENTUM
 from vidphys.pretraining.run import OBJECTIVES, RECORD, Pretrained, pretrain, watch
 from vidphys.progress import Progress
+from vidphys.runs.lock import locked
 from vidphys.scenes import gravity
 from vidphys.training.loop import FitSettings
 
@@ -263,6 +264,13 @@ def test_an_interrupted_pretraining_ends_with_the_same_release(
     )
 
 
+ASKED: dict[str, Any] = {"name": "videomae-tiny", "settings": TOY, "seed": 1}
+
+
+def held(folder: Path) -> dict[str, tuple[bytes, int]]:
+    return {file.name: (file.read_bytes(), file.stat().st_mtime_ns) for file in folder.iterdir()}
+
+
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
@@ -279,13 +287,69 @@ def test_a_checkpoint_of_another_pretraining_is_refused(
         if step == 2:
             signal.raise_signal(signal.SIGTERM)
 
-    asked: dict[str, Any] = {"name": "videomae-tiny", "settings": TOY, "seed": 1}
     with pytest.raises(KeyboardInterrupt):
-        pretrain(**asked, out=tmp_path, progress=stop)
-    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+        pretrain(**ASKED, out=tmp_path, progress=stop)
+    before = held(tmp_path)
     with pytest.raises(InputError, match=f"^checkpoint .*{told}.*; use another folder, or delete"):
-        pretrain(**{**asked, **changed}, out=tmp_path)
-    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+        pretrain(**{**ASKED, **changed}, out=tmp_path)
+    assert held(tmp_path) == before
+
+
+def test_a_pretraining_that_has_ended_is_not_done_again(tmp_path: Path, few: None) -> None:
+    made = pretrain(**ASKED, out=tmp_path)
+    before, steps = held(tmp_path), []
+    again = pretrain(**ASKED, out=tmp_path, progress=lambda step, *_: steps.append(step))
+    assert again == made and steps == [] and held(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"name": "dino-tiny"}, "name videomae-tiny, not name dino-tiny"),
+        ({"seed": 2}, "made with seed 1, not seed 2;"),
+        ({"signs": "attraction"}, "made with couplings both, not couplings attraction;"),
+        ({"settings": replace(TOY, steps=6)}, "made with steps 4, not steps 6;"),
+    ],
+)
+def test_the_release_of_another_pretraining_is_not_overwritten(
+    changed: dict[str, Any], told: str, tmp_path: Path, few: None
+) -> None:
+    pretrain(**ASKED, out=tmp_path)
+    before = held(tmp_path)
+    with pytest.raises(InputError, match=f"holds a release .*{told}.*use another folder"):
+        pretrain(**{**ASKED, **changed}, out=tmp_path)
+    assert held(tmp_path) == before
+
+
+@pytest.mark.parametrize("lost", [RECORD, "config.json", "model.safetensors", "damaged"])
+def test_weights_of_unknown_origin_are_not_overwritten(
+    lost: str, tmp_path: Path, few: None
+) -> None:
+    pretrain(**ASKED, out=tmp_path)
+    if lost == "damaged":
+        (tmp_path / "config.json").write_text("{}")
+    else:
+        (tmp_path / lost).unlink()
+    before = held(tmp_path)
+    with pytest.raises(
+        InputError, match="other files than a pretraining leaves .*use another folder"
+    ):
+        pretrain(**ASKED, out=tmp_path)
+    assert held(tmp_path) == before
+
+
+def test_a_pretraining_killed_while_it_ends_ends(
+    tmp_path: Path, few: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    whole = pretrain(**ASKED, out=tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(run, "write_json", killed)
+        pretrain(**ASKED, out=tmp_path / "cut")
+    assert (tmp_path / "cut" / "config.json").exists()
+    assert pretrain(**ASKED, out=tmp_path / "cut") == whole
 
 
 def _locked(release: Path) -> Path:
@@ -316,6 +380,19 @@ def test_watching_changes_nothing(few: None) -> None:
     watch(module, RandomClips(1, module.layout, 0))
     assert all(torch.equal(v, before[k]) for k, v in module.state_dict().items())
     assert module.training
+
+
+def test_what_cannot_be_trained_or_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="`steps` 0: must be at least 1"):
+        pretrain(**{**ASKED, "settings": replace(TOY, steps=0)}, out=tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file: cannot be written \(File exists\)"):
+        pretrain(**ASKED, out=tmp_path / "file")
+
+
+def test_one_pretraining_at_a_time_in_a_folder(tmp_path: Path) -> None:
+    with locked(tmp_path), pytest.raises(InputError, match="another process is at work in it"):
+        pretrain(**ASKED, out=tmp_path)
 
 
 def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
