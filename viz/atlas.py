@@ -51,7 +51,7 @@ def write_atlas(run: Path) -> Path:
             "score",
             "selectivity",
             *names,
-            *stays,
+            *(f"change by {name}" for name in stays),
         ),
         "rows": [_row(spot, names, stays) for spot in sorted(spots, key=_in_order)],
     }

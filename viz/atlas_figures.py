@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from viz.figures import _TEXT, FAINT, INK, SPARE, STYLES
+from viz.sweeps import plain_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,6 +122,8 @@ def cost_figure(
         panels = list(figure.subplots(rows, columns, squeeze=False).flat)
     for axes in panels[len(targets) :]:
         axes.set_visible(False)
+    for axes in panels[::columns]:
+        axes.set_ylabel("score")
     for axes, target in zip(panels, targets, strict=False):
         mine = {(s.encoder, s.layer): s for s in spots if s.target == target}
         for number, name in enumerate(encoders):
@@ -133,6 +136,7 @@ def cost_figure(
         axes.step(*zip(*front, strict=True), where="post", color=INK, lw=1, alpha=0.6)
         axes.axhline(_rival(mine.values()), color=FAINT, lw=0.8, ls=":")
         axes.set(xscale="log", xlabel="ms a clip")
+        plain_ticks(axes, "x")
         axes.set_title(target, fontsize=9, loc="left")
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False, fontsize=8)

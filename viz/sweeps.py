@@ -127,13 +127,16 @@ def _logarithmic(axes: Axes, name: Literal["x", "y"]) -> None:
 
 
 def plain_ticks(axes: Axes, name: Literal["x", "y"]) -> None:
-    """Of a logarithmic axis: none between, or at 1, 2 and 5 where it holds about a decade."""
-    from matplotlib.ticker import LogLocator, NullFormatter
+    """Of a logarithmic axis: none between; 1, 2 and 5 for about a decade; four for less."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
     axis = axes.xaxis if name == "x" else axes.yaxis
     low, high = axis.get_view_interval()
     if high < 30 * low:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        few = high < 5 * low  # 1, 2 and 5 may come once, or not at all
+        axis.set_major_locator(
+            MaxNLocator(4, steps=[1, 2, 5, 10]) if few else LogLocator(subs=(1, 2, 5))
+        )
         axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 

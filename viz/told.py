@@ -238,5 +238,6 @@ def _commands(run: Path, kind: str) -> list[tuple[str, str]]:
         )
         found.append(("train this model", command))
     if kind in ("fit", "train"):
-        found.append(("roll it on", f"vidphys rollout {here} --beyond 5 --out runs/rolled"))
+        clip = " CLIP" if kind == "train" else ""  # a fit rolls on what it was made of
+        found.append(("roll it on", f"vidphys rollout {here}{clip} --beyond 5 --out runs/rolled"))
     return found

@@ -16,14 +16,14 @@ from viz.trade_figures import Row, crowd_figure, pareto_figure, work_precision_f
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BY = {
-    "learned": "evaluation",
-    "drawing": "memory",
-    "encoders": "encoder",
-    "runtimes": "runtime",
-    "readouts": "readout",
-    "training": "trajectories",
-    "pipeline": "readout",
+BY = {  # the settings of a front that its points are told apart by
+    "learned": ("evaluation",),
+    "drawing": ("memory",),
+    "encoders": ("encoder",),
+    "runtimes": ("runtime", "dtype", "batch", "store_dtype", "grid"),
+    "readouts": ("readout",),
+    "training": ("trajectories",),
+    "pipeline": ("readout",),
 }
 COLUMNS = ("task", "setting", "cost", "quartiles", "error", "first call", "memory", "units")
 
@@ -66,8 +66,9 @@ def _lead(rows: Sequence[Row], fronts: Sequence[str]) -> str:
         if min(row["cost"] for row in best) > 0
     }
     kept = sum(len(best) for best in tasks.values())
+    kinds = "one kind" if len(fronts) == 1 else f"{len(fronts)} kinds"
     text = (
-        f"{len(rows)} points of {len(fronts)} kinds of work were measured; no other is both "
+        f"{len(rows)} points of {kinds} of work were measured; no other is both "
         f"cheaper and more accurate than {kept} of them."
     )
     if not spans:
@@ -119,13 +120,18 @@ def _line(row: Row) -> dict[str, Any]:
     told = ", ".join(f"{k} {v}" for k, v in row["configuration"].items() if v is not None)
     error = "not finite" if row["error"] is None else number(row["error"])
     memory = "" if row["peak_bytes"] is None else f"{row['peak_bytes'] / 2**20:.1f} MiB"
-    units = ", ".join(f"{number(v)} {k.replace('_', ' ')}" for k, v in row["units"].items())
+    units = ", ".join(f"{_counted(v)} {k.replace('_', ' ')}" for k, v in row["units"].items())
+    others = "".join(f", {number(v)} {k}" for k, v in row["errors"].items())
     cells = (
         f"{number(row['cost'])} {row['cost_name']}",
         f"{number(row['cost_low'])} to {number(row['cost_high'])} ({row['clock']})",
-        f"{error} {row['error_name']}",
+        f"{error} {row['error_name']}{others}",
         f"{number(row['warmup_seconds'])} s",
         memory,
         units,
     )
     return {"task": row["task"], "told": told, "best": row["best"], "cells": cells}
+
+
+def _counted(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1e4 else number(value)

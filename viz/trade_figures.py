@@ -26,16 +26,16 @@ EXACT = 0.2  # of the smallest other error: where one of exactly zero is drawn, 
 SMALLEST = 1e-16  # error that a colour tells from zero
 
 
-def pareto_figure(rows: Sequence[Row], by: str) -> Figure:
+def pareto_figure(rows: Sequence[Row], by: Sequence[str]) -> Figure:
     """Cost against error for each task, with the front drawn through the points that are on it.
 
     Args:
         rows: of one front.
-        by: setting that gives colour and marker.
+        by: settings that give colour and marker.
     """
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     figure, panels = _grid(len(tasks))
-    kinds = list(dict.fromkeys(str(row["configuration"].get(by)) for row in rows))
+    kinds = list(dict.fromkeys(_kind(row, by) for row in rows))
     for axes, task in zip(panels, tasks, strict=False):
         _panel(axes, [row for row in rows if row["task"] == task], by, kinds)
         axes.set_title(task, fontsize=9, loc="left")
@@ -97,11 +97,25 @@ def crowd_figure(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, rows: Sequence[Row], by: str, kinds: Sequence[str]) -> None:
+def _kind(row: Row, by: Sequence[str]) -> str:
+    """One setting is told by its value, several by their names too; not those without a value."""
+    told = {name: row["configuration"].get(name) for name in by}
+    if len(by) == 1:
+        return str(told[by[0]])
+    return ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in told.items() if v is not None)
+
+
+def _mark(number: int) -> tuple[str, str]:
+    """Colour and marker of a kind: all pairs differ, in whichever order colours come again."""
+    turn = number // len(MARKS)
+    return MARKS[number % len(MARKS)][0], MARKS[(number + turn) % len(MARKS)][1]
+
+
+def _panel(axes: Axes, rows: Sequence[Row], by: Sequence[str], kinds: Sequence[str]) -> None:
     floor = _floor(rows)
     for row in rows:
-        kind = str(row["configuration"].get(by))
-        colour, marker = MARKS[kinds.index(kind) % len(MARKS)]
+        kind = _kind(row, by)
+        colour, marker = _mark(kinds.index(kind))
         failed = row["error"] is None
         y = 1.0 if failed else row["error"] or floor
         spread = [[row["cost"] - row["cost_low"]], [row["cost_high"] - row["cost"]]]
@@ -112,7 +126,7 @@ def _panel(axes: Axes, rows: Sequence[Row], by: str, kinds: Sequence[str]) -> No
             fmt=marker,
             color=colour,
             mfc="none" if failed else colour,
-            ms=8 if row["best"] else 4,
+            ms=8 if row["best"] else 5.5,
             lw=1,
             label=kind,
         )
@@ -143,10 +157,10 @@ def _scaled(axes: Axes, rows: Sequence[Row], words: str) -> None:
         axes.axhline(floor, color=FAINT, lw=0.8, ls=":")
         axes.annotate(
             "0 (exact)",
-            (1, floor),
+            (0.01, floor),  # where what is cheapest stands, which is seldom exact
             xycoords=("axes fraction", "data"),
             fontsize=8,
-            ha="right",
+            ha="left",
             va="bottom",
             color=INK,
         )
@@ -177,10 +191,10 @@ def _grid(count: int) -> tuple[Figure, list[Axes]]:
     return figure, panels[:count]
 
 
-def _name(figure: Figure, panels: Sequence[Axes], by: str) -> None:
+def _name(figure: Figure, panels: Sequence[Axes], by: Sequence[str]) -> None:
     handles, labels = named_handles(panels)
     if len(handles) > 1:
-        _beside(figure, handles, labels, by)
+        _beside(figure, handles, labels, by[0] if len(by) == 1 else None)
 
 
 def _legend(figure: Figure, panels: Sequence[Axes]) -> None:

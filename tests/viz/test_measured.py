@@ -4,8 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from viz.atlas_figures import Layer, Spot, cost_figure
 from viz.stress import axis_figure, matrix, write_stress_report
+from viz.sweeps import plain_ticks
 from viz.trade_figures import in_words, pareto_figure
 
 
@@ -25,16 +28,56 @@ def point(cost, error, best=True):
 
 
 def test_an_error_of_zero_is_drawn_below_the_others_and_called_zero():
-    (axes,) = pareto_figure([point(1.0, 1e-3), point(9.0, 0.0)], "memory").axes
+    (axes,) = pareto_figure([point(1.0, 1e-3), point(9.0, 0.0)], ["memory"]).axes
     drawn = [c.lines[0].get_ydata()[0] for c in axes.containers]
     assert drawn[0] == 1e-3 and 1e-5 < drawn[1] < 1e-3
     assert [text.get_text() for text in axes.texts] == ["0 (exact)"]
     assert axes.get_xlabel() == "µs per frame" and axes.get_ylabel() == "relative error"
     assert in_words("ms_per_clip") == "ms per clip" and in_words("nmse") == "nmse"
-    figure = pareto_figure([point(1.0, 1e-3), point(1.3, 1e-4)], "memory")
-    figure.canvas.draw()
+    figure = pareto_figure([point(1.0, 1e-3), point(1.3, 1e-4)], ["memory"])
+    figure.draw_without_rendering()
     (axes,) = figure.axes
     assert not any(label.get_text() for label in axes.xaxis.get_minorticklabels())
+
+
+def test_points_of_a_task_are_told_apart_by_all_settings_that_differ():
+    settings = [
+        {"dtype": name, "batch": n} for name in ("float32", "bfloat16") for n in (1, 2, 4, 8)
+    ]
+    settings += [{"store_dtype": "int8"}, {"store_dtype": "int8", "grid": 4}]
+    rows = [{**point(k + 1.0, 1.0 / (k + 1)), "configuration": s} for k, s in enumerate(settings)]
+    figure = pareto_figure(rows, ["runtime", "dtype", "batch", "store_dtype", "grid"])
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()][-2:] == [
+        "store dtype int8",
+        "store dtype int8, grid 4",
+    ]
+    marks = [c.lines[0] for c in figure.axes[0].containers]
+    assert len({(mark.get_color(), mark.get_marker()) for mark in marks}) == len(settings)
+
+
+@pytest.mark.parametrize("ends", [(0.022, 0.061), (15.5, 70), (0.41, 0.43), (1.2, 9), (1, 800)])
+def test_ticks_of_a_short_logarithmic_axis_are_few_and_plain(ends):
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot(ends, ends)
+    axes.set(xscale="log")
+    plain_ticks(axes, "x")
+    low, high = axes.get_xlim()
+    at = [x for x in axes.xaxis.get_majorticklocs() if low <= x <= high]
+    words = axes.xaxis.get_major_formatter().format_ticks(at)
+    assert 2 <= len(at) <= 5
+    assert ends[1] == 800 or [float(word) for word in words] == pytest.approx(at)
+
+
+def test_an_atlas_says_what_its_axes_are():
+    layers = [Layer("tiny", str(k), k, 10.0 + 20 * k) for k in range(3)]
+    spots = [Spot("tiny", str(k), "place", {"score": 0.1 * k}) for k in range(3)]
+    figure = cost_figure(layers, spots, {"place": [("tiny", "2")]})
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("ms a clip", "score")
+    assert {"20", "50"} <= {t.get_text() for t in axes.get_xticklabels()}
 
 
 def cell(value, verdict="sound", error=1e-3, axis="softening"):

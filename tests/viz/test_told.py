@@ -61,6 +61,13 @@ def test_a_rollout_says_whether_its_clip_is_like_the_training_and_which_law_is_d
     assert "under G = \u22121" in page
 
 
+@pytest.mark.parametrize(("kind", "asked"), [("fit", ""), ("train", " CLIP")])
+def test_what_is_said_to_roll_a_model_on_is_what_rollout_takes(tmp_path, kind, asked):
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": kind}}))
+    page = write_told(tmp_path).read_text()
+    assert f"vidphys rollout {tmp_path.name}{asked} --beyond 5 --out runs/rolled" in page
+
+
 def test_all_that_is_foretold_is_inside_and_another_law_may_leave():
     times, ahead = np.arange(5.0), 4 + np.arange(5.0)
     foretold = np.linspace(0, 8, 5)[:, None, None] * np.ones((5, 1, 2))

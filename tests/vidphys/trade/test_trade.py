@@ -383,6 +383,10 @@ def test_the_drawing_front_gives_points_that_the_report_shows(tmp_path):
     text = write_trade(tmp_path).read_text()
     for said in ("us_per_frame", "not finite", "its weights are not here", "<svg", "rk4"):
         assert said in text
+    stored = {"errors": {"probe_nmse": 0.0328}, "units": {"bytes": 49152.0}}
+    write_points(tmp_path / "points.parquet", [replace(points[0], **stored)])
+    text = write_trade(tmp_path).read_text()
+    assert ", 0.0328 probe_nmse" in text and "49,152 bytes" in text and " one kind of work" in text
 
 
 def test_what_a_store_keeps_of_features_has_its_bytes_and_what_is_read_from_it(tmp_path):
