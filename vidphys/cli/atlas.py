@@ -136,8 +136,7 @@ def atlas(config: AtlasConfig) -> int:
         for sentence in sentences:
             console.result(sentence)
         console.result(
-            f"{len(config.encoders)} encoders, seeds {told(seeds)}; report: "
-            f"{run.path / 'report.html'}"
+            f"{', '.join(config.encoders)}; seeds {told(seeds)}; report: {run.path / 'report.html'}"
         )
     return 1 if failed else 0
 

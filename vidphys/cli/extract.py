@@ -263,8 +263,9 @@ def _tell_cost(console: Console, wanted: Wanted, first: Video, files: list[Path]
     if all(path.is_file() for path in files):
         frames = len(first.frames) * sum(path.stat().st_size for path in files)
         frames /= max(1, first.path.stat().st_size)
+    layers = "1 layer takes" if len(wanted.layers) == 1 else f"{len(wanted.layers)} layers take"
     console.result(
-        f"{len(files)} clips, about {frames:.2g} frames: {len(wanted.layers)} layers take about "
+        f"{len(files)} clips, about {frames:.2g} frames: {layers} about "
         f"{frames * cost.seconds / 60:.2g} min and {frames * cost.bytes / 2**20:.2g} MiB, less "
         "what is in the store already"
     )

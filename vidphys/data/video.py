@@ -249,7 +249,7 @@ def _rate_notes(declared: float, times: np.ndarray) -> list[str]:
         return []
     notes, steps = [], np.diff(times)
     measured = len(steps) / (times[-1] - times[0])
-    if declared <= 0 or abs(measured / declared - 1) > RATE_TOLERANCE:
+    if declared > 0 and abs(measured / declared - 1) > RATE_TOLERANCE:
         notes.append(
             f"the container declares {declared:.4g} frames per second, the stamps give "
             f"{measured:.4g} on average"

@@ -58,6 +58,7 @@ def check(path: Path, lossless: bool = True, splits: bool = False, count: int = 
         off = np.abs(np.asarray(video.frames).astype(int) - wanted)
         assert off.max() == 0 if lossless else off.mean() < 6
         np.testing.assert_allclose(video.times - video.times[0], TIMES, atol=1e-3)
+        assert video.notes == ()  # a set declares nothing that its times could contradict
         assert video.decoder.split()[0] in ("opencv-python-headless", "numpy", "h5py")
         assert file.labels is not None
         got = read_labels(file.labels, video, WHOLE, 1.0).positions[0].double()
