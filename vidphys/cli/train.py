@@ -56,7 +56,8 @@ class TrainConfig(WhoOptions, SeeingOptions):
     follows what moves. Interrupted, the same command goes on where it was.
 
     Args:
-        data: a video file, a folder of them, or a folder of `vidphys render`.
+        data: a video file, a folder of them, a folder of `vidphys render`, or a data set (of
+            LeRobot, Hugging Face, WebDataset, HDF5, NPZ).
         columns: what columns of the tables are, where their names do not tell (u1=LEFT v1=TOP), or
             which of their bodies are learned (u=u2 v=v2).
         store: folder of the feature store; what is missing in it is extracted.

@@ -149,9 +149,10 @@ def roles_by_name(names: Sequence[str], groups: Sequence[Hashable]) -> list[Role
     if set(roles) <= {"train"}:
         return None
     if unknown is not None:
+        which = f"split {unknown!a}" if unknown else "a clip in no split"
         raise InputError(
-            f"split {unknown!a}: a data set has train, val and test, and each clip in one of them; "
-            "split it by clip, by time or by a fact of its clips"
+            f"{which}: a data set has train, val and test, and each clip in one of them; "
+            "`split_by` clip, time or a fact of its clips"
         )
     if "scored" not in roles:  # what there is beside train is scored
         roles = ["scored" if role == "held_out" else role for role in roles]

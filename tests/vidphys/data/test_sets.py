@@ -281,6 +281,14 @@ def test_lerobot(tmp_path: Path, image: bool) -> None:
     assert files[1].facts["task"] == "swing" and files[1].facts["episode_index"] == 1
 
 
+def test_a_lerobot_set_is_read_from_where_one_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_lerobot(tmp_path / "set")
+    monkeypatch.chdir(tmp_path)
+    check(Path("set"), lossless=False, splits=True)
+
+
 @pytest.mark.parametrize(
     "path",
     [

@@ -85,6 +85,8 @@ def test_a_data_set_says_which_is_which() -> None:
     assert roles(clips(4, "train val test train"), "clip") == "thss"
     with pytest.raises(InputError, match="split 'extra': a data set has train, val and test"):
         roles(clips(4, "train extra test train"))
+    with pytest.raises(InputError, match="^a clip in no split: .*; `split_by` clip, time or a"):
+        roles_by_name(["train", "", "test", "train"], range(4))
     with pytest.raises(InputError, match="leave no clip to train on"):
         roles(clips(3, "test test val"))
     with pytest.raises(InputError, match="split train: needs at least two clips"):

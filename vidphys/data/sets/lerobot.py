@@ -104,7 +104,7 @@ def _episodes(path: Path) -> Iterator[dict[str, Any]]:
     tables = sorted((path / EPISODES).glob("chunk-*/file-*.parquet"))
     count = 0
     for file in tables:
-        table = rows_of(_below(path, file), "parquet")
+        table = rows_of(_below(path, file.relative_to(path)), "parquet")
         count += table.count
         if count > MOST_CLIPS:
             raise InputError(f"more than {MOST_CLIPS} episodes")
