@@ -40,8 +40,8 @@ class TradeConfig:
         threads: how many torch uses; with 1 on a CPU the time of the process counts, else the wall
             clock.
         weights: folder of encoders' weights; else VIDPHYS_WEIGHTS, else the user's cache.
-        encoders: which are measured beside ours and those of installed packages, as
-            package.module:factory.
+        encoders: which are measured beside ours and those of installed packages, as timm:NAME,
+            hf:FOLDER or package.module:factory.
         seed: of all random numbers.
         device: where networks run.
         overwrite: give up another run that lies in the folder.
@@ -87,7 +87,7 @@ def trade(config: TradeConfig) -> int:
 def _measure(config: TradeConfig) -> int:
     import torch
 
-    from encoders.frozen import ENCODERS
+    from encoders.frozen import ENCODERS, load_encoder
     from vidphys.runs.folder import RunFolder
     from vidphys.trade.context import SIZES
     from vidphys.trade.session import choose, measure_fronts, surroundings
@@ -98,6 +98,11 @@ def _measure(config: TradeConfig) -> int:
         raise InputError(f"--threads {config.threads}: at least one is needed")
     torch.set_num_threads(config.threads)
     fronts, sizes = choose(config.fronts), SIZES[config.preset]
+    for name in config.encoders:
+        try:
+            load_encoder(name, {}, config.weights, config.device)
+        except ValueError as error:
+            raise InputError(f"--encoders: {error}") from error
     encoders = tuple(dict.fromkeys((*ENCODERS.foreign(), *config.encoders)))
     settings = {
         "experiment": "trade",
@@ -106,6 +111,7 @@ def _measure(config: TradeConfig) -> int:
         "cells": list(fronts),
         "seeds": [config.seed],
         "surroundings": surroundings(config.device),
+        "encoders": list(encoders),
         "sources": ENCODERS.sources(*encoders),
     }
     with (

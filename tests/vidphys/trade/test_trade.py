@@ -391,12 +391,12 @@ def test_the_drawing_front_gives_points_that_the_report_shows(tmp_path):
 
 def test_what_a_store_keeps_of_features_has_its_bytes_and_what_is_read_from_it(tmp_path):
     from vidphys.trade.context import SIZES, Context
-    from vidphys.trade.fronts import runtimes
+    from vidphys.trade.fronts import encoders, runtimes
 
     sizes = replace(SIZES["quick"], labelled=4, runtimes=())
     context = Context(sizes, 0, "cpu", None, tmp_path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runtimes, "available", lambda _: ["dino-tiny"])
+        patch.setattr(encoders, "CHOICES", {"dino-tiny": []})
         stored = [job for job in runtimes.jobs(context) if "store_dtype" in job.configuration]
     told = {}
     for job in stored:
@@ -410,3 +410,29 @@ def test_what_a_store_keeps_of_features_has_its_bytes_and_what_is_read_from_it(t
     assert told["float16", 4][1] == pytest.approx(told["int8", 4][1], rel=0.02)
     assert told["float16", 4][1] > 10 * told["int8", None][1]
     assert told["int8", None][2] == pytest.approx(told["float32", None][2], rel=0.2)
+
+
+def test_an_encoder_that_is_asked_for_is_measured_by_what_it_takes(tmp_path):
+    from vidphys.trade.context import SIZES, Context
+    from vidphys.trade.fronts import encoders, runtimes
+
+    mine = "vidphys_foreign_example.encoder:Edges"  # takes neither dtype nor batch
+    sizes = replace(SIZES["quick"], labelled=4, runtimes=())
+    context = Context(sizes, 0, "cpu", None, tmp_path, (mine,))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(encoders, "CHOICES", {})
+        jobs = list(runtimes.jobs(context))
+    assert {job.task for job in jobs} == {
+        f"features of {mine}{x}" for x in ("", ", from the store")
+    }
+    first, *stored = (job.configuration for job in jobs)
+    assert first == {"encoder": mine} and {"store_dtype": "int8", "encoder": mine} in stored
+    assert jobs[0].errors(jobs[0].work())["feature_error"] == 0
+
+
+def test_an_encoder_that_is_asked_for_is_not_left_out(tmp_path, capsys):
+    asked = ["trade", "--fronts", "runtimes", "--out", str(tmp_path / "run"), "--encoders"]
+    assert main([*asked, f"hf:{tmp_path / 'none'}"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: --encoders: hf:{tmp_path}") and "no weights in such" in error
+    assert not (tmp_path / "run").exists()

@@ -46,8 +46,7 @@ CHOICES: dict[str, list[dict[str, Any]]] = {
 def jobs(context: Context) -> Iterator[Job]:
     """Each encoder whose weights are here, under each choice and pooling."""
     clips = coloured_clips(context)
-    more: dict[str, list[dict[str, Any]]] = {name: [{}] for name in context.encoders}
-    for name, options in available(context, CHOICES | more).items():
+    for name, options in available(context).items():
         for chosen in options:
             encoder = load_encoder(name, chosen, context.weights, context.device)
             features = encoded(encoder, clips)
@@ -56,12 +55,10 @@ def jobs(context: Context) -> Iterator[Job]:
                     yield _Look(clips, name, chosen, encoder, features).job(pooling)
 
 
-def available(
-    context: Context, choices: dict[str, list[dict[str, Any]]] = CHOICES
-) -> dict[str, list[dict[str, Any]]]:
+def available(context: Context) -> dict[str, list[dict[str, Any]]]:
     """The choices whose weights are on this machine; the others are noted as skipped."""
     found = {}
-    for name, options in choices.items():
+    for name, options in ({name: [{}] for name in context.encoders} | CHOICES).items():
         try:
             load_encoder(name, {}, context.weights, context.device)
             found[name] = options

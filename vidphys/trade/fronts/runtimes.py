@@ -48,12 +48,12 @@ BATCHES = (1, 8)
 
 
 def jobs(context: Context) -> Iterator[Job]:
-    """Each encoder that is here: runtimes that it has, and what the store gives back."""
+    """Each encoder that is here: what it can be computed by, and what the store gives back."""
     clips = coloured_clips(context)
     for name in available(context):
         case = _Case(context, clips, name, *_reference(context, clips, name))
         for runtime, dtype in runtimes_of(name, context):
-            for batch in BATCHES:
+            for batch in BATCHES if "batch" in options_of(name) else (None,):
                 yield case.computed(runtime, dtype, batch)
         for stored, grid in STORED:
             if grid is None or max(case.whole.grid) > grid:
@@ -62,8 +62,11 @@ def jobs(context: Context) -> Iterator[Job]:
 
 def runtimes_of(name: str, context: Context) -> Iterator[tuple[str, str]]:
     """(runtime, dtype) pairs that an encoder can be computed by on this machine."""
-    yield from (("torch", "float32"), ("torch", "bfloat16"))
-    if "runtime" not in options_of(name):
+    taken = options_of(name)
+    yield "torch", "float32"
+    if "dtype" in taken:
+        yield "torch", "bfloat16"
+    if "runtime" not in taken:
         return
     for runtime in context.sizes.runtimes:
         if runtime == "openvino" and importlib.util.find_spec("openvino") is None:
@@ -90,10 +93,12 @@ class _Case:
         """Of the clip that is timed."""
         return self.whole.values[:1]
 
-    def computed(self, runtime: str, dtype: str, batch: int) -> Job:
-        options: dict[str, Setting] = {"dtype": dtype, "batch": batch}
-        if runtime != "torch":
-            options["runtime"] = runtime
+    def computed(self, runtime: str, dtype: str, batch: int | None) -> Job:
+        told = {"dtype": dtype, "batch": batch, "runtime": None if runtime == "torch" else runtime}
+        taken = options_of(self.name)
+        options: dict[str, Setting] = {
+            k: v for k, v in told.items() if k in taken and v is not None
+        }
         encoder = load_encoder(self.name, options, self.context.weights, self.context.device)
         one = self.clips.first(1)
         task = f"features of {self.name}"
