@@ -54,6 +54,7 @@ class Index:
     def __init__(self, path: Path, shard: Callable[[int], Path], frozen: bool) -> None:
         self.path, self.shard, self.frozen = path, shard, frozen
         self._connection: tuple[int, sqlite3.Connection] | None = None
+        self._sizes: dict[int, int] = {}  # of the shards, in bytes, when last looked at
 
     def row(self, key: str) -> Row | None:
         """Where an entry lies, if it does."""
@@ -64,6 +65,21 @@ class Index:
         with reading(self.path):
             asked = self._database().execute("SELECT 1 FROM entries WHERE key = ?", (key,))
             return asked.fetchone() is not None
+
+    def holds(self, key: str) -> bool:
+        """Whether there is such an entry, and its shard reaches as far; its bytes are not read."""
+        with reading(self.path):
+            asked = "SELECT shard, place + bytes FROM entries WHERE key = ?"
+            found = self._database().execute(asked, (key,)).fetchone()
+        return found is not None and self._reaches(*found)
+
+    def _reaches(self, shard: int, end: int) -> bool:
+        if self._sizes.get(shard, -1) < end:  # it may have grown since
+            try:
+                self._sizes[shard] = self.shard(shard).stat().st_size
+            except FileNotFoundError:
+                return False
+        return self._sizes[shard] >= end
 
     def rows(self) -> Iterator[Row]:
         """All of them."""

@@ -73,8 +73,8 @@ class Shards:
         return next((row for index in self._indexes() if (row := index.row(key))), None)
 
     def has(self, key: str) -> bool:
-        """Whether there is such an entry."""
-        return any(index.has(key) for index in self._indexes())
+        """Whether there is such an entry, in a shard that was not lost or cut short."""
+        return any(index.holds(key) for index in self._indexes())
 
     def rows(self) -> Iterator[Row]:
         """All of them, each once."""

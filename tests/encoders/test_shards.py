@@ -62,6 +62,26 @@ def test_one_that_was_made_again_counts_before_the_packed_one(tmp_path):
     assert torch.equal(store.read(request(1)).values, made(2).values)
 
 
+@pytest.mark.parametrize("left", [None, 0, 1])
+def test_what_lies_in_a_shard_that_is_lost_or_cut_short_is_made_again(tmp_path, left):
+    fill(tmp_path, range(3)).pack()
+    (shard,) = (tmp_path / "shards").glob("*.bin")
+    if left is None:
+        shard.unlink()
+    else:
+        os.truncate(shard, left and shard.stat().st_size - 1)
+    store = FeatureStore(tmp_path)
+    gone = [n for n in range(3) if not store.has(request(n))]
+    assert len(gone) == len(store.verify()) == (1 if left else 3)
+    for number in gone:
+        store.write(request(number), "clip.mp4", made(number))
+    for _ in range(2):
+        assert store.verify() == [] and len([*store.entries()]) == 3
+        assert all(torch.equal(store.read(request(n)).values, made(n).values) for n in range(3))
+        store.pack()
+        store = FeatureStore(tmp_path)
+
+
 def test_a_changed_byte_of_a_shard_and_of_its_index_is_seen(tmp_path):
     fill(tmp_path, range(3)).pack()
     (shard,) = (tmp_path / "shards").glob("*.bin")

@@ -98,7 +98,10 @@ def _check(kept: FeatureStore, config: StoreConfig) -> int:
     bad = kept.verify()
     for key in bad:
         print(f"{key}: damaged")
-    print(f"{config.folder}: {len(bad)} entries are damaged")
+    todo = (
+        "; `vidphys store delete` takes one out by its --key, to be extracted again" if bad else ""
+    )
+    print(f"{config.folder}: {len(bad)} entries are damaged{todo}")
     return 1 if bad else 0
 
 
