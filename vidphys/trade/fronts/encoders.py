@@ -58,7 +58,8 @@ def jobs(context: Context) -> Iterator[Job]:
 def available(context: Context) -> dict[str, list[dict[str, Any]]]:
     """The choices whose weights are on this machine; the others are noted as skipped."""
     found = {}
-    for name, options in ({name: [{}] for name in context.encoders} | CHOICES).items():
+    asked: dict[str, list[dict[str, Any]]] = {name: [{}] for name in context.encoders}
+    for name, options in (asked | CHOICES).items():
         try:
             load_encoder(name, {}, context.weights, context.device)
             found[name] = options
