@@ -46,8 +46,8 @@ def numbers(head, asked: Question, usual: Question) -> dict[str, float]:
 def test_a_model_of_the_exact_parts_answers_each_change(change, usual):
     head, asked = changed(usual.scene.law, usual, CHANGES[change])
     found = numbers(head, asked, usual)
-    assert found["inversion_nmse"] < 1e-8  # rolled in float32
-    assert found["truth_distance"] > 0.03  # the change is one that can be seen
+    assert found["inversion_nmse"] < 1e-10  # rolled in float32
+    assert found["truth_distance"] > 0.02  # the change is one that can be seen
 
 
 @pytest.mark.parametrize("change", ["field-removed", "drag-tripled", "trap-removed"])
@@ -77,7 +77,7 @@ def test_an_exchanged_pair_law_is_the_lender_s(usual):
         potential = lender.law.potential.parts[0]
 
     found = numbers(exchanged(usual.scene.law, Lent()), asked, usual)
-    assert found["inversion_nmse"] < 1e-8  # rolled in float32
+    assert found["inversion_nmse"] < 1e-10  # rolled in float32
     assert found["truth_distance"] > 0.03
     assert many_terms().law.potential.parts[0] is not Lent.potential
 
