@@ -21,6 +21,7 @@ from encoders.jepa import ema_momentum, follow
 from encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD, imagenet_clips
 from vidphys.pretraining.clips import Examples, Layout
 
+# what is asked is grey; the loss is of all patches
 LAYOUT = Layout(frames=1, side=64, patch=4, tubelet=1, visible=0.5, asked=0.5)
 ARCHITECTURE = "vit_small_patch14_dinov2"
 WIDTH = 96

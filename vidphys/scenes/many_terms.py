@@ -28,7 +28,8 @@ def many_terms(pair: Potential | None = None) -> Scene:
         >>> scene.conserves, sorted(scene.settings["terms"])
         (False, ['drag', 'field', 'pair', 'trap'])
     """
-    plain, pair = gravity(), SoftenedGravity(SOFTENING) if pair is None else pair
+    plain = gravity()
+    pair = SoftenedGravity(SOFTENING) if pair is None else pair
     field = UniformField(plain.space, ACCELERATION, learned=False)
     potential = SumPotential((pair, field, HarmonicTrap(STIFFNESS)))
     drag = Friction("linear", "positive", DRAG).requires_grad_(False)

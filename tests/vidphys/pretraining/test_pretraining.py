@@ -237,6 +237,16 @@ def test_a_teacher_follows() -> None:
     assert ema_momentum(1.0, FIRST_MOMENTUM) == 1.0
 
 
+def stopped_at(last: int) -> Progress:
+    """Asks the process to end after a step."""
+
+    def progress(step: int, _steps: int, _loss: float) -> None:
+        if step == last:
+            signal.raise_signal(signal.SIGTERM)
+
+    return progress
+
+
 @pytest.mark.parametrize("name", TINY)
 def test_an_interrupted_pretraining_ends_with_the_same_release(
     name: str, tmp_path: Path, few: None
@@ -246,12 +256,8 @@ def test_an_interrupted_pretraining_ends_with_the_same_release(
 
     whole = trained(tmp_path / "whole")
 
-    def stop(step: int, _steps: int, _loss: float) -> None:
-        if step == 3:
-            signal.raise_signal(signal.SIGTERM)
-
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", stop)
+        trained(tmp_path / "cut", stopped_at(3))
     assert trained(tmp_path / "cut") == whole
     record = json.loads((tmp_path / "cut" / RECORD).read_text())
     assert record["couplings"] == {"signs": "attraction", "range": [0.0, 1.5]}
@@ -283,12 +289,8 @@ def held(folder: Path) -> dict[str, tuple[bytes, int]]:
 def test_a_checkpoint_of_another_pretraining_is_refused(
     changed: dict[str, Any], told: str, tmp_path: Path, few: None
 ) -> None:
-    def stop(step: int, _steps: int, _loss: float) -> None:
-        if step == 2:
-            signal.raise_signal(signal.SIGTERM)
-
     with pytest.raises(KeyboardInterrupt):
-        pretrain(**ASKED, out=tmp_path, progress=stop)
+        pretrain(**ASKED, out=tmp_path, progress=stopped_at(2))
     before = held(tmp_path)
     with pytest.raises(InputError, match=f"^checkpoint .*{told}.*; use another folder, or delete"):
         pretrain(**{**ASKED, **changed}, out=tmp_path)

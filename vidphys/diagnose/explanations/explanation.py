@@ -49,9 +49,10 @@ class Explanation(Protocol):
     @cached_property
     def verdict(self) -> Verdict | None:
         """How far it may be trusted; ``None`` where that is not known."""
-        judged = self.judged(self.rolled_on())
-        stays = judged is not None and self.stays
-        return replace(judged, status=NOT, stays=True) if judged and stays else judged
+        judged = self.judged(self.tail)
+        if judged is None or not self.stays:
+            return judged
+        return replace(judged, status=NOT, stays=True)
 
     @property
     def sure(self) -> bool:
@@ -105,6 +106,11 @@ class Explanation(Protocol):
     def rolled_on(self) -> Validation | None:
         """Its law in the tail, beside simple forecasts; ``None`` where it cannot be rolled on."""
 
+    @cached_property
+    def tail(self) -> Validation | None:
+        """As :meth:`rolled_on`, which rolls: once."""
+        return self.rolled_on()
+
     def judged(self, tail: Validation | None) -> Verdict | None:
         """How far it may be trusted, by what it foretells of a tail; ``None``: not known."""
         return None
@@ -120,13 +126,13 @@ class Explanation(Protocol):
         Frames that were held out have no say in it: the law is rolled on over the last ones that
         it was fitted to, with its numbers from those before.
         """
-        earlier = () if self.rolled_on() is None else self.earlier()
+        earlier = () if self.tail is None else self.earlier()
         return not all(each.foretells for each in earlier)
 
     @property
     def foretells(self) -> bool:
         """Whether its law is believed by what it says of the tail, or gains on staying."""
-        tail = self.rolled_on()
+        tail = self.tail
         if tail is not None and not np.isfinite(tail.seen).any():
             return True  # nothing was seen there that would speak against it
         judged = self.judged(tail)
@@ -135,8 +141,7 @@ class Explanation(Protocol):
 
     def forecast(self) -> Validation | None:
         """What is foretold of the tail, beside simple forecasts."""
-        tail = self.rolled_on()
-        return tail.at_rest if tail and self.stays else tail
+        return self.tail.at_rest if self.tail and self.stays else self.tail
 
     def oscillations(self) -> list[Oscillation]:
         """The model's beside the recording's own, slowest first."""

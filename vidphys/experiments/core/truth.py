@@ -20,8 +20,7 @@ def score_truth(recorder: Recorder, question: Question, steps: int = DRIFT_STEPS
         question: whose scene, starts and laws are checked.
         steps: reference steps that are checked and that the Lyapunov time is estimated over.
     """
-    scene = question.scene
-    conserving = scene.conserves and "friction" not in question.params.scalars
+    scene, conserving = question.scene, question.scene.conserves
     path = scene.simulate(question.truth, question.params, steps, question.every)
     proof = certify(scene, path, conserving=conserving)
     recorder.add_value("certified_fraction", float(proof.passed.double().mean()))
