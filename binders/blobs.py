@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -41,6 +41,10 @@ class Blobs:
     def only(self, which: Bool[np.ndarray, " k"]) -> Blobs:
         """Some of them."""
         return Blobs(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def moved(self, right: int, down: int) -> Blobs:
+        """The same, so many pixels further."""
+        return replace(self, centre=self.centre + [right, down])
 
     def unlike(
         self, colour: Float[np.ndarray, "*m 3"], size: Shaped[np.ndarray, "*m"] | float

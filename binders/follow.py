@@ -14,6 +14,7 @@ from binders.lawful import Judged
 
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
+LONGER, GOES_ON = 1.5, 0.6  # times the frames, and of the score, of what goes on where one was lost
 NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
 HALF_AS = 0.25  # and if it is as large and surely one thing
 AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
@@ -59,21 +60,36 @@ class Candidate:
 
 
 def ranked(candidates: list[Candidate]) -> list[Candidate]:
-    """The likeliest first, each body once."""
+    """The likeliest first, each body once, as long as it is seen."""
     kept: list[Candidate] = []
     for each in sorted(candidates, key=lambda c: -c.judged.score):
-        if each.judged.score > 0 and not any(_same(each.body, k.body) for k in kept):
+        if each.judged.score <= 0:
+            break
+        shorter = [n for n, k in enumerate(kept) if _goes_on(each, k)]
+        if shorter:
+            kept[shorter[0]] = each
+        elif not any(_same(each.body, k.body) > SAME for k in kept):
             kept.append(each)
     return kept
 
 
-def _same(one: Hypothesis, other: Hypothesis) -> bool:
+def _goes_on(longer: Candidate, shorter: Candidate) -> bool:
+    """Whether one is nearly as likely, and follows the other to where that one was lost."""
+    return bool(
+        longer.judged.seen > LONGER * shorter.judged.seen
+        and longer.judged.score > GOES_ON * shorter.judged.score
+        and _same(shorter.body, longer.body) > ALWAYS
+    )
+
+
+def _same(one: Hypothesis, other: Hypothesis) -> float:
+    """Share of the frames that show one, in which it is where the other is."""
     both = one.seen & other.seen
     if not both.any():
-        return False
+        return 0.0
     apart = np.linalg.norm(one.positions[both] - other.positions[both], axis=-1)
     near = apart < max(np.nanmedian(one.size), np.nanmedian(other.size))
-    return bool(near.sum() > SAME * one.seen.sum())
+    return float(near.sum() / one.seen.sum())
 
 
 def likely(candidates: list[Candidate]) -> list[Hypothesis]:

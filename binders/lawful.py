@@ -81,19 +81,24 @@ def _judged(h: Hypothesis, times: np.ndarray, clear: float, large: float, fits: 
     seen = h.seen
     if seen.sum() < LEAST_SEEN:
         return Judged(0.0, 0.0, 0.0, 0.0, clear, 0.0, fits, 0.0)
-    radius, colour = np.log(h.radius[seen]), h.colour[seen]
-    grown = np.median(np.abs(radius - np.median(radius))) + np.median(np.abs(np.diff(radius)))
-    changed = np.median(np.linalg.norm(colour - np.median(colour, axis=0), axis=-1))
     return Judged(
         seen=float(seen.mean()),
         foretold=foretold(h.positions, times),
-        steady=float(np.exp(-2 * grown - changed)),
+        steady=steadiness(h),
         compact=float(np.median(h.compact[seen])),
         clear=clear,
         small=float(1 / (1 + (np.median(h.size[seen]) / large) ** 2)),
         fits=fits,
         lit=float(np.median(h.lit[seen])),
     )
+
+
+def steadiness(h: Hypothesis) -> float:
+    """How little the size and colour of what is seen change, at most 1."""
+    radius, colour = np.log(h.radius[h.seen]), h.colour[h.seen]
+    grown = np.median(np.abs(radius - np.median(radius))) + np.median(np.abs(np.diff(radius)))
+    changed = np.median(np.linalg.norm(colour - np.median(colour, axis=0), axis=-1))
+    return float(np.exp(-2 * grown - changed))
 
 
 def foretold(positions: np.ndarray, times: np.ndarray) -> float:

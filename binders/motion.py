@@ -18,6 +18,7 @@ from binders.base import BINDERS, MotionTracks, Pictures
 from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
+from binders.coloured import coloured_blobs
 from binders.exchanged import crossed, told_apart
 from binders.follow import Candidate, apart, likely, path_of, ranked, wheels
 from binders.hypotheses import Hypothesis, hypotheses
@@ -38,8 +39,9 @@ LIKE_IT = 10.0  # of :meth:`Wanted.likeness`, from which a pixel has the colour
 UNSAID = 0.02  # of the picture's shorter side: radius of a body of which only a place is said
 HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
 # how much less likely a blob is the body alone that may have its shadow, and corners are all of it
-DOUBTS = 1.0, 0.75, 0.8
-CORNERS = 2  # the third way to find bodies, by corners
+DOUBTS = 1.0, 0.75, 0.8, 0.8
+CORNERS, COLOURED = 2, 3  # ways to find bodies: by corners, by colour
+OF_A_COLOUR = 3  # bodies that may share one
 AS_GOOD = 0.5  # of the score of what is drawn along, that what draws it has
 LIKELY = 6  # candidates, of which two may be parts of one
 HIDDEN = 0.5  # of the best score, from which the background is cleaned of a hypothesis
@@ -155,9 +157,24 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         candidates = ranked(judged)
         often = ghosts.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~ghosts)
-    judged += _crossed(clip, candidates, settings)
+    judged += _coloured(clip, blobs, changed, settings)
+    judged += _crossed(clip, ranked(judged), settings)
     judged += _carried(clip, judged, background, changed, settings)
     return _View(blobs, changed, wheels(ranked(judged)))
+
+
+def _coloured(
+    clip: Steadied, blobs: list[list[Blobs]], changed: Masks, settings: MotionBinder
+) -> list[Candidate]:
+    """Bodies that are known by their colour, also before what else moves."""
+    if settings.wanted.colour is not None:
+        return []
+    inside = settings.wanted.where(*clip.still.shape[1:3], clip.factor)
+    likeliest: list[Candidate] = []
+    for each in coloured_blobs(clip.still, clip.sample, blobs, changed, inside, settings.thin):
+        judged = _judged(clip, hypotheses(each, clip.steps), COLOURED, settings)
+        likeliest += sorted(judged, key=lambda c: -c.judged.score)[:OF_A_COLOUR]
+    return likeliest
 
 
 def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> list[Candidate]:

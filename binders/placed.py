@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from binders.base import Pictures
 from binders.hypotheses import Hypothesis
-from binders.lawful import foretold
+from binders.lawful import foretold, steadiness
 
 ROUNDS = 3
 AROUND = 1.6  # of the body's mean radius, that is looked at
@@ -23,6 +23,7 @@ MODEL = 60  # frames that tell its looks
 AGREED = 0.5  # of the frames, in which a pixel is the body's
 RIM = 2  # pixels around it that are not
 SOFT = 0.7  # pixels, by which an outline is smoothed
+STEADY = 0.6  # :func:`.lawful.steadiness`, below which it has not one picture
 BETTER = 0.05  # of the logarithm of how far off a law is, to leave the blobs' middles
 
 
@@ -42,7 +43,8 @@ def placed(
 ) -> Hypothesis:
     """The hypothesis at the places, of three ways to tell them, that are the most lawful.
 
-    They are the middles of its blobs, those of its outline, and those of its picture.
+    They are the middles of its blobs, those of its outline, and, unless it changes its looks as
+    what is seen from ever another side does, those of its picture.
 
     Args:
         body: as blobs show it, pixels of the frames.
@@ -51,7 +53,7 @@ def placed(
         times: of each frame, in units of the usual interval.
     """
     best, most = body, foretold(body.positions, times) + BETTER
-    for pictured in (False, True):
+    for pictured in (False, True) if steadiness(body) > STEADY else (False,):
         places = _refined(body, frames, changed, pictured)
         told = foretold(places, times)
         if told > most:

@@ -7,15 +7,16 @@ import numpy as np
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 WINDOWS = 20  # side by side over the frames that show it, in each of which its velocity is told
-EVEN = 0.15  # of its usual velocity, by which that of a window may differ
-MOSTLY = 0.7  # of the windows, whose velocity is the usual one: in the others it turns back
+EVEN = 0.2  # of its usual velocity, by which that of a window may differ
+MOSTLY = 0.6  # of the windows, whose velocity is the usual one: in the others it turns back
 
 
 def passes_by(motion: Motion, body: int) -> bool:
     """Whether a followed thing keeps to one line and one speed, but for turning back.
 
     Beside a body that a force moves it is a bystander. By itself it may be a body that nothing
-    pulls, so that only the company tells.
+    pulls, so that only the company tells. What sinks may be a body that falls as fast as air lets
+    it.
 
     Args:
         motion: of one clip.
@@ -31,6 +32,8 @@ def passes_by(motion: Motion, body: int) -> bool:
     main = np.linalg.svd(rates, full_matrices=False)[2][0]
     ahead = rates * np.where(rates @ main < 0, -1.0, 1.0)[:, None]
     usual = np.median(ahead, 0)
+    if abs(usual[1]) > abs(usual[0]) and path[-1, 1] < path[0, 1]:
+        return False
     off = np.linalg.norm(ahead - usual, axis=-1)
     return bool((off <= EVEN * np.linalg.norm(usual)).mean() >= MOSTLY)
 
