@@ -67,9 +67,7 @@ def _of_bodies(blobs: Sequence[Sequence[Blobs]], largest: float) -> Float[np.nda
     return _commonest(np.concatenate(colours), np.concatenate(weights), COLOURS)
 
 
-def _of_all(
-    frames: Pictures, sample: Sequence[int], changed: Pictures
-) -> Float[np.ndarray, "k 3"]:
+def _of_all(frames: Pictures, sample: Sequence[int], changed: Pictures) -> Float[np.ndarray, "k 3"]:
     """The colours of all that changes in some frames."""
     pixels = []
     for frame in sample[:: max(1, len(sample) // COLOURS)]:
@@ -83,7 +81,7 @@ def _commonest(
     colours: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, " n"], most: int
 ) -> Float[np.ndarray, "k 3"]:
     """Middles of the heaviest clusters, none like another."""
-    found = []
+    found: list[np.ndarray] = []
     while len(colours) and len(found) < most:
         tried = colours[:: max(1, len(colours) // LOOKED_AT)]
         near = np.linalg.norm(tried[:, None] - colours, axis=-1) < ALIKE
@@ -131,4 +129,4 @@ def _lumps_at(image: np.ndarray, x: np.ndarray, y: np.ndarray, thin: int) -> Blo
     has = np.zeros(part.shape[:2], np.float32)
     has[y - top, x - left] = 2.0
     found, _ = lumps(part, has, 1.0, thin, has > 0, part)
-    return found.moved(left, top)
+    return found.moved(int(left), int(top))

@@ -65,17 +65,21 @@ def ranked(candidates: list[Candidate]) -> list[Candidate]:
     for each in sorted(candidates, key=lambda c: -c.judged.score):
         if each.judged.score <= 0:
             break
-        shorter = [n for n, k in enumerate(kept) if _goes_on(each, k)]
-        if shorter:
-            kept[shorter[0]] = each
-        elif not any(_same(each.body, k.body) > SAME for k in kept):
+        known = [
+            n
+            for n, k in enumerate(kept)
+            if _same(each.body, k.body) > SAME or _same(k.body, each.body) > ALWAYS
+        ]
+        if not known:
             kept.append(each)
+        elif _goes_on(each, kept[known[0]]):
+            kept[known[0]] = each
     return kept
 
 
 def _goes_on(longer: Candidate, shorter: Candidate) -> bool:
     """Whether one is nearly as likely, and follows the other to where that one was lost."""
-    return bool(
+    return (
         longer.judged.seen > LONGER * shorter.judged.seen
         and longer.judged.score > GOES_ON * shorter.judged.score
         and _same(shorter.body, longer.body) > ALWAYS

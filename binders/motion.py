@@ -157,9 +157,9 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         candidates = ranked(judged)
         often = ghosts.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~ghosts)
-    judged += _coloured(clip, blobs, changed, settings)
+    judged += _alone(_coloured(clip, blobs, changed, settings), judged)
     judged += _crossed(clip, ranked(judged), settings)
-    judged += _carried(clip, judged, background, changed, settings)
+    judged += _alone(_carried(clip, background, changed, settings), judged)
     return _View(blobs, changed, wheels(ranked(judged)))
 
 
@@ -169,7 +169,8 @@ def _coloured(
     """Bodies that are known by their colour, also before what else moves."""
     if settings.wanted.colour is not None:
         return []
-    inside = settings.wanted.where(*clip.still.shape[1:3], clip.factor)
+    height, width = clip.still.shape[1:3]
+    inside = settings.wanted.where(height, width, clip.factor)
     likeliest: list[Candidate] = []
     for each in coloured_blobs(clip.still, clip.sample, blobs, changed, inside, settings.thin):
         judged = _judged(clip, hypotheses(each, clip.steps), COLOURED, settings)
@@ -188,25 +189,28 @@ def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> 
 
 def _carried(
     clip: Steadied,
-    others: list[Candidate],
     background: np.ndarray,
     changed: Masks,
     settings: MotionBinder,
 ) -> list[Candidate]:
-    """Bodies that are known by their corners, without what others draw along."""
+    """Bodies that are known by their corners."""
     wanted = settings.wanted
     if wanted.colour is not None:
         return []
     height, width = clip.still.shape[1:3]
     inside = wanted.where(height, width, clip.factor)
     found = carried_bodies(clip.still, clip.sample, background, changed, clip.steps, inside)
-    judged = _judged(clip, [body for body, _ in found], CORNERS, settings, [s for _, s in found])
+    return _judged(clip, [body for body, _ in found], CORNERS, settings, [s for _, s in found])
+
+
+def _alone(found: list[Candidate], others: list[Candidate]) -> list[Candidate]:
+    """What is found, without what others draw along or is a part of them."""
 
     def better(than: Candidate) -> list[Hypothesis]:
         least = AS_GOOD * than.judged.score
-        return [each.body for each in judged + others if each.judged.score > least]
+        return [each.body for each in found + others if each.judged.score > least]
 
-    return [each for each in judged if not drawn_along(each.body, better(each))]
+    return [each for each in found if not drawn_along(each.body, better(each))]
 
 
 def _judged(

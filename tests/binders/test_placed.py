@@ -54,6 +54,21 @@ def test_half_of_a_body_is_not_where_it_is() -> None:
     assert np.abs(found.positions - path).max() < 0.7
 
 
+def test_a_body_that_shows_another_side_is_not_where_its_picture_was() -> None:
+    """As a bowl that falls by, seen from below first: its dark side goes over it."""
+    path, t = swing(), np.arange(FRAMES)
+    frames, away = drawn(path, rod=0.0), Y - path[:, 1, None, None]
+    changed = np.hypot(X - path[:, 0, None, None], away) < RADIUS
+    dark = changed & (away > np.linspace(-RADIUS, RADIUS, FRAMES)[:, None, None])
+    frames[dark] = GREY
+    ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    shade = 4 * (t / FRAMES)[:, None] * np.array([1.0, -1.0, 1.0])
+    seen = path + np.random.default_rng(1).normal(scale=1.0, size=path.shape)
+    blobs = Hypothesis(seen, ones, size, size, shade, ones, 0 * ones)
+    found = placed(blobs, frames, changed, t.astype(float))
+    assert np.abs(found.positions - path).max() < 0.2
+
+
 def body(x: np.ndarray, size: np.ndarray) -> Hypothesis:
     ones = np.ones(len(x))
     places = np.stack([x, 0 * x], 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from binders.exchanged import crossed
-from binders.follow import Candidate, likely, wheels
+from binders.follow import Candidate, likely, ranked, wheels
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged, foretold
 from binders.motion import MotionBinder
@@ -67,6 +67,15 @@ def test_a_small_ball_is_followed_beside_a_person() -> None:
 )
 def test_a_person_says_otherwise(wanted: Wanted) -> None:
     assert error(ball_and_person(), wander(), wanted=wanted) < 1.5
+
+
+def test_a_ball_stands_out_of_the_person_it_passes_before() -> None:
+    swing = np.stack([62 + 20 * np.cos(0.21 * T), 44 + 3 * np.cos(0.42 * T)], 1)
+    coat, red = np.array([30.0, 60, 200]), np.array([200.0, 40, 30])
+    frames = clip({18.0: 0.3 * wander() + [43.0, 31.0], 4.0: swing}, {18.0: coat, 4.0: red})
+    places, _ = MotionBinder().candidates(frames, times())
+    off = np.linalg.norm(places - swing[:, None], axis=-1)
+    assert (off < 1.0).mean(0).max() > 0.9
 
 
 def test_what_is_said_and_does_not_fit_is_refused() -> None:
@@ -142,10 +151,23 @@ def test_a_body_that_was_followed_in_two_parts_is_one() -> None:
     assert not crossed([early, body(BALL + 3.0)])
 
 
-def candidate(path: np.ndarray, score: float, size: float = 5.0, steady: float = 0.95) -> Candidate:
+def candidate(
+    path: np.ndarray, score: float, size: float = 5.0, steady: float = 0.95, seen: float = 1.0
+) -> Candidate:
     column = np.full(60, size)
     body = Hypothesis(path, column, column, column, np.zeros((60, 3)), column, column)
-    return Candidate(body, Judged(1.0, score / steady, steady, 1.0, 1.0, 1.0, 1.0, 0.0), 0)
+    foretold = score / steady / seen**0.6
+    return Candidate(body, Judged(seen, foretold, steady, 1.0, 1.0, 1.0, 1.0, 0.0), 0)
+
+
+def test_a_body_is_followed_as_long_as_it_is_seen() -> None:
+    def lost(from_: int, score: float) -> Candidate:
+        return candidate(np.where(T[:, None] < from_, BALL, np.nan), score, seen=from_ / 60)
+
+    short, long = lost(20, 1.0), lost(60, 0.8)
+    assert ranked([short, long]) == [long]
+    assert ranked([short, lost(28, 0.8)]) == [short]  # hardly longer
+    assert ranked([short, lost(60, 0.5)])[0] == short  # far less likely
 
 
 def test_the_blades_of_a_fan_are_no_bodies() -> None:

@@ -13,13 +13,21 @@ WALK = np.stack([ALONG, 0.01 * np.abs(np.sin(5 * TIMES)) - 0.3], -1)
 TO_AND_FRO = np.stack([0.4 * np.abs((TIMES + 0.7) % 2.6 - 1.3), 0 * TIMES], -1)
 FLIGHT = np.stack([0.35 * TIMES - 0.6, 0.5 * TIMES * (3.5 - TIMES) - 0.5], -1)
 SPRING = np.stack([0.3 * np.cos(4 * TIMES), 0 * TIMES], -1)
+SINKS = np.stack([0.02 * TIMES, 1.0 - 0.4 * TIMES], -1)
 SLOWED = np.stack([0.5 * TIMES - 0.055 * TIMES**2, 0 * TIMES], -1)
 
 
 @pytest.mark.parametrize(
     ("way", "so"),
-    [(WALK, True), (TO_AND_FRO, True), (FLIGHT, False), (SPRING, False), (SLOWED, False)],
-    ids=["walks", "turns back", "flies", "swings", "gets slower"],
+    [
+        (WALK, True),
+        (TO_AND_FRO, True),
+        (FLIGHT, False),
+        (SPRING, False),
+        (SLOWED, False),
+        (SINKS, False),
+    ],
+    ids=["walks", "turns back", "flies", "swings", "gets slower", "sinks"],
 )
 def test_only_what_keeps_its_line_and_its_speed_passes_by(way, so):
     assert passes_by(noisy(way[:, None], 1e-3), 0) == so
