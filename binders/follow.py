@@ -14,7 +14,8 @@ from binders.lawful import Judged
 
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
-LONGER, GOES_ON = 1.5, 0.6  # times the frames, and of the score, of what goes on where one was lost
+HELD = 0.8  # share of its frames, in which what goes on where it was lost is where it is
+LONGER, GOES_ON = 1.5, 0.8  # times the frames, and of the score, of what does so
 NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
 HALF_AS = 0.25  # and if it is as large and surely one thing
 AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
@@ -68,11 +69,11 @@ def ranked(candidates: list[Candidate]) -> list[Candidate]:
         known = [
             n
             for n, k in enumerate(kept)
-            if _same(each.body, k.body) > SAME or _same(k.body, each.body) > ALWAYS
+            if _same(each.body, k.body) > SAME or _same(k.body, each.body) > HELD
         ]
         if not known:
             kept.append(each)
-        elif _goes_on(each, kept[known[0]]):
+        elif len(known) == 1 and _goes_on(each, kept[known[0]]):
             kept[known[0]] = each
     return kept
 
@@ -82,7 +83,7 @@ def _goes_on(longer: Candidate, shorter: Candidate) -> bool:
     return (
         longer.judged.seen > LONGER * shorter.judged.seen
         and longer.judged.score > GOES_ON * shorter.judged.score
-        and _same(shorter.body, longer.body) > ALWAYS
+        and _same(shorter.body, longer.body) > HELD
     )
 
 

@@ -42,6 +42,7 @@ HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
 DOUBTS = 1.0, 0.75, 0.8, 0.8
 CORNERS, COLOURED = 2, 3  # ways to find bodies: by corners, by colour
 OF_A_COLOUR = 3  # bodies that may share one
+MOSTLY = 0.75  # seen, is what is followed by its colour: it is to show what blobs lose for a while
 AS_GOOD = 0.5  # of the score of what is drawn along, that what draws it has
 LIKELY = 6  # candidates, of which two may be parts of one
 HIDDEN = 0.5  # of the best score, from which the background is cleaned of a hypothesis
@@ -166,7 +167,7 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
 def _coloured(
     clip: Steadied, blobs: list[list[Blobs]], changed: Masks, settings: MotionBinder
 ) -> list[Candidate]:
-    """Bodies that are known by their colour, also before what else moves."""
+    """Bodies that are seen by their colour nearly always, also before what else moves."""
     if settings.wanted.colour is not None:
         return []
     height, width = clip.still.shape[1:3]
@@ -174,7 +175,8 @@ def _coloured(
     likeliest: list[Candidate] = []
     for each in coloured_blobs(clip.still, clip.sample, blobs, changed, inside, settings.thin):
         judged = _judged(clip, hypotheses(each, clip.steps), COLOURED, settings)
-        likeliest += sorted(judged, key=lambda c: -c.judged.score)[:OF_A_COLOUR]
+        often = [c for c in judged if c.judged.seen > MOSTLY]
+        likeliest += sorted(often, key=lambda c: -c.judged.score)[:OF_A_COLOUR]
     return likeliest
 
 

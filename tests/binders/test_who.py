@@ -164,9 +164,9 @@ def test_a_body_is_followed_as_long_as_it_is_seen() -> None:
     def lost(from_: int, score: float) -> Candidate:
         return candidate(np.where(T[:, None] < from_, BALL, np.nan), score, seen=from_ / 60)
 
-    short, long = lost(20, 1.0), lost(60, 0.8)
+    short, long = lost(20, 1.0), lost(60, 0.9)
     assert ranked([short, long]) == [long]
-    assert ranked([short, lost(28, 0.8)]) == [short]  # hardly longer
+    assert ranked([short, lost(28, 0.9)]) == [short]  # hardly longer
     assert ranked([short, lost(60, 0.5)])[0] == short  # far less likely
 
 

@@ -40,7 +40,7 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     Returns:
         The motion, and what a person should know of those that were left out.
     """
-    alone, shadows = without_shadows(motion, MOST_TRIED)
+    alone, shadows = without_shadows(motion)
     if len(alone) == 1:
         return _of(motion, alone), shadows
     motion = _of(motion, alone)

@@ -8,13 +8,13 @@ import numpy as np
 
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
-APART = 0.02  # of its way: what two bodies leave of the proportion at least that move by themselves
+APART = 0.03  # of its way: what two bodies leave of the proportion at least that move by themselves
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 SWINGS = 3  # times at least that it passes its middle: what does not come back tells nothing
 TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both are
 
 
-def without_shadows(motion: Motion, tried: int) -> tuple[list[int], tuple[str, ...]]:
+def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     """Bodies that are not another's shadow, of several followed things.
 
     Along the way that it swings most, a shadow is where its body is, times a factor. Two bodies do
@@ -22,13 +22,12 @@ def without_shadows(motion: Motion, tried: int) -> tuple[list[int], tuple[str, .
 
     Args:
         motion: of one clip; the likeliest bodies come first.
-        tried: how many of them are compared.
 
     Returns:
         The bodies, and what a person should know of those that are none.
     """
     cast: dict[int, int] = {}
-    for body, other in combinations(range(min(motion.bodies, tried)), 2):
+    for body, other in combinations(range(motion.bodies), 2):
         if body not in cast and other not in cast and _follows(motion, body, other):
             cast[other] = body
     said = tuple(
