@@ -480,6 +480,13 @@ def test_a_ball_that_a_hand_drops_and_that_comes_to_rest_is_told_from_the_hand()
     np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
 
 
+def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():
+    places = double_pendulum(0.25, 0.2, 0.4, (0.7, -0.4))
+    places[11::25, 1] = np.nan
+    rods = rods_in_picture(noisy(places, 5e-4))
+    assert rods is not None and rods.left < 0.02 * rods.spread
+
+
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
     upper, lower, share = 0.25, 0.2, 0.4  # metres; of both masses, that the lower one has

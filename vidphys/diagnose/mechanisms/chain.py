@@ -49,16 +49,20 @@ def chained(motion: Motion) -> Fit | None:
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:
-    """Some over the recording, in which all is seen; the last of them at its end."""
-    total = motion.positions.shape[1]
-    firsts = np.unique(np.linspace(0, total - size, WINDOWS).astype(int))
+    """Some over the recording, in which all is seen; the last of them as late as it is."""
+    spots = []
+    for number, seen in enumerate(motion.seen.all(-1)):
+        lost = np.flatnonzero(~np.concatenate([[False], seen, [False]]))
+        long = min(size, int(np.diff(lost).max()) - 1)
+        if long >= LEAST_FRAMES:
+            whole = np.flatnonzero(np.convolve(seen, np.ones(long, int), "valid") == long)
+            some = np.linspace(0, len(whole) - 1, WINDOWS).astype(int)
+            spots += [(int(first), number, long) for first in np.unique(whole[some])]
     out = []
-    for first in firsts:
-        cut = motion.cut(first, first + size)
-        for number in np.flatnonzero(cut.seen.all((1, 2))):
-            clip = frames_of(cut.take(np.array([number])))[0]
-            begin = float(motion.times[number, first] - motion.times[number, 0])
-            out.append(Frames(clip.times, clip.seen, clip.stretches, begin))
+    for first, number, long in sorted(spots):
+        clip = frames_of(motion.take(np.array([number])).cut(first, first + long))[0]
+        begin = float(motion.times[number, first] - motion.times[number, 0])
+        out.append(Frames(clip.times, clip.seen, clip.stretches, begin))
     return out
 
 
