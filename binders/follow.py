@@ -15,7 +15,7 @@ from binders.lawful import Judged
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
 HELD = 0.8  # share of its frames, in which what goes on where it was lost is where it is
-LONGER, GOES_ON = 1.5, 0.8  # times the frames, and of the score, of what does so
+LONGER, GOES_ON = 1.3, 0.8  # times the frames, and of the score, of what does so
 NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
 HALF_AS = 0.25  # and if it is as large and surely one thing
 AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
@@ -73,8 +73,9 @@ def ranked(candidates: list[Candidate]) -> list[Candidate]:
         ]
         if not known:
             kept.append(each)
-        elif len(known) == 1 and _goes_on(each, kept[known[0]]):
+        elif all(_goes_on(each, kept[n]) for n in known):
             kept[known[0]] = each
+            kept = [k for n, k in enumerate(kept) if n not in known[1:]]
     return kept
 
 

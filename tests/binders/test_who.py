@@ -166,7 +166,7 @@ def test_a_body_is_followed_as_long_as_it_is_seen() -> None:
 
     short, long = lost(20, 1.0), lost(60, 0.9)
     assert ranked([short, long]) == [long]
-    assert ranked([short, lost(28, 0.9)]) == [short]  # hardly longer
+    assert ranked([short, lost(25, 0.9)]) == [short]  # hardly longer
     assert ranked([short, lost(60, 0.5)])[0] == short  # far less likely
 
 
