@@ -19,6 +19,7 @@ STRUCTURE = 0.97
 LEAST_SLOPE = 1.0  # brightness levels a pixel; what noise leaves in a median is below
 PIXELS = (20, 6000)
 REACH = 8.0
+HIDDEN = 2.0  # times the usual scale of what is left, of a frame in which something hides much
 SEED = 0
 
 
@@ -85,12 +86,20 @@ def _register(
         return np.zeros_like(guess)
     gradient = np.stack([slope_x[ys, xs], slope_y[ys, xs]], 1)
     target = smooth[ys, xs]
-    return np.array(
-        [
-            _align(ndimage.gaussian_filter(frame, 1.0), (ys, xs), target, gradient, start)
-            for frame, start in zip(frames, guess, strict=True)
-        ]
-    )
+    pixels = (ys, xs)
+
+    def aligned(frame: np.ndarray, start: np.ndarray, most: float) -> tuple[np.ndarray, float]:
+        return _align(ndimage.gaussian_filter(frame, 1.0), pixels, target, gradient, start, most)
+
+    found = [aligned(*each, np.inf) for each in zip(frames, guess, strict=True)]
+    drift, scale = np.array([x[0] for x in found]), np.array([x[1] for x in found])
+    usual = float(np.median(scale))
+    hidden = np.flatnonzero(scale > HIDDEN * usual)
+    clear = np.flatnonzero(scale <= HIDDEN * usual)
+    for number in hidden:
+        start = np.array([np.interp(number, clear, drift[clear, axis]) for axis in (0, 1)])
+        drift[number], _ = aligned(frames[number], start, usual)
+    return drift
 
 
 def _structure(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,15 +122,23 @@ def _align(
     target: np.ndarray,
     gradient: np.ndarray,
     start: np.ndarray,
-) -> np.ndarray:
-    """Gauss-Newton on the translation; a weak pull to zero decides where nothing else does."""
+    most: float,
+) -> tuple[np.ndarray, float]:
+    """Gauss-Newton on the translation; a weak pull to zero decides where nothing else does.
+
+    Args:
+        most: of the scale beyond which what differs is something else.
+
+    Returns:
+        The translation, and the scale.
+    """
     ys, xs = pixels
-    drift = start.astype(float)
+    drift, scale = start.astype(float), most
     for _ in range(STEPS):
         seen = ndimage.map_coordinates(frame, [ys + drift[1], xs + drift[0]], order=1)
         residual = seen - target
         residual = residual - np.median(residual)
-        scale = 0.5 + 1.4826 * np.median(np.abs(residual))
+        scale = min(most, 0.5 + 1.4826 * float(np.median(np.abs(residual))))
         weight = 1 / (1 + (residual / (2 * scale)) ** 2) ** 2
         pull = (scale / REACH) ** 2
         normal = gradient.T @ (weight[:, None] * gradient) + pull * np.eye(2)
@@ -129,4 +146,4 @@ def _align(
         drift = drift - step
         if np.abs(step).max() < 1e-3:
             break
-    return drift
+    return drift, scale

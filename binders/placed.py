@@ -24,7 +24,7 @@ AGREED = 0.5  # of the frames, in which a pixel is the body's
 RIM = 2  # pixels around it that are not
 SOFT = 0.7  # pixels, by which an outline is smoothed
 STEADY = 0.6  # :func:`.lawful.steadiness`, below which it has not one picture
-BETTER = 0.05  # of the logarithm of how far off a law is, to leave the blobs' middles
+BETTER = 0.05  # of the logarithm of how far off a law is, to leave a simpler way
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def placed(
         places = _refined(body, frames, changed, pictured)
         told = foretold(places, times)
         if told > most:
-            best, most = replace(body, positions=places), told
+            best, most = replace(body, positions=places), told + BETTER
     return best
 
 
