@@ -138,6 +138,20 @@ def test_drift_needs_structure() -> None:
     assert np.abs(camera_drift(blank, list(range(12)))).max() < 0.3
 
 
+def test_what_hides_most_of_the_edges_is_no_drift() -> None:
+    """Somebody walks to and fro before the door, which is all that a bare wall has of edges."""
+    rng, frames = np.random.default_rng(0), []
+    for t in range(40):
+        wall = np.full((90, 160), 170.0) + rng.normal(scale=1.0, size=(90, 160))
+        wall[:, 60:62] = wall[:, 75:77] = 90
+        wall[82:84] = 90
+        if 12 <= t < 20:
+            wall[:, 24 + 2 * t : 54 + 2 * t] = 60
+        frames.append(wall)
+    grey = np.array(frames, np.float32)
+    assert np.abs(camera_drift(grey, list(range(0, 40, 2)))).max() < 1.0
+
+
 def test_drift_is_undone() -> None:
     image = room()[:HEIGHT, :WIDTH].astype(np.float32)
     moved = ndimage.shift(image, (2, -3, 0), order=1, mode="nearest")
