@@ -81,8 +81,9 @@ def ranked(candidates: list[Candidate]) -> list[Candidate]:
 
 def _goes_on(longer: Candidate, shorter: Candidate) -> bool:
     """Whether one is nearly as likely, and follows the other to where that one was lost."""
-    return (
+    return bool(
         longer.judged.seen > LONGER * shorter.judged.seen
+        and abs(np.log(_size(longer) / _size(shorter))) < np.log(AS_LARGE[0])
         and longer.judged.score > GOES_ON * shorter.judged.score
         and _same(shorter.body, longer.body) > HELD
     )

@@ -158,8 +158,8 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         candidates = ranked(judged)
         often = ghosts.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~ghosts)
+    judged += _crossed(clip, candidates, settings)
     judged += _alone(_coloured(clip, blobs, changed, settings), judged)
-    judged += _crossed(clip, ranked(judged), settings)
     judged += _alone(_carried(clip, background, changed, settings), judged)
     return _View(blobs, changed, wheels(ranked(judged)))
 
