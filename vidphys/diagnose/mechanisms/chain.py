@@ -51,7 +51,7 @@ def chained(motion: Motion) -> Fit | None:
 def _windows(motion: Motion, size: int) -> list[Frames]:
     """Some over the recording, in which all is seen; the last of them as late as it is."""
     spots = []
-    for number, seen in enumerate(motion.seen.all(-1)):
+    for number, seen in enumerate(np.all(motion.seen, axis=-1)):
         lost = np.flatnonzero(~np.concatenate([[False], seen, [False]]))
         long = min(size, int(np.diff(lost).max()) - 1)
         if long >= LEAST_FRAMES:
