@@ -23,6 +23,7 @@ LARGEST = 0.15  # of the picture's shorter side, its radius
 SPECK = 2.0  # pixels, a radius below which it is noise
 LIT = 0.5  # of it that differs in brightness alone, beyond which it may be a shadow
 ALIKE, ANOTHER = 0.6, 1.0  # in units of a difference that is noticed
+FRAMES = 8  # that tell of all that changes
 LOOKED_AT = 400  # blobs, or pixels of a frame, of which a colour is tried
 
 
@@ -48,6 +49,8 @@ def coloured_blobs(
     every = _of_all(frames, sample, changed)
     new = [each for each in every if (np.linalg.norm(bodies - each, axis=-1) > ANOTHER).all()]
     colours = np.array([*bodies, *new]).reshape(-1, 3)
+    if not len(colours):
+        return []
     found: list[list[Blobs]] = [[] for _ in colours]
     for image, mask in zip(frames, changed, strict=True):
         meant = mask if inside is None else mask & inside
@@ -70,7 +73,7 @@ def _of_bodies(blobs: Sequence[Sequence[Blobs]], largest: float) -> Float[np.nda
 def _of_all(frames: Pictures, sample: Sequence[int], changed: Pictures) -> Float[np.ndarray, "k 3"]:
     """The colours of all that changes in some frames."""
     pixels = []
-    for frame in sample[:: max(1, len(sample) // COLOURS)]:
+    for frame in sample[:: max(1, len(sample) // FRAMES)]:
         shown = frames[frame][changed[frame]]
         pixels.append(_shades(shown[:: max(1, len(shown) // LOOKED_AT)]))
     every = np.concatenate(pixels)
@@ -108,8 +111,6 @@ def _divided(
     image: np.ndarray, mask: np.ndarray, colours: np.ndarray, thin: int
 ) -> Iterator[Blobs]:
     """The blobs of a frame, of each colour."""
-    if not len(colours):
-        return
     y, x = np.nonzero(mask)
     apart = np.linalg.norm(_shades(image[y, x])[:, None] - colours, axis=-1)
     likest = np.where(apart.min(1) < LIKE / NOTICED, apart.argmin(1), -1)

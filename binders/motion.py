@@ -159,19 +159,21 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         often = ghosts.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~ghosts)
     judged += _crossed(clip, candidates, settings)
-    judged += _alone(_coloured(clip, blobs, changed, settings), judged)
-    judged += _alone(_carried(clip, background, changed, settings), judged)
+    if settings.wanted.colour is None:
+        inside = settings.wanted.where(background.shape[0], background.shape[1], clip.factor)
+        judged += _alone(_coloured(clip, blobs, changed, inside, settings), judged)
+        judged += _alone(_carried(clip, background, changed, inside, settings), judged)
     return _View(blobs, changed, wheels(ranked(judged)))
 
 
 def _coloured(
-    clip: Steadied, blobs: list[list[Blobs]], changed: Masks, settings: MotionBinder
+    clip: Steadied,
+    blobs: list[list[Blobs]],
+    changed: Masks,
+    inside: np.ndarray | None,
+    settings: MotionBinder,
 ) -> list[Candidate]:
     """Bodies that are seen by their colour nearly always, also before what else moves."""
-    if settings.wanted.colour is not None:
-        return []
-    height, width = clip.still.shape[1:3]
-    inside = settings.wanted.where(height, width, clip.factor)
     likeliest: list[Candidate] = []
     for each in coloured_blobs(clip.still, clip.sample, blobs, changed, inside, settings.thin):
         judged = _judged(clip, hypotheses(each, clip.steps), COLOURED, settings)
@@ -193,14 +195,10 @@ def _carried(
     clip: Steadied,
     background: np.ndarray,
     changed: Masks,
+    inside: np.ndarray | None,
     settings: MotionBinder,
 ) -> list[Candidate]:
     """Bodies that are known by their corners."""
-    wanted = settings.wanted
-    if wanted.colour is not None:
-        return []
-    height, width = clip.still.shape[1:3]
-    inside = wanted.where(height, width, clip.factor)
     found = carried_bodies(clip.still, clip.sample, background, changed, clip.steps, inside)
     return _judged(clip, [body for body, _ in found], CORNERS, settings, [s for _, s in found])
 
