@@ -24,6 +24,7 @@ MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
 MOSTLY = 0.8  # of the frames, in which they have turned alike
+ROUND = np.pi  # radians that they turn at least: a rod that sways about its middle is no wheel
 BLADE = 0.02  # how likely what turns in its place is a body
 
 
@@ -143,7 +144,7 @@ def wheels(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _turns_in_its_place(places: np.ndarray) -> bool:
-    """Whether bodies ``(t, n, 2)`` stay as far from a middle that rests, and turn alike."""
+    """Whether bodies ``(t, n, 2)`` stay as far from a middle that rests, and turn round alike."""
     middle = places.mean(1)
     away = places - middle[:, None]
     arms = np.linalg.norm(away, axis=-1)
@@ -153,7 +154,8 @@ def _turns_in_its_place(places: np.ndarray) -> bool:
     alike = (
         np.abs(turned - turned.mean(1, keepdims=True)) < RESTS * np.ptp(turned)
     ).mean() > MOSTLY
-    return bool(rests and (arms.std(0) < RESTS * arms.mean()).all() and alike)
+    round_ = (np.ptp(turned, axis=0) > ROUND).all()
+    return bool(rests and round_ and (arms.std(0) < RESTS * arms.mean()).all() and alike)
 
 
 def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:

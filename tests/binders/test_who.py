@@ -199,3 +199,12 @@ def test_what_turns_by_different_angles_is_no_fan() -> None:
     places = middle + 12 * np.stack([np.cos(angles), np.sin(angles)], -1)
     three = [candidate(places[:, k], 2.0 - 0.1 * k) for k in range(3)]
     assert wheels(three) == three
+
+
+def test_a_rod_that_sways_about_its_middle_is_no_fan() -> None:
+    angles = 0.2 * np.sin(0.3 * T)
+    along = np.stack([np.sin(angles), np.cos(angles)], -1)
+    swaying = 40 + along * np.array([75.0, 5.0, -80.0])[:, None, None]
+    noise = np.random.default_rng(0).normal(0, 3, swaying.shape)  # turns what is near the middle
+    three = [candidate(path, 2.0 - 0.1 * k) for k, path in enumerate(swaying + noise)]
+    assert wheels(three) == three

@@ -8,6 +8,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms.chain import linked
 from vidphys.diagnose.mechanisms.choose import pictured, roughly
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
@@ -41,6 +42,9 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         The motion, and what a person should know of those that were left out.
     """
     alone, shadows = without_shadows(motion)
+    chain = _chain(motion, alone)
+    if chain:
+        return _of(motion, chain), _said(motion.bodies, len(chain))
     if len(alone) == 1:
         return _of(motion, alone), shadows
     motion = _of(motion, alone)
@@ -54,6 +58,28 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         return kept, shadows  # of two that no law moves alone, each may move the other
     found = found or [0]  # the binder's likeliest
     return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
+
+
+def _pairs(motion: Motion) -> list[list[int]]:
+    return [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
+
+
+def _chain(motion: Motion, alone: Sequence[int]) -> list[int]:
+    """The ends of two rods, from the pivot on, if there are such.
+
+    In its slow swing one weight of a double pendulum moves in proportion to the other, as a shadow
+    does, but a shadow pulls at nothing.
+
+    Args:
+        alone: those that move in proportion to no other.
+    """
+    for pair in _pairs(motion):
+        rods = rods_in_picture(_of(motion, pair))
+        if rods is None or rods.left > GOOD * rods.spread:
+            continue
+        if set(pair) <= set(alone) or linked(rods, angles=False):
+            return [pair[end] for end in rods.rods.order]
+    return []
 
 
 def _without_passers(motion: Motion) -> list[int]:
@@ -72,12 +98,6 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
 
     The motion is mended where they touch.
     """
-    pairs = [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
-    for pair in pairs:
-        rods = rods_in_picture(_of(motion, pair))
-        if rods is not None and rods.left < GOOD * rods.spread:
-            chain = [pair[end] for end in rods.rods.order]  # from the pivot on
-            return motion, chain
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
     laws: dict[int, list[Fit]] = {}
@@ -92,7 +112,7 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
         if let_go:
             return followed, let_go
     found = met + _seen_enough(motion, lawful)
-    for pair in pairs:
+    for pair in _pairs(motion):
         if set(pair) & set(found) and at_one_distance(_of(motion, pair)):
             found = [*found, *(set(pair) - set(found))]  # a rod may join them
     return motion, sorted(found)

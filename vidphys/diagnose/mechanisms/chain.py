@@ -23,6 +23,9 @@ RADIANS = 4.0  # that a window's angles turn through, about
 LONGEST = 60  # frames of a window
 HALVES = (2, 4)  # frames on each side of a local polynomial
 SMALL = 1e-3
+# standard errors, by which the link between two rods is there: by their angles alone; and by two
+# weights in a picture, that keep their distance
+SURELY, AS_SEEN = 10.0, 4.0
 
 
 def chained(motion: Motion) -> Fit | None:
@@ -46,6 +49,17 @@ def chained(motion: Motion) -> Fit | None:
             found.append(fit(clips, model, np.concatenate([own, *starts])))
     likely = ranked([x for x in found if x is not None and not x.driven])
     return restricted(likely[0]) if likely else None
+
+
+def linked(rods: Fit, angles: bool) -> bool:
+    """Whether each rod feels the other.
+
+    Args:
+        rods: their law.
+        angles: whether these were recorded; else the weights were seen in a picture.
+    """
+    link, error = rods.numbers["link"]
+    return link > (SURELY if angles else AS_SEEN) * error
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:

@@ -63,8 +63,11 @@ def colliding(clips: Sequence[Frames], camera: bool = False) -> list[Fit]:
     for free, along in _models(clips, joined, camera):
         model, known = walled_apart(clips, found, free, along)
         runners.append((model, [_guess(clips, found, model, along, known)]))
+        if model.law.walls:  # of which a shaken camera may feign one
+            runners.append((free, [_guess(clips, found, free, along, {})]))
     walls = any(model.law.walls for model, _ in runners)
-    fits = sorted(race(clips, runners, _lengths(clips, found, walls)), key=lambda x: -x.score)
+    fits = race(clips, runners, _lengths(clips, found, walls))
+    fits = sorted(fits, key=lambda x: (not _makes_sense(x), -x.score))
     if not fits:
         return []
     best, others = _with_terms(clips, fits[0], camera)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.chain import chained
+from vidphys.diagnose.mechanisms.chain import chained, linked
 from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
@@ -19,7 +19,6 @@ from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 MOST_CLIPS, MOST_BODIES = 8, 4
-SURELY = 10.0  # standard errors, by which the link between two rods is there
 MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
@@ -202,7 +201,7 @@ def _stride(motion: Motion) -> int:
 def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | None:
     if motion.bodies == 2 and (angles or (motion.clips == 1 and motion.space == 2)):
         rods = chained(motion) if angles else rods_in_picture(motion)
-        if rods is not None and rods.left < GOOD * rods.spread and _linked(rods):
+        if rods is not None and rods.left < GOOD * rods.spread and linked(rods, angles):
             return (Group((0, 1), rods),)
     groups = [] if angles else meeting(motion, camera)
     met = {body for group in groups for body in group.bodies}
@@ -232,12 +231,6 @@ def meeting(motion: Motion, camera: bool) -> list[Group]:
         if fits and fits[0].holds:
             groups.append(Group(party, fits[0], tuple(fits[1:])))
     return groups
-
-
-def _linked(rods: Fit) -> bool:
-    """Whether each rod feels the other."""
-    link, error = rods.numbers["link"]
-    return link > SURELY * error
 
 
 def first_lawful(motion: Motion, angles: bool) -> int:
