@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import tomllib
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 from typing import Any
 
 from vidphys.experiments.catalogue import TABLES
@@ -62,7 +63,7 @@ class Costs:
         """
         known: dict[str, dict[str, Cost]] = {}
         for folder in folders:
-            run = RunFolder(folder)
+            run, took = RunFolder(folder), defaultdict[str, list[Cost]](list)
             preset = run.manifest()["settings"].get("preset", "")
             cells = run.manifest()["settings"]["cells"]
             for part in run.parts():
@@ -71,7 +72,8 @@ class Costs:
                     continue
                 seconds = cost.seconds / len(set(part["seed"].to_pylist()))
                 name = _asked(f"{row[0]['experiment']}/{row[0]['cell']}", cells)
-                known.setdefault(preset, {})[name] = Cost(seconds, cost.peak_bytes)
+                took[name].append(Cost(seconds, cost.peak_bytes))
+            known.setdefault(preset, {}).update({name: _usual(each) for name, each in took.items()})
         return cls(known)
 
     def or_else(self, other: Costs) -> Costs:
@@ -155,6 +157,11 @@ def _ours() -> dict[str, Any]:
 def _asked(name: str, cells: Sequence[str]) -> str:
     """The cell that was asked for, of which this one is a part."""
     return max((c for c in cells if f"{name}/".startswith(f"{c}/")), key=len, default=name)
+
+
+def _usual(costs: Sequence[Cost]) -> Cost:
+    """The mean of several seeds' seconds, and the most memory."""
+    return Cost(fmean(cost.seconds for cost in costs), max(cost.peak_bytes for cost in costs))
 
 
 def _times(cost: Cost, factor: float) -> Cost:

@@ -22,7 +22,7 @@ from vidphys.experiments.ladder import LADDER, cells_of
 from vidphys.experiments.pace import step_seconds
 from vidphys.experiments.study import run_unit, settings_of, units_of
 from vidphys.presets import PRESETS, preset
-from vidphys.runs.cost import Cost
+from vidphys.runs.cost import Cost, cost_of
 from vidphys.runs.folder import RunFolder
 from vidphys.runs.needs import Needs
 from vidphys.runs.schedule import makespan
@@ -71,6 +71,22 @@ def test_a_run_says_what_its_units_took(tmp_path, monkeypatch):
     assert known_costs([run.path]).of(alone, "quick", TINY)[0].seconds == cost.seconds / 2
     assert cost.peak_bytes > 2**27  # torch alone
     assert known_costs([run.path], "cuda").of(unit, "quick", TINY) is None
+
+
+def test_a_cell_takes_what_its_seeds_take_in_the_mean(tmp_path, monkeypatch):
+    def cell(task):
+        time.sleep(0.4 * task.seeds[0])
+        task.recorder(task.seeds[0], "none", "none").add_value("x", 1.0)
+
+    monkeypatch.setattr(type(LADDER.cells), "__getitem__", lambda _cells, _name: cell)
+    units = [Unit(LADDER.name, ("oracle/factored",), (s,), (f"oracle-s{s}",)) for s in (1, 0)]
+    run = RunFolder.open(tmp_path / "run", settings_of("ladder", "quick", TINY, units, [LADDER]))
+    for unit in units:
+        run_unit(run.path, unit, TINY, "cpu", quiet)
+    took = [cost_of(part).seconds for part in run.parts()]
+    cost, _ = known_costs([run.path]).of(units[0], "quick", TINY)
+    assert abs(took[0] - took[1]) > 0.2
+    assert cost.seconds == pytest.approx(sum(took) / 2)
 
 
 def test_other_sizes_are_scaled_by_the_part_that_grows_most():
@@ -124,7 +140,7 @@ def test_our_times_are_multiplied_by_this_machines_pace_and_measured_ones_are_no
     here = Costs({"quick": {cell: Cost(10.0)}}).or_else(Costs.ours(pace_here(2)))
     found = forecast([oracle, jepa], "quick", preset("quick"), here, pace=pace_here(2))
     assert found.seconds == pytest.approx([10.0, 3 * ours[1]])
-    assert found.wall(1) == pytest.approx(10 + 3 * ours[1] + 3 * START_SECONDS["local"])
+    assert found.wall(1) == pytest.approx(10 + 3 * ours[1] + START_SECONDS["local"])
     assert "times 3, by a measure of this machine" in found.sentence(1)
 
 
