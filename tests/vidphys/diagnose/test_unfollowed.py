@@ -49,7 +49,7 @@ def explained(motion, end):
     fits = [on_an_arc(x) for x in (motion.cut(0, end), motion)]
     begin = motion.times[:, 0]
     few, all_ = (Mechanism((Group((0,), fit),), 0, begin) for fit in fits)
-    return ByMechanism(few, all_, motion, end, Units())
+    return ByMechanism(few, few, all_, motion, end, Units())
 
 
 def quick_mode():
@@ -131,7 +131,7 @@ def test_a_force_that_is_no_spring_s_misses_alike_at_every_swing(power, seconds,
     fit, bent = trapped(motion), power != 1
     assert fit.left < 0.15 * fit.spread and alike_every_time(fit) == alike
     found = Mechanism((Group((0,), fit),), 0, motion.times[:, 0])
-    told = ByMechanism(found, found, motion, round(35 * seconds), Units())
+    told = ByMechanism(found, found, found, motion, round(35 * seconds), Units())
     assert told.verdict.bent == bent
     assert told.verdict.status != "explained" if bent else told.verdict.status == "explained"
 

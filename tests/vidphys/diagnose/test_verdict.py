@@ -86,7 +86,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     late.forecasts["model"][25:] += miss
     found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
     law = SimpleNamespace(
-        mechanism=found,
+        before=found,
         _period=np.inf,
         _bent=False,
         impossible="",
@@ -97,7 +97,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     )
     for held in (late.forecasts, late.errors):
         held["constant velocity"] = held["persistence"]
-    assert ByMechanism.judged(law, late).status == status
+    assert ByMechanism._judged(law, late).status == status
 
 
 @pytest.mark.parametrize(("kinds", "status"), [({"dry"}, EXPLAINED), ({"dry", "trap"}, NOT)])
@@ -108,7 +108,7 @@ def test_dry_friction_alone_is_not_beaten_by_a_constant_force(kinds, status) -> 
     held.errors["constant acceleration"] = held.errors["model"] / 2
     found = SimpleNamespace(kinds=kinds, share=0.9999, left=0.001, spread=1.0)
     law = SimpleNamespace(
-        mechanism=found,
+        before=found,
         _period=np.inf,
         _bent=False,
         impossible="",
@@ -117,7 +117,7 @@ def test_dry_friction_alone_is_not_beaten_by_a_constant_force(kinds, status) -> 
         _late=False,
         whole=SimpleNamespace(groups=()),
     )
-    assert ByMechanism.judged(law, held).status == status
+    assert ByMechanism._judged(law, held).status == status
 
 
 @pytest.mark.parametrize(

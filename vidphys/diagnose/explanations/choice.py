@@ -12,7 +12,7 @@ from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
-from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK
 from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS
 from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, Unseen
@@ -23,7 +23,6 @@ from vidphys.progress import Progress
 Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
 FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
 ODD = {"drive", "bath", "well"}
-RANK = (NOT, MOSTLY, EXPLAINED)
 NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the menu is not asked
 CLEARLY = 0.7  # of the laws' error in the frames held out, to which the menu must bring it
 

@@ -18,13 +18,14 @@ from vidphys.diagnose.explanations.forecast import (
     inner_ends,
 )
 from vidphys.diagnose.explanations.law_words import beside, told, what_is_left
-from vidphys.diagnose.explanations.rivals import near, rivals, undecided
+from vidphys.diagnose.explanations.rivals import in_short, near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import (
     EXPLAINED,
     MOSTLY,
     NEAR,
     NOT,
+    RANK,
     Verdict,
     beyond_noise,
     judge,
@@ -54,8 +55,9 @@ class ByMechanism(Explanation):
     """What laws of a mechanism say of a recording.
 
     Args:
-        mechanism: fitted to the frames before ``end``.
-        whole: the same laws with numbers from all frames, those that were held out among them.
+        before: chosen and fitted by the frames before ``end`` alone; it foretells the others.
+        mechanism: as all frames choose it, with numbers from those before ``end``.
+        whole: the same with numbers from all frames, those that were held out among them.
         motion: the whole recording.
         end: first frame that nothing was fitted to.
         units: in which lengths are told.
@@ -63,6 +65,7 @@ class ByMechanism(Explanation):
             mostly explained at most.
     """
 
+    before: Mechanism
     mechanism: Mechanism
     whole: Mechanism
     motion: Motion
@@ -109,14 +112,26 @@ class ByMechanism(Explanation):
     ) -> ByMechanism | None:
         """The laws of a recording before ``end``, if any can be fitted."""
         found = find_mechanism(motion.cut(0, end), angles, camera)
-        return None if found is None else cls(*found.refitted(motion), motion, end, units)
+        return None if found is None else cls(found, *found.refitted(motion), motion, end, units)
 
     @property
     def kinds(self) -> list[str]:
         return sorted(self.mechanism.kinds)
 
     def judged(self, tail: Validation | None) -> Verdict:
-        found = self.mechanism
+        """By what the law that the frames before ``end`` chose foretells.
+
+        Where all frames choose another one, what that foretells makes it mostly explained at most.
+        """
+        judged = self._judged(tail)
+        if not self._changes_its_mind:
+            return judged
+        told = replace(self, before=self.mechanism)
+        best = max(judged.status, told._judged(told.rolled_on()).status, key=RANK.index)
+        return replace(judged, status=min(best, MOSTLY, key=RANK.index))
+
+    def _judged(self, tail: Validation | None) -> Verdict:
+        found = self.before
         same = SAME.get(frozenset(found.kinds), ())
         if "centre" in found.kinds and tail is not None:  # far from the place it goes straight on
             apart = tail.forecasts["model"] - tail.forecasts["constant velocity"]
@@ -137,6 +152,11 @@ class ByMechanism(Explanation):
         """By body: the swing of something that moves with it and was not followed."""
         swings = {g.bodies[0]: own_swing(g.fit) for g in self.whole.groups if len(g.bodies) == 1}
         return {body: swing for body, swing in swings.items() if swing is not None}
+
+    @property
+    def _changes_its_mind(self) -> bool:
+        """Whether the frames that were held out speak for other terms than those before them."""
+        return self.mechanism.kinds != self.before.kinds
 
     @property
     def _late(self) -> bool:
@@ -175,6 +195,9 @@ class ByMechanism(Explanation):
         out += [what_is_left(self.mechanism, self.told_in), *rivals(whole)]
         out += [self.impossible] if self.impossible else []
         out += [beside(body, x, self.told_in, alone) for body, x in self.unfollowed.items()]
+        if self._changes_its_mind:
+            before = in_short(self.before.kinds)
+            out.append(f"The frames before those held out speak for other terms: {before}.")
         if "input" in self.mechanism.kinds:
             out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:
@@ -250,13 +273,13 @@ class ByMechanism(Explanation):
             return None  # rods', whose windows lie in several trials
         times, clip = self.motion.times[-1], 0 if windows else -1
         times = times[times >= self.mechanism.begin[clip]]
-        return times, self.mechanism.path(times, clip)
+        return times, self.before.path(times, clip)
 
     def rolled_on(self) -> Validation | None:
         end, times = self.end, self.motion.times[-1]
         if end >= len(times):
             return None
-        path = self.mechanism.path(times[end - 3 :])
+        path = self.before.path(times[end - 3 :])
         h = np.diff(times[end - 3 : end])
         v = (path[2] - path[1]) / h[1]
         a = (v - (path[1] - path[0]) / h[0]) / h.mean()
@@ -266,8 +289,9 @@ class ByMechanism(Explanation):
     def earlier(self) -> list[ByMechanism]:
         part, out = self.motion.cut(0, self.end), []
         for end in inner_ends(self.end, self.motion.positions.shape[1]):
-            known = self.mechanism.by_frames_before(self.motion.times[:, end])
-            out += [] if known is None else [replace(self, mechanism=known, motion=part, end=end)]
+            known = self.before.by_frames_before(self.motion.times[:, end])
+            if known is not None:
+                out.append(replace(self, before=known, mechanism=known, motion=part, end=end))
         return out
 
     def oscillations(self) -> list[Oscillation]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Line
@@ -122,13 +124,21 @@ def may_hang(fit: Fit) -> bool:
     return abs(y) < LEVEL * abs(x) and swing**2 / (2 * length) < UNSEEN
 
 
+def in_short(kinds: Collection[str]) -> str:
+    """Terms in a few words.
+
+    Example:
+        >>> in_short({"uniform", "linear"})
+        'friction ~ v, constant acceleration'
+    """
+    return ", ".join(SHORT.get(kind, kind) for kind in sorted(kinds)) or "no force"
+
+
 def rivals(mechanism: Mechanism) -> list[str]:
     """Of laws that are nearly as likely, in sentences."""
     out = []
     for group in mechanism.groups:
-        kinds = {
-            ", ".join(SHORT.get(k, k) for k in sorted(x.kinds)) or "no force" for x in near(group)
-        }
+        kinds = {in_short(x.kinds) for x in near(group)}
         if kinds:
             said = "; or ".join(sorted(kinds))
             out.append(f"Nearly as likely: {said}. A longer recording would tell.")

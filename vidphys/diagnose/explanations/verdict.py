@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.diagnose.explanations.forecast import Validation
 
 EXPLAINED, MOSTLY, NOT = "explained", "mostly explained", "not explained"
+RANK = (NOT, MOSTLY, EXPLAINED)
 NEAR = 0.1  # of the motion's spread: farther off, a model no longer foretells
 NOISE = 3.0  # or so many standard deviations of what is left by a fit that has all of the motion
 ALL, MOST = 0.99, 0.9  # shares of the fitted motion
