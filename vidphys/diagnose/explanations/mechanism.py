@@ -155,8 +155,9 @@ class ByMechanism(Explanation):
 
     @property
     def _changes_its_mind(self) -> bool:
-        """Whether the frames that were held out speak for other terms than those before them."""
-        return self.mechanism.kinds != self.before.kinds
+        """Whether the frames that were held out speak for another law than those before them."""
+        pairs = zip(self.mechanism.groups, self.before.groups, strict=True)
+        return any(told.fit is not blind.fit for told, blind in pairs)
 
     @property
     def _late(self) -> bool:
@@ -196,8 +197,12 @@ class ByMechanism(Explanation):
         out += [self.impossible] if self.impossible else []
         out += [beside(body, x, self.told_in, alone) for body, x in self.unfollowed.items()]
         if self._changes_its_mind:
-            before = in_short(self.before.kinds)
-            out.append(f"The frames before those held out speak for other terms: {before}.")
+            same = self.mechanism.kinds == self.before.kinds
+            other = "the same terms in another form" if same else in_short(self.before.kinds)
+            out.append(
+                "All frames choose this law. What is foretold of those held out is by what the "
+                f"others choose: {other}."
+            )
         if "input" in self.mechanism.kinds:
             out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:
