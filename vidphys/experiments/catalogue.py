@@ -11,7 +11,7 @@ from vidphys.experiments.coupling import misspecification, selection
 from vidphys.experiments.filmed import table as filmed
 from vidphys.experiments.formulas import table as formulas
 from vidphys.experiments.friction import drag, engine
-from vidphys.experiments.gravity import families, planning, scale, sweeps, transport
+from vidphys.experiments.gravity import families, planning, scale, sparse, sweeps, transport
 from vidphys.experiments.gravity import table as gravity
 from vidphys.experiments.heat import drive, thermostat
 from vidphys.experiments.ladder import LADDER
@@ -40,6 +40,7 @@ for table in (
     sweeps.CAPACITY,
     sweeps.DATA,
     sweeps.SENSITIVITY,
+    sparse.SPARSE,
     contacts.CONTACTS,
     families.COULOMB,
     families.MIXED,

@@ -32,18 +32,32 @@ def true_segments(
     k: int = 1,
     both_signs: bool = False,
     oldest: int = OLDEST,
+    apart: int = 1,
+    parts: int = 1,
 ) -> Examples:
-    """Examples of ``k`` steps from short reference trajectories."""
-    trajectory = true_trajectories(scene, trajectories, seed, both_signs, oldest)
+    """Examples of ``k`` stored states from short reference trajectories.
+
+    Args:
+        scene, trajectories, seed, both_signs, oldest, apart: see :func:`true_trajectories`.
+        k: stored states of an example.
+        parts: steps in which a model goes from one stored state to the next.
+    """
+    trajectory = true_trajectories(scene, trajectories, seed, both_signs, oldest, apart)
     # Whole trajectories are held out, so that no held-out step has a neighbour in training.
     kept = HORIZON + 1 - k
-    return Examples(*from_trajectory(trajectory, k).split(kept * max(1, trajectories // 16)))
+    held_out = kept * max(1, trajectories // 16)
+    return Examples(*from_trajectory(trajectory, k, parts).split(held_out))
 
 
 def true_trajectories(
-    scene: Scene, trajectories: int, seed: int, both_signs: bool = False, oldest: int = OLDEST
+    scene: Scene,
+    trajectories: int,
+    seed: int,
+    both_signs: bool = False,
+    oldest: int = OLDEST,
+    apart: int = 1,
 ) -> Rollout:
-    """Reference trajectories of ``HORIZON`` steps for training.
+    """Reference trajectories of ``HORIZON`` stored states for training, ``apart`` steps apart.
 
     Only the forward law is sampled, G > 0, unless both signs are asked for. Each
     trajectory starts from a state that is up to ``oldest`` steps old, so that encounters and
@@ -58,11 +72,11 @@ def true_trajectories(
         sign = 1 - 2 * (torch.arange(trajectories) % 2)
         params = params.with_coupling(sign * params.coupling)
     if not oldest:
-        return scene.simulate(start, params, HORIZON)
+        return scene.simulate(start, params, HORIZON * apart, apart)
     past = scene.simulate(start, params, oldest, oldest // AGES).states
     age = torch.randint(AGES + 1, (trajectories,), generator=rng)
     start = past[torch.arange(trajectories), age]
-    return scene.simulate(start, params, HORIZON)
+    return scene.simulate(start, params, HORIZON * apart, apart)
 
 
 def held_out_question(scene: Scene, episodes: int, seed: int) -> Question:
