@@ -62,6 +62,9 @@ SAME = {
         f"2024-05-01 12:00:{t:06.3f},{x:.9g},{y:.9g}\n" for t, x, y in zip(T, X, Y, strict=True)
     ),
     "a row twice": "t,x,y\n" + rows(*(np.insert(c, 7, c[7]) for c in (T, X, Y))),
+    "a quoted line": '"mass A"\n"t\tx\ty"\n"'
+    + rows(T, X, Y, between="\t").replace("\n", '"\n"')[:-1],
+    "a matrix": "t   x   y\n\n[" + rows(T, X, Y, between="  ").replace("\n", ";\n") + "]\n",
     "a last word": "t,x,y\n" + rows(T, X, Y) + "end of measurement\n",
 }  # fmt: skip
 
@@ -114,6 +117,16 @@ def test_columns_before_and_after_the_named_ones(tmp_path):
     assert "2 columns after them left out" in found.notes[0]
     with pytest.raises(InputError, match="4 columns, but 2 names: a, b"):
         read(tmp_path, "a,b\n" + rows(X, Y, X, Y))
+
+
+def test_rows_of_a_time_alone_are_left_out(tmp_path):
+    lines = rows(T, X, Y, between="\t").splitlines()
+    text = "t\tx\ty\n" + "".join(
+        (line if k % 5 == 0 else line.split("\t")[0]) + "\n" for k, line in enumerate(lines)
+    )
+    found = read(tmp_path, text)
+    np.testing.assert_allclose(found.times[0], T[::5], atol=1e-7)
+    assert "32 incomplete rows left out" in found.notes[0]
 
 
 # what is a place and what is not

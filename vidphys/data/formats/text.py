@@ -16,6 +16,7 @@ import numpy as np
 
 from vidphys.data.formats.bounded import LONGEST_NAME, MOST_COLUMNS, require_text
 from vidphys.data.formats.names import is_unit
+from vidphys.data.formats.wrapped import unwrapped
 from vidphys.errors import InputError
 
 COMMENTS = ("#", "%", "//")
@@ -131,6 +132,7 @@ def read_sheet(path: Path) -> Sheet:
     lines = [line for line in lines if line.strip(" ;,\t")]
     if lines and re.fullmatch(r"sep=.", lines[0].strip()):
         lines = lines[1:]
+    lines = unwrapped(lines)
     plain = [line for line in lines if not line.lstrip(' "').startswith(COMMENTS)]
     dialect = _dialect(plain)
     blocks = _blocks(lines, dialect)
@@ -141,7 +143,7 @@ def read_sheet(path: Path) -> Sheet:
             "of numbers for each time"
         )
     rows = [row for _, block in blocks for row in block]
-    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    width = _width(rows)
     if width > MOST_COLUMNS:
         raise InputError(f"{width} columns, more than {MOST_COLUMNS}")
     names, labels = _named(blocks[0][0], dialect, width)
@@ -171,25 +173,34 @@ def read_sheet(path: Path) -> Sheet:
     return Sheet(names, labels, tuple(columns[k] for k in used), body, tuple(notes))
 
 
+def _width(rows: Sequence[Sequence[str]]) -> int:
+    """Cells of a usual row; one cell beside rows of several is a row whose others are missing."""
+    widths = Counter(len(row) for row in rows)
+    several = Counter({width: count for width, count in widths.items() if width > 1})
+    usual = several if several.total() > 1 else widths
+    return usual.most_common(1)[0][0]
+
+
 def _dialect(lines: Sequence[str]) -> Dialect:
     """The one that makes numbers of most cells; where several do, of most of them."""
     picked = lines[:: max(1, len(lines) // SAMPLE)]
 
-    def score(dialect: Dialect) -> tuple[float, int]:
+    def score(dialect: Dialect) -> tuple[float, int, int]:
         rows = [dialect.cells(line) for line in picked]
         usual = Counter(len(row) for row in rows if row).most_common(1)
         width = usual[0][0] if usual else 0
-        told = 0.0
+        told, count = 0.0, 0
         for row in rows:
             numbers = [dialect.number(cell) for cell in row]
             share = sum(n is not None for n in numbers) / max(len(row), 1)
+            count += len(row) if share == 1 else 0
             if (
                 len(row) == width
                 and share >= LEAST
                 and any(n == n for n in numbers if n is not None)
             ):
                 told += share
-        return round(told / max(len(picked), 1), 6), width
+        return round(told / max(len(picked), 1), 6), width, count
 
     return max(DIALECTS, key=score)
 
