@@ -65,6 +65,7 @@ SAME = {
     "a quoted line": '"mass A"\n"t\tx\ty"\n"'
     + rows(T, X, Y, between="\t").replace("\n", '"\n"')[:-1],
     "a matrix": "t   x   y\n\n[" + rows(T, X, Y, between="  ").replace("\n", ";\n") + "]\n",
+    "one run": '"Time (s) Run #3","X (m) Run #3","Y (m) Run #3"\n' + rows(T, X, Y),
     "a last word": "t,x,y\n" + rows(T, X, Y) + "end of measurement\n",
 }  # fmt: skip
 
@@ -117,6 +118,24 @@ def test_columns_before_and_after_the_named_ones(tmp_path):
     assert "2 columns after them left out" in found.notes[0]
     with pytest.raises(InputError, match="4 columns, but 2 names: a, b"):
         read(tmp_path, "a,b\n" + rows(X, Y, X, Y))
+
+
+def test_runs_side_by_side_are_clips(tmp_path):
+    short, late = slice(0, 30), T + 0.01
+    cells = [[f"{v:.9g}" for v in column] for column in (T, X, late[short], Y[short])]
+    cells = [column + [""] * (40 - len(column)) for column in cells]
+    body = "".join(";".join(row) + "\n" for row in zip(*cells, strict=True))
+    for names in (
+        '"Time (s) Run #1";"Position (m) Run #1";"Time (s) Run #2";"Position (m) Run #2"\n',
+        "Run 1: Time (s);Run 1: Position (m);Latest: Time (s);Latest: Position (m)\n",
+    ):
+        found = read(tmp_path, names + body)
+        assert found.positions.shape == (2, 40, 1, 1) and found.length == "m"
+        np.testing.assert_allclose(found.positions[0, :, 0, 0], X, atol=1e-7)
+        np.testing.assert_allclose(found.positions[1, short, 0, 0], Y[short], atol=1e-7)
+        assert np.isnan(found.positions[1, 30:]).all()
+        np.testing.assert_allclose(found.times[1, short], late[short], atol=1e-7)
+        assert "2 runs side by side" in found.notes[0]
 
 
 def test_rows_of_a_time_alone_are_left_out(tmp_path):

@@ -17,6 +17,7 @@ from vidphys.data.formats.base import Recording, Unit
 from vidphys.data.formats.bounded import MOST_MEMBERS, reading, require_room
 from vidphys.data.formats.foreign import read_apart
 from vidphys.data.formats.rows import recording_of
+from vidphys.data.formats.runs import stacked
 from vidphys.data.formats.text import read_sheet
 from vidphys.data.formats.unnamed import named
 from vidphys.errors import InputError
@@ -43,7 +44,9 @@ def _text(path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     table, notes = named(sheet.names, sheet.labels, sheet.columns)
     if sheet.body is not None:
         table["body"] = sheet.body
-    return table, (*sheet.notes, *notes)
+        return table, (*sheet.notes, *notes)
+    table, runs = stacked(table)
+    return table, (*sheet.notes, *notes, *runs)
 
 
 def read_parquet(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
