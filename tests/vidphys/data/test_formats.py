@@ -138,6 +138,13 @@ def test_runs_side_by_side_are_clips(tmp_path):
         assert "2 runs side by side" in found.notes[0]
 
 
+def test_a_body_without_a_number_is_left_out(tmp_path):
+    text = "t,x1,y1,x2,y2\n" + rows(T, X, Y).replace("\n", ",,\n")
+    found = read(tmp_path, text)
+    assert found.positions.shape == (1, 40, 1, 2)
+    assert "x2/y2 left out: no row has a number" in found.notes[0]
+
+
 def test_rows_of_a_time_alone_are_left_out(tmp_path):
     lines = rows(T, X, Y, between="\t").splitlines()
     text = "t\tx\ty\n" + "".join(
@@ -194,6 +201,11 @@ def test_a_coordinate_alone_is_an_angle_in_a_file_called_after_a_pendulum(tmp_pa
         ("x_error", "", "", "", ""),
         ("t [ms]", "time", "", "", "ms"),
         ("τ", "input", "", "", ""),
+        ("Output Voltage (V)", "input", "", "", "V"),
+        ("Commanded Pos", "input", "", "", ""),
+        ("Tid (s)", "time", "", "", "s"),
+        ("hauteur (m)", "place", "q", "", "m"),
+        ("Length (cm)", "measure", "", "", "cm"),
     ],
 )
 def test_names_say_what_a_column_is(name, kind, axis, body, unit):
@@ -226,6 +238,8 @@ def test_a_coarse_clock_is_spread_and_missing_cells_are_gaps(tmp_path):
         ("t,x,y,z,w\n" + rows(T, X, Y), "3 numbers in a row, but 5 names"),
         ("nothing here\n", "no rows of numbers"),
         ("t,a,b\n" + rows(T, X, Y), "no coordinates among the columns t, a, b"),
+        ("length,time\n" + rows(X, T), "length: the measure of a thing is no place"),
+        ("t,ax,ay\n" + rows(T, X, Y), "ax, ay: a law is found from places or angles, which no acc"),
         ("x,body\n" + rows(X, np.repeat([1, 2], 20)), "no column of times"),
         (b"\x00\x01\x02\x03" * 40, "not a text of numbers"),
     ],

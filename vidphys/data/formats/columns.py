@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def detect_columns(
             raise InputError(
                 f"`columns` {asked}={name}: no such column; the table has {', '.join(names)}"
             )
-        if not meaning_of(asked).kind:
+        if meaning_of(asked).kind in ("", "measure"):
             raise InputError(
                 f"`columns` {asked}={name}: no such role; use {', '.join(ROLES)}, x, y, x1, angle"
             )
@@ -90,10 +90,7 @@ def detect_columns(
     roles = {role: _first(meanings, role) for role in ROLES}
     bodies = _bodies(meanings)
     if not bodies:
-        raise InputError(
-            f"no coordinates among the columns {', '.join(names)}; name them x, y or x1, y1, x2, "
-            "..., or say which they are with `columns` x=NAME y=NAME"
-        )
+        raise InputError(_no_places(meanings))
     taken = {name for body in bodies for name in body}
     if any(meanings[name].body for name in taken):
         roles["body"] = None  # a row is of several bodies, or of the one that its columns name
@@ -114,6 +111,36 @@ def detect_columns(
         angles=axes == {"angle"} or angle or turned,
         pixels="u" in axes or any(units.get(name) in PIXELS for name in taken),
     )
+
+
+def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
+    """The columns without those of bodies that no row shows, and which bodies these are."""
+    bodies = columns.coordinates
+    seen = tuple(body for body in bodies if all(_any_number(table[name]) for name in body))
+    if not seen or len(seen) == len(bodies):
+        return columns, ()
+    missing = ", ".join("/".join(body) for body in bodies if body not in seen)
+    return replace(columns, coordinates=seen), (f"{missing} left out: no row has a number",)
+
+
+def _any_number(values: np.ndarray) -> bool:
+    return values.dtype.kind not in "fiu" or bool(np.isfinite(values).any())
+
+
+def _no_places(meanings: Mapping[str, Meaning]) -> str:
+    """What is wrong with columns none of which is a place, and what to do."""
+    said = f"no coordinates among the columns {', '.join(meanings)}; "
+    asked = "name them x, y or x1, y1, x2, ..., or say which they are with `columns` x=NAME y=NAME"
+    rates = [name for name, means in meanings.items() if means.kind == "rate"]
+    measures = [name for name, means in meanings.items() if means.kind == "measure"]
+    if measures:
+        said += f"{', '.join(measures)}: the measure of a thing is no place of a body in time; "
+    elif rates:
+        said += (
+            f"{', '.join(rates)}: a law is found from places or angles, which no accelerometer or "
+            "gyroscope measures, so film the motion or use a sensor of distance; else "
+        )
+    return said + asked
 
 
 def _torque(meanings: Mapping[str, Meaning]) -> bool:

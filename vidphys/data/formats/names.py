@@ -13,14 +13,17 @@ PIXELS = frozenset({"px", "pixel", "pixels", "pix"})
 SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3}
 SECONDS |= {"msec": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 RADIANS = {"rad": 1.0, "radian": 1.0, "radians": 1.0}
+NO_LENGTHS = frozenset({"V", "mV", "A", "mA", "N", "kg", "J", "W", "Nm", "N·m", "Pa", "°C", "mT"})
 DEGREES = ("deg", "degree", "degrees", "°", "grad", "gradi", "grados")
 RADIANS |= dict.fromkeys(DEGREES, math.pi / 180)
 
 ROLES = {
     "time": {"t", "time", "times", "seconds", "sec", "timestamp", "timestamps", "zeit", "temps"}
     | {"tiempo", "tempo", "ms", "millis", "milliseconds", "elapsed", "elapsed time", "time stamp"}
-    | {"datetime", "clock", "uhrzeit", "heure", "hora"},
+    | {"datetime", "clock", "uhrzeit", "heure", "hora", "tid", "tijd", "czas", "aika", "idő"}
+    | {"čas", "время", "zaman"},
     "frame": {"frame", "frames", "frame number", "frame no", "index", "idx", "step", "bild"}
+    | {"sample", "sample number"}
     | {"coords", "slice"},  # as DeepLabCut and ImageJ call it
     "clip": {"clip", "episode", "trial", "run", "video", "sequence", "experiment", "versuch"},
     "body": {"body", "id", "track", "track id", "object", "particle", "label", "trackid"},
@@ -31,16 +34,24 @@ ANGLES = frozenset(
     {"theta", "angle", "phi", "psi", "o", "winkel", "ang", "joint", "angulo", "angolo"}
 )
 ALONE = {"q", "position", "pos", "displacement", "s", "distance", "d", "height", "h", "location"}
+ALONE |= {"posición", "posicion", "posição", "posicao", "posizione", "posisjon", "hauteur", "höhe"}
+ALONE |= {"altura", "altezza", "høyde", "abstand", "strecke", "strekning", "desplazamiento"}
 ALONE |= {"elongation", "auslenkung", "ort", "weg", "deflection", "extension", "coordinate"}
+ALONE |= {"spostamento", "déplacement"}
 RATES = {"velocity", "vel", "speed", "acceleration", "accel", "acc", "omega", "w", "dot", "ddot"}
 RATES |= {"v", "alpha", "rate", "momentum", "p", "geschwindigkeit", "beschleunigung", "vitesse"}
+RATES |= {"velocidad", "velocidade", "velocità", "fart", "aceleración", "aceleração"}
+RATES |= {"accélération", "accelerazione", "akselerasjon"}
 RATES |= {f"{d}{axis}" for d in ("v", "a", "d", "dd", "p") for axis in "xyzr"}
 RATES |= {f"{d}{angle}" for d in ("d", "dd") for angle in ANGLES}
 RATES |= {f"{axis}{dot}" for axis in ("x", "y", "z", "q", *ANGLES) for dot in ("dot", "ddot")}
 INPUTS = {"torque", "tau", "force", "input", "u", "command", "cmd", "voltage", "current", "motor"}
-INPUTS |= {"effort", "control", "drive", "moment", "kraft"}
+INPUTS |= {"effort", "control", "drive", "moment", "kraft", "fuerza", "força", "forza"}
+INPUTS |= {"commanded", "setpoint"}
 OTHERS = {"err", "error", "sigma", "std", "unc", "uncertainty", "likelihood", "confidence", "conf"}
 OTHERS |= {"score", "energy", "area", "radius", "temperature", "note", "width", "probability"}
+MEASURES = {"length", "lengths", "länge", "lengde", "longueur", "longitud", "lunghezza", "lengte"}
+MEASURES |= {"period", "periods", "periode", "période", "periodo", "período", "okres"}
 FILLERS = {"pos", "position", "coord", "coordinate", "centroid", "center", "centre", "location"}
 FILLERS |= {"image", "of", "the", "world", "axis"}
 GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "ψ": "psi"}
@@ -55,7 +66,8 @@ class Meaning:
     """What a column's name says.
 
     Args:
-        kind: a key of ``ROLES``, ``place``, ``rate``, ``input`` or empty.
+        kind: a key of ``ROLES``, ``place``, ``rate``, ``input``, ``measure`` (of a thing, no place
+            of a body: the length of a pendulum, its period) or empty.
         axis: of a place: x, y, z, u, v, angle or q (a coordinate alone).
         body: whom a place is of, or empty.
         unit: as it is written, or empty.
@@ -93,6 +105,8 @@ def meaning_of(name: str) -> Meaning:
         return Meaning(unit=unit)
     if any(word in OTHERS for word in spoken):
         return Meaning(unit=unit)
+    if any(word in MEASURES for word in spoken):
+        return Meaning("measure", unit=unit)
     if len(spoken) == 1 and spoken[0] in ("u", "v"):
         return Meaning("place", spoken[0], "".join(labels), unit)
     axis = next((word for word in spoken if word in "xyz" or word in ANGLES), "")
@@ -121,6 +135,9 @@ def split_unit(name: str) -> tuple[str, str]:
     found = AFTER.match(text)
     if found and "_{" not in text and (_known(found["unit"]) or _per_time(found["unit"])):
         return found["name"], _unit(found["unit"])
+    found = UNIT.match(text)
+    if found and found["unit"] in NO_LENGTHS:
+        return found["name"], found["unit"]
     return text, ""
 
 

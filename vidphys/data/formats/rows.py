@@ -9,7 +9,7 @@ import numpy as np
 
 from vidphys.data.formats.base import Recording, Unit
 from vidphys.data.formats.bounded import require_room
-from vidphys.data.formats.columns import Columns, Table, detect_columns
+from vidphys.data.formats.columns import Columns, Table, detect_columns, shown
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS, meaning_of
 from vidphys.data.formats.stamps import cleaned, moments, restarts
 from vidphys.errors import InputError
@@ -49,6 +49,7 @@ def recording_of(
     if columns.alone and "pendul" in called.lower() and _turns(table, columns):
         columns = replace(columns, angles=True)
         notes = (*notes, "an angle, as the file is called after a pendulum")
+    columns, unseen = shown(columns, table)
     clock = _clock(table, columns, interval if interval is not None and interval > 0 else None)
     order = clock.values
     clip, trials = _clips(table, columns, order)
@@ -74,7 +75,7 @@ def recording_of(
         kind,
         _of_bodies(table, columns, names, len(parts)),
         _of_clips(table, columns.coupling, clip),
-        ("; ".join([*notes, *taken, *trials, *said]),),
+        ("; ".join([*notes, *taken, *unseen, *trials, *said]),),
         length,
         _inputs(table, columns, order, clip, times),
         columns.inputs,
