@@ -109,5 +109,8 @@ def _guessed(columns: Sequence[np.ndarray]) -> tuple[dict[str, np.ndarray], tupl
         body = "" if count == space else str(number // space + 1)
         names.append(f"{AXES[number % space]}{body}")
         number += 1
-    told = ", ".join([*heads, *names])
-    return dict(zip([*heads, *names], columns, strict=True)), (f"no names; taken for {told}",)
+    told = f"no names; taken for {', '.join([*heads, *names])}"
+    climbing = [] if heads else [n for n, c in zip(names, rest, strict=True) if rising(c)]
+    if len(climbing) == 1:
+        told += f" ({climbing[0]} rises as times do)"
+    return dict(zip([*heads, *names], columns, strict=True)), (told,)

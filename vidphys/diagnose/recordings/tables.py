@@ -66,7 +66,8 @@ def read_tracks(
     found = read_recording(path, columns, interval)
     if found.times is None:
         raise InputError(
-            f"{path}: no times in seconds; give the seconds between frames as `interval`"
+            f"{path}: no times in seconds; give the seconds between frames as `interval`, or say "
+            f"which column they are with `columns` time=NAME; read were {'; '.join(found.notes)}"
         )
     if found.unit == "picture":
         raise InputError(
