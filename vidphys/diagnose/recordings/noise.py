@@ -7,6 +7,7 @@ from math import comb
 
 import numpy as np
 
+from vidphys.diagnose.recordings.evened import evened
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 
 ORDERS = range(3, 8)
@@ -63,6 +64,18 @@ def measure_noise(motion: Motion) -> Noise:
     """
     if motion.colour is not None:
         return noise_of(motion.colour.sigma, motion)
+    best = _least(motion) or _least(evened(motion))
+    if best is None:
+        raise Unseen(
+            f"no body is seen in {ORDERS[0] + 1} evenly spaced frames in a row, often enough to "
+            "tell its motion from noise; follow fewer bodies, or use another part of the recording"
+        )
+    sigma, order = best
+    return noise_of(sigma, motion, order)
+
+
+def _least(motion: Motion) -> tuple[float, int] | None:
+    """The least noise that differences of any order leave, and that order, if enough are there."""
     best = None
     for order in ORDERS:
         x = differences(motion, order)
@@ -71,13 +84,7 @@ def measure_noise(motion: Motion) -> Noise:
         sigma = float(np.sqrt(np.mean(x**2) / comb(2 * order, order)))
         if best is None or sigma < best[0]:
             best = (sigma, order)
-    if best is None:
-        raise Unseen(
-            f"no body is seen in {ORDERS[0] + 1} evenly spaced frames in a row, often enough to "
-            "tell its motion from noise; follow fewer bodies, or use another part of the recording"
-        )
-    sigma, order = best
-    return noise_of(sigma, motion, order)
+    return best
 
 
 def noise_of(sigma: float, motion: Motion, order: int = 0) -> Noise:
