@@ -145,6 +145,16 @@ def test_a_body_without_a_number_is_left_out(tmp_path):
     assert "x2/y2 left out: no row has a number" in found.notes[0]
 
 
+def test_sensors_at_rest_and_constant_inputs_are_left_out(tmp_path):
+    rest = 0.017 * (T > 0.5)
+    text = "Time (s),Angle 1 (rad),Angle 2 (rad),Voltage (V)\n" + rows(T, X, rest, 0 * T)
+    found = read(tmp_path, text)
+    assert found.positions.shape == (1, 40, 1, 1) and found.inputs is None
+    assert "Angle 2 (rad) left out: at rest" in found.notes[0]
+    assert "Voltage (V) left out: without a change" in found.notes[0]
+    assert read(tmp_path, "t,x1,y1,x2,y2\n" + rows(T, X, Y, rest, rest)).positions.shape[2] == 2
+
+
 def test_rows_of_a_time_alone_are_left_out(tmp_path):
     lines = rows(T, X, Y, between="\t").splitlines()
     text = "t\tx\ty\n" + "".join(

@@ -13,6 +13,7 @@ from vidphys.errors import InputError
 
 Table = Mapping[str, np.ndarray]
 AXES = ("x", "y", "z")
+RESTING = 2  # values of a sensor at rest: one, and the next that it can tell
 WAYS = (("u", "v"), AXES, ("angle",), ("q",))  # what bodies are placed by; the first that is there
 
 
@@ -114,17 +115,36 @@ def detect_columns(
 
 
 def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
-    """The columns without those of bodies that no row shows, and which bodies these are."""
-    bodies = columns.coordinates
-    seen = tuple(body for body in bodies if all(_any_number(table[name]) for name in body))
-    if not seen or len(seen) == len(bodies):
-        return columns, ()
-    missing = ", ".join("/".join(body) for body in bodies if body not in seen)
-    return replace(columns, coordinates=seen), (f"{missing} left out: no row has a number",)
+    """The columns without those that show nothing, and which these are, a line each.
+
+    Left out are bodies that no row shows, coordinates alone that rest while others move, as those
+    of a sensor that was connected but not used, and inputs that never change.
+    """
+    bodies, lines = columns.coordinates, []
+    seen = tuple(body for body in bodies if all(_values(table[name]) for name in body))
+    if 0 < len(seen) < len(bodies):
+        lines.append(f"{_named(bodies, seen)} left out: no row has a number")
+        bodies = seen
+    moving = tuple(body for body in bodies if len(body) > 1 or _values(table[body[0]]) > RESTING)
+    if 0 < len(moving) < len(bodies):
+        lines.append(f"{_named(bodies, moving)} left out: at rest")
+        bodies = moving
+    inputs = tuple(name for name in columns.inputs if _values(table[name]) > 1)
+    if len(inputs) < len(columns.inputs):
+        constant = ", ".join(name for name in columns.inputs if name not in inputs)
+        lines.append(f"{constant} left out: without a change")
+    return replace(columns, coordinates=bodies, inputs=inputs), tuple(lines)
 
 
-def _any_number(values: np.ndarray) -> bool:
-    return values.dtype.kind not in "fiu" or bool(np.isfinite(values).any())
+def _named(bodies: Sequence[tuple[str, ...]], kept: Sequence[tuple[str, ...]]) -> str:
+    return ", ".join("/".join(body) for body in bodies if body not in kept)
+
+
+def _values(column: np.ndarray) -> int:
+    """How many different numbers a column has; of words, as many as it has rows."""
+    if column.dtype.kind not in "fiu":
+        return len(column)
+    return len(np.unique(column[np.isfinite(column)]))
 
 
 def _no_places(meanings: Mapping[str, Meaning]) -> str:
