@@ -8,7 +8,7 @@ from collections.abc import Sequence
 QUOTED = re.compile(r'\s*"[^"]*"\s*')
 OPENS = re.compile(r"\s*(?:\w+\s*=\s*)?\[[\s\[]*[-+.]?\d")
 BEFORE = re.compile(r"^\s*(?:\w+\s*=\s*)?[\s\[]*")
-BEHIND = re.compile(r"[\s\],;]*$")
+BEHIND = " \t\r\n],;"
 
 
 def unwrapped(lines: Sequence[str]) -> list[str]:
@@ -27,5 +27,5 @@ def unwrapped(lines: Sequence[str]) -> list[str]:
     first = next((k for k, line in enumerate(lines) if OPENS.match(line)), None)
     if first is None:
         return list(lines)
-    rows = [BEHIND.sub("", BEFORE.sub("", line)) for line in lines[first:]]
+    rows = [BEFORE.sub("", line).rstrip(BEHIND) for line in lines[first:]]
     return [*lines[:first], *(row for row in rows if row)]
