@@ -44,3 +44,13 @@ def test_what_is_seen_at_other_times_is_no_shadow():
     other = 0.8 * weight
     weight[60:], other[:60] = np.nan, np.nan
     assert "proportion" not in looked_at(weight, other)[1]
+
+
+@pytest.mark.parametrize(("bend", "kept"), [(0.3, 2), (0.6, 3)])
+def test_a_shadow_that_a_lens_bends_is_no_second_rod_and_hides_no_other_pendulum(bend, kept):
+    weight, other = pendulum(0.3, 0.38, -0.37), pendulum(0.3, 0.75, 0.2)
+    away = weight[:, 0] + 0.37
+    shadow = np.stack([-0.16 + 0.7 * away + bend * away**2, np.full(len(TIMES), -0.35)], -1)
+    motion = noisy(np.stack([weight, other, shadow], 1), 1e-3)
+    found, _ = of_lawful_bodies(motion)
+    np.testing.assert_array_equal(found.positions, motion.positions[:, :, :kept])

@@ -42,7 +42,7 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         The motion, and what a person should know of those that were left out.
     """
     alone, shadows = without_shadows(motion)
-    chain = _chain(motion, alone)
+    chain = _chain(motion)
     if chain:
         return _of(motion, chain), _said(motion.bodies, len(chain))
     if len(alone) == 1:
@@ -64,20 +64,15 @@ def _pairs(motion: Motion) -> list[list[int]]:
     return [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
 
 
-def _chain(motion: Motion, alone: Sequence[int]) -> list[int]:
+def _chain(motion: Motion) -> list[int]:
     """The ends of two rods, from the pivot on, if there are such.
 
     In its slow swing one weight of a double pendulum moves in proportion to the other, as a shadow
     does, but a shadow pulls at nothing.
-
-    Args:
-        alone: those that move in proportion to no other.
     """
     for pair in _pairs(motion):
         rods = rods_in_picture(_of(motion, pair))
-        if rods is None or rods.left > GOOD * rods.spread:
-            continue
-        if set(pair) <= set(alone) or linked(rods, angles=False):
+        if rods is not None and rods.left < GOOD * rods.spread and linked(rods, angles=False):
             return [pair[end] for end in rods.rods.order]
     return []
 
