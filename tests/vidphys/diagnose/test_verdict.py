@@ -100,8 +100,10 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
     assert ByMechanism._judged(law, late).status == status
 
 
-@pytest.mark.parametrize(("kinds", "status"), [({"dry"}, EXPLAINED), ({"dry", "trap"}, NOT)])
-def test_dry_friction_alone_is_not_beaten_by_a_constant_force(kinds, status) -> None:
+@pytest.mark.parametrize(
+    ("kinds", "status"), [({"dry"}, EXPLAINED), ({"uniform"}, EXPLAINED), ({"dry", "trap"}, NOT)]
+)
+def test_dry_friction_or_a_pull_alone_is_not_beaten_by_a_constant_force(kinds, status) -> None:
     held = tail(0.02)
     half_off = held.seen + (held.forecasts["model"] - held.seen) / 2
     held.forecasts["constant acceleration"] = half_off

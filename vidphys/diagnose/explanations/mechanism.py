@@ -47,6 +47,7 @@ STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what 
 SAME = {  # forecasts that say what a law of such terms says
     frozenset({"collision"}): STRAIGHT,
     frozenset({"dry"}): STRAIGHT[1:],  # until it rests
+    frozenset({"uniform"}): STRAIGHT[1:],
 }
 
 
