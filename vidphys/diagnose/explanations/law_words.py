@@ -113,7 +113,8 @@ def _ruler(fit: Fit, units: Units) -> list[str]:
         metres = GRAVITY / known["rate"] ** 2
         length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
         if "length" in known and units.name != "m":
-            long = f"{units.told(known['length'], 1) / metres:.4g} {units.name}"
+            unit = units.name or "units of the positions"
+            long = f"{units.told(known['length'], 1) / metres:.4g} {unit}"
             return [f"{length} (a plain pendulum), and 1 m is {long}"]
         return [f"{length} (a plain pendulum)"]
     if "acceleration" in known and units.name == "px":

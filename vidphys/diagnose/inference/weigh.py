@@ -24,6 +24,7 @@ ROUGH = np.linspace(-np.log(FARTHEST), np.log(FARTHEST), 7)  # logarithms of a r
 FRAMES = (12, 24)  # of the windows in which masses are tried
 STEP = float(ROUGH[1] - ROUGH[0])
 ENOUGH = {"xatol": 0.01, "fatol": 0.5, "maxfev": 80}  # of a logarithm, and of log likelihood
+LOST = 1e30  # left under masses with which nothing fits; finite, as the search subtracts it
 HELPS = 3.0  # gain of log likelihood by each mass, from which to go on
 
 
@@ -97,4 +98,4 @@ def _residual(motion: Motion, inference: Inference) -> float:
     try:
         return refine(windows, paths, inference.structure).variance
     except (FloatingPointError, np.linalg.LinAlgError):
-        return np.inf
+        return LOST
