@@ -34,6 +34,13 @@ def test_a_pendulum_that_swings_beside_another_is_no_shadow(longer):
     assert bodies == 2 and not said
 
 
+def test_the_wheels_of_a_cart_are_one_body():
+    cart = np.stack([0.5 * np.cos(5 * TIMES), 0 * TIMES], -1)
+    bodies, said = looked_at(cart - [0.05, 0.1], cart + [0.05, -0.1])
+    assert bodies == 1
+    assert "thing 2 goes with thing 1 wherever it goes, as a part of it does" in said
+
+
 def test_two_that_coast_are_no_shadows_though_both_go_straight():
     ways = [np.stack([speed * TIMES - 0.6, 0 * TIMES + speed], -1) for speed in (0.3, 0.2)]
     assert "proportion" not in looked_at(*ways)[1]

@@ -1,4 +1,4 @@
-"""What moves in proportion to a body all the time: its shadow, a reflection, or a piece of it."""
+"""What goes with a body all the time: its shadow, a reflection, or a part of it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both
 
 
 def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
-    """Bodies that are not another's shadow, of several followed things.
+    """Bodies that are not another's shadow or part, of several followed things.
 
     Along the way that it swings most, a shadow is where its body is, times a factor. Two bodies do
     that only if they are let go together and are alike, and then their ways are each other's copy.
+    Copies that are nearer to each other than they go are parts of one body, as a cart's wheels are.
 
     Args:
         motion: of one clip; the likeliest bodies come first.
@@ -28,29 +29,33 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     Returns:
         The bodies, and what a person should know of those that are none.
     """
-    cast: dict[int, int] = {}
+    cast: dict[int, str] = {}
     for body, other in combinations(range(motion.bodies), 2):
-        if body not in cast and other not in cast and _follows(motion, body, other):
-            cast[other] = body
-    said = tuple(
-        f"thing {other + 1} moves in proportion to thing {body + 1}, as its shadow, reflection or "
-        "a piece of it does: it is left out"
-        for other, body in cast.items()
-    )
-    return [body for body in range(motion.bodies) if body not in cast], said
+        if body in cast or other in cast:
+            continue
+        how = _goes_with(motion, body, other)
+        if how:
+            cast[other] = f"thing {other + 1} {how.format(f'thing {body + 1}')}: it is left out"
+    return [body for body in range(motion.bodies) if body not in cast], tuple(cast.values())
 
 
-def _follows(motion: Motion, body: int, other: int) -> bool:
-    """Whether one moves in proportion to another, and is no copy of it."""
+def _goes_with(motion: Motion, body: int, other: int) -> str:
+    """How one goes with another, in words; empty where it goes its own way."""
     places = motion.positions[0][:, [body, other]]
     seen = np.isfinite(places).all(-1)
     both = seen.all(-1)
     if both.sum() < max(LEAST_FRAMES, TOGETHER * seen.sum(0).min()):
-        return False
-    here = places[both] - places[both].mean(0)
+        return ""
+    middle = places[both].mean(0)
+    here = places[both] - middle
     main = [np.linalg.svd(here[:, i], full_matrices=False)[2][0] for i in range(2)]
     one, two = (here[:, i] @ main[i] for i in range(2))
     left = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
+    if np.count_nonzero(np.diff(np.sign(one))) < SWINGS:
+        return ""
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
-    swings = np.count_nonzero(np.diff(np.sign(one)))
-    return bool(left < APART and copied > ALIKE and swings >= SWINGS)
+    if copied <= ALIKE:
+        near = np.linalg.norm(middle[1] - middle[0]) < np.ptp(one)
+        return "goes with {} wherever it goes, as a part of it does" if near else ""
+    shadow = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
+    return shadow if left < APART else ""
