@@ -20,6 +20,8 @@ NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
 HALF_AS = 0.25  # and if it is as large and surely one thing
 AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
 ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one thing
+THIRD_AS = 0.3  # and if it goes as bodies do and is no shadow: as :class:`Judged` counts it,
+OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, and lit by less
 MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
@@ -104,7 +106,8 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
     """The bodies, of those ranked: the first, and what is nearly as likely.
 
     What is as large as the first and is steady in all frames need be less likely: a body that
-    moves little is foretold less well.
+    moves little is foretold less well. So need what no shadow explains and goes as bodies do: one
+    that has the colour of what is behind it is told by its brightness alone.
     """
     first = candidates[:1]
     bodies = []
@@ -112,9 +115,14 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
         largest = AS_LARGE[each.kind == first[0].kind]
         alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(largest)
         certain = alike and each.judged.seen > ALWAYS and each.judged.steady > STEADY
-        if each.judged.score >= (HALF_AS if certain else NEARLY) * first[0].judged.score:
+        least = HALF_AS if certain else THIRD_AS if _goes_as_bodies_do(each.judged) else NEARLY
+        if each.judged.score >= least * first[0].judged.score:
             bodies.append(each.body)
     return bodies
+
+
+def _goes_as_bodies_do(judged: Judged) -> bool:
+    return judged.seen > OFTEN and judged.foretold > FORETOLD and judged.lit < UNLIT
 
 
 def _size(candidate: Candidate) -> float:

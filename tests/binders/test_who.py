@@ -193,6 +193,19 @@ def test_a_body_that_moves_little_is_one_if_it_is_as_large() -> None:
         assert len(likely([first, other])) == bodies
 
 
+@pytest.mark.parametrize(
+    ("odd", "bodies"),
+    [({}, 2), ({"lit": 0.5}, 1), ({"foretold": 0.9}, 1), ({"seen": 0.8}, 1), ({"fits": 0.5}, 1)],
+)
+def test_what_goes_as_bodies_do_and_is_no_shadow_need_be_less_clear(odd, bodies) -> None:
+    first = candidate(BALL, 1.3)
+    other = replace(candidate(0.5 * BALL + 60, 0.5, 1.6, 0.4), kind=1)
+    other = replace(other, judged=replace(other.judged, **odd))
+    if not odd:
+        assert 0.3 < other.judged.score / first.judged.score < 0.45
+    assert len(likely([first, other])) == bodies
+
+
 def test_what_turns_by_different_angles_is_no_fan() -> None:
     middle = np.array([30.0, 40.0])
     angles = np.stack([0.8 * np.sin(0.3 * T), 2.1 + 0.1 * np.sin(0.2 * T), 4.2 + 0 * T], -1)
