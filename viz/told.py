@@ -156,10 +156,7 @@ def _law(run: Path) -> list[dict[str, Any]]:
     if not (run / "diagnosis.json").is_file():
         return []
     data = kept.words(run / "diagnosis.json")
-    parts = [
-        (f"bodies {', '.join(str(n + 1) for n in part['bodies'])}", part["quantities"])
-        for part in data.get("mechanism") or ()
-    ]
+    parts = [(_bodies(part["bodies"]), part["quantities"]) for part in data.get("mechanism") or ()]
     parts += [("terms", part["numbers"]) for part in data.get("parts") or () if not parts]
     return [
         {"of": of, "name": name, "value": _value(found), "unit": found.get("unit") or ""}
@@ -168,12 +165,20 @@ def _law(run: Path) -> list[dict[str, Any]]:
     ]
 
 
+def _bodies(which: Sequence[int]) -> str:
+    return f"bod{'ies' if len(which) > 1 else 'y'} {', '.join(str(n + 1) for n in which)}"
+
+
 def _value(found: Mapping[str, Any]) -> Cell:
     value, error = found.get("value"), found.get("standard_error")
     if value is None:
         return Cell("not known")
-    sure = "" if error is None or not np.isfinite(error) else f" ± {number(NORMAL_95 * error)}"
-    return Cell(number(value) + sure, value)
+    if error is None or not np.isfinite(error):
+        return Cell(number(value), value)
+    half = NORMAL_95 * error
+    if not found.get("known", True):
+        return Cell(f"not told, between {number(value - half)} and {number(value + half)}")
+    return Cell(f"{number(value)} ± {number(half)}", value)
 
 
 def _records(run: Path) -> list[dict[str, Any]]:

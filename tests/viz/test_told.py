@@ -79,3 +79,15 @@ def test_all_that_is_foretold_is_inside_and_another_law_may_leave():
         assert high >= 8 and -20 < low <= 0
         line = next(x for x in along[name].lines if x.get_label() == "under G = -1")
         assert line.get_linestyle() == "--"
+
+
+def test_a_number_that_a_recording_does_not_tell_stands_there_by_its_limits(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
+    rate = {"value": 2.0, "standard_error": 0.01, "unit": "1/s", "known": True}
+    friction = {"value": 0.5, "standard_error": 0.4, "unit": "", "known": False}
+    group = {"bodies": [0], "quantities": {"rate": rate, "linear friction": friction}}
+    found = {"schema_version": 1, "mechanism": [group]}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    page = write_told(tmp_path).read_text()
+    assert ">body 1<" in page and "2 ± 0.0196" in page
+    assert "not told, between -0.284 and 1.28" in page and "0.5 ±" not in page
