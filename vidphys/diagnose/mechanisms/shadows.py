@@ -9,7 +9,7 @@ import numpy as np
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 # of its way: what two bodies leave of the proportion at least that move by themselves; a lens bends
-# that of a shadow by up to 0.031, in clips filmed for development
+# that of a shadow by up to 0.031, as was seen in a filmed clip
 APART = 0.04
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 SWINGS = 3  # times at least that it passes its middle: what does not come back tells nothing
