@@ -53,7 +53,7 @@ def test_the_error_of_a_force_is_over_its_size(times, error):
     score_force(recorder, Scaled(), question)
     (row,) = recorder.rows
     assert row["metric"] == "force_nmse" and row["coupling"] == -1.0
-    assert row["value"] == pytest.approx(error, abs=1e-6)
+    assert row["value"] == pytest.approx(error, abs=1e-10)
 
 
 def test_every_way_is_a_cell_at_every_distance_and_leaves_its_records(monkeypatch):

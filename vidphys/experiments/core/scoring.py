@@ -168,7 +168,7 @@ def score_changed_law(
         "ballistic_nmse": floor,
         "ballistic_skill": metrics.ratio(error, floor),
         "truth_distance": metrics.nmse(default, reference),
-        "force_cosine": _force_cosine(head, question, changed),
+        "force_cosine": metrics.cosine(*forces(head, question, changed)),
     }.items():
         recorder.add(name, summary, label, steps)
     recorder.add_episodes(
@@ -238,12 +238,11 @@ def score_fixed_step(recorder: Recorder, head: Head, question: Question, rolled:
         recorder.add("energy_drift_worst_fixed_step", metrics.worst(at), None, horizon)
 
 
-def _force_cosine(head: Head, question: Question, params: Parameters) -> metrics.Summary:
-    """Model force against true force at the true states."""
+def forces(head: Head, question: Question, params: Parameters) -> tuple[Tensor, Tensor]:
+    """The model's force and the true one at the true starts, ``(b, n, d)``, float64 on the CPU."""
     with torch.no_grad():
-        model = head.force(*suited((question.truth, params), head)).to(CPU)
-    true = question.scene.law.force(question.truth.map(_to(torch.float64)), params)
-    return metrics.cosine(model, true)
+        model = moved(head.force(*suited((question.truth, params), head)), CPU, torch.float64)
+    return model, question.scene.law.force(question.truth.map(_to(torch.float64)), params)
 
 
 def _in_distribution(rolled: Rollout, question: Question) -> metrics.Summary:

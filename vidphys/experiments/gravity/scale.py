@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import torch
-
 from dynamics import HEADS, Head, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import Question, score_changed_law, score_drift
+from vidphys.experiments.core.scoring import Question, forces, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, smaller_batch, train_cell
 from vidphys.experiments.core.truth import score_truth
-from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.scenes.crowd import FEW, crowd
 
@@ -65,10 +62,7 @@ def _ask(recorder: Recorder, head: Head, question: Question, long: bool) -> None
 
 def score_force(recorder: Recorder, head: Head, question: Question) -> None:
     """Force against the truth's at the starts: relative error, and direction."""
-    params = question.params
-    with torch.no_grad():
-        model = moved(head.force(*suited((question.truth, params), head)), CPU, torch.float64)
-    true = question.scene.law.force(question.truth, params)
+    model, true = forces(head, question, question.params)
     error = (model - true).flatten(1).norm(dim=-1) / true.flatten(1).norm(dim=-1)
     recorder.add("force_error_median", metrics.median(error))
     recorder.add("force_cosine", metrics.cosine(model, true))

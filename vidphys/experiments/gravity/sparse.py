@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 
-import torch
-
 from dynamics import HEADS, Head
 from dynamics.terms import Hamiltonian, HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import true_segments
-from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.core.scoring import Question, forces, score_drift, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
 from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity
@@ -74,12 +72,8 @@ def score_force(recorder: Recorder, head: Head, question: Question) -> None:
 
     At the coupling that no training showed.
     """
-    law = question.params.with_coupling(AT_G)
-    true = question.scene.law.force(question.truth.map(torch.Tensor.double), law)
-    start, told = question.truth.map(torch.Tensor.float), law.map(torch.Tensor.float)
-    with torch.no_grad():
-        found = head.force(start, told).double()
-    error = ((found - true) ** 2).flatten(1).mean(1) / true.square().mean()
+    model, true = forces(head, question, question.params.with_coupling(AT_G))
+    error = (model - true).square().flatten(1).mean(1) / true.square().mean()
     recorder.add("force_nmse", metrics.mean(error), AT_G)
 
 
