@@ -13,6 +13,9 @@ UNKNOWN = 0.01  # how well a motion is foretold that is too short to tell
 STRIDES = (1, 2, 4, 8)  # frames, over which the motion is foretold
 ROUNDS = 8
 PIXEL = 0.25  # error of a place, pixels
+FASTEST = 90  # per cent of the frames in which it goes no farther than when it moves
+RESTING = 0.1  # of that, below which it rests: what is held or has stopped obeys any law
+PROVE_LITTLE = 4.0  # frames of motion
 SHADOWY = 0.7  # how much less likely what may be a shadow is a body
 LARGE = 0.25  # of the picture's shorter side, a radius that few bodies have
 SPECK = 1.5  # pixels, a radius below which one sees noise
@@ -120,8 +123,16 @@ def foretold(positions: np.ndarray, times: np.ndarray) -> float:
         here, after, last = (on_grid[k : span + k] for k in (0, stride, 2 * stride))
         whole = np.isfinite(here + after + last).all(-1)
         if whole.sum() >= 3:
-            gains.append(_gain(here[whole], after[whole], last[whole]).mean())
+            gains.append(_mean_gain(here[whole], after[whole], last[whole]))
     return float(np.mean(gains)) if gains else UNKNOWN
+
+
+def _mean_gain(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> float:
+    """Mean of the gains of the frames in which it moves; few of them prove little."""
+    far = np.hypot(*(second - first).T)
+    usual = RESTING * np.percentile(far, FASTEST) + PIXEL
+    moves = far**2 / (far**2 + usual**2)
+    return float(moves @ _gain(first, second, third) / (moves.sum() + PROVE_LITTLE))
 
 
 def _gain(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> np.ndarray:

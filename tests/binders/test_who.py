@@ -136,6 +136,20 @@ def test_a_throw_is_foretold_and_a_hand_is_not() -> None:
     assert throw > 2 * hand and foretold(bounce + noise, steps) > 1.5 * hand
 
 
+def test_a_ball_is_foretold_by_its_flight_though_it_was_held_before() -> None:
+    noise = np.random.default_rng(1).normal(size=(46, 2)) * 0.1
+    swing = np.array([[0.0, -0.5 * k**2] for k in range(7)])
+    flight = np.array([[3.0 * k, -6.0 * k + 0.5 * k**2] for k in range(1, 20)]) + swing[-1]
+    ball, steps = np.concatenate([np.zeros((20, 2)), swing, flight]) + noise, np.arange(46.0)
+    assert foretold(ball, steps) > 0.4 * foretold(ball[27:], steps[27:])
+
+
+def test_a_few_frames_of_motion_prove_little() -> None:
+    throw = np.stack([2.0 * T, 0.04 * (T - 30.0) ** 2], 1)
+    few = np.where(np.arange(60)[:, None] < 8, throw, np.nan)
+    assert foretold(few, T.astype(float)) < 0.7 * foretold(throw, T.astype(float))
+
+
 def test_a_body_that_was_followed_in_two_parts_is_one() -> None:
     """One is lost to a hand at the end, the other was a hand at the beginning."""
     column = np.full(60, 5.0)

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
-from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.bodies import _released, of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Model
@@ -478,6 +478,17 @@ def test_a_ball_that_a_hand_drops_and_that_comes_to_rest_is_told_from_the_hand()
     looked_at, said = of_lawful_bodies(noisy(np.stack([ball, hand], 1), 5e-4))
     assert looked_at.bodies == 1 and len(said) == 1
     np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
+
+
+def test_a_hand_that_rests_when_it_has_let_go_is_not_taken_for_the_ball():
+    times = np.arange(44) / 30
+    free, swing = np.maximum(times - 0.8, 0), 6 * np.clip(times - 0.6, 0, 0.2) ** 2
+    held = np.stack([-0.5 + 0.2 * swing, -0.6 + swing], -1)
+    ball = held + np.stack([0.9 * free, 2.6 * free - 4.9 * free**2], -1)
+    arm = held * [1.0, 0.6] - [0.1, 0.1]
+    motion = noisy(np.stack([arm, ball], 1), 5e-4)
+    assert _released(motion, before=1) == []
+    assert _released(motion, before=2) == [1]
 
 
 def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():

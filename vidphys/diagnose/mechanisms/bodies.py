@@ -28,6 +28,7 @@ SELDOM = 0.5  # of another body's frames
 MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them leave
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 RELEASED = 0.6  # of the frames, after which a hand has let go
+RESTS = 0.1  # of the extent of all of its motion, that it has at most from then on if it rests
 
 
 def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
@@ -128,12 +129,17 @@ def _stay(motion: Motion, bodies: list[int]) -> list[int]:
 def _released(motion: Motion, before: int) -> list[int]:
     """Bodies that stay, and that a law moves once what held them has let go.
 
-    A hand that lets go comes and goes, and for so short a time any law fits it.
+    A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
+    that rests at the end is asked last, and only where a law moves no other.
 
     Args:
         before: the likeliest body that a law moves already: of those likelier than it.
     """
-    staying, found = _stay(motion, list(range(min(before, MOST_TRIED)))), []
+    staying = _stay(motion, list(range(min(before, MOST_TRIED))))
+    resting = [body for body in staying if _rests(motion, body)]
+    staying = [body for body in staying if body not in resting]
+    staying += resting if before == motion.bodies else []
+    found = []
     for body in staying:
         rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
         first, last = rest.shown()
@@ -144,6 +150,19 @@ def _released(motion: Motion, before: int) -> list[int]:
     alone = ((body, _of(motion, [body])) for body in staying)
     later = (body for body, each in alone if first_lawful(each.cut(*each.shown()), angles=False))
     return found or list(islice(later, 1))
+
+
+def _rests(motion: Motion, body: int) -> bool:
+    """Whether it hardly moves any more when a hand has let go."""
+    path = motion.positions[0, :, body]
+    late = path[int(RELEASED * len(path)) :]
+    return _extent(late) < RESTS * _extent(path)
+
+
+def _extent(path: np.ndarray) -> float:
+    """Of places ``(t, d)``, of which some are seen; the farthest few may be errors."""
+    low, high = np.nanpercentile(path, [5, 95], axis=0) if np.isfinite(path).any() else (0.0, 0.0)
+    return float(np.linalg.norm(np.subtract(high, low)))
 
 
 def _of(motion: Motion, bodies: list[int]) -> Motion:
