@@ -11,6 +11,7 @@ from scipy import special
 from vidphys.coupling_verdict import PowerVerdict
 from vidphys.diagnose.inference.changes import Switch, find_switch
 from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.linearised import resolved
 from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
 from vidphys.diagnose.inference.measured import settled
 from vidphys.diagnose.inference.power import infer_with_power
@@ -58,7 +59,7 @@ class Diagnosis:
         if self.explained or not self.inferences:
             return self.sure
         one = self.motion.bodies == 1 or not np.allclose(self.motion.mass, 1.0)
-        return one and any(x.leftover.certain for x in self.inferences)
+        return one and any(x.leftover.certain and resolved(x) for x in self.inferences)
 
     @property
     def inferences(self) -> tuple[Inference, ...]:

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion
 from vidphys.diagnose.inference.doubts import doubts
+from vidphys.diagnose.inference.measured import remeasured
 from vidphys.diagnose.inference.search import infer
 from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.motion import motion_of
@@ -136,6 +137,19 @@ def test_noise_with_a_memory_is_neither_a_bath_nor_a_force():
     assert bath.motion.colour is None and "bath" in bath.kinds
 
 
+@pytest.mark.parametrize("measure, size, there", [("ar1", 1, True), ("white", 30, False)])
+def test_what_a_law_leaves_is_noise_only_where_the_frames_bear_it_out(
+    measure, size, there, monkeypatch
+):
+    motion = measured("trap", measure)
+    windows = cut_windows(motion, 16)
+    rng = np.random.default_rng(0)
+    left = windows, remembering(np.zeros_like(windows.frames), size * SIGMA, rng)
+    assert colour_of(*left) is not None
+    monkeypatch.setattr("vidphys.diagnose.inference.measured._residual", lambda *_: left)
+    assert (remeasured(motion, infer(motion)) is not None) == there
+
+
 # masses that nobody told
 
 
@@ -174,6 +188,35 @@ def test_kicks_move_heavy_bodies_less():
     np.testing.assert_allclose(light, 4 * heavy)
     assert not np.allclose(*windows.whitening(1e3)[0])
     np.testing.assert_allclose(*windows.whitening(0.0)[0])
+
+
+# what the menu lacks
+
+
+@pytest.mark.parametrize(
+    "law, lacking",
+    [
+        (forces.between(forces.powered(2.0, 0.3, 1.5)), False),
+        (forces.three_together(1.0), True),
+    ],
+)
+def test_a_force_of_three_is_one_only_where_no_law_of_the_distance_is(law, lacking):
+    path = path_of(Kind("law", law, None), Setting(0.0, STEP, 3, 1))
+    noise = 0.001 * np.random.default_rng(0).standard_normal(path.shape)
+    rest = infer(motion_of(path + noise, STEP)).leftover
+    assert ("pair forces that depend on who else is near" in rest.probes) == lacking
+    assert lacking or not rest.certain
+
+
+def test_what_acts_faster_than_frames_follow_is_not_told_to_be_off_the_menu():
+    motion = measured("trap", "white", 1)
+    found = infer(motion)
+    lacking = replace(found.leftover, explained=False, probes={"a force": 1e3})
+    found = replace(found, leftover=lacking)
+    seldom = replace(found, windows=replace(found.windows, times=50 * found.windows.times))
+    told, untold = (Diagnosis(motion, x.noise, "", x) for x in (found, seldom))
+    assert told.told and not doubts(motion, found)
+    assert not untold.told and "more often" in doubts(motion, seldom)[0]
 
 
 # the scenes and their scores

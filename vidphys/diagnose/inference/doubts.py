@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vidphys.diagnose.inference.inference import Inference
+from vidphys.diagnose.inference.linearised import resolved
 from vidphys.diagnose.recordings.motion import Motion
 
 
@@ -26,7 +27,7 @@ def doubts(motion: Motion, inference: Inference) -> list[str]:
             "Not told as sure: other terms fit as well and lose by their number alone; start the "
             "bodies elsewhere and faster, or record longer."
         )
-    if not rest.explained and not rest.certain:
+    if not rest.explained and not (rest.certain and resolved(inference)):
         several = motion.bodies > 1 and np.allclose(motion.mass, 1.0)
         why = "give the masses, or " if several else ""
         said.append(

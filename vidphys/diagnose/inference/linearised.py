@@ -15,6 +15,7 @@ from vidphys.diagnose.weak.spectrum import Mode
 
 NUDGE = 1e-5  # of the places' size, about a rest
 NUDGE_ON_THE_WAY = 1e-4  # of the places' spread
+SHOWN = 1.0  # radians that the fastest motion may turn from frame to frame, to be seen in frames
 
 
 def modes_of_model(structure: Structure, near: np.ndarray, mass: np.ndarray) -> list[Mode]:
@@ -72,6 +73,12 @@ def fastest_rate(inference: Inference) -> float:
     """The fastest rate over all places that the bodies came through, radians per second."""
     field = field_of(inference.windows, inference.fitted.paths)
     return _stiffest(field, inference.structure)
+
+
+def resolved(inference: Inference) -> bool:
+    """Whether frames follow each other as fast as the forces change, wherever the bodies came."""
+    interval = float(np.diff(inference.windows.times).mean())
+    return fastest_rate(inference) * interval < SHOWN
 
 
 def _stiffest(field: Field, structure: Structure) -> float:

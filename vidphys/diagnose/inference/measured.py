@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import comb
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.motion import Motion
-from vidphys.diagnose.recordings.noise import measure_noise
-from vidphys.diagnose.weak.colour import colour_of
+from vidphys.diagnose.recordings.noise import borne_out, measure_noise
+from vidphys.diagnose.weak.colour import BELIEVED, colour_of
 from vidphys.diagnose.weak.paths import smooth
 from vidphys.diagnose.weak.windows import Windows, cut_windows
 
@@ -81,16 +80,22 @@ def _looked_at(
 def _supposed(motion: Motion, correlation: float) -> Motion:
     """With noise that is so correlated from frame to frame, and in differences what it is."""
     noise = measure_noise(motion)
-    weights = np.array([(-1) ** k * comb(noise.order, k) for k in range(noise.order + 1)])
-    apart = np.abs(np.subtract.outer(np.arange(len(weights)), np.arange(len(weights))))
-    shown = weights @ correlation**apart @ weights / (weights @ weights)
-    memory = -motion.interval / np.log(correlation)
-    return replace(motion, colour=Colour(noise.sigma / float(np.sqrt(shown)), memory))
+    unit = Colour(1.0, -motion.interval / np.log(correlation))
+    shown = unit.in_differences(noise.order, motion.interval)
+    return replace(motion, colour=Colour(noise.sigma / shown, unit.memory))
 
 
 def _residual_colour(found: Settled) -> Colour | None:
     residual = _residual(found.motion, found.inference)
-    return None if residual is None else colour_of(*residual, WITHOUT_RIVAL)
+    return None if residual is None else _colour(found.motion, *residual, WITHOUT_RIVAL)
+
+
+def _colour(
+    motion: Motion, windows: Windows, residual: np.ndarray, believed: float = BELIEVED
+) -> Colour | None:
+    """The memory of the noise, if what is left has one and the frames bear it out."""
+    colour = colour_of(windows, residual, believed)
+    return colour if colour is not None and borne_out(colour, motion) else None
 
 
 def _residual(motion: Motion, inference: Inference) -> tuple[Windows, np.ndarray] | None:
@@ -121,7 +126,7 @@ def remeasured(motion: Motion, inference: Inference) -> Motion | None:
         window, frame, body = np.nonzero(wrong)
         positions[windows.clip[window], windows.first[window] + frame, body] = np.nan
         return replace(motion, positions=positions)
-    colour = colour_of(windows, residual, *([BESIDE_KICKS] if inference.kicks else []))
+    colour = _colour(motion, windows, residual, BESIDE_KICKS if inference.kicks else BELIEVED)
     known = colour is None or (motion.colour is not None and motion.colour.near(colour))
     return None if known else replace(motion, colour=colour)
 

@@ -9,7 +9,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc
 
-from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
+from vidphys.diagnose.inference.menu import (
+    FRICTION,
+    FRICTIONS,
+    PAIR,
+    Field,
+    Term,
+    field_of,
+    pair_terms,
+)
 from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.inference.structures import PRICE, Structure
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
@@ -22,6 +30,7 @@ BALANCE = 8.0  # factor within which the temperatures of kicks and of motion mus
 ESTIMATED = 1.35  # times that, where the noise's memory was estimated from the residual itself
 UNEVEN, SLACK = 1e-4, 1.3  # chance; share by which a window's own noise may exceed the average
 CERTAIN = 30.0  # gain of log likelihood by a force off the menu, from which it surely is there
+DISTINCT = 1e-4  # share of the largest singular value, from which shapes of a force differ
 # Frames that a speed must last against friction or a drive to be told; beside random kicks, which
 # the smoothing of paths takes for noise where they fade sooner, so that a temperature is too low.
 LASTING, LASTING_BESIDE_KICKS = 1.0, 4.0
@@ -213,6 +222,11 @@ def leftover(
     kicks = random_kicks(rows, chosen, floor)
     smooth = smooth_force_gain(windows, rows, chosen, floor) if kicks.gain > 0 else 0.0
     probes = _probe_gains(rows, chosen, places, ratio, floor)
+    pair = structure.term(PAIR)
+    if probes and pair is not None:
+        shaped, free = _with_any_shape(rows, windows, field, pair)
+        gains = _probe_gains(shaped, chosen + free, places, ratio, floor)
+        probes = {name: min(gain, gains[name]) for name, gain in probes.items() if name in gains}
     allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
     if windows.colour is not None:
         allowed *= ESTIMATED
@@ -286,6 +300,24 @@ def _probe_gains(
         if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
             gains[name] = float(gain)
     return gains
+
+
+def _with_any_shape(
+    rows: Rows, windows: Windows, field: Field, pair: Term
+) -> tuple[Rows, list[int]]:
+    """The rows with columns of a pair force of any shape, and the places of those.
+
+    A force that the menu lacks is asked for beside them: what another law of the distance explains
+    as well is no such force.
+    """
+    shapes = [term for term in pair_terms(field.distance, pair.source) if not term.parts]
+    x = rows_of(windows, np.concatenate([term.columns(field) for term in shapes], -1)).x
+    size = np.sqrt((x**2).mean(0) + np.finfo(float).tiny)
+    apart, share, _ = np.linalg.svd(x / size, full_matrices=False)
+    apart = apart[:, share > DISTINCT * share[0]]
+    count = rows.x.shape[1]
+    together = replace(rows, x=np.concatenate([rows.x, apart], 1))
+    return together, list(range(count, count + apart.shape[1]))
 
 
 def _moved(normal: Normal, chosen: list[int], extra: list[int]) -> float:

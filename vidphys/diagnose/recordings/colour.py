@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -33,3 +34,14 @@ class Colour:
         apart = np.abs(times[..., :, None] - times[..., None, :])
         lasting = (1 - self.white) * np.exp(-apart / self.memory)
         return lasting + self.white * np.eye(times.shape[-1])
+
+    def in_differences(self, order: int, interval: float) -> float:
+        """Standard deviation of a difference of this order, over that of unit white noise.
+
+        Args:
+            order: how often neighbouring frames are subtracted.
+            interval: seconds from frame to frame.
+        """
+        weights = np.array([(-1) ** k * comb(order, k) for k in range(order + 1)])
+        covariance = self.covariance(interval * np.arange(order + 1))
+        return float(np.sqrt(weights @ covariance @ weights / (weights @ weights)))

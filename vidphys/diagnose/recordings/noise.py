@@ -7,11 +7,14 @@ from math import comb
 
 import numpy as np
 
+from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.evened import evened
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 
 ORDERS = range(3, 8)
 SEEN = 3.0  # times its own noise, from which a speed counts as visible in one frame interval
+ROBUST = 1.4826  # times a median absolute deviation is a standard deviation
+SHORT = 1.25  # times the usual difference of frames, that differences of noise may be, by chance
 EVEN = 0.1  # share by which frame intervals may differ for differences across them
 
 
@@ -85,6 +88,23 @@ def _least(motion: Motion) -> tuple[float, int] | None:
         if best is None or sigma < best[0]:
             best = (sigma, order)
     return best
+
+
+def borne_out(colour: Colour, motion: Motion) -> bool:
+    """Whether the frames show noise of this size and memory.
+
+    Noise is in every frame, and motion only adds to differences of frames: where half of them are
+    smaller than such noise would leave them, it is none.
+    """
+    for order in ORDERS:
+        x = differences(motion, order)
+        if len(x) < 2 * order:
+            break
+        usual = ROBUST * float(np.median(np.abs(x)) / np.sqrt(comb(2 * order, order)))
+        # Places that are counted in pixels may not change at all.
+        if 0 < SHORT * usual < colour.sigma * colour.in_differences(order, motion.interval):
+            return False
+    return True
 
 
 def noise_of(sigma: float, motion: Motion, order: int = 0) -> Noise:
