@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from dynamics.terms import Pendulum, Well
-from tests.vidphys.diagnose.test_explanations import Oracle
+from tests.vidphys.diagnose.test_explanations import Foretelling, Oracle
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.formula import ByFormula, _potentials
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, Verdict
@@ -41,8 +41,7 @@ class Blind(Oracle):
     status: str = NOT
     bent: bool = False
 
-    @property
-    def verdict(self):
+    def judged(self, tail):
         return Verdict(self.status, 0.5, 1.0, 0.0, 1.0, bent=self.bent)
 
 
@@ -79,14 +78,16 @@ def test_it_is_sought_only_where_nothing_explains_the_recording(monkeypatch, mot
 def test_a_law_whose_force_is_not_quite_the_body_s_gives_way_to_a_formula_that_foretells_more(
     monkeypatch, motion, found
 ):
-    bent = Blind(motion, END, status=MOSTLY, bent=True)
-    monkeypatch.setattr(choice, "_known", lambda *_: (None, bent))
-    monkeypatch.setattr(choice.ByFormula, "sought", lambda *_: found)
-    monkeypatch.setattr(choice, "_error", lambda x: 1.0 if x is bent else 0.5)
-    assert choice.understand(motion, END).explanation is found
-    monkeypatch.setattr(choice, "_error", lambda x: 1.0 if x is bent else 0.9)
-    answer = choice.understand(motion, END)
-    assert answer.explanation is bent and "foretell" in answer.no_formula
+    """In the last frames that both were fitted to; what was held out has no say."""
+    own = found.rehearsals[0].tail.errors["model"]
+    assert 0 < own < 0.1
+    for before, held_out, told in ((2 * own, 0.0, True), (1.1 * own, 1.0, False)):
+        bent = Foretelling(motion, END, before, held_out, bent=True)
+        monkeypatch.setattr(choice, "_known", lambda *_, bent=bent: (None, bent))
+        monkeypatch.setattr(choice.ByFormula, "sought", lambda *_: found)
+        answer = choice.understand(motion, END)
+        assert answer.explanation is (found if told else bent)
+        assert ("foretell" in answer.no_formula) is not told
 
 
 def made(*words_with_numbers):

@@ -1,6 +1,6 @@
 """What explains a motion is chosen at one place, and one more is a class and an entry there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from vidphys.diagnose.explanations.forecast import State, beside_simple, roll
 from vidphys.diagnose.explanations.law_words import number
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.explanations.verdict import MOSTLY, Verdict
 from vidphys.diagnose.inference.linearised import sure_modes
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, pair_term
 from vidphys.diagnose.inference.refine import Fitted
@@ -49,7 +50,8 @@ class Oracle(Explanation):
         return {"miracles": 1.0}
 
     def rolled_on(self):
-        still, seen = np.zeros((1, 2)), self.motion.positions[0, self.end :]
+        seen = self.motion.positions[0, self.end :]
+        still = np.zeros(seen.shape[1:])
         start = State(0.0, still, still, np.ones(1))
         return beside_simple(seen, self.motion, self.end, start, still)
 
@@ -95,6 +97,35 @@ def test_errors_of_an_oscillation_are_those_of_the_numbers_that_make_it():
     slope = np.array([1 / (2 * omega), 0.0, -friction / (4 * omega)])
     assert mode.frequency_error == pytest.approx(np.sqrt(slope @ covariance @ slope), rel=1e-4)
     assert mode.error == pytest.approx(0.02 / 2, rel=1e-4)
+
+
+@dataclass(frozen=True)
+class Foretelling(Oracle):
+    """One that is off by so much over the last frames that it was fitted to, and those held out."""
+
+    before: float
+    held_out: float
+    bent: bool = False
+
+    def rolled_on(self):
+        tail = super().rolled_on()
+        return replace(tail, errors={**tail.errors, "model": self.held_out})
+
+    def judged(self, tail):
+        return Verdict(MOSTLY, 0.8, 1.0, 0.0, 1.0, bent=self.bent)
+
+    def earlier(self):
+        part = self.motion.cut(0, self.end)
+        return [replace(self, motion=part, end=self.end // 2, held_out=self.before)]
+
+
+def test_frames_that_are_held_out_have_no_say_in_which_explanation_is_chosen():
+    motion = thrown()
+    for held_out, other in ((0.0, 1.0), (1.0, 0.0)):
+        for before, more in ((0.6, True), (0.8, False), (1.2, False)):
+            menu = Foretelling(motion, 60, before, held_out)
+            laws = Foretelling(motion, 60, 1.0, other)
+            assert choice._foretells_more(menu, laws) is more
 
 
 def test_one_more_explanation_is_told_and_written_as_the_others_are(monkeypatch):

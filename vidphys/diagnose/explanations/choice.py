@@ -12,7 +12,7 @@ from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
-from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK, Verdict
 from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS
 from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.motion import Motion, Unseen
@@ -24,7 +24,7 @@ Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
 FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
 ODD = {"drive", "bath", "well"}
 NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the menu is not asked
-CLEARLY = 0.7  # of the laws' error in the frames held out, to which the menu must bring it
+CLEARLY = 0.7  # of the error of what laws foretell, to which the menu or a formula must bring it
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,47 @@ class Understood:
         return NOT if self.explanation is None else _status(self.explanation)
 
 
+@dataclass(frozen=True)
+class Standing:
+    """What the frames before the end say of an explanation; the others have no say in a choice.
+
+    Args:
+        status: how far it may be believed.
+        verdict: on what it foretells of the last of those frames; ``None``: not known.
+        error: of that; infinite where it foretells nothing.
+    """
+
+    status: str
+    verdict: Verdict | None
+    error: float
+
+    @classmethod
+    def of(cls, explanation: Explanation, rehearsed: bool = True) -> Standing:
+        """By its rehearsal, where it has one that counts; otherwise by what it was fitted to."""
+        first = next(iter(explanation.rehearsals), None) if rehearsed else None
+        tail = None if first is None else first.tail
+        verdict = explanation.judged(None) if first is None else first.judged(tail)
+        if explanation.stays or (first is not None and tail is None):
+            status = NOT
+        elif verdict is not None:
+            status = verdict.status
+        else:
+            status = EXPLAINED if explanation.explained else NOT
+        error = np.inf if tail is None else tail.errors["model"]
+        return cls(status, verdict, error)
+
+    @property
+    def bent(self) -> bool:
+        """Whether its force is not quite the body's."""
+        return self.verdict is not None and self.verdict.bent
+
+
+def _beside(one: Explanation, other: Explanation) -> tuple[Standing, Standing]:
+    """Of two that are compared: by what both foretell, or else by what both were fitted to."""
+    both = bool(one.rehearsals) and bool(other.rehearsals)
+    return Standing.of(one, both), Standing.of(other, both)
+
+
 def understand(
     motion: Motion,
     end: int,
@@ -58,7 +99,8 @@ def understand(
     """What a recording shows: by laws fitted to the whole of it, by the menu, or by a formula.
 
     The menu is asked where the laws do not explain all, and believed where it foretells more; a
-    formula is sought where neither explains anything, or where the force is not quite theirs.
+    formula is sought where neither explains anything, or where the force is not quite theirs. What
+    foretells more is told by the frames before the end alone.
 
     Args:
         motion: the whole recording.
@@ -71,16 +113,18 @@ def understand(
     units = units or Units()
     found, explanation = _known(motion, end, angles, camera, units)
     one = motion.bodies == 1 and motion.space == 1 and not motion.inputs
-    if explanation is None or not one or not (_status(explanation) == NOT or _bent(explanation)):
+    known = None if explanation is None or not one else Standing.of(explanation)
+    if explanation is None or known is None or not (known.status == NOT or known.bent):
         return Understood(found, explanation)
     sought = ByFormula.sought(motion, end, units, progress)
     if isinstance(sought, str):
         return Understood(found, explanation, sought)
     said = f"no formula: {sought.law.text} fits, but does not foretell"
-    if _status(sought) == NOT:
-        said = f"{said} what was held out; a longer recording would tell"
+    told, known = _beside(sought, explanation)
+    if told.status == NOT:
+        said = f"{said} the last frames that it fits; a longer recording would tell"
         return Understood(found, explanation, said)
-    if _bent(explanation) and not _error(sought) < CLEARLY * _error(explanation):
+    if known.bent and not told.error < CLEARLY * known.error:
         return Understood(found, explanation, f"{said} more than the law above")
     return Understood(found, sought)
 
@@ -93,7 +137,7 @@ def _known(
     struck = strikes(part) if part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS else []
     moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
     laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
-    if laws is not None and (struck or part.inputs or _enough(laws)):
+    if laws is not None and (struck or part.inputs or _enough(Standing.of(laws), laws.one_law)):
         return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
@@ -120,8 +164,9 @@ def _best_of(
 ) -> Explanation | None:
     """The one that foretells most, of those that can be fitted; the first of equals."""
     made = [make(motion, end, angles, camera, units) for make in makers]
-    fitted = [x for x in made if x is not None]
-    return max(fitted, key=lambda x: (RANK.index(_status(x)), -_error(x)), default=None)
+    fitted = [(Standing.of(x), x) for x in made if x is not None]
+    best = max(fitted, key=lambda x: (RANK.index(x[0].status), -x[0].error), default=None)
+    return None if best is None else best[1]
 
 
 def _status(explanation: Explanation) -> str:
@@ -130,23 +175,12 @@ def _status(explanation: Explanation) -> str:
     return explanation.verdict.status
 
 
-def _bent(explanation: Explanation) -> bool:
-    """Whether its force is not quite the body's."""
-    return explanation.verdict is not None and explanation.verdict.bent
-
-
-def _error(explanation: Explanation) -> float:
-    """Of its forecast; infinite where there is none."""
-    tail = explanation.forecast()
-    return np.inf if tail is None else tail.errors["model"]
-
-
-def _enough(laws: Explanation) -> bool:
+def _enough(laws: Standing, one_law: bool) -> bool:
     """Whether the menu has nothing to add: one law has nearly all of the motion."""
-    if _status(laws) == EXPLAINED:
+    if laws.status == EXPLAINED:
         return True
     mostly = laws.verdict is not None and laws.verdict.share > NEARLY_ALL
-    return mostly and laws.one_law and _status(laws) == MOSTLY
+    return mostly and one_law and laws.status == MOSTLY
 
 
 def _said(struck: Sequence[tuple[int, float]], bodies: int) -> str:
@@ -162,16 +196,17 @@ def _said(struck: Sequence[tuple[int, float]], bodies: int) -> str:
 
 def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:
     """Whether the menu's terms are to be believed rather than laws."""
-    rank, other = RANK.index(_status(menu)), RANK.index(_status(laws))
-    if menu.verdict is None:
+    told, known = _beside(menu, laws)
+    if told.verdict is None:
         # Nothing was held out, or what it says cannot be rolled: a bath, a law that changes. Such
         # terms are believed only where nothing smooth explains as much.
         odd = bool(menu.inference.kicks or menu.found.parts)
-        return menu.explained and (_status(laws) == NOT or not (odd or laws.one_law))
-    if ODD & set(menu.kinds) and _status(laws) != NOT:
+        return menu.explained and (known.status == NOT or not (odd or laws.one_law))
+    if ODD & set(menu.kinds) and known.status != NOT:
         return False  # what adds energy is believed only where nothing smooth explains as much
+    rank, other = RANK.index(told.status), RANK.index(known.status)
     if rank != other:
         return rank > other
-    if rank == RANK.index(NOT) and laws.verdict is not None and laws.verdict.share >= MOST:
+    if told.status == NOT and known.verdict is not None and known.verdict.share >= MOST:
         return False  # neither explains all: the plainer is told
-    return _error(menu) < CLEARLY * _error(laws)
+    return told.error < CLEARLY * known.error

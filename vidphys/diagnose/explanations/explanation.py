@@ -120,14 +120,18 @@ class Explanation(Protocol):
         return ()
 
     @cached_property
+    def rehearsals(self) -> Sequence[Self]:
+        """As :meth:`earlier`, which fits: once, and where there is a tail that it foretells."""
+        return () if self.tail is None else self.earlier()
+
+    @cached_property
     def stays(self) -> bool:
         """Whether that the bodies stay where they are is as good a forecast as its law.
 
         Frames that were held out have no say in it: the law is rolled on over the last ones that
         it was fitted to, with its numbers from those before.
         """
-        earlier = () if self.tail is None else self.earlier()
-        return not all(each.foretells for each in earlier)
+        return not all(each.foretells for each in self.rehearsals)
 
     @property
     def foretells(self) -> bool:

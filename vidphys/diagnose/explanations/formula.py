@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,18 @@ import numpy as np
 from dynamics import terms
 from dynamics.terms import PotentialTerm
 from vidphys.diagnose.explanations.explanation import Explanation
-from vidphys.diagnose.explanations.forecast import SAMPLES, State, Validation, beside_simple
+from vidphys.diagnose.explanations.forecast import (
+    SAMPLES,
+    State,
+    Validation,
+    beside_simple,
+    inner_ends,
+)
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.explanations.verdict import Verdict, judge
 from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.laws import FoundLaw, law_of, spoken
-from vidphys.diagnose.formula.rolled import Rolled
+from vidphys.diagnose.formula.rolled import Rolled, again
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, noise_of
 from vidphys.diagnose.recordings.units import Units
@@ -169,6 +175,15 @@ class ByFormula(Explanation):
         place, speed, bend = (np.full((1, 1), x) for x in (path[end - 1], v, a))
         start = State(float(times[end - 1]), place, speed, self.motion.mass[-1])
         return beside_simple(path[end:, None, None], self.motion, end, start, bend)
+
+    def earlier(self) -> list[ByFormula]:
+        part, out = self.motion.cut(0, self.end), []
+        for end in inner_ends(self.end, self.motion.positions.shape[1]):
+            few = part.cut(0, end)
+            best = again(self.best, few.positions[:, :, 0, 0], few.times)
+            if best is not None:
+                out.append(replace(self, law=replace(self.law, best=best), motion=part, end=end))
+        return out
 
     def changed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Without friction, from the first frame on."""

@@ -10,7 +10,7 @@ from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.grammar import bounds
 from vidphys.diagnose.formula.search import Sum, design
 from vidphys.diagnose.formula.shooting import Fit, Law, fit_law
-from vidphys.diagnose.formula.springs import SPEEDS, Spring
+from vidphys.diagnose.formula.springs import SPEEDS, Spring, find_spring
 
 NUDGE = 1e-6  # of a constant, by which derivatives are read
 SLIGHTLY = 1e-3  # friction to begin with
@@ -128,6 +128,18 @@ def rolled_along(one: Sum, speeds: str, drags: np.ndarray, spring: Spring) -> Ro
     numbers = np.append(numbers, drags)
     fit = fit_law(law, numbers, spring.fit.starts, spring.pieces, most=most)
     return None if fit is None or fit.squares > most else Rolled(one, speeds, fit, spring)
+
+
+def again(rolled: Rolled, x: np.ndarray, times: np.ndarray) -> Rolled | None:
+    """The same sum and friction with numbers from other frames; ``None`` where it misses them.
+
+    Args:
+        rolled: its numbers are nearly right.
+        x, times: places and seconds of those frames, ``(clips, frames)``.
+    """
+    spring, (told, _) = find_spring(x, times), rolled.formula("x")
+    drags = rolled.fit.numbers[len(rolled.fit.numbers) - len(SPEEDS[rolled.speeds]) :]
+    return None if spring is None else rolled_along(told, rolled.speeds, drags, spring)
 
 
 def braked(rolled: Rolled) -> list[Rolled]:
