@@ -114,7 +114,7 @@ def diagnose(config: DiagnoseConfig) -> None:
     if config.gravity is not None and not config.gravity > 0:
         raise InputError(f"--gravity {config.gravity}: must be above 0")
     if config.scale is not None:
-        _units(config, 1.0)
+        _units(config, (1, 1))
     given = given_columns(config.columns)
     _check(config)
     config = with_profile(config, "diagnose")
@@ -250,8 +250,8 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames
         if config.bodies is None and not config.given:
             motion, left_out = of_lawful_bodies(motion)
             notes = (*notes, *left_out)
-        units = _units(config, max(video.size) / 2)  # pixels of a unit of the motion
-        return Loaded(motion, False, notes, units.name, units.per, followed.used), video.frames
+        units = _units(config, video.size)
+        return Loaded(motion, False, notes, units, followed.used), video.frames
     loaded = read_tracks(config.input, given, config.interval)
     try:
         motion = loaded.motion.cut(config.start, config.stop)
@@ -261,14 +261,14 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames
     return replace(loaded, motion=motion, used=used), None
 
 
-def _units(config: DiagnoseConfig, half: float) -> Units:
-    """In which lengths of a clip are told."""
+def _units(config: DiagnoseConfig, size: tuple[int, int]) -> Units:
+    """In which lengths of a clip are told, whose pictures are of (height, width)."""
     from vidphys.diagnose.recordings.units import Units, scale_of
 
     if config.scale is None:
-        return Units("px", half)
+        return Units("px", max(size) / 2)  # pixels of a unit of the motion
     try:
-        return scale_of(config.scale, half)
+        return scale_of(config.scale, size)
     except ValueError as error:
         raise InputError(f"--scale {config.scale}: {error}") from error
 

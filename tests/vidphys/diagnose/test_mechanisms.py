@@ -327,7 +327,8 @@ def test_a_known_length_or_gravity_gives_metres():
     pixels = answer(motion, False, 0.3, camera=True, units=Units("px", 320.0))
     length = pixels.data["mechanism"][0]["quantities"]["length"]
     assert length["value"] == pytest.approx(192, rel=0.02) and length["unit"] == "px"
-    for units in (replace(Units("px", 320.0), gravity=9.81), scale_of("50 cm = 0,0 192,0", 320.0)):
+    ruler = scale_of("50 cm = 223,179 415,179", (360, 640))
+    for units in (replace(Units("px", 320.0), gravity=9.81), ruler):
         told = answer(motion, False, 0.3, camera=True, units=units)
         held = told.data["mechanism"][0]["quantities"]["length"]
         metres = held["value"] * {"m": 1.0, "cm": 0.01}[held["unit"]]
@@ -335,12 +336,39 @@ def test_a_known_length_or_gravity_gives_metres():
         assert f" {held['unit']} (95 %)" in "\n".join(told.lines)
 
 
+def test_a_ruler_beside_a_swing_that_is_seen_askew_is_in_another_scale():
+    """A string of 0.6, and a ruler of 0.3 to its right, in a plane that is turned by 18 degrees."""
+    camera, ruler = np.array([0.2, 0.0, 0.0]), np.array([[0.5, -0.3], [0.5, 0.0]])
+    places = view.seen(hung(swing(19.62, 0.1, 0.9, 240), 0.6), camera)
+    ends = tuple(map(tuple, view.seen(ruler, camera).tolist()))
+    units = Units("m", 0.3 / float(np.linalg.norm(np.subtract(*ends))), ends=ends)
+    motion = noisy(places, 0.002)
+    for known, error in ((replace(units, ends=None), -0.1), (units, 0.0)):
+        told = answer(motion, False, 0.3, camera=True, units=known)
+        length = told.data["mechanism"][0]["quantities"]["length"]
+        assert length["value"] == pytest.approx(0.6 * (1 + error), rel=0.02)
+        assert abs(length["value"] - 0.6) < 2 * length["standard_error"]
+        assert length["known"] is (known.ends is not None)
+    assert f"length {length['value']:.4g} ±" in "\n".join(told.lines)
+
+
+def test_the_flat_places_of_a_pinhole_keep_lengths_in_a_turned_plane():
+    """Seen by a camera of the usual focal length, in the scale of the picture's middle."""
+    turn, aside = np.radians(20), np.array([np.cos(0.7), np.sin(0.7)])
+    places = np.random.default_rng(3).uniform(-0.4, 0.4, (20, 2))
+    far = places @ aside
+    across = places + (np.cos(turn) - 1) * far[:, None] * aside
+    picture = across / (1 - np.sin(turn) * far / view.FAR)[:, None]  # the plane at a focal length
+    told = view.flat(picture, np.array([*(np.tan(turn) / view.FAR * aside), 0.0]))
+    assert told == pytest.approx(places, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     "text", ["", "0.3 = 1,2 3,4", "0.3 m = 1,2", "0.3 m = 1,2 1,2", "0 m = 0,0 1,1"]
 )
 def test_a_scale_that_says_no_length_is_refused(text):
     with pytest.raises(ValueError, match=r"write LENGTH UNIT|must be above 0"):
-        scale_of(text, 1.0)
+        scale_of(text, (360, 640))
 
 
 def test_a_camera_askew_is_told_from_the_motion_and_its_view_has_an_inverse():

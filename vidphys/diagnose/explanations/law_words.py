@@ -65,7 +65,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     if "collision" in law.kinds:
         how[0] = "nothing pulls them" if law.restoring == "none" else how[0]
         how.append("they collide")
-    numbers = (*collided(fit, group.bodies), *(number(x, units) for x in quantities(fit)))
+    known = quantities(fit, units.ends)
+    numbers = (*collided(fit, group.bodies), *(number(x, units) for x in known))
     return [
         f"{who} {moves}: {'; '.join(how)}.",
         *(f"  {x}" for x in (*numbers, *_ruler(fit, units))),
@@ -108,7 +109,7 @@ def beside(body: int, swing: OwnSwing, units: Units, alone: bool) -> str:
 
 def _ruler(fit: Fit, units: Units) -> list[str]:
     """What gravity says of lengths: a falling or a hanging body is a ruler."""
-    known = {x.name: x.value for x in quantities(fit)}
+    known = {x.name: x.value for x in quantities(fit, units.ends)}
     if "rate" in known and fit.model.law.restoring == "pendulum":
         metres = GRAVITY / known["rate"] ** 2
         length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"

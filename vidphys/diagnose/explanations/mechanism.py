@@ -245,7 +245,7 @@ class ByMechanism(Explanation):
                     "unit": self.told_in.named(x.length, x.seconds),
                     "known": x.known,
                 }
-                for x in quantities(fit)
+                for x in quantities(fit, self.told_in.ends)
             },
             "errors": {
                 "white": self.told_in.told(fit.errors.white, 1),
@@ -293,11 +293,12 @@ class ByMechanism(Explanation):
         return beside_simple(path[3:], self.motion, end, start, a)
 
     def earlier(self) -> list[ByMechanism]:
-        part, out = self.motion.cut(0, self.end), []
+        told = replace(self, whole=self.before, motion=self.motion.cut(0, self.end))
+        out = []
         for end in inner_ends(self.end, self.motion.positions.shape[1]):
             known = self.before.by_frames_before(self.motion.times[:, end])
             if known is not None:
-                out.append(replace(self, before=known, mechanism=known, motion=part, end=end))
+                out.append(replace(told, before=known, mechanism=known, end=end))
         return out
 
     def oscillations(self) -> list[Oscillation]:

@@ -51,28 +51,53 @@ class Quantity:
         return NORMAL_95 * self.error <= VAGUE * abs(self.value)
 
 
+Ends = tuple[tuple[float, float], tuple[float, float]]
 Joint = Callable[[np.ndarray, tuple[np.ndarray, ...]], float]
 
 
-def quantities(fit: Fit) -> list[Quantity]:
-    """Of a fit, those that can be told."""
+def quantities(fit: Fit, ruler: Ends | None = None) -> list[Quantity]:
+    """Of a fit, those that can be told.
+
+    Args:
+        fit: of a law.
+        ruler: places in a picture between which a length is known: lengths are told in the scale in
+            which the camera shows that one, otherwise in that of the picture's middle.
+    """
+    camera = fit.model.view(fit.values)
+    seen = None if camera is None or ruler is None else np.array(ruler)
     asked = [
-        Quantity(name, *_with_error(fit, told), length, seconds)
+        Quantity(name, *_with_error(fit, _in_scale(fit, told, seen, length)), length, seconds)
         for name, told, length, seconds in _asked(fit)
     ]
     if isinstance(fit, RodsFit):
         return [*asked, *_of_rods(fit)]
-    camera = fit.model.view(fit.values)
     if camera is None:
         return asked
-    # What no motion tells: where in the picture, and along which way, a unit of length is known.
-    told = np.array([fit.numbers[name] for name in view.NAMES])
-    shown = camera * camera**2 / (camera**2 + told[:, 1] ** 2)  # a view that is vague is slight
-    share = float(np.hypot(ASKEW, view.unevenness(shown)))
+    share = ASKEW if seen is not None else float(np.hypot(ASKEW, _unevenness(fit, camera)))
     return [
         _wider(replace(x, error=float(np.hypot(x.error, share * x.value * x.length))))
         for x in asked
     ]
+
+
+def _in_scale(fit: Fit, told: Joint, ruler: np.ndarray | None, length: int) -> Joint:
+    """A number of so many powers of length, in the scale in which a ruler is seen."""
+    if ruler is None or not length:
+        return told
+
+    def scaled(values: np.ndarray, geometry: tuple[np.ndarray, ...]) -> float:
+        camera = fit.model.view(values)
+        assert camera is not None
+        return told(values, geometry) / view.enlarged(ruler, camera) ** length
+
+    return scaled
+
+
+def _unevenness(fit: Fit, camera: np.ndarray) -> float:
+    """What no motion tells: where in the picture, and along which way, a length is known."""
+    told = np.array([fit.numbers[name] for name in view.NAMES])
+    shown = camera * camera**2 / (camera**2 + told[:, 1] ** 2)  # a view that is vague is slight
+    return view.unevenness(shown)
 
 
 def _wider(quantity: Quantity) -> Quantity:

@@ -15,23 +15,49 @@ STEP = 1e-3
 
 
 def flat(places: np.ndarray, view: np.ndarray) -> np.ndarray:
-    """Places in the plane ``(…, 2)`` of those in the picture.
+    """Places in the plane ``(…, 2)`` of those in the picture, in the scale of the picture's middle.
 
     Args:
         places: ``(…, 2)``, units of half the picture's longer side, counted from its middle.
         view: two slopes of the plane's distance, and the lens's distortion, ``(3,)``.
     """
     straight = places * (1 - view[2] * (places**2).sum(-1, keepdims=True))
-    return straight / np.maximum(1 + straight @ view[:2], NEAREST)[..., None]
+    across = straight / np.maximum(1 + straight @ view[:2], NEAREST)[..., None]
+    return _along(across, view[:2], _longer(view))
 
 
 def seen(places: np.ndarray, view: np.ndarray) -> np.ndarray:
     """Places in the picture ``(…, 2)`` of those in the plane, the inverse of :func:`flat`."""
-    straight = places / np.maximum(1 - places @ view[:2], NEAREST)[..., None]
+    across = _along(places, view[:2], 1 / _longer(view))
+    straight = across / np.maximum(1 - across @ view[:2], NEAREST)[..., None]
     out = straight
     for _ in range(ROUNDS if view[2] else 0):
         out = straight / (1 - view[2] * (out**2).sum(-1, keepdims=True)).clip(NEAREST)
     return out
+
+
+def _longer(view: np.ndarray) -> float:
+    """Times its length in the picture, that a way along the plane's turn is in the plane."""
+    return float(np.sqrt(1 + FAR**2 * (view[0] ** 2 + view[1] ** 2)))
+
+
+def _along(places: np.ndarray, slopes: np.ndarray, times: float) -> np.ndarray:
+    """Places with their part along the plane's turn so many times as long."""
+    square = float(slopes @ slopes)
+    if square == 0:
+        return places
+    return places + (times - 1) / square * (places @ slopes)[..., None] * slopes
+
+
+def enlarged(ends: np.ndarray, view: np.ndarray) -> float:
+    """Times its length in the picture, that what lies between two places is in the plane.
+
+    Args:
+        ends: of it, in the picture, ``(2, 2)``.
+        view: see :func:`flat`.
+    """
+    shown = float(np.linalg.norm(ends[1] - ends[0]))
+    return float(np.linalg.norm(np.diff(flat(ends, view), axis=0))) / shown
 
 
 def unevenness(view: np.ndarray) -> float:
@@ -46,6 +72,5 @@ def unevenness(view: np.ndarray) -> float:
     at = np.stack(np.meshgrid(ACROSS, UP), -1).reshape(-1, 1, 2)
     turns = np.linspace(0, np.pi, 4, endpoint=False)
     ways = STEP * np.stack([np.cos(turns), np.sin(turns)], -1)
-    steps = flat(at + ways, view) - flat(at, view)
-    long = np.hypot(np.linalg.norm(steps, axis=-1), FAR * (steps @ view[:2]))
+    long = np.linalg.norm(flat(at + ways, view) - flat(at, view), axis=-1)
     return float(np.sqrt(np.mean(np.log(long / STEP) ** 2)))

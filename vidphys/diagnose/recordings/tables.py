@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,22 +25,15 @@ class Loaded:
         motion: the tracks.
         angles: whether coordinates are angles in radians.
         notes: what was found, a line each.
-        unit: that lengths are told in (``m``, ``px``, ``rad``); empty where nothing says it.
-        per: of that unit in one unit of the motion.
+        units: in which lengths are told.
         used: which frames of the recording the motion is of; all of it unless given.
     """
 
     motion: Motion
     angles: bool
     notes: tuple[str, ...]
-    unit: str = ""
-    per: float = 1.0
+    units: Units = field(default_factory=Units)
     used: Used | None = None
-
-    @property
-    def units(self) -> Units:
-        """In which lengths are told."""
-        return Units(self.unit, self.per)
 
 
 def read_tracks(
@@ -92,7 +85,7 @@ def read_tracks(
         notes = (*notes, f"{named} not taken: which of several coordinates it pushes is not told")
     angles = found.unit == "angles"
     motion, rigid = (motion, ()) if angles else as_rigid(motion, Units(found.length, 1.0))
-    return Loaded(motion, angles, (*notes, *rigid), found.length)
+    return Loaded(motion, angles, (*notes, *rigid), Units(found.length))
 
 
 def _inputs(found: Recording) -> tuple[Signal, ...]:

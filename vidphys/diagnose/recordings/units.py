@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
+Place = tuple[float, float]
 NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?"
 SCALE = re.compile(
     rf"\s*({NUMBER})\s*([a-zµ]+)\s*=\s*({NUMBER}),({NUMBER})\s+({NUMBER}),({NUMBER})\s*", re.I
@@ -21,11 +23,14 @@ class Units:
         per: of it in one unit of the positions.
         gravity: m/s^2, of what hangs or falls freely in the recording, where it is known: then
             such a body tells how long a metre is.
+        ends: places in the picture between which the length lies that is known, where one is: a
+            camera that sees the plane of motion askew shows it in another scale elsewhere.
     """
 
     name: str = ""
     per: float = 1.0
     gravity: float | None = None
+    ends: tuple[Place, Place] | None = None
 
     def told(self, value: float, length: int) -> float:
         """A number that goes with a power of length."""
@@ -58,12 +63,12 @@ def _raised(name: str, power: float) -> str:
     return f"{name}^{power:.3g}"
 
 
-def scale_of(text: str, half: float) -> Units:
+def scale_of(text: str, size: tuple[int, int]) -> Units:
     """Units from a length that is known in the picture, such as ``0.30 m = 10,200 310,200``.
 
     Args:
         text: the length, its unit, and the two pixels (column, row) that it lies between.
-        half: pixels of one unit of the positions.
+        size: (height, width) of the picture, pixels.
 
     Raises:
         ValueError: it says something else, or its pixels are one.
@@ -72,7 +77,19 @@ def scale_of(text: str, half: float) -> Units:
     if found is None:
         raise ValueError("write LENGTH UNIT = X1,Y1 X2,Y2, for example 0.30 m = 10,200 310,200")
     x1, y1, x2, y2 = (float(x) for x in found.groups()[2:])
-    pixels, length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5, float(found.group(1))
-    if not (pixels > 0 and length > 0):
+    length = float(found.group(1))
+    if not (length > 0 and (x1, y1) != (x2, y2)):
         raise ValueError("the length and the way between its two pixels must be above 0")
-    return Units(found.group(2), length / pixels * half)
+    return known_between(length, found.group(2), ((x1, y1), (x2, y2)), size)
+
+
+def known_between(
+    length: float, unit: str, pixels: tuple[Place, Place], size: tuple[int, int]
+) -> Units:
+    """Units from a length between two pixels (column, row) of a picture of (height, width)."""
+    (height, width), half = size, max(size) / 2
+    one, other = (
+        ((column - (width - 1) / 2) / half, ((height - 1) / 2 - row) / half)
+        for column, row in pixels
+    )
+    return Units(unit, length / math.dist(one, other), ends=(one, other))

@@ -1,4 +1,4 @@
-"""The product's own way with a clip, without a flag, and how its numbers are read."""
+"""The product's own way with a clip, told but of a ruler, and how its numbers are read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from vidphys.data.video import ClipSelection
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.mechanisms.quantities import VAGUE
 from vidphys.diagnose.recordings.clips import follow_clip
+from vidphys.diagnose.recordings.units import known_between
 from vidphys.diagnose.telling.answers import answer
+from vidphys.experiments.filmed.truth import Ruler
 from vidphys.statistics import NORMAL_95
 
 HELD_OUT = 0.4  # of a clip, at its end
@@ -29,7 +31,7 @@ class Told:
     """A number that the product tells.
 
     Args:
-        value: in its own unit of length, and seconds.
+        value: SI.
         half: of the 95 % interval.
         known: whether it is an answer; where the interval reaches far to either side, as
             :data:`VAGUE` has it, the product says that the clip does not tell it.
@@ -49,7 +51,7 @@ class Answer:
             was not seen.
         kinds: terms that it names.
         status: explained, mostly explained or not explained.
-        mechanism: its laws, as ``diagnosis.json`` has them.
+        mechanism: its laws, as ``diagnosis.json`` has them; lengths in metres.
         forecast: times and places ``(t, n, 2)`` after the fitted part; ``None`` without one.
         seconds: that it took.
         why: it gives no answer, where it gives none.
@@ -66,20 +68,23 @@ class Answer:
     stays: bool = False
 
 
-def ask(clip: Path, size: tuple[int, int]) -> Answer:
+def ask(clip: Path, size: tuple[int, int], ruler: Ruler) -> Answer:
     """Follow the bodies of a clip and diagnose their motion; a refusal is an answer.
 
     Args:
         clip: the video.
         size: (height, width), pixels.
+        ruler: that is seen; it is given as ``--scale`` takes it.
     """
+    (x1, y1), (x2, y2) = ruler.pixels.tolist()
+    units = known_between(ruler.metres, "m", ((x1, y1), (x2, y2)), size)
     began = time.perf_counter()
     track = np.full((0, 1, 2), np.nan)
     try:
         followed = follow_clip(clip, ClipSelection(), MotionBinder(bodies=None))
         motion, _ = of_lawful_bodies(followed.motion)
         track = pixels_of(motion.positions[0], size)
-        found = answer(motion, False, HELD_OUT, camera=True)
+        found = answer(motion, False, HELD_OUT, camera=True, units=units)
     except ValueError as error:
         return Answer(track, frozenset(), NOT, [], None, time.perf_counter() - began, str(error))
     rolled = found.rolled.get("model")
@@ -101,33 +106,31 @@ def pixels_of(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return places * (max(size) / 2) * [1, -1] + [(width - 1) / 2, (height - 1) / 2]
 
 
-# The truth's name -> the product's, and its power of length.
-NAMES: Mapping[str, tuple[str, int]] = {
-    "omega": ("rate", 0),
-    "damping": ("linear friction", 0),
-    "drag": ("square friction", -1),
-    "length": ("length", 1),
-    "g": ("acceleration", 1),
-    "acceleration": ("acceleration", 1),
-    "deceleration": ("dry friction", 1),
-    "restitution": ("restitution", 0),
-    "mass_ratio": ("mass ratio", 0),
+NAMES = {  # the truth's name -> the product's
+    "omega": "rate",
+    "damping": "linear friction",
+    "drag": "square friction",
+    "length": "length",
+    "g": "acceleration",
+    "acceleration": "acceleration",
+    "deceleration": "dry friction",
+    "restitution": "restitution",
+    "mass_ratio": "mass ratio",
 }
 TURNS = ("arc", "angle")
 
 
-def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | None:
+def told(group: Mapping[str, Any], name: str, body: int) -> Told | None:
     """A number of the truth as a law of the product has it, SI; ``None`` where it has none.
 
     Args:
         group: of ``mechanism``.
         name: the truth's.
         body: of the product's, whose it is.
-        unit: metres of the product's unit of length.
     """
     if name not in NAMES:
         return None
-    theirs, power = NAMES[name]
+    theirs = NAMES[name]
     which = list(group["bodies"]).index(body) + 1
     quantities = group["quantities"]
     for said in (theirs, f"{theirs} {which}", f"{theirs} 1"):
@@ -135,13 +138,13 @@ def told(group: Mapping[str, Any], name: str, body: int, unit: float) -> Told | 
             break
     else:
         return None
-    scale, vague, used = unit**power, 0.0, [quantities[said]]
+    scale, vague, used = 1.0, 0.0, [quantities[said]]
     if name == "drag" and group["moves on"] in TURNS:  # of the angle: drag times length
         if "length" not in quantities:
             return None
         length = quantities["length"]
         used.append(length)
-        scale = 1 / (length["value"] * unit)
+        scale = 1 / length["value"]
         vague = length["standard_error"] / length["value"]
     found = quantities[said]
     half = NORMAL_95 * float(np.hypot(found["standard_error"], vague * found["value"]))

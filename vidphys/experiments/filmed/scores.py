@@ -119,7 +119,7 @@ def score_clip(folder: Path) -> Score:
     path = folder / SCORE
     if not path.exists():
         truth = Truth.read(folder / TRUTH)
-        score(truth, ask(folder / CLIP, truth.size)).write(path)
+        score(truth, ask(folder / CLIP, truth.size, truth.ruler)).write(path)
     return Score.read(path)
 
 
@@ -177,8 +177,6 @@ def matched(
 
 
 def _numbers(truth: Truth, found: Answer, order: dict[int, int]) -> tuple[NumberScore, ...]:
-    pixels = float(np.linalg.norm(np.diff(truth.ruler.pixels, axis=0)))
-    unit = max(truth.size) / 2 * truth.ruler.metres / pixels  # metres
     scores = []
     for number in truth.numbers:
         if number.name not in NAMES or (number.name == "g" and "uniform" not in truth.structure):
@@ -187,7 +185,7 @@ def _numbers(truth: Truth, found: Answer, order: dict[int, int]) -> tuple[Number
         said = None
         for group in found.mechanism:
             if body is not None and body in group["bodies"]:
-                said = told(group, number.name, body, unit)
+                said = told(group, number.name, body)
         refused = said is not None and not said.known
         value, half = (None, None) if said is None or refused else (said.value, said.half)
         if number.name == "mass_ratio" and value and half is not None and order.get(1) == 0:
