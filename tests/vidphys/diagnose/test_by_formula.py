@@ -10,7 +10,7 @@ from dynamics.terms import Pendulum, Well
 from tests.vidphys.diagnose.test_explanations import Foretelling, Oracle
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.formula import ByFormula, _potentials
-from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, Verdict
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
 from vidphys.diagnose.formula.formula import ALIKE, Formula
 from vidphys.diagnose.formula.formula import Verdict as Judged
 from vidphys.diagnose.formula.grammar import words
