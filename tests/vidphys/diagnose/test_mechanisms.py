@@ -12,6 +12,7 @@ from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.bodies import _released, of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
+from vidphys.diagnose.mechanisms.choose import pictured, roughly
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
@@ -361,6 +362,18 @@ def test_the_flat_places_of_a_pinhole_keep_lengths_in_a_turned_plane():
     picture = across / (1 - np.sin(turn) * far / view.FAR)[:, None]  # the plane at a focal length
     told = view.flat(picture, np.array([*(np.tan(turn) / view.FAR * aside), 0.0]))
     assert told == pytest.approx(places, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_narrow_swing_that_is_followed_badly_is_not_seen_edge_on(seed):
+    """Errors that last are no view of a plane that is turned away by more than 45 degrees."""
+    places = hung(swing(25.0, 0.08, 0.2, 200), 0.4)
+    slips = np.cumsum(np.random.default_rng(seed).standard_normal(places.shape), 0)
+    slips -= slips.mean(0)
+    clips = frames_of(noisy(places + 0.004 * slips / slips.std(), 3e-4))
+    flat = next(x for x in roughly(clips, angles=False) if "pendulum" in x.kinds)
+    told = pictured(clips, flat).numbers
+    assert view.FAR * np.hypot(told["tilt 1"][0], told["tilt 2"][0]) < 1.0
 
 
 @pytest.mark.parametrize(

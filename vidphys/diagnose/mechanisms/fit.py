@@ -22,6 +22,7 @@ MANY = 4  # clips, each with a start of its own, from which fewer steps are made
 TRIED = 2  # of several guesses, those that begin nearest
 BEHIND = 25.0  # times the best law's cost, from which another one is dropped
 HELD = 0.003  # of the spread: what moving a wall by a spread costs, or a view by what is usual
+UNUSUAL = 4.0  # times what is usual, from which a view is drawn back: no plane is seen edge on
 TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is dropped
 STEEP = 4.0  # tangent of an arc's slant, from which it is no law, and drops none
 SETTLED = 2.0  # times a frame's cost so far, up to which a law foretold the frames that are new
@@ -136,6 +137,15 @@ def _held(model: Model, count: int, scale: float) -> np.ndarray:
     return held
 
 
+def _far(model: Model, count: int) -> np.ndarray:
+    """How far numbers may move before they are drawn back ever more: those of views alone."""
+    far = np.full(count, np.inf)
+    for i, name in enumerate(model.law.names):
+        if name in view.NAMES:
+            far[i] = UNUSUAL * view.USUAL[view.NAMES.index(name)]
+    return far
+
+
 def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> float:
     left = _missing(clips, model, values, scale) / SOFT
     return float((SOFT**2 * (np.sqrt(1 + left**2) - 1)).sum())
@@ -144,10 +154,12 @@ def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: floa
 def _least_squares(
     clips: Sequence[Frames], model: Model, guess: np.ndarray, scale: float, tries: int
 ) -> OptimizeResult | None:
-    held = _held(model, len(guess), scale)
+    held, far = _held(model, len(guess), scale), _far(model, len(guess))
 
     def left(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([_missing(clips, model, values, scale), held * (values - guess)])
+        moved = values - guess
+        drawn_back = held * moved * (1 + (moved / far) ** 2)
+        return np.concatenate([_missing(clips, model, values, scale), drawn_back])
 
     try:
         found = least_squares(
