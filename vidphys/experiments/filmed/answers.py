@@ -74,7 +74,7 @@ def ask(clip: Path, size: tuple[int, int], ruler: Ruler) -> Answer:
     Args:
         clip: the video.
         size: (height, width), pixels.
-        ruler: that is seen; it is given as ``--scale`` takes it.
+        ruler: that is seen, by which lengths are told.
     """
     (x1, y1), (x2, y2) = ruler.pixels.tolist()
     units = known_between(ruler.metres, "m", ((x1, y1), (x2, y2)), size)
