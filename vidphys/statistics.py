@@ -79,6 +79,7 @@ class Interval:
 
 
 NORMAL_95 = 1.96
+ROBUST = 1.4826  # times a median absolute deviation is a standard deviation
 MIN_FOR_INTERVAL = 5
 
 

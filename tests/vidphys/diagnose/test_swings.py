@@ -171,7 +171,7 @@ def test_a_spring_between_pendulums_is_drawn_between_their_ends():
 def test_a_double_pendulum_that_is_seen_aslant_stays_one():
     times = np.arange(150) * STEP
     numbers = np.array([0.3, 0.3, 1.0, 0.87, 0.85])
-    places = DOUBLE_PENDULUM.path(numbers, times) * [1.0, 0.86]
+    places = DOUBLE_PENDULUM.path(numbers, times) * [1.0, 0.86]  # the view's own 0.93 makes it 0.8
     given = answer(in_picture(places, 0.25), False, 0.4, camera=True)
     assert given.data["terms"] == ["chain"]
 

@@ -44,7 +44,9 @@ class Understood:
     @property
     def status(self) -> str:
         """Of the verdict."""
-        return NOT if self.explanation is None else _status(self.explanation)
+        if self.explanation is None:
+            return NOT
+        return _status(self.explanation, self.explanation.verdict)
 
 
 @dataclass(frozen=True)
@@ -67,12 +69,8 @@ class Standing:
         first = next(iter(explanation.rehearsals), None) if rehearsed else None
         tail = None if first is None else first.tail
         verdict = explanation.judged(None) if first is None else first.judged(tail)
-        if explanation.stays or (first is not None and tail is None):
-            status = NOT
-        elif verdict is not None:
-            status = verdict.status
-        else:
-            status = EXPLAINED if explanation.explained else NOT
+        silent = explanation.stays or (first is not None and tail is None)
+        status = NOT if silent else _status(explanation, verdict)
         error = np.inf if tail is None else tail.errors["model"]
         return cls(status, verdict, error)
 
@@ -141,7 +139,7 @@ def _known(
         return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
-        if refused and (laws is None or _status(laws) == NOT):
+        if refused and (laws is None or _status(laws, laws.verdict) == NOT):
             return Diagnosis(part, noise, refused), None
         if struck:
             return Diagnosis(part, noise, _said(struck, part.bodies)), None
@@ -169,10 +167,11 @@ def _best_of(
     return None if best is None else best[1]
 
 
-def _status(explanation: Explanation) -> str:
-    if explanation.verdict is None:
+def _status(explanation: Explanation, verdict: Verdict | None) -> str:
+    """By a verdict, or without one by what it was fitted to."""
+    if verdict is None:
         return EXPLAINED if explanation.explained else NOT
-    return explanation.verdict.status
+    return verdict.status
 
 
 def _enough(laws: Standing, one_law: bool) -> bool:

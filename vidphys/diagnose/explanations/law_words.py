@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from vidphys.diagnose.explanations.collided import collided
 from vidphys.diagnose.mechanisms.charts import Plane, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
 from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
@@ -69,7 +72,7 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     numbers = (*collided(fit, group.bodies), *(number(x, units) for x in known))
     return [
         f"{who} {moves}: {'; '.join(how)}.",
-        *(f"  {x}" for x in (*numbers, *_ruler(fit, units))),
+        *(f"  {x}" for x in (*numbers, *_ruler(law, known, units))),
     ]
 
 
@@ -107,10 +110,10 @@ def beside(body: int, swing: OwnSwing, units: Units, alone: bool) -> str:
     )
 
 
-def _ruler(fit: Fit, units: Units) -> list[str]:
+def _ruler(law: Law, told: Sequence[Quantity], units: Units) -> list[str]:
     """What gravity says of lengths: a falling or a hanging body is a ruler."""
-    known = {x.name: x.value for x in quantities(fit, units.ends)}
-    if "rate" in known and fit.model.law.restoring == "pendulum":
+    known = {x.name: x.value for x in told}
+    if "rate" in known and law.restoring == "pendulum":
         metres = GRAVITY / known["rate"] ** 2
         length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
         if "length" in known and units.name != "m":

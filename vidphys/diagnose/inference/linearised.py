@@ -77,8 +77,7 @@ def fastest_rate(inference: Inference) -> float:
 
 def resolved(inference: Inference) -> bool:
     """Whether frames follow each other as fast as the forces change, wherever the bodies came."""
-    interval = float(np.diff(inference.windows.times).mean())
-    return fastest_rate(inference) * interval < SHOWN
+    return fastest_rate(inference) * inference.windows.interval < SHOWN
 
 
 def _stiffest(field: Field, structure: Structure) -> float:

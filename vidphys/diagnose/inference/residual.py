@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc
 
-from vidphys.diagnose.inference.menu import (
-    FRICTION,
-    FRICTIONS,
-    PAIR,
-    Field,
-    Term,
-    field_of,
-    pair_terms,
-)
+from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
+from vidphys.diagnose.inference.probes import probe_gains, probes_of, with_any_shape
 from vidphys.diagnose.inference.refine import Fitted
-from vidphys.diagnose.inference.structures import PRICE, Structure
-from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
+from vidphys.diagnose.weak.regression import Rows, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
 from vidphys.statistics import NORMAL_95
 
@@ -30,7 +21,6 @@ BALANCE = 8.0  # factor within which the temperatures of kicks and of motion mus
 ESTIMATED = 1.35  # times that, where the noise's memory was estimated from the residual itself
 UNEVEN, SLACK = 1e-4, 1.3  # chance; share by which a window's own noise may exceed the average
 CERTAIN = 30.0  # gain of log likelihood by a force off the menu, from which it surely is there
-DISTINCT = 1e-4  # share of the largest singular value, from which shapes of a force differ
 # Frames that a speed must last against friction or a drive to be told; beside random kicks, which
 # the smoothing of paths takes for noise where they fade sooner, so that a temperature is too low.
 LASTING, LASTING_BESIDE_KICKS = 1.0, 4.0
@@ -105,52 +95,6 @@ def smooth_force_gain(windows: Windows, rows: Rows, chosen: list[int], floor: fl
     return max(gains)
 
 
-def _across(field: Field, structure: Structure) -> np.ndarray:
-    turned = np.stack([-field.v[..., 1], field.v[..., 0]], -1)
-    return turned[..., None]
-
-
-def _uneven_drag(field: Field, structure: Structure) -> np.ndarray:
-    flipped = field.v * np.array([1.0, -1.0, 0.0][: field.v.shape[-1]])
-    swapped = field.v[..., [1, 0, *range(2, field.v.shape[-1])]]
-    return np.stack([flipped, swapped], -1)
-
-
-def _turned_place(field: Field, structure: Structure) -> np.ndarray:
-    return np.stack([-field.q[..., 1], field.q[..., 0]], -1)[..., None]
-
-
-def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
-    return np.stack([field.q * np.array([1.0, -1.0]), field.q[..., [1, 0]]], -1)
-
-
-def _in_time(field: Field, structure: Structure) -> np.ndarray:
-    t = (field.t - field.t.mean()) / max(field.t.std(), np.finfo(float).tiny)
-    force = structure.accelerations(field)
-    shapes = [force * x[:, :, None, None] for x in (t, t**2, t**3)]
-    return np.stack(shapes, -1)
-
-
-def _bodies_differ(field: Field, structure: Structure) -> np.ndarray:
-    pair = structure.term(PAIR)
-    bodies = field.q.shape[2]
-    if pair is not None:
-        force = pair.columns(field) @ structure.of(pair)
-    else:
-        force = structure.accelerations(field)
-    own = np.eye(bodies)[None, None, :, None, :-1]
-    return force[..., None] * own
-
-
-def _company(field: Field, structure: Structure) -> np.ndarray:
-    pair = structure.term(PAIR)
-    assert pair is not None
-    force = pair.columns(field) @ structure.of(pair)
-    reach = np.median(field.distance[np.isfinite(field.distance)]) / 1.5
-    near = np.exp(-0.5 * (field.distance / reach) ** 2).sum(-1)[..., None]
-    return np.stack([force * near, force * near**2], -1)
-
-
 @dataclass(frozen=True)
 class Leftover:
     """What noise and the chosen terms do not explain.
@@ -211,21 +155,19 @@ def leftover(
         columns.append(FRICTIONS["linear"].columns(field))
     base = sum(c.shape[-1] for c in columns)
     places, at = {}, base
-    for name, (space, bodies, of_pairs, probe) in PROBES.items():
-        enough = field.q.shape[-1] >= space and field.q.shape[2] >= bodies
-        if enough and structure.terms and (structure.term(PAIR) is not None or not of_pairs):
-            columns.append(probe(field, structure))
-            places[name] = list(range(at, at + columns[-1].shape[-1]))
-            at = places[name][-1] + 1
+    for name, probe in probes_of(field, structure).items():
+        columns.append(probe)
+        places[name] = list(range(at, at + probe.shape[-1]))
+        at += probe.shape[-1]
     rows = rows_of(windows, np.concatenate(columns, -1))
     chosen = list(range(base))
     kicks = random_kicks(rows, chosen, floor)
     smooth = smooth_force_gain(windows, rows, chosen, floor) if kicks.gain > 0 else 0.0
-    probes = _probe_gains(rows, chosen, places, ratio, floor)
+    probes = probe_gains(rows, chosen, places, ratio, floor)
     pair = structure.term(PAIR)
     if probes and pair is not None:
-        shaped, free = _with_any_shape(rows, windows, field, pair)
-        gains = _probe_gains(shaped, chosen + free, places, ratio, floor)
+        shaped, free = with_any_shape(rows, windows, field, pair)
+        gains = probe_gains(shaped, chosen + free, places, ratio, floor)
         probes = {name: min(gain, gains[name]) for name, gain in probes.items() if name in gains}
     allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
     if windows.colour is not None:
@@ -254,8 +196,7 @@ def _lasts(fitted: Fitted, frames: float, windows: Windows) -> bool:
     law = fitted.structure.term(FRICTION)
     if law is None or law.kind != "linear":
         return True
-    interval = float(np.diff(windows.times).mean())
-    return abs(friction_rate(fitted)[0]) * interval * frames < 1
+    return abs(friction_rate(fitted)[0]) * windows.interval * frames < 1
 
 
 def _one_temperature(fitted: Fitted, kicks: float, field: Field, windows: Windows) -> bool:
@@ -282,50 +223,6 @@ def friction_rate(fitted: Fitted) -> tuple[float, float]:
     return float(fitted.structure.of(friction)[0]), float(fitted.errors[fitted.place(friction)])
 
 
-def _probe_gains(
-    rows: Rows, chosen: list[int], places: dict[str, list[int]], ratio: float, floor: float
-) -> dict[str, float]:
-    normal = normal_equations(rows, ratio)
-
-    def log_likelihood(columns: list[int]) -> float:
-        misfit = normal.misfit(columns, normal.solve(columns))
-        return normal.log_likelihood(misfit, floor)
-
-    without = log_likelihood(chosen)
-    gains = {}
-    for name, extra in places.items():
-        price = PRICE * 0.5 * np.log(normal.count) * len(extra)
-        gain = log_likelihood(chosen + extra) - without - price
-        # Below the floor it is the integrals' own error that has such a shape.
-        if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
-            gains[name] = float(gain)
-    return gains
-
-
-def _with_any_shape(
-    rows: Rows, windows: Windows, field: Field, pair: Term
-) -> tuple[Rows, list[int]]:
-    """The rows with columns of a pair force of any shape, and the places of those.
-
-    A force that the menu lacks is asked for beside them: what another law of the distance explains
-    as well is no such force.
-    """
-    shapes = [term for term in pair_terms(field.distance, pair.source) if not term.parts]
-    x = rows_of(windows, np.concatenate([term.columns(field) for term in shapes], -1)).x
-    size = np.sqrt((x**2).mean(0) + np.finfo(float).tiny)
-    apart, share, _ = np.linalg.svd(x / size, full_matrices=False)
-    apart = apart[:, share > DISTINCT * share[0]]
-    count = rows.x.shape[1]
-    together = replace(rows, x=np.concatenate([rows.x, apart], 1))
-    return together, list(range(count, count + apart.shape[1]))
-
-
-def _moved(normal: Normal, chosen: list[int], extra: list[int]) -> float:
-    """Root mean square of what extra columns add to the rows, world units."""
-    own = normal.solve(chosen + extra)[len(chosen) :]
-    return float(np.sqrt(own @ normal.gram[np.ix_(extra, extra)] @ own / normal.count))
-
-
 def _judged(
     excess: float,
     allowed: float,
@@ -349,16 +246,3 @@ def _judged(
             excess, allowed, kicks, smooth, probes, True, "nothing above the noise is left over"
         )
     return Leftover(excess, allowed, kicks, smooth, probes, False, why)
-
-
-Probe = Callable[[Field, Structure], np.ndarray]
-PROBES: dict[str, tuple[int, int, bool, Probe]] = {
-    # name: least dimensions, least bodies, needs a pair force, columns
-    "a force across the velocity": (2, 1, False, _across),
-    "friction that differs between directions": (2, 1, False, _uneven_drag),
-    "a force that turns about a point": (2, 1, False, _turned_place),
-    "a trap that differs between directions": (2, 1, False, _uneven_trap),
-    "strengths that change with time": (1, 1, False, _in_time),
-    "bodies that answer differently": (1, 2, False, _bodies_differ),
-    "pair forces that depend on who else is near": (1, 3, True, _company),
-}

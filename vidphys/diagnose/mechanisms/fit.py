@@ -120,30 +120,25 @@ def _missing(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: f
     return np.where(np.isfinite(joined), np.clip(joined, -MOST, MOST), MOST)
 
 
-def _held(model: Model, count: int, scale: float) -> np.ndarray:
+def _held(model: Model, count: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
     """What holds numbers at their guess that frames may say nothing of: of walls, meetings, views.
 
     Args:
         count: numbers in all.
+
+    Returns:
+        By how much, and how far from it they are drawn back ever more: those of views alone.
     """
-    held = np.zeros(count)
+    held, far = np.zeros(count), np.full(count, np.inf)
     for i, name in enumerate(model.law.names):
         if name.startswith(("wall", "reach")):
             held[i] = HELD / (1.0 if model.charts[0].name in ("arc", "angle") else scale)
         elif name.startswith(PURE):
             held[i] = HELD
         elif name in view.NAMES:
-            held[i] = HELD / view.USUAL[view.NAMES.index(name)]
-    return held
-
-
-def _far(model: Model, count: int) -> np.ndarray:
-    """How far numbers may move before they are drawn back ever more: those of views alone."""
-    far = np.full(count, np.inf)
-    for i, name in enumerate(model.law.names):
-        if name in view.NAMES:
-            far[i] = UNUSUAL * view.USUAL[view.NAMES.index(name)]
-    return far
+            usual = view.USUAL[view.NAMES.index(name)]
+            held[i], far[i] = HELD / usual, UNUSUAL * usual
+    return held, far
 
 
 def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> float:
@@ -154,7 +149,7 @@ def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: floa
 def _least_squares(
     clips: Sequence[Frames], model: Model, guess: np.ndarray, scale: float, tries: int
 ) -> OptimizeResult | None:
-    held, far = _held(model, len(guess), scale), _far(model, len(guess))
+    held, far = _held(model, len(guess), scale)
 
     def left(values: np.ndarray) -> np.ndarray:
         moved = values - guess

@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from vidphys.statistics import ROBUST
+
 SHARES = np.concatenate([[0.0], np.geomspace(0.3, 300.0, 9)])  # of the smooth error, over the white
 TIMES = (3.0, 8.0, 20.0, 50.0)  # frames in which it forgets itself
 OUTLIER = 4.0  # standard deviations from which an error counts less
 LEAST_TRUST = 1e-4
-ROBUST = 1.4826  # times a median absolute deviation is a standard deviation
 
 
 @dataclass(frozen=True)

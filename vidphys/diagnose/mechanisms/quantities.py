@@ -13,6 +13,7 @@ from vidphys.diagnose.mechanisms.charts import Arc, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.law import COULOMB
 from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.diagnose.recordings.units import Ends
 from vidphys.statistics import NORMAL_95
 
 NUDGE = 1e-5
@@ -51,7 +52,6 @@ class Quantity:
         return NORMAL_95 * self.error <= VAGUE * abs(self.value)
 
 
-Ends = tuple[tuple[float, float], tuple[float, float]]
 Joint = Callable[[np.ndarray, tuple[np.ndarray, ...]], float]
 
 

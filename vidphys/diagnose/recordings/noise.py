@@ -10,10 +10,10 @@ import numpy as np
 from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.evened import evened
 from vidphys.diagnose.recordings.motion import Motion, Unseen
+from vidphys.statistics import ROBUST
 
 ORDERS = range(3, 8)
 SEEN = 3.0  # times its own noise, from which a speed counts as visible in one frame interval
-ROBUST = 1.4826  # times a median absolute deviation is a standard deviation
 SHORT = 1.25  # times the usual difference of frames, that differences of noise may be, by chance
 EVEN = 0.1  # share by which frame intervals may differ for differences across them
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ class Loaded:
     motion: Motion
     angles: bool
     notes: tuple[str, ...]
-    units: Units = field(default_factory=Units)
+    units: Units = Units()
     used: Used | None = None
 
 

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 Place = tuple[float, float]
+Ends = tuple[Place, Place]
 NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?"
 SCALE = re.compile(
     rf"\s*({NUMBER})\s*([a-zµ]+)\s*=\s*({NUMBER}),({NUMBER})\s+({NUMBER}),({NUMBER})\s*", re.I
@@ -30,7 +31,7 @@ class Units:
     name: str = ""
     per: float = 1.0
     gravity: float | None = None
-    ends: tuple[Place, Place] | None = None
+    ends: Ends | None = None
 
     def told(self, value: float, length: int) -> float:
         """A number that goes with a power of length."""
@@ -83,9 +84,7 @@ def scale_of(text: str, size: tuple[int, int]) -> Units:
     return known_between(length, found.group(2), ((x1, y1), (x2, y2)), size)
 
 
-def known_between(
-    length: float, unit: str, pixels: tuple[Place, Place], size: tuple[int, int]
-) -> Units:
+def known_between(length: float, unit: str, pixels: Ends, size: tuple[int, int]) -> Units:
     """Units from a length between two pixels (column, row) of a picture of (height, width)."""
     (height, width), half = size, max(size) / 2
     one, other = (

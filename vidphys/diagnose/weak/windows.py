@@ -64,6 +64,11 @@ class Windows:
         """Seconds, ``(w,)``."""
         return self.times[:, -1]
 
+    @property
+    def interval(self) -> float:
+        """Seconds from frame to frame, the mean."""
+        return float(np.diff(self.times).mean())
+
     @cached_property
     def alike(self) -> bool:
         """Whether all windows have the same times and every body is seen in every frame."""

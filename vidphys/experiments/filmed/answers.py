@@ -1,4 +1,4 @@
-"""The product's own way with a clip, told but of a ruler, and how its numbers are read."""
+"""The product's own way with a clip, told only of a ruler, and how its numbers are read."""
 
 from __future__ import annotations
 

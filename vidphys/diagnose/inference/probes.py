@@ -1,0 +1,140 @@
+"""Forces that the menu lacks: what they do, and whether a residual asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from vidphys.diagnose.inference.menu import PAIR, Field, Term, pair_terms
+from vidphys.diagnose.inference.structures import PRICE, Structure
+from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
+from vidphys.diagnose.weak.windows import Windows
+
+DISTINCT = 1e-4  # share of the largest singular value, from which shapes of a force differ
+
+
+def _across(field: Field, structure: Structure) -> np.ndarray:
+    turned = np.stack([-field.v[..., 1], field.v[..., 0]], -1)
+    return turned[..., None]
+
+
+def _uneven_drag(field: Field, structure: Structure) -> np.ndarray:
+    flipped = field.v * np.array([1.0, -1.0, 0.0][: field.v.shape[-1]])
+    swapped = field.v[..., [1, 0, *range(2, field.v.shape[-1])]]
+    return np.stack([flipped, swapped], -1)
+
+
+def _turned_place(field: Field, structure: Structure) -> np.ndarray:
+    return np.stack([-field.q[..., 1], field.q[..., 0]], -1)[..., None]
+
+
+def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
+    return np.stack([field.q * np.array([1.0, -1.0]), field.q[..., [1, 0]]], -1)
+
+
+def _in_time(field: Field, structure: Structure) -> np.ndarray:
+    t = (field.t - field.t.mean()) / max(field.t.std(), np.finfo(float).tiny)
+    force = structure.accelerations(field)
+    shapes = [force * x[:, :, None, None] for x in (t, t**2, t**3)]
+    return np.stack(shapes, -1)
+
+
+def _bodies_differ(field: Field, structure: Structure) -> np.ndarray:
+    pair = structure.term(PAIR)
+    bodies = field.q.shape[2]
+    if pair is not None:
+        force = pair.columns(field) @ structure.of(pair)
+    else:
+        force = structure.accelerations(field)
+    own = np.eye(bodies)[None, None, :, None, :-1]
+    return force[..., None] * own
+
+
+def _company(field: Field, structure: Structure) -> np.ndarray:
+    pair = structure.term(PAIR)
+    assert pair is not None
+    force = pair.columns(field) @ structure.of(pair)
+    reach = np.median(field.distance[np.isfinite(field.distance)]) / 1.5
+    near = np.exp(-0.5 * (field.distance / reach) ** 2).sum(-1)[..., None]
+    return np.stack([force * near, force * near**2], -1)
+
+
+Probe = Callable[[Field, Structure], np.ndarray]
+PROBES: dict[str, tuple[int, int, bool, Probe]] = {
+    # name: least dimensions, least bodies, needs a pair force, columns
+    "a force across the velocity": (2, 1, False, _across),
+    "friction that differs between directions": (2, 1, False, _uneven_drag),
+    "a force that turns about a point": (2, 1, False, _turned_place),
+    "a trap that differs between directions": (2, 1, False, _uneven_trap),
+    "strengths that change with time": (1, 1, False, _in_time),
+    "bodies that answer differently": (1, 2, False, _bodies_differ),
+    "pair forces that depend on who else is near": (1, 3, True, _company),
+}
+
+
+def probes_of(field: Field, structure: Structure) -> dict[str, np.ndarray]:
+    """The columns of each that bodies like these may feel beside a structure, by name."""
+    space, bodies = field.q.shape[-1], field.q.shape[2]
+    if not structure.terms:
+        return {}
+    pairs = structure.term(PAIR) is not None
+    return {
+        name: probe(field, structure)
+        for name, (least_space, least_bodies, of_pairs, probe) in PROBES.items()
+        if space >= least_space and bodies >= least_bodies and (pairs or not of_pairs)
+    }
+
+
+def probe_gains(
+    rows: Rows, chosen: list[int], places: dict[str, list[int]], ratio: float, floor: float
+) -> dict[str, float]:
+    """Gain of log likelihood by each force that the data ask for, less its price.
+
+    Args:
+        rows: of all columns.
+        chosen: columns that stand in the model.
+        places: columns of each force.
+        ratio: of random kicks in the model, 0 if none.
+        floor: see :func:`vidphys.diagnose.inference.structures.all_structures`.
+    """
+    normal = normal_equations(rows, ratio)
+
+    def log_likelihood(columns: list[int]) -> float:
+        misfit = normal.misfit(columns, normal.solve(columns))
+        return normal.log_likelihood(misfit, floor)
+
+    without = log_likelihood(chosen)
+    gains = {}
+    for name, extra in places.items():
+        price = PRICE * 0.5 * np.log(normal.count) * len(extra)
+        gain = log_likelihood(chosen + extra) - without - price
+        # Below the floor it is the integrals' own error that has such a shape.
+        if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
+            gains[name] = float(gain)
+    return gains
+
+
+def with_any_shape(
+    rows: Rows, windows: Windows, field: Field, pair: Term
+) -> tuple[Rows, list[int]]:
+    """The rows with columns of a pair force of any shape, and the places of those.
+
+    A force that the menu lacks is asked for beside them: what another law of the distance explains
+    as well is no such force.
+    """
+    shapes = [term for term in pair_terms(field.distance, pair.source) if not term.parts]
+    x = rows_of(windows, np.concatenate([term.columns(field) for term in shapes], -1)).x
+    size = np.sqrt((x**2).mean(0) + np.finfo(float).tiny)
+    apart, share, _ = np.linalg.svd(x / size, full_matrices=False)
+    apart = apart[:, share > DISTINCT * share[0]]
+    count = rows.x.shape[1]
+    together = replace(rows, x=np.concatenate([rows.x, apart], 1))
+    return together, list(range(count, count + apart.shape[1]))
+
+
+def _moved(normal: Normal, chosen: list[int], extra: list[int]) -> float:
+    """Root mean square of what extra columns add to the rows, world units."""
+    own = normal.solve(chosen + extra)[len(chosen) :]
+    return float(np.sqrt(own @ normal.gram[np.ix_(extra, extra)] @ own / normal.count))
