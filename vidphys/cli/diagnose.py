@@ -258,7 +258,26 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
     used = Used(loaded.motion.positions.shape[1], config.start)
-    return replace(loaded, motion=motion, used=used), None
+    loaded = replace(loaded, motion=motion, used=used)
+    named = loaded.angles or config.angles or loaded.units.name
+    return loaded if named else _perhaps_turning(loaded), None
+
+
+def _perhaps_turning(loaded: Loaded) -> Loaded:
+    """Coordinates whose unit is not told: angles, where they move as such."""
+    from vidphys.diagnose.mechanisms.turning import turned, turns_in
+
+    unit = turns_in(loaded.motion)
+    if not unit:
+        return loaded
+    notes = [
+        f"it moves as a pendulum's angle in {unit}, and is taken for one; --columns x[m]=NAME says "
+        "that it is a length"
+    ]
+    if unit == "degrees":
+        notes.append("other verbs read the table so with --columns angle[deg]=NAME")
+    motion = turned(loaded.motion, unit)
+    return replace(loaded, motion=motion, angles=True, notes=(*loaded.notes, *notes))
 
 
 def _units(config: DiagnoseConfig, size: tuple[int, int]) -> Units:

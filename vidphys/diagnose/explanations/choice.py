@@ -139,7 +139,7 @@ def _known(
         return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
-        if refused and (laws is None or _status(laws, laws.verdict) == NOT):
+        if refused and (laws is None or Standing.of(laws).status == NOT):
             return Diagnosis(part, noise, refused), None
         if struck:
             return Diagnosis(part, noise, _said(struck, part.bodies)), None
