@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.experiments.filmed.camera import Lens, Stand, along
 from vidphys.experiments.filmed.framing import View, stand_of, view_of
 from vidphys.experiments.filmed.nuisances import Nuisances, nuisances, part_of
+from vidphys.experiments.filmed.props import bodies
 from vidphys.experiments.filmed.scenes.kinds import KINDS, STRUCTURES
 from vidphys.experiments.filmed.scenes.scene import Course, Scene, course_of
 from vidphys.experiments.filmed.sensor import Sensor, Shutter, timing
@@ -114,8 +115,8 @@ def _view(clip: Clip, position: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 def _radii(clip: Clip, world: np.ndarray) -> np.ndarray:
-    """Of bodies at world places ``(n, 3)``, pixels."""
-    sizes = np.array([look.radius for look in clip.scene.looks])
+    """Of bodies with all their parts, at world places ``(n, 3)``, pixels."""
+    sizes = np.array([bodies.extent(look) for look in clip.scene.looks])
     return clip.lens.focal * sizes / np.linalg.norm(world - clip.stand.position, axis=-1)
 
 

@@ -55,7 +55,7 @@ class Truth:
         shown: for each frame the one whose picture it shows; another one where it is doubled.
         pixels: of the bodies' centres in the pictures, ``(t, n, 2)``.
         steady: the same for a camera that stays as it was in the first frame.
-        radii: of the bodies in the first picture, pixels, ``(n,)``.
+        radii: of the bodies with all their parts, in the first picture, pixels, ``(n,)``.
         metres: places in the plane of motion, ``(t, n, 2)``.
         released: seconds from which the law holds.
         ruler: see :class:`Ruler`.

@@ -13,6 +13,7 @@ from vidphys.experiments.filmed.encode import write_h264
 from vidphys.experiments.filmed.film import clip_of, compose, pictures, read_at, truth_of
 from vidphys.experiments.filmed.folder import film_clip, film_folder
 from vidphys.experiments.filmed.nuisances import PARTS, Nuisances, nuisances, part_of
+from vidphys.experiments.filmed.props.bodies import body, extent
 from vidphys.experiments.filmed.scenes.kinds import KINDS
 from vidphys.experiments.filmed.scenes.scene import Course, Look
 from vidphys.experiments.filmed.sensor import timing
@@ -216,3 +217,12 @@ def test_a_clip_that_is_there_is_not_filmed_again_and_the_index_lists_all(tmp_pa
     assert film_clip(tmp_path, 0, 1) == tmp_path / "clips" / "00001"
     video = open_video(tmp_path / "clips/00001/clip.mp4", ClipSelection())
     assert len(video.frames) == len(Truth.read(tmp_path / "clips/00001/truth.json").times)
+
+
+def test_a_carts_wheels_are_parts_of_it():
+    look = Look("cart", 0.05)
+    frame, *wheels = body(look, "skin")
+    for wheel in wheels:
+        across, _, up = wheel.place
+        assert np.hypot(across, up) + wheel.size[0] == pytest.approx(extent(look))
+    assert np.hypot(frame.size[0], frame.size[2]) < extent(look)

@@ -46,6 +46,11 @@ def reach(look: Look) -> float:
     return look.radius * (1.3 if look.shape == "cart" else 1.0)
 
 
+def extent(look: Look) -> float:
+    """Metres from a body's centre to its farthest point; a cart's is on a wheel."""
+    return look.radius * (1.4 if look.shape == "cart" else 1.0)
+
+
 def coil(a: np.ndarray, b: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Corners ``(COILS * CORNERS + 1, 3)`` of a spring from one point to another.
 
