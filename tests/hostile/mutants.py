@@ -37,6 +37,7 @@ EXTREME = (
 
 def good() -> dict[str, bytes]:
     """A file of each kind that is read."""
+    import openpyxl
     import pyarrow as pa
     import pyarrow.parquet as pq
     import torch
@@ -45,11 +46,15 @@ def good() -> dict[str, bytes]:
 
     rows = np.column_stack([TIMES, PLACES])
     lines = "\n".join(",".join(f"{x:.6g}" for x in row) for row in rows)
-    arrays, table, matlab = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    arrays, table, matlab, book = io.BytesIO(), io.BytesIO(), io.BytesIO(), io.BytesIO()
     np.savez(arrays, positions=PLACES.reshape(1, 40, 2, 2), times=TIMES)
     names = ("t", "x1", "y1", "x2", "y2")
     pq.write_table(pa.table(dict(zip(names, rows.T, strict=True))), table)
     savemat(matlab, {"t": TIMES, "x": PLACES[:, 0], "s": {"y": PLACES[:, 1]}}, do_compression=True)
+    sheets = openpyxl.Workbook()
+    for row in (names, *rows.tolist()):
+        sheets.active.append(row)
+    sheets.save(book)
     xml = project()
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -63,6 +68,7 @@ def good() -> dict[str, bytes]:
         "a.npz": arrays.getvalue(),
         "a.parquet": table.getvalue(),
         "a.mat": matlab.getvalue(),
+        "a.xlsx": book.getvalue(),
         "a.trk": xml.encode(),
         "a.trz": packed.getvalue(),
         "specification.json": json.dumps(specification()).encode(),
@@ -176,11 +182,13 @@ def project() -> str:
 
 def mutant(name: str, data: bytes, random: np.random.Generator) -> bytes:
     """What became of a file; of an archive or a compressed stream sometimes what is in it."""
-    if name.endswith((".npz", ".trz")) and random.random() < 0.6:
+    if name.endswith((".npz", ".trz", ".xlsx")) and random.random() < 0.6:
         packed = io.BytesIO()
         with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(packed, "w") as new:
             for member in old.namelist():
-                new.writestr(member, hurt(old.read(member), member.endswith(".trk"), random))
+                new.writestr(
+                    member, hurt(old.read(member), member.endswith((".trk", ".xml")), random)
+                )
         return packed.getvalue()
     if name.endswith(".mat") and random.random() < 0.6:
         kind, size = struct.unpack("<II", data[128:136])

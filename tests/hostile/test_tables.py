@@ -228,7 +228,9 @@ def test_z06_an_archive_is_bounded_and_nothing_of_it_is_written(tmp_path, name, 
         zlib.compress(b"a" * 100),
     ],
 )
-@pytest.mark.parametrize("name", ["a.zip", "a.trz", "a.npz", "a.parquet", "a.mat", "a.trk"])
+@pytest.mark.parametrize(
+    "name", ["a.zip", "a.trz", "a.npz", "a.parquet", "a.mat", "a.trk", "a.xlsx", "a.xls", "a.ods"]
+)
 def test_z06_what_is_no_archive_is_one_line(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
     said_of(tmp_path / name)

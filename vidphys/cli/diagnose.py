@@ -48,9 +48,9 @@ class DiagnoseConfig(WhoOptions):
 
     Args:
         input: a table of times and positions (numbers between commas, semicolons, tabs or blanks;
-            Parquet, NPZ, MATLAB, JSON; a project of Tracker; COCO's boxes), or a clip whose moving
-            bodies a hand-made binder follows; that of a data set is named as if the set were a
-            folder (runs.h5/trial).
+            workbooks, Parquet, NPZ, MATLAB, JSON; a project of Tracker; COCO's boxes), or a clip
+            whose moving bodies a hand-made binder follows; that of a data set is named as if the
+            set were a folder (runs.h5/trial).
         out: the run folder.
         columns: what columns of a table are, where their names do not tell (x1=LEFT time[ms]=T), or
             which of its bodies are looked at (x=x2 y=y2); input=M is a known push, like a torque.

@@ -1,14 +1,16 @@
-"""Tables as they are found: dialects, headers, units, clocks; Tracker's and MATLAB's files."""
+"""Tables as they are found: dialects, headers, units, clocks; files of Tracker, MATLAB, Excel."""
 
+import importlib.util
 import os
 import zipfile
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 from scipy.io import savemat
 
-from vidphys.data.formats import read_recording
+from vidphys.data.formats import read_recording, read_table
 from vidphys.data.formats.names import meaning_of
 from vidphys.errors import InputError
 
@@ -375,6 +377,49 @@ def test_a_state_in_pieces_is_one_recording_without_its_rates(tmp_path):
     np.testing.assert_allclose(found.times[0], T)
     savemat(tmp_path / "b.mat", {"x": X, "fps": 25.0})
     np.testing.assert_allclose(read_recording(tmp_path / "b.mat").times[0], T)
+
+
+# workbooks
+
+
+def book(path, *sheets):
+    """A workbook of these sheets, rows each."""
+    made = openpyxl.Workbook()
+    made.remove(made.active)
+    for name, rows in sheets:
+        sheet = made.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    made.save(path)
+
+
+def test_a_workbooks_sheet_of_numbers_is_read_as_a_text_would_be(tmp_path):
+    numbers = np.column_stack([T, X, Y]).tolist()
+    numbers[7][2] = None
+    about = ["device", "phone"], ["version", 1.2]
+    named = ["Time (s)", "Position x (cm)", "Position y (cm)"]
+    book(tmp_path / "a.xlsx", ("About", about), ("Raw Data", [["a ball"], named, *numbers]))
+    found = read_recording(tmp_path / "a.xlsx")
+    assert found.length == "cm" and found.unit == "world"
+    np.testing.assert_allclose(found.times[0], T)
+    np.testing.assert_allclose(found.positions[0, :, 0, 0], X)
+    seen = np.delete(np.arange(len(Y)), 7)
+    np.testing.assert_allclose(found.positions[0, seen, 0, 1], Y[seen])
+    assert np.isnan(found.positions[0, 7, 0, 1])
+    assert list(read_table(tmp_path / "a.xlsx")) == named
+
+
+def test_decimal_commas_in_a_workbooks_words(tmp_path):
+    words = [line.split() for line in rows(T, X, between=" ", comma=True).splitlines()]
+    book(tmp_path / "a.xlsx", ("1", [["t", "x"], *words]))
+    np.testing.assert_allclose(read_recording(tmp_path / "a.xlsx").positions.ravel(), X, atol=1e-7)
+
+
+def test_workbooks_without_their_reader_say_what_to_install(tmp_path, monkeypatch):
+    book(tmp_path / "a.xlsx", ("1", [["t", "x"], [0, 1], [1, 2]]))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"vidphys\[excel\]"):
+        read_recording(tmp_path / "a.xlsx")
 
 
 # real recordings

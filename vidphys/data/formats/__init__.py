@@ -21,7 +21,9 @@ from vidphys.data.formats.tables import (
     read_arrays,
     read_parquet,
     read_text,
+    read_workbook,
     text_table,
+    workbook_table,
 )
 from vidphys.data.formats.tapvid import is_tapvid, points_table, read_tapvid
 from vidphys.data.formats.text import holds_numbers
@@ -30,6 +32,8 @@ from vidphys.data.formats.tracker import is_project, read_marks, read_project
 VIDEO = ClipFormat((".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v"), read_clip)
 TEXTS = (".txt", ".dat", ".tab", ".asc")  # where they hold numbers
 FORMATS.register("csv", TrackFormat((".csv", ".tsv"), read_text, table=text_table))
+BOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
+FORMATS.register("workbook", TrackFormat(BOOKS, read_workbook, table=workbook_table))
 FORMATS.register("parquet", TrackFormat((".parquet",), read_parquet, table=parquet_table))
 FORMATS.register("json", TrackFormat((".json",), read_structured, table=structured_table))
 FORMATS.register("tapvid", TrackFormat((".npz",), read_tapvid, is_tapvid, table=points_table))

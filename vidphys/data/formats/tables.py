@@ -1,4 +1,4 @@
-"""Tracks in tables: texts of any dialect, Parquet, and arrays of NPZ.
+"""Tracks in tables: texts of any dialect, workbooks, Parquet, and arrays of NPZ.
 
 A table has a row for each time (``t, x1, y1, x2, ...``; ``u1, v1, ...`` in pixels) or for each time
 and body (``t, body, x, y``); an NPZ has ``positions`` or ``pixels`` of ``(t, n, d)`` or
@@ -7,6 +7,7 @@ and body (``t, body, x, y``); an NPZ has ``positions`` or ``pixels`` of ``(t, n,
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from zipfile import ZipFile
@@ -18,7 +19,7 @@ from vidphys.data.formats.bounded import MOST_MEMBERS, reading, require_room
 from vidphys.data.formats.foreign import read_apart
 from vidphys.data.formats.rows import recording_of
 from vidphys.data.formats.runs import stacked
-from vidphys.data.formats.text import read_sheet
+from vidphys.data.formats.text import Sheet, decoded, read_sheet
 from vidphys.data.formats.unnamed import named
 from vidphys.errors import InputError
 
@@ -29,18 +30,34 @@ BYTES = 8  # of a number as it is held
 
 def read_text(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """Numbers between commas, semicolons, tabs or blanks, under names or none."""
-    table, notes = _text(path)
+    table, notes = _columns(read_sheet(decoded(path).splitlines()))
     return recording_of(table, columns, interval, notes, path.stem)
 
 
 def text_table(path: Path) -> dict[str, np.ndarray]:
     """The columns of a text."""
-    return _text(path)[0]
+    return _columns(read_sheet(decoded(path).splitlines()))[0]
 
 
-def _text(path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def read_workbook(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
+    """The sheet with most numbers of a spreadsheet program's file, as the text that it would be."""
+    table, notes = _columns(_workbook(path))
+    return recording_of(table, columns, interval, notes, path.stem)
+
+
+def workbook_table(path: Path) -> dict[str, np.ndarray]:
+    """The columns of that sheet."""
+    return _columns(_workbook(path))[0]
+
+
+def _workbook(path: Path) -> Sheet:
+    if importlib.util.find_spec("python_calamine") is None:
+        raise InputError("reading workbooks needs calamine: pip install 'vidphys[excel]'")
+    return read_sheet(read_apart(path, "workbook", ["python_calamine"])["lines"].tolist())
+
+
+def _columns(sheet: Sheet) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The columns of a text, and how they were read."""
-    sheet = read_sheet(path)
     table, notes = named(sheet.names, sheet.labels, sheet.columns)
     if sheet.body is not None:
         table["body"] = sheet.body

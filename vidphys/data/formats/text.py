@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -122,14 +122,13 @@ def _mostly_numbers(lines: Sequence[str]) -> bool:
     return good >= 2 and good > LEAST * len(rows)
 
 
-def read_sheet(path: Path) -> Sheet:
-    """Read a text of numbers in whatever dialect.
+def read_sheet(lines: Iterable[str]) -> Sheet:
+    """Read the lines of a text of numbers in whatever dialect.
 
     Raises:
         InputError: no rows of numbers, or more names than columns.
     """
-    lines = [line.rstrip("\r\n") for line in decoded(path).splitlines()]
-    lines = [line for line in lines if line.strip(" ;,\t")]
+    lines = [line.rstrip("\r\n") for line in lines if line.strip(" ;,\t\r\n")]
     if lines and re.fullmatch(r"sep=.", lines[0].strip()):
         lines = lines[1:]
     lines = unwrapped(lines)

@@ -1,4 +1,4 @@
-"""The program that reads one Parquet or MATLAB file.
+"""The program that reads one Parquet or MATLAB file, or one workbook.
 
 Its message says the name, type and shape of each array; their bytes follow, in that order.
 """
@@ -98,9 +98,38 @@ def _numbers(held: Any, name: str = "") -> Iterator[tuple[str, np.ndarray]]:
         yield name, np.asarray(held, float)
 
 
+def _prepare_workbook() -> None:
+    """See :func:`_prepare_parquet`."""
+    import python_calamine  # noqa: F401
+
+
+def _workbook(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
+    """The sheet with most numbers, a line of text for each row."""
+    from python_calamine import CalamineWorkbook
+
+    with open(FILE, "rb") as file:  # noqa: PTH123 - the file that is given
+        book = CalamineWorkbook.from_filelike(file)
+    best, most = [], -1
+    for name in book.sheet_names:
+        sheet = book.get_sheet_by_name(name)
+        require_room((sheet.total_height, sheet.total_width), most_bytes, f"sheet {name}:")
+        if sheet.total_width > most_columns:
+            raise RefusedError(
+                f"sheet {name}: {sheet.total_width} columns, more than {most_columns}"
+            )
+        rows = sheet.to_python(skip_empty_area=True)
+        numbers = sum(isinstance(cell, float | int) for row in rows for cell in row)
+        if numbers > most:
+            best, most = rows, numbers
+    lines = ["\t".join(" ".join(str(cell).split()) for cell in row) for row in best]
+    require_room((len(lines), max(map(len, lines), default=0) / 2), most_bytes, "a sheet")
+    return {"lines": np.array(lines, str)}
+
+
 READERS = {
     "parquet": ("a table", _prepare_parquet, _parquet),
     "matlab": ("a MATLAB file", _prepare_matlab, _matlab),
+    "workbook": ("a workbook", _prepare_workbook, _workbook),
 }
 
 
