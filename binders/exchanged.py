@@ -14,9 +14,41 @@ from binders.hypotheses import Hypothesis
 MET = 1.5  # times the sum of their sizes, within which they may be exchanged
 LOOKED_AT = 20  # frames before and after, that tell their looks
 FEWEST = 3
+EDGE = 5  # frames about the first and the last that two share: there one is not yet the other
 TOUCH = 0.5  # pixels, within which two are at one place
 SHARED = 5  # frames, in which two that were begun apart are at one place, if they are one body
 SURE = 0.15  # of what one body may differ from itself, by which the exchange must fit better
+
+
+def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
+    """The bodies, likeliest first, no two at one place: a blob shows one body.
+
+    Where two are together, it is the one that looks so elsewhere, or else the likelier.
+    """
+    kept: list[Hypothesis] = []
+    for body in bodies:
+        for n, other in enumerate(kept):
+            away = np.linalg.norm(body.positions - other.positions, axis=-1)
+            together = away < 0.5 * np.nanmedian(other.radius)
+            if _looks_more_so(body, other, together):
+                kept[n] = _without(other, np.convolve(together, np.ones(EDGE), "same") > 0)
+            else:
+                body = _without(body, together)
+        kept.append(body)
+    return kept
+
+
+def _looks_more_so(one: Hypothesis, other: Hypothesis, together: np.ndarray) -> bool:
+    """Whether what is seen where two are together looks as the one does elsewhere, surely."""
+    shown = _looks(one, together)
+    own, others = (_looks(x, x.seen & ~together) for x in (one, other))
+    if shown is None or own is None or others is None:
+        return False
+    return bool(np.linalg.norm(shown - own) + SURE < np.linalg.norm(shown - others))
+
+
+def _without(body: Hypothesis, frames: np.ndarray) -> Hypothesis:
+    return replace(body, positions=np.where(frames[:, None], np.nan, body.positions))
 
 
 def told_apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
@@ -75,7 +107,7 @@ def _exchanged(one: Hypothesis, other: Hypothesis, first: int, last: int) -> boo
     return bool(crossed < kept - SURE)
 
 
-def _looks(body: Hypothesis, part: slice) -> Float[np.ndarray, " looks"] | None:
+def _looks(body: Hypothesis, part: slice | np.ndarray) -> Float[np.ndarray, " looks"] | None:
     """Colour and size, in units of what one body may differ from itself."""
     size, colour = body.size[part], body.colour[part]
     shown = np.isfinite(size)

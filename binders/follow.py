@@ -166,18 +166,6 @@ def _turns_in_its_place(places: np.ndarray) -> bool:
     return bool(rests and round_ and (arms.std(0) < RESTS * arms.mean()).all() and alike)
 
 
-def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
-    """The bodies, none seen where a likelier one is: a blob shows one body."""
-    kept: list[Hypothesis] = []
-    for body in bodies:
-        free = body.seen
-        for other in kept:
-            away = np.linalg.norm(body.positions - other.positions, axis=-1)
-            free = free & ~(away < 0.5 * np.nanmedian(body.radius))
-        kept.append(replace(body, positions=np.where(free[:, None], body.positions, np.nan)))
-    return kept
-
-
 def path_of(blobs: list[Blobs], bodies: list[Hypothesis]) -> Path:
     """The bodies side by side, with what was seen beside them."""
     frames = len(blobs)

@@ -19,8 +19,8 @@ from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
 from binders.coloured import coloured_blobs
-from binders.exchanged import crossed, told_apart
-from binders.follow import Candidate, apart, likely, path_of, ranked, wheels
+from binders.exchanged import apart, crossed, told_apart
+from binders.follow import Candidate, likely, path_of, ranked, wheels
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
 from binders.lookalike import seen_again

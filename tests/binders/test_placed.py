@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from binders.exchanged import told_apart
+from binders.exchanged import apart, told_apart
 from binders.hypotheses import Hypothesis
 from binders.motion import MotionBinder
 from binders.placed import placed
@@ -78,6 +78,19 @@ def body(x: np.ndarray, size: np.ndarray) -> Hypothesis:
     ones = np.ones(len(x))
     places = np.stack([x, 0 * x], 1)
     return Hypothesis(places, ones, size, size, np.zeros((len(x), 3)), ones, 0 * ones)
+
+
+def test_what_two_share_is_the_one_that_looks_so_elsewhere() -> None:
+    t = np.arange(40.0)
+    small, large = np.full(40, 6.0), np.full(40, 9.0)
+    left, right = 2 * t, np.full(40, 200.0)
+    # struck, the large one goes on as the small one came: followed as one, and the likelier
+    both = body(np.where(t < 20, left, right), np.where(t < 20, small, large))
+    one, other = apart([both, body(left, small)])
+    assert not one.seen[:20].any() and one.seen[22:].all()
+    assert other.seen.all()
+    one, other = apart([body(left, small), body(left, small)])  # nothing tells them apart
+    assert one.seen.all() and not other.seen.any()
 
 
 def test_bodies_that_were_exchanged_where_they_met_are_told_by_their_size() -> None:

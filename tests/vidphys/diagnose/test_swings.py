@@ -19,7 +19,7 @@ from vidphys.diagnose.explanations.rivals import (
     undecided,
 )
 from vidphys.diagnose.mechanisms import choose, view
-from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.charts import Arc, Line
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
@@ -127,6 +127,22 @@ def test_what_swings_little_on_a_level_line_may_be_a_pendulum(size, turn, doubt)
     path = np.array([-0.05, -0.16]) + swung(size, 4.2, 0.37)[:, None] * along
     fit = find_mechanism(filmed(path, 0.0), camera=True).groups[0].fit
     assert fit.kinds == {"trap", "linear"} and may_hang(fit) is doubt
+
+
+@pytest.mark.parametrize(
+    ("turns", "sizes", "doubt"),
+    [((0, 0), (0.1, 0.2), True), ((0, 0), (0.1, 0.6), False), ((0, 1.4), (0.1, 0.2), False)],
+)
+def test_of_two_that_a_spring_ties_each_must_be_able_to_hang(turns, sizes, doubt):
+    law = Law(2, "trap", "linear", apart=True, coupled=True, pictured=True)
+    along = tuple(Line((float(np.cos(turn)), float(np.sin(turn)))) for turn in turns)
+    swings = np.array(sizes) * np.cos(4.2 * np.arange(60) / 30)[:, None]
+    model = SimpleNamespace(
+        law=law, charts=along, coordinates=lambda *_: [np.stack([swings] * 2, 1)]
+    )
+    numbers = {"stiffness 1": (17.6, 0.1), "coupling 1": (3.0, 0.1), "stiffness 2": (17.6, 0.1)}
+    fit = SimpleNamespace(model=model, numbers=numbers, values=None, clips=None)
+    assert may_hang(fit) is doubt
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.charts import Line
+from vidphys.diagnose.mechanisms.charts import Chart, Line
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 from vidphys.diagnose.mechanisms.rods import RodsFit
@@ -84,7 +84,7 @@ def unturned(fit: Fit) -> bool:
     law = fit.model.law
     if law.restoring != "trap" or law.coupled or law.walls or not law.pictured:
         return False
-    rates = [r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)]
+    rates = [r[:, 1] for r in _coordinates(fit)]
     return all(bool((v @ v[0] > 0).all()) for v in rates)
 
 
@@ -100,28 +100,40 @@ def only_slows(fit: Fit) -> bool:
         return False
     if "collision" in fit.kinds:  # such bodies do not go straight
         return False
-    rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
+    rates = np.concatenate([r[:, 1] for r in _coordinates(fit)])
     speed = np.linalg.norm(rates, axis=-1)
     force = np.array([fit.numbers[name][0] for name in law.forces])
     return bool((rates @ force < -STRAIGHT * speed * np.linalg.norm(force)).all())
 
 
 def may_hang(fit: Fit) -> bool:
-    """Whether what swings on a level line in a picture may be a pendulum that swings little.
+    """Whether what swings on level lines in a picture may be pendulums that swing little.
 
     One of its period would rise by less than a tracker may be off, in a picture of as small a
     scene as people film.
     """
-    law, chart = fit.model.law, fit.model.charts[0]
-    alone = law.restoring == "trap" and law.coordinates == 1 and not law.walls
-    if not (alone and law.pictured and isinstance(chart, Line)):
+    law = fit.model.law
+    if law.restoring != "trap" or law.walls or not law.pictured:
+        return False
+    swings = 0.5 * np.max([np.ptp(r[:, 0], 0) for r in _coordinates(fit)], axis=0)
+    stiffness = [x for name, (x, _) in fit.numbers.items() if name.startswith("stiffness")]
+    if not len(fit.model.charts) == len(swings) == len(stiffness):
+        return False  # pulled back in more than one direction
+    return all(map(_level, fit.model.charts)) and bool(
+        (swings**2 / (4 / NARROWEST * GRAVITY / np.array(stiffness)) < UNSEEN).all()
+    )
+
+
+def _level(chart: Chart) -> bool:
+    if not isinstance(chart, Line):
         return False
     x, y = chart.along
-    length = 2 / NARROWEST * GRAVITY / fit.numbers["stiffness"][0]
-    swing = 0.5 * max(
-        float(np.ptp(r[:, 0, 0])) for r in fit.model.coordinates(fit.values, fit.clips)
-    )
-    return abs(y) < LEVEL * abs(x) and swing**2 / (2 * length) < UNSEEN
+    return abs(y) < LEVEL * abs(x)
+
+
+def _coordinates(fit: Fit) -> list[np.ndarray]:
+    """Of each clip, with their rates, ``(t, 2, k)``."""
+    return fit.model.coordinates(fit.values, fit.clips)
 
 
 def in_short(kinds: Collection[str]) -> str:
