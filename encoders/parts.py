@@ -3,7 +3,8 @@
 ::
 
     STORE/shards/<name>/000012/entries.bin      tensors of the twelfth part, as in any shard
-    STORE/shards/<name>/000012/manifest.jsonl   what is in it: a head with a hash of all, rows
+    STORE/shards/<name>/000012/manifest.jsonl   what is in it: a head with a hash of all; where
+                                                entries lie; then each one's manifest, a line
     STORE/shards/<name>.sqlite                  the index of all parts; with it they can be read
 
 A part comes into its place by renaming a folder that is whole, which fails where one is there: the
@@ -15,10 +16,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
@@ -28,20 +28,26 @@ from typing import Any, BinaryIO, cast
 from encoders.entry import Entries, EntryFile, Origin, manifest_of
 from encoders.index import LOOKED_UP, PUT, TABLE, as_row
 from encoders.manifests import FeatureRequest, StaleFeatures
-from encoders.placing import place, placed
-from encoders.shards import ENTRIES, aligned
+from encoders.placing import place
+from encoders.shards import ENTRIES, aligned, synced
 from encoders.store import FeatureStore
 
 MANIFEST = "manifest.jsonl"
-SCHEMA_VERSION = 2  # from which on the hash is of all that is said, too
+SCHEMA_VERSION = 3
+ROWS = 2  # the schema whose rows were a line each, with the manifest as a string in it
 HELD = 2**24  # bytes of an entry that is being filled, beyond which it is a temporary file
 COPIED = 2**20  # bytes at once
+# Nobody else has the file that is built, and a killed worker's is never read. Of larger pages there
+# are fewer, which takes fewer calls and, as more rows fill each, fewer bytes.
+BUILT = "PRAGMA journal_mode=OFF; PRAGMA synchronous=OFF; PRAGMA page_size=16384;"
 # The first part that has a key keeps it.
 ONCE = """
 DELETE FROM entries WHERE rowid IN (SELECT rowid FROM (
     SELECT rowid, ROW_NUMBER() OVER (PARTITION BY key ORDER BY rowid) AS nth FROM entries
 ) WHERE nth > 1)
 """
+
+Row = tuple[str | int, ...]  # see :func:`encoders.index.as_row`
 
 
 class Part:
@@ -54,7 +60,7 @@ class Part:
 
     def __init__(self, store: FeatureStore, folder: Path) -> None:
         self.store, self.folder = store, folder
-        self._rows: dict[str, tuple[str | int, ...]] = {}
+        self._rows: dict[str, Row] = {}
 
     def __enter__(self) -> Part:
         self.folder.mkdir(parents=True)
@@ -105,13 +111,13 @@ class Part:
             to: its folder there.
             about: what else its manifest is to say.
         """
-        rows = "".join(json.dumps(row) + "\n" for row in self._rows.values()).encode()
+        rows = _written(self._rows.values())
         said = json.loads(json.dumps(dict(about)))
         head = {"schema_version": SCHEMA_VERSION, "about": said, "sha256": _hash(said, rows)}
-        with placed(self.folder / MANIFEST) as partial:
-            partial.write_bytes(json.dumps(head).encode() + b"\n" + rows)
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with (self.folder / MANIFEST).open("wb") as file:
+            file.write(json.dumps(head).encode() + b"\n" + rows)
+            synced(file)
+        synced(self._file)
         try:
             self.folder.rename(to)
         except OSError:
@@ -121,7 +127,7 @@ class Part:
         return True
 
 
-def read_part(folder: Path) -> tuple[dict[str, Any], list[Any]]:
+def read_part(folder: Path) -> tuple[dict[str, Any], list[Row]]:
     """What the manifest of a part says about it, and its rows.
 
     Raises:
@@ -131,9 +137,10 @@ def read_part(folder: Path) -> tuple[dict[str, Any], list[Any]]:
     try:
         first, _, rows = path.read_bytes().partition(b"\n")
         head = json.loads(first)
-        if head["schema_version"] != SCHEMA_VERSION or head["sha256"] != _hash(head["about"], rows):
+        version, about = head["schema_version"], head["about"]
+        if version not in (SCHEMA_VERSION, ROWS) or head["sha256"] != _hash(about, rows):
             raise ValueError("of another version, or it does not fit its hash")
-        return head["about"], [json.loads(row) for row in rows.splitlines()]
+        return about, _read(rows, version)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StaleFeatures(
             f"feature store: {path} is damaged ({error}); delete {folder} to extract it again"
@@ -154,14 +161,13 @@ def join(folder: Path, parts: int, scratch: Path) -> Iterator[Mapping[str, Any]]
     Raises:
         StaleFeatures: a damaged manifest.
     """
-    # Nobody else has this file, and a network drive's locks may not be worth much.
+    # A network drive's locks may not be worth much.
     address = f"{scratch.absolute().as_uri()}?nolock=1"
     with closing(sqlite3.connect(address, uri=True)) as database:
-        database.executescript(f"PRAGMA journal_mode=OFF; PRAGMA synchronous=OFF; {TABLE}")
+        database.executescript(BUILT + TABLE)
         for number in range(parts):
             about, rows = read_part(folder / f"{number:06d}")
             database.executemany(PUT, ((key, number, *rest) for key, _, *rest in rows))
-            database.commit()
             yield about
         try:
             database.executescript(LOOKED_UP)
@@ -170,6 +176,20 @@ def join(folder: Path, parts: int, scratch: Path) -> Iterator[Mapping[str, Any]]
             database.commit()
             database.executescript(LOOKED_UP)
     place({scratch: folder.with_name(f"{folder.name}.sqlite")})
+
+
+def _written(rows: Collection[Row]) -> bytes:
+    """Manifests stay the lines that they are: to quote them again takes longer than all else."""
+    places, manifests = [row[:-1] for row in rows], [str(row[-1]) for row in rows]
+    return "\n".join([json.dumps(places), *manifests]).encode()
+
+
+def _read(rows: bytes, version: int) -> list[Row]:
+    if version == ROWS:
+        return [tuple(json.loads(row)) for row in rows.splitlines()]
+    places, *manifests = rows.decode().split("\n")
+    both = zip(json.loads(places), manifests, strict=True)
+    return [(*place, manifest) for place, manifest in both]
 
 
 def _hash(about: Any, rows: bytes) -> str:

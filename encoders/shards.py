@@ -111,7 +111,7 @@ class Shards:
                     rows = []
                     for entry in some:
                         if file.tell() >= SHARD_BYTES:
-                            _sync(file)
+                            synced(file)
                             file.close()
                             number, file = number + 1, self._shard(number + 1).open("ab")
                         place = aligned(file)
@@ -119,7 +119,7 @@ class Shards:
                             as_row(entry.key, number, place, len(entry.data), entry.manifest)
                         )
                         file.write(entry.data)
-                    _sync(file)
+                    synced(file)
                     with database:
                         database.executemany(PUT, rows)
                     for entry in some:
@@ -273,6 +273,7 @@ def aligned(file: BinaryIO) -> int:
     return file.tell()
 
 
-def _sync(file: BinaryIO) -> None:
+def synced(file: BinaryIO) -> None:
+    """Wait until all that was written is on the disk."""
     file.flush()
     os.fsync(file.fileno())

@@ -118,7 +118,7 @@ def test_a_pack_that_dies_loses_nothing(tmp_path, monkeypatch, dies_at):
             if len(calls) > dies_at:
                 raise OSError("disk is full")
 
-        patch.setattr(module, "_sync", dies)
+        patch.setattr(module, "synced", dies)
         if dies_at < 3:
             with pytest.raises(OSError, match="disk is full"):
                 store.pack()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -81,6 +82,29 @@ def test_f3_no_damaged_manifest_of_a_part_is_joined(tmp_path):
     whole = read_part(path.parent)
     assert undetected(path, lambda: read_part(path.parent), whole.__eq__, StaleFeatures) == []
     assert read_part(path.parent) == whole
+
+
+def test_parts_of_the_version_before_are_joined_into_the_same_index(tmp_path):
+    paths = shared(tmp_path)
+    part, index = paths["manifest"].parent, paths["index"].read_bytes()
+    about, rows = read_part(part)
+    lines = "".join(json.dumps(row) + "\n" for row in rows)
+    said = json.dumps(about, sort_keys=True) + "\n" + lines
+    head = {
+        "schema_version": 2,
+        "about": about,
+        "sha256": hashlib.sha256(said.encode()).hexdigest(),
+    }
+    paths["manifest"].write_text(json.dumps(head) + "\n" + lines)
+    paths["index"].unlink()
+    assert [*join(part.parent, 1, tmp_path / "scratch.sqlite")] == [about]
+    assert paths["index"].read_bytes() == index
+
+
+def test_a_part_without_an_entry_says_why(tmp_path):
+    with Part(FeatureStore(tmp_path), tmp_path / "work") as part:
+        assert part.commit(tmp_path / "000000", {"failed": [["a.avi", "empty"]]})
+    assert read_part(tmp_path / "000000") == ({"failed": [["a.avi", "empty"]]}, [])
 
 
 def test_f3_what_a_shared_extraction_did_is_told_as_it_was_or_not_at_all(tmp_path):

@@ -187,7 +187,7 @@ def _extracted(
 ) -> list[tuple[str, str]]:
     """Extract the clips of a unit; those that cannot be taken, each with the reason."""
     failed: dict[Path, str] = {}
-    done: set[Path] = set()
+    done: list[Path] = []  # hashed only where something went wrong
 
     def coming(some: Sequence[Path]) -> Iterator[Video]:
         tried = ahead([partial(_tried, opened, clip) for clip in some])
@@ -199,13 +199,14 @@ def _extracted(
                 failed[clip] = str(found)
 
     def kept(video: Video, _layers: Sequence[str]) -> None:
-        done.add(video.path)
+        done.append(video.path)
 
     try:
         extract_many(coming(clips), wanted, kept)
     except ValueError:  # frames or features of one of the clips that share a pass
+        over = {*done, *failed}
         for clip in clips:
-            if clip not in done and clip not in failed:
+            if clip not in over:
                 try:
                     extract_many(coming([clip]), wanted, kept)
                 except ValueError as error:
