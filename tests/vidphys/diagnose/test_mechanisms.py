@@ -493,7 +493,9 @@ def test_two_bodies_that_a_spring_ties_are_kept_though_neither_has_a_law_of_its_
     assert looked_at.bodies == 2 and said[0].startswith("3 things move")
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
     given = answer(looked_at, False, 0.3, camera=True)
-    assert set(given.data["terms"]) >= {"pair", law} and given.data["explained"]
+    assert set(given.data["terms"]) >= {"pair", law}
+    # on level lines they may hang as well
+    assert given.data["status"] == ("mostly explained" if law == "trap" else "explained")
 
 
 def test_two_bodies_that_a_spring_ties_are_kept_where_they_are_followed_badly():
