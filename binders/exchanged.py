@@ -29,7 +29,7 @@ def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
     for body in bodies:
         for n, other in enumerate(kept):
             away = np.linalg.norm(body.positions - other.positions, axis=-1)
-            together = away < 0.5 * np.nanmedian(other.radius)
+            together = away < 0.5 * np.nanmedian(body.radius)
             if _looks_more_so(body, other, together):
                 kept[n] = _without(other, np.convolve(together, np.ones(EDGE), "same") > 0)
             else:

@@ -30,13 +30,17 @@ BYTES = 8  # of a number as it is held
 
 def read_text(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
     """Numbers between commas, semicolons, tabs or blanks, under names or none."""
-    table, notes = _columns(read_sheet(decoded(path).splitlines()))
+    table, notes = _columns(_text(path))
     return recording_of(table, columns, interval, notes, path.stem)
 
 
 def text_table(path: Path) -> dict[str, np.ndarray]:
     """The columns of a text."""
-    return _columns(read_sheet(decoded(path).splitlines()))[0]
+    return _columns(_text(path))[0]
+
+
+def _text(path: Path) -> Sheet:
+    return read_sheet(decoded(path).splitlines())
 
 
 def read_workbook(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:

@@ -84,7 +84,7 @@ def unturned(fit: Fit) -> bool:
     law = fit.model.law
     if law.restoring != "trap" or law.coupled or law.walls or not law.pictured:
         return False
-    rates = [r[:, 1] for r in _coordinates(fit)]
+    rates = [r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)]
     return all(bool((v @ v[0] > 0).all()) for v in rates)
 
 
@@ -100,7 +100,7 @@ def only_slows(fit: Fit) -> bool:
         return False
     if "collision" in fit.kinds:  # such bodies do not go straight
         return False
-    rates = np.concatenate([r[:, 1] for r in _coordinates(fit)])
+    rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
     speed = np.linalg.norm(rates, axis=-1)
     force = np.array([fit.numbers[name][0] for name in law.forces])
     return bool((rates @ force < -STRAIGHT * speed * np.linalg.norm(force)).all())
@@ -113,15 +113,14 @@ def may_hang(fit: Fit) -> bool:
     scene as people film.
     """
     law = fit.model.law
-    if law.restoring != "trap" or law.walls or not law.pictured:
+    springs = law.restoring == "trap" and not law.walls and law.pictured
+    if not (springs and all(map(_level, fit.model.charts))):
         return False
-    swings = 0.5 * np.max([np.ptp(r[:, 0], 0) for r in _coordinates(fit)], axis=0)
+    coordinates = fit.model.coordinates(fit.values, fit.clips)
+    swings = 0.5 * np.max([np.ptp(r[:, 0], 0) for r in coordinates], axis=0)
     stiffness = [x for name, (x, _) in fit.numbers.items() if name.startswith("stiffness")]
-    if not len(fit.model.charts) == len(swings) == len(stiffness):
-        return False  # pulled back in more than one direction
-    return all(map(_level, fit.model.charts)) and bool(
-        (swings**2 / (4 / NARROWEST * GRAVITY / np.array(stiffness)) < UNSEEN).all()
-    )
+    lengths = 2 / NARROWEST * GRAVITY / np.array(stiffness)
+    return bool((swings**2 / (2 * lengths) < UNSEEN).all())
 
 
 def _level(chart: Chart) -> bool:
@@ -129,11 +128,6 @@ def _level(chart: Chart) -> bool:
         return False
     x, y = chart.along
     return abs(y) < LEVEL * abs(x)
-
-
-def _coordinates(fit: Fit) -> list[np.ndarray]:
-    """Of each clip, with their rates, ``(t, 2, k)``."""
-    return fit.model.coordinates(fit.values, fit.clips)
 
 
 def in_short(kinds: Collection[str]) -> str:

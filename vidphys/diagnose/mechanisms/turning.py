@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.choose import roughly
-from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, thinned
 from vidphys.diagnose.recordings.motion import Motion
@@ -28,7 +27,8 @@ def turns_in(motion: Motion) -> str:
     """
     if motion.bodies > 1 or motion.space > 1 or motion.clips > MOST_CLIPS:
         return ""
-    return next((unit for unit in UNITS if _swings(turned(thinned(motion), unit))), "")
+    few = thinned(motion)
+    return next((unit for unit in UNITS if _swings(turned(few, unit))), "")
 
 
 def turned(motion: Motion, unit: str) -> Motion:
@@ -40,11 +40,8 @@ def _swings(motion: Motion) -> bool:
     extent = np.nanmax(motion.positions) - np.nanmin(motion.positions)
     if not NARROWEST < extent < WIDEST:
         return False
-    best: dict[str, Fit] = {}
-    for fit in roughly(frames_of(motion, [0]), angles=True):
-        least = best.setdefault(fit.model.law.restoring, fit)
-        best[fit.model.law.restoring] = min(fit, least, key=lambda x: x.left)
-    pendulum, spring = best.get("pendulum"), best.get("trap")
-    if pendulum is None or not pendulum.holds:
-        return False
-    return spring is None or pendulum.left < LEFT * spring.left
+    fits = roughly(frames_of(motion, [0]), angles=True)
+    swings = [x for x in fits if x.model.law.restoring == "pendulum" and x.holds]
+    springs = [x for x in fits if x.model.law.restoring == "trap"]
+    least, spring = (min((x.left for x in some), default=np.inf) for some in (swings, springs))
+    return bool(swings) and least < LEFT * spring
