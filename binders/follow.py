@@ -21,7 +21,8 @@ HALF_AS = 0.25  # and if it is as large and surely one thing
 AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
 ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one thing
 THIRD_AS = 0.3  # and if it goes as bodies do and is no shadow: as :class:`Judged` counts it,
-OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, and lit by less
+OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, and lit by less;
+WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.8  # or seen so, foretold so, and as steady in looks
 MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
@@ -122,7 +123,9 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
 
 
 def _goes_as_bodies_do(judged: Judged) -> bool:
-    return judged.seen > OFTEN and judged.foretold > FORETOLD and judged.lit < UNLIT
+    foretold = judged.seen > OFTEN and judged.foretold > FORETOLD
+    always = judged.seen > WHOLLY and judged.foretold > ROUGHLY and judged.steady > ALIKE
+    return (foretold or always) and judged.lit < UNLIT
 
 
 def _size(candidate: Candidate) -> float:

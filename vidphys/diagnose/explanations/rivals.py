@@ -54,14 +54,22 @@ def undecided(mechanism: Mechanism) -> bool:
     """Whether another law does as well: one without a term that is told, or one that is known by
     its kind.
 
-    One that has another term beside those that are told is no doubt of them.
+    One that has another term beside those that are told is no doubt of them, but for a friction of
+    what swings: nothing swings for ever.
     """
-    if any(not x.kinds > group.fit.kinds for group in mechanism.groups for x in near(group)):
-        return True
+    for group in mechanism.groups:
+        if any(swings_on(group.fit) or not x.kinds > group.fit.kinds for x in near(group)):
+            return True
     return any(
         may_hang(g.fit) or unturned(g.fit) or passes(g.fit) or only_slows(g.fit) or slight(g.fit)
         for g in mechanism.groups
     )
+
+
+def swings_on(fit: Fit) -> bool:
+    """Whether it swings, and no friction is told."""
+    law = fit.model.law
+    return law.restoring in ("trap", "pendulum") and not law.frictions
 
 
 def slight(fit: Fit) -> list[str]:

@@ -111,7 +111,19 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
     for pair in _pairs(motion):
         if set(pair) & set(found) and at_one_distance(_of(motion, pair)):
             found = [*found, *(set(pair) - set(found))]  # a rod may join them
-    return motion, sorted(found)
+    found = sorted(found)
+    return (followed if _needs_no_mending(followed, motion, found) else motion), found
+
+
+def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> bool:
+    """Whether the one body moves by a law also through the frames that mending took from it.
+
+    What it touches then may be a hand that lets go of it.
+    """
+    if len(found) != 1 or _of(followed, found).seen.sum() <= _of(motion, found).seen.sum():
+        return False
+    clips = _clips(followed, found)
+    return _lawful(clips, roughly(clips, angles=False))
 
 
 def _said(all_: int, looked_at: int) -> tuple[str, ...]:
@@ -189,14 +201,15 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
             continue
         fits = [laws[body] for body in pair]
         both = coupled(_clips(motion, pair), fits, camera=True)
-        if both is None:
+        if not both:
             continue
         alone = np.sqrt(np.mean([min(x.left for x in each) ** 2 for each in fits]))
-        most = GOOD * both.spread
+        best = both[0]
+        most = GOOD * best.spread
         if not set(pair) & set(lawful):
-            most = max(most, min(ASKEW * both.spread, MUCH_LESS * float(alone)))
-        if both.left < most:
-            tied.append((both.left / both.spread, pair))
+            most = max(most, min(ASKEW * best.spread, MUCH_LESS * float(alone)))
+        if best.left < most:
+            tied.append((best.left / best.spread, pair))
     return min(tied, default=(0.0, []))[1]
 
 

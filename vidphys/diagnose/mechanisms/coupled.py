@@ -9,19 +9,23 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Arc, Chart
 from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
-from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fit import fit, frictionless, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.law import Law
 
-CLEARLY = 20.0  # of log likelihood after its price, by which one law must beat a law for each
+# of log likelihood after its price, by which one law must beat a law for each, and what pushes
+# bodies apart what holds them together
+CLEARLY = 20.0
 PULLS = (0.03, 0.1, 0.3, 1.0)  # of the stiffness, that couplings begin at
 
 
 def coupled(
     clips: Sequence[Frames], laws: Sequence[Sequence[Fit]], camera: bool = False
-) -> Fit | None:
-    """One law of all bodies, if the evidence for it is clearer than for a law of each.
+) -> list[Fit]:
+    """Laws of all bodies, best first, if the evidence for one is clearer than for a law of each.
+
+    They differ in their friction.
 
     Args:
         clips: of all bodies.
@@ -39,14 +43,20 @@ def coupled(
         law = Law(len(known), restoring, "linear", apart=True, coupled=True, hung=hung)
         model = Model(law, charts)
         runners += [(model, [guess]) for guess in _guesses(law, known, len(clips))]
-    best = max(race(clips, runners), key=lambda x: x.score, default=None) if runners else None
+    best = max(race(clips, runners), key=_usual, default=None) if runners else None
     if best is None:
-        return None
+        return []
     best = _rehung(clips, best)
     best = pictured(clips, best) if camera else best
-    likely = ranked([x for x in (best, _without_friction(clips, best)) if x and makes_sense(x)])
+    likely = ranked([x for x in (best, frictionless(clips, best)) if x and makes_sense(x)])
     alone = sum(fits[0].score for fits in laws)
-    return likely[0] if likely and likely[0].score > alone + CLEARLY else None
+    return likely if likely and likely[0].score > alone + CLEARLY else []
+
+
+def _usual(found: Fit) -> float:
+    """How likely it is; what pushes bodies apart is rarer than what holds them together."""
+    pulls = (v for name, (v, _) in found.numbers.items() if name.startswith("coupling"))
+    return found.score - (CLEARLY if min(pulls) < 0 else 0.0)
 
 
 def _hung(charts: Sequence[Chart], geometry: Sequence[np.ndarray]) -> tuple[float, ...]:
@@ -63,12 +73,6 @@ def _rehung(clips: Sequence[Frames], found: Fit) -> Fit:
     law, charts = found.model.law, found.model.charts
     again = Model(replace(law, hung=_hung(charts, found.geometry)), charts)
     return (fit(clips, again, found.values) if law.hung else None) or found
-
-
-def _without_friction(clips: Sequence[Frames], found: Fit) -> Fit | None:
-    law = found.model.law
-    model = Model(replace(law, friction="none"), found.model.charts)
-    return fit(clips, model, np.delete(found.values, law.names.index("linear")))
 
 
 def _pulled(restoring: str) -> Callable[[Fit], bool]:

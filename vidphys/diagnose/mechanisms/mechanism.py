@@ -11,7 +11,7 @@ from vidphys.diagnose.mechanisms.chain import chained, linked
 from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
-from vidphys.diagnose.mechanisms.fit import fit
+from vidphys.diagnose.mechanisms.fit import fit, frictionless
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
@@ -218,8 +218,8 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
     if motion.bodies > 1 and not met:
         laws = [(group.fit, *group.others) for group in groups]
         joint = coupled(frames_of(motion), laws, camera)
-        if joint is not None:
-            return (Group(tuple(range(motion.bodies)), joint),)
+        if joint:
+            return (Group(tuple(range(motion.bodies)), joint[0], tuple(joint[1:])),)
     return tuple(groups)
 
 
@@ -253,7 +253,9 @@ def first_lawful(motion: Motion, angles: bool) -> int:
             frames = frames_of(rest, [body])
             enough = min(len(clip.stretches[0].times) for clip in frames) >= LEAST_FRAMES
             laws = [x for x in roughly(frames, angles) if x.holds] if enough else []
-            worst = max(worst, min((x.left for x in laws), default=np.inf))
+            # What a hand still pushes gains speed, as by a friction that no body has.
+            laws = [frictionless(frames, x) if x.driven else x for x in laws]
+            worst = max(worst, min((x.left for x in laws if x and x.holds), default=np.inf))
         if np.isfinite(worst):
             tried.append((stride * first, worst))
     least = min((left for _, left in tried), default=0.0)

@@ -12,6 +12,7 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 # that of a shadow by up to 0.031, as was seen in a filmed clip
 APART = 0.04
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
+AS_FAR = 0.7  # of a shadow's way, that the way of what casts it has: a piece of a string goes less
 SWINGS = 3  # times at least that it passes its middle: what does not come back tells nothing
 TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both are
 
@@ -21,7 +22,7 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
 
     Along the way that it swings most, a shadow is where its body is, times a factor. Two bodies do
     that only if they are let go together and are alike, and then their ways are each other's copy.
-    Copies that are nearer to each other than they go are parts of one body, as a cart's wheels are.
+    Light comes from above, so of two such things the upper one is the body. Copies that are nearer to each other than they go are parts of one body, as a cart's wheels are.
 
     Args:
         motion: of one clip; the likeliest bodies come first.
@@ -35,7 +36,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
             continue
         how = _goes_with(motion, body, other)
         if how:
-            cast[other] = f"thing {other + 1} {how.format(f'thing {body + 1}')}: it is left out"
+            of, thing = (other, body) if _below(motion, body, other) else (body, other)
+            cast[thing] = f"thing {thing + 1} {how.format(f'thing {of + 1}')}: it is left out"
     return [body for body in range(motion.bodies) if body not in cast], tuple(cast.values())
 
 
@@ -59,3 +61,11 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
         return "goes with {} wherever it goes, as a part of it does" if near else ""
     shadow = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
     return shadow if left < APART else ""
+
+
+def _below(motion: Motion, body: int, other: int) -> bool:
+    """Whether one keeps below another that goes nearly as far."""
+    places = motion.positions[0][:, [body, other]]
+    places = places[np.isfinite(places).all((1, 2))]
+    one, two = (np.linalg.norm(places[:, i].std(0)) for i in range(2))
+    return bool((places[:, 0, 1] < places[:, 1, 1]).all() and two > AS_FAR * one)
