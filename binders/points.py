@@ -34,6 +34,7 @@ OVERLAP = 0.25  # of the frames, in which both are seen
 NEAR = 0.3  # of the picture's shorter side, within which they are of one body
 FEWEST = 3  # corners of a group
 GROUPS = 24
+LEAPS = 3.0, 2.0  # times its way in the frames beside, and pixels, that a corner may go in one
 TELLING = 4000  # frames that tell which move as one
 
 
@@ -182,6 +183,22 @@ def _middle(paths: np.ndarray, leader: int) -> Group:
     shown = np.isfinite(places[..., 0]).any(1)
     positions = np.full((len(paths), 2), np.nan)
     positions[shown] = np.nanmedian(places[shown], 1)
+    positions[~_longest_way(positions)] = np.nan
     from_middle = offset - offset.mean(0)
     spread = float(np.sqrt((from_middle**2).sum(-1).mean()))
     return Group(positions + offset.mean(0), spread, len(offset))
+
+
+def _longest_way(places: np.ndarray) -> np.ndarray:
+    """Where places ``(t, 2)`` go on without a leap for longest.
+
+    Corners of a body that comes to an edge behind it may stay with the edge.
+    """
+    seen = np.flatnonzero(np.isfinite(places[:, 0]))
+    steps = np.pad(np.linalg.norm(np.diff(places[seen], axis=0), axis=-1), 1)
+    usual = np.maximum(steps[:-2], steps[2:])
+    leaps = np.flatnonzero(steps[1:-1] > LEAPS[0] * usual + LEAPS[1]) + 1
+    parts = np.split(seen, leaps)
+    way = np.zeros(len(places), bool)
+    way[max(parts, key=len)] = True
+    return way

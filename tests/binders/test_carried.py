@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from binders import points
 from binders.carried import drawn_along
 from binders.hypotheses import Hypothesis
 from binders.motion import MotionBinder
@@ -76,6 +77,16 @@ def test_corners_of_two_bodies_are_two_groups() -> None:
     for path in (BOX, OTHER):
         off = [g.positions - path for g in first]
         assert min(np.sqrt(np.var(o, 0).sum()) for o in off) < 0.15
+
+
+def test_corners_that_stay_with_an_edge_behind_the_body_are_left() -> None:
+    path = np.stack([3.0 * T, 0 * T], 1)
+    path[:7] = path[12]  # an edge that the body passes, on which its corners stay
+    path[30] = np.nan
+    kept = points._longest_way(path)
+    assert not kept[:7].any() and kept[7:30].all() and kept[31:].all()
+    bounces = np.stack([3.0 * np.abs(T - 20), 0 * T], 1)
+    assert points._longest_way(bounces).all()
 
 
 def hypothesis(path: np.ndarray, size: float) -> Hypothesis:

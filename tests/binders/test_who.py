@@ -220,6 +220,17 @@ def test_what_goes_as_bodies_do_and_is_no_shadow_need_be_less_clear(odd, bodies)
     assert len(likely([first, other])) == bodies
 
 
+@pytest.mark.parametrize(
+    ("odd", "bodies"), [({}, 2), ({"seen": 0.95}, 1), ({"steady": 0.7}, 1), ({"foretold": 0.6}, 1)]
+)
+def test_what_is_always_seen_and_looks_alike_may_be_foretold_less_well(odd, bodies) -> None:
+    first = candidate(BALL, 2.0)
+    other = replace(candidate(0.5 * BALL + 60, 0.8, 1.6, 0.85), kind=1)
+    other = replace(other, judged=replace(other.judged, **odd))
+    assert 0.25 < other.judged.score / first.judged.score < 0.45
+    assert len(likely([first, other])) == bodies
+
+
 def test_what_turns_by_different_angles_is_no_fan() -> None:
     middle = np.array([30.0, 40.0])
     angles = np.stack([0.8 * np.sin(0.3 * T), 2.1 + 0.1 * np.sin(0.2 * T), 4.2 + 0 * T], -1)

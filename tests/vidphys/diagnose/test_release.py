@@ -6,7 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vidphys.stress.test_flights import STEP, TRUE, stepped
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.recordings.parted import parted
 from vidphys.diagnose.recordings.release import free_frames, held_until, held_within
 from vidphys.diagnose.telling.answers import answer
 
@@ -150,3 +153,38 @@ def test_of_what_a_hand_throws_the_tail_is_a_share_of_the_flight(frames, enough)
     assert ("model" in given.rolled) is enough  # to hold some out
     found = given.data["mechanism"][0]["quantities"]["acceleration"]
     assert abs(found["value"] - 9.0) < 2 * found["standard_error"]
+
+
+def thrown(frames=46, loose=26, still=20):
+    """A ball that rests in a hand, is pushed, and flies; and the hand, which stays near at first.
+
+    Returns:
+        Places ``(t, 2, 2)``.
+    """
+    times = np.arange(frames) / 30
+    pushed = np.clip(times - still / 30, 0, (loose - still) / 30)
+    free = np.maximum(times - loose / 30, 0)
+    hand = 0.5 * 14.0 * pushed[:, None] ** 2 * [0.4, 1.0]
+    fast = 14.0 * (loose - still) / 30 * np.array([0.4, 1.0])
+    ball = hand + free[:, None] * fast - 0.5 * 9.0 * free[:, None] ** 2 * [0.0, 1.0]
+    near = 0.04 - 0.2 * pushed[:, None]  # its middle, when it pushes
+    shakes = 0.02 * np.stack([np.sin(23 * free) * np.cos(9 * free), np.cos(31 * free) - 1], -1)
+    shakes = shakes * np.exp(-6 * free)[:, None]
+    hand = hand + 0.1 * (1 - np.exp(-9 * free))[:, None] * fast + shakes - near * [0.4, 1.0]
+    noise = 5e-4 * np.random.default_rng(4).standard_normal((frames, 2, 2))
+    return np.stack([ball, hand], 1) + noise
+
+
+def test_a_ball_keeps_the_frames_in_which_it_leaves_the_hand():
+    both = thrown()
+    both[:24, 0] = np.nan  # the hand hides it
+    motion = motion_of(both[None], 1 / 30)
+    kept, _ = of_lawful_bodies(motion)
+    assert not parted(motion).seen[0, 24:27].any()
+    assert kept.bodies == 1 and kept.seen[0, 24:].all()
+
+
+def test_the_law_of_what_is_thrown_begins_where_the_hand_lets_go():
+    ball = motion_of(thrown()[None, 20:, :1], 1 / 30)
+    found = find_mechanism(ball.cut(0, 18), camera=True)
+    assert found.kinds == {"uniform"} and 5 <= found.first <= 7

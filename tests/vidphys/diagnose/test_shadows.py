@@ -26,6 +26,13 @@ def test_a_shadow_on_the_floor_is_left_out_and_said():
     bodies, said = looked_at(weight, shadow)
     assert bodies == 1
     assert "thing 2 moves in proportion to thing 1, as its shadow" in said
+    assert "thing 1 moves in proportion to thing 2, as its shadow" in looked_at(shadow, weight)[1]
+
+
+def test_a_piece_of_the_string_is_not_the_body_though_it_is_above():
+    weight = pendulum(0.4, 0.8, 0.0)
+    piece = np.array([0.0, 0.5]) + 0.6 * (weight - [0.0, 0.5])
+    assert "thing 2 moves in proportion to thing 1" in looked_at(weight, piece)[1]
 
 
 @pytest.mark.parametrize("longer", [1.0, 1.1])

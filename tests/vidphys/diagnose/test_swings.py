@@ -18,7 +18,7 @@ from vidphys.diagnose.explanations.rivals import (
     slight,
     undecided,
 )
-from vidphys.diagnose.mechanisms import choose, view
+from vidphys.diagnose.mechanisms import choose, coupled, view
 from vidphys.diagnose.mechanisms.charts import Arc, Line
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
 from vidphys.diagnose.mechanisms.law import Law
@@ -83,7 +83,9 @@ def test_the_slant_of_an_arc(up, tangent):
 
 
 PENDULUM, FILMED = (
-    SimpleNamespace(pictured=pictured, restoring="pendulum", coordinates=1, walls=(), frictions=())
+    SimpleNamespace(
+        pictured=pictured, restoring="pendulum", coordinates=1, walls=(), frictions=("linear",)
+    )
     for pictured in (False, True)
 )
 
@@ -116,6 +118,27 @@ def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
     )
     found = SimpleNamespace(groups=[SimpleNamespace(fit=fit, others=[other])])
     assert undecided(found) is doubt
+
+
+@pytest.mark.parametrize(("restoring", "doubt"), [("pendulum", True), ("uniform", False)])
+def test_what_swings_without_friction_leaves_doubt_where_one_is_as_likely(restoring, doubt):
+    law = SimpleNamespace(**{**vars(PENDULUM), "restoring": restoring, "frictions": ()})
+    errors, model = SimpleNamespace(white=1.0, smooth=0.0), SimpleNamespace(law=law, charts=(None,))
+    fit, other = (
+        SimpleNamespace(kinds=frozenset(x), score=s, errors=errors, model=model, numbers={})
+        for x, s in (({restoring}, 0.0), ({restoring, "linear"}, -0.5 * CLEAR))
+    )
+    found = SimpleNamespace(groups=[SimpleNamespace(fit=fit, others=[other])])
+    assert undecided(found) is doubt
+
+
+@pytest.mark.parametrize(("better", "pulls"), [(0.5, True), (1.5, False)])
+def test_springs_that_push_must_be_clearly_likelier_than_springs_that_hold(better, pulls):
+    hold, push = (
+        SimpleNamespace(score=s, numbers={"coupling 1": (k, 0.1), "coupling 2": (k, 0.1)})
+        for s, k in ((0.0, 5.0), (better * coupled.CLEARLY, -9.0))
+    )
+    assert (max(hold, push, key=coupled._usual) is hold) is pulls
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def _chain(motion: Motion) -> list[int]:
     """
     for pair in _pairs(motion):
         rods = rods_in_picture(_of(motion, pair))
-        if rods is not None and rods.left < GOOD * rods.spread and linked(rods, angles=False):
+        if rods is not None and linked(rods, angles=False):
             return [pair[end] for end in rods.rods.order]
     return []
 
@@ -116,14 +116,16 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
 
 
 def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> bool:
-    """Whether the one body moves by a law also through the frames that mending took from it.
+    """Whether a law moves the one body, if only later, with the frames that mending took from it.
 
-    What it touches then may be a hand that lets go of it.
+    What it touches in these may be a hand that lets go of it.
     """
     if len(found) != 1 or _of(followed, found).seen.sum() <= _of(motion, found).seen.sum():
         return False
-    clips = _clips(followed, found)
-    return _lawful(clips, roughly(clips, angles=False))
+    clips, alone = _clips(followed, found), _of(followed, found)
+    if _lawful(clips, roughly(clips, angles=False)):
+        return True
+    return first_lawful(alone.cut(*alone.shown()), angles=False) > 0
 
 
 def _said(all_: int, looked_at: int) -> tuple[str, ...]:

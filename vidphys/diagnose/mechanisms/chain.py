@@ -11,7 +11,7 @@ import numpy as np
 from vidphys.diagnose.mechanisms.charts import Angle
 from vidphys.diagnose.mechanisms.choose import ranked
 from vidphys.diagnose.mechanisms.fit import fit
-from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.fitted import GOOD, Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.guesses import local
 from vidphys.diagnose.mechanisms.law import Law
@@ -26,6 +26,7 @@ SMALL = 1e-3
 # standard errors, by which the link between two rods is there: by their angles alone; and by two
 # weights in a picture, that keep their distance
 SURELY, AS_SEEN = 10.0, 4.0
+ROUGHLY = 0.06  # of the spread, that the law of such weights leaves at most whose link is sure
 
 
 def chained(motion: Motion) -> Fit | None:
@@ -52,14 +53,15 @@ def chained(motion: Motion) -> Fit | None:
 
 
 def linked(rods: Fit, angles: bool) -> bool:
-    """Whether each rod feels the other.
+    """Whether it is the law, and each rod feels the other.
 
     Args:
         rods: their law.
         angles: whether these were recorded; else the weights were seen in a picture.
     """
     link, error = rods.numbers["link"]
-    return link > (SURELY if angles else AS_SEEN) * error
+    most = GOOD if angles or link < SURELY * error else ROUGHLY
+    return rods.left < most * rods.spread and link > (SURELY if angles else AS_SEEN) * error
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:

@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, rou
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fit import fit, frictionless
-from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
+from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
@@ -201,7 +201,7 @@ def _stride(motion: Motion) -> int:
 def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | None:
     if motion.bodies == 2 and (angles or (motion.clips == 1 and motion.space == 2)):
         rods = chained(motion) if angles else rods_in_picture(motion)
-        if rods is not None and rods.left < GOOD * rods.spread and linked(rods, angles):
+        if rods is not None and linked(rods, angles):
             return (Group((0, 1), rods),)
     groups = [] if angles else meeting(motion, camera)
     met = {body for group in groups for body in group.bodies}

@@ -22,7 +22,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
 
     Along the way that it swings most, a shadow is where its body is, times a factor. Two bodies do
     that only if they are let go together and are alike, and then their ways are each other's copy.
-    Light comes from above, so of two such things the upper one is the body. Copies that are nearer to each other than they go are parts of one body, as a cart's wheels are.
+    Light comes from above, so of two such things the upper one is the body. Copies that are nearer
+    to each other than they go are parts of one body, as a cart's wheels are.
 
     Args:
         motion: of one clip; the likeliest bodies come first.

@@ -158,12 +158,7 @@ def matched(
     if len(track) != len(truth.times):
         return ordered, tuple(misses), order
     off = track[free][:, None] - truth.steady[free][:, :, None]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a body that is never seen
-        middle = np.nanmedian(off, 0)
-    # A body has no place but a middle: any point of it may be followed, if it is always the same.
-    within = np.sqrt((middle**2).sum(-1)) < truth.radii[:, None]
-    squares = ((off - np.where(within[..., None], middle, 0.0)) ** 2).sum(-1)
+    squares = ((off - _middle(off, truth.radii[:, None])) ** 2).sum(-1)
     share = np.isfinite(squares).mean(0)
     count = np.maximum(np.isfinite(squares).sum(0), 1)
     apart = np.where(share >= SEEN, np.sqrt(np.nansum(squares, 0) / count), np.inf)
@@ -174,6 +169,23 @@ def matched(
             order[int(body)] = int(follower)
             ordered[:, body] = track[:, follower]
     return ordered, tuple(misses), order
+
+
+def _point(truth: Truth, ordered: np.ndarray) -> np.ndarray:
+    """Which point of each body its track follows, from the middle, ``(n, 2)``."""
+    return _middle((ordered - truth.steady)[truth.times >= truth.released], truth.radii)
+
+
+def _middle(off: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """What tracks ``(t, …, 2)`` are usually off by, where that lies within the body; else 0.
+
+    A body has no place but a middle: any point of it may be followed, if it is always the same.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a body that is never seen
+        middle = np.nanmedian(off, 0)
+    within = np.sqrt((middle**2).sum(-1)) < radii
+    return np.where(within[..., None], middle, 0.0)
 
 
 def _numbers(truth: Truth, found: Answer, order: dict[int, int]) -> tuple[NumberScore, ...]:
@@ -207,13 +219,15 @@ def _forecasts(
     if not len(frames) or places.shape[1] <= max(order.values()):
         return {}
     bodies = sorted(order)
-    seen = truth.steady[frames][:, bodies]
+    point = _point(truth, track)[bodies]
+    seen = truth.steady[frames][:, bodies] + point
     fitted = np.arange(len(truth.times)) < frames[0]
-    last = last_seen(track[: frames[0], bodies], truth.steady[frames[0] - 1, bodies])
+    before = truth.steady[frames[0] - 1, bodies] + point
+    last = last_seen(track[: frames[0], bodies], before)
     by_hand = forecast_by_hand(truth, track, fitted)[frames][:, bodies]
     paths = {
         "model": places[:, [order[body] for body in bodies]],
-        "persistence": np.broadcast_to(truth.steady[frames[0] - 1, bodies], seen.shape),
+        "persistence": np.broadcast_to(before, seen.shape),
         "staying": np.broadcast_to(last, seen.shape),
         "by hand": by_hand,
     }

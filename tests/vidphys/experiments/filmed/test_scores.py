@@ -106,6 +106,9 @@ def test_any_point_of_a_body_may_be_followed_but_always_the_same():
     answer = right(told, {}, {"trap", "linear"})
     beside = answer.track + 0.6 * told.radii[:, None] * [0, 1]
     assert score(told, replace(answer, track=beside, forecast=None)).misses[0] < 1e-9
+    times, _ = answer.forecast
+    goes_on = replace(answer, track=beside, forecast=(times, beside[-len(times) :]))
+    assert score(told, goes_on).forecast["model"] < 1e-9
     beyond = answer.track + 2.0 * told.radii[:, None] * [0, 1]
     assert score(told, replace(answer, track=beyond, forecast=None)).misses[0] > 0.01
     slow = answer.track + 0.03 * told.size[0] * np.sin(told.times)[:, None, None]
@@ -161,8 +164,10 @@ def test_a_forecast_that_a_body_stays_is_no_better_and_no_worse_than_that():
     times, places = found.forecast
     begin = len(told.times) - len(times)
     off = np.array([3.0, 4.0])  # whoever follows it may follow any point of it
-    still = np.broadcast_to(told.steady[begin - 1] + off, places.shape)
-    stays = replace(found, track=found.track + off, forecast=(times, still), stays=True)
+    track = found.track + off
+    track[begin - 1] += 1.0  # where it is seen last is not quite where it is
+    still = np.broadcast_to(track[begin - 1], places.shape)
+    stays = replace(found, track=track, forecast=(times, still), stays=True)
     one = score(told, stays)
     assert one.stays and one.forecast["model"] == one.forecast["staying"] > 5
     assert one.forecast["persistence"] != one.forecast["staying"]  # it knows where the body was
