@@ -38,12 +38,6 @@ def fit(clips: Sequence[Frames], model: Model, guess: np.ndarray) -> Fit | None:
     return None if found is None else with_errors(list(clips), model, found.x, spread_of(clips))
 
 
-def frictionless(clips: Sequence[Frames], found: Fit) -> Fit | None:
-    """The same law without its friction that goes with the speed; ``None`` where it fails."""
-    model = Model(replace(found.model.law, friction="none"), found.model.charts)
-    return fit(clips, model, np.delete(found.values, found.model.law.names.index("linear")))
-
-
 def race(
     clips: Sequence[Frames],
     runners: Sequence[tuple[Model, Sequence[np.ndarray]]],

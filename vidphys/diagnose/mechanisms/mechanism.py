@@ -11,7 +11,7 @@ from vidphys.diagnose.mechanisms.chain import chained, linked
 from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import coupled
-from vidphys.diagnose.mechanisms.fit import fit, frictionless
+from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
@@ -253,9 +253,7 @@ def first_lawful(motion: Motion, angles: bool) -> int:
             frames = frames_of(rest, [body])
             enough = min(len(clip.stretches[0].times) for clip in frames) >= LEAST_FRAMES
             laws = [x for x in roughly(frames, angles) if x.holds] if enough else []
-            # What a hand still pushes gains speed, as by a friction that no body has.
-            laws = [frictionless(frames, x) if x.driven else x for x in laws]
-            worst = max(worst, min((x.left for x in laws if x and x.holds), default=np.inf))
+            worst = max(worst, min((x.left for x in laws), default=np.inf))
         if np.isfinite(worst):
             tried.append((stride * first, worst))
     least = min((left for _, left in tried), default=0.0)
