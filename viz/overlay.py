@@ -82,11 +82,13 @@ def energy_range(low: float, high: float) -> tuple[float, float]:
 
 def shrink(picture: np.ndarray, factor: int) -> np.ndarray:
     """Average ``factor`` by ``factor`` pixels of a uint8 picture ``(H, W, 3)``."""
+    from PIL import Image
+
     if factor == 1:
         return picture
     rows, columns = (side // factor for side in picture.shape[:2])
-    cut = picture[: rows * factor, : columns * factor]
-    return cut.reshape(rows, factor, columns, factor, 3).mean((1, 3)).astype(np.uint8)
+    cut = Image.fromarray(picture[: rows * factor, : columns * factor])
+    return np.asarray(cut.reduce(factor))
 
 
 def contact_sheet(showcase: Arrays, meta: Mapping[str, str]) -> Figure:
