@@ -175,9 +175,10 @@ def test_a_force_that_only_slows_what_goes_straight_may_be_dry_friction(begins, 
     times = np.arange(45) * STEP
     path = np.array([-0.5, -0.2]) + np.outer(begins * times + gains * times**2 / 2, [1.0, 0.1])
     found = find_mechanism(filmed(path, 0.0), camera=True).groups[0]
-    (plane,) = (x for x in found.others if x.model.charts[0].name == "plane")
-    assert found.fit.model.charts[0].name == "line" and plane.kinds == {"uniform"}
-    assert only_slows(found.fit) is doubt and only_slows(plane) is doubt
+    pulled = [x for x in (found.fit, *found.others) if x.kinds == {"uniform"}]
+    assert {x.model.charts[0].name for x in pulled} == {"line", "plane"}
+    assert all(only_slows(x) is doubt for x in pulled)
+    assert found.fit.kinds == ({"dry"} if doubt else {"uniform"})
 
 
 # several that swing
@@ -236,6 +237,19 @@ def test_a_term_that_is_as_small_as_its_error_is_hardly_told_from_none(friction,
     numbers = {name: (times * CERTAIN, 1.0) for name in ("force 1", "linear")}
     numbers |= {"force 2": (0.0, 1.0)}
     assert slight(SimpleNamespace(model=SimpleNamespace(law=law), numbers=numbers)) == told
+
+
+@pytest.mark.parametrize("space", [1, 2])
+@pytest.mark.parametrize("rests", [1.0, 1.5, 2.2])  # seconds, of two that are seen
+def test_what_rolls_until_it_rests_is_rubbed(space, rests):
+    times = np.arange(60) * STEP
+    moving = np.minimum(times, rests)
+    way = 1.5 * (moving - moving**2 / (2 * rests)) - 0.5
+    path = np.outer(way, [1.0, 0.02]) - [0.0, 0.3]
+    motion = filmed(path, 0.0) if space == 2 else motion_of(way[None, :, None, None], STEP)
+    best = find_mechanism(motion, camera=space == 2).groups[0].fit
+    assert best.kinds == {"dry"}
+    assert best.numbers["dry"][0] == pytest.approx(1.5 / rests, rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import FRICTIONS
 from vidphys.diagnose.mechanisms.lift import lifted
+from vidphys.diagnose.mechanisms.rubbed import rubbed
 from vidphys.diagnose.mechanisms.spin import spun
 from vidphys.diagnose.mechanisms.walled import walled
 
@@ -39,14 +40,16 @@ VAGUE = 0.5  # standard error of a restitution, from which no bounce tells of it
 
 
 def roughly(clips: Sequence[Frames], angles: bool) -> list[Fit]:
-    """The laws that come nearest, each with a friction that goes with the speed, or a drive.
+    """The laws that come nearest, each with a friction that goes with the speed, or a drive; and
+    dry friction alone.
 
     Args:
         clips: of the body.
         angles: whether its coordinate is an angle in radians.
     """
     started = [guess for one in guesses(clips, angles) for guess in (one, *walled(clips, one))]
-    return race(clips, [(guess.model, guess.values) for guess in started]) + lifted(clips)
+    bases = race(clips, [(guess.model, guess.values) for guess in started]) + lifted(clips)
+    return bases if angles else bases + rubbed(clips)
 
 
 def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list[Fit]:
@@ -63,10 +66,13 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
     best = max(base.score for base in bases)
     found = []
     for base in bases:
-        varied = base.model.law.lift_fades is None  # a lift comes with every friction
+        law = base.model.law
+        varied = law.friction == "linear" and law.lift_fades is None  # lifts come with each
         if varied and base.score > best - FAR and _pulls_back(base):
             started = pictured(clips, base) if camera else base
             found += [started, *_variants(clips, started, camera)]
+        elif law.friction == "dry" and camera:
+            found.append(pictured(clips, base))
         else:
             found.append(base)
     sensible = ranked(_near_surely([x for x in found if makes_sense(x)]))
