@@ -33,11 +33,12 @@ def hopping(seed):
     random, t = np.random.default_rng(seed), np.arange(FRAMES) / 30
     swings = np.stack([0.3 + 0.3 * np.sin(4 * t), 0.2 + 0.1 * np.cos(4 * t)], -1)
     passes = np.stack([0.1 * t - 0.3, 0.05 * np.sin(t) - 0.2], -1)
-    places, at = swings + 0.003 * random.standard_normal((FRAMES, 2)), 0
+    noise = 0.003 * random.standard_normal((FRAMES, 2))
+    places, at = swings + noise, 0
     while at < FRAMES:
         stays = int(random.integers(8, 30))
         if random.random() < 0.5:
-            places[at : at + stays] = passes[at : at + stays]
+            places[at : at + stays] = (passes + noise)[at : at + stays]
         at += stays
     return places
 

@@ -17,6 +17,7 @@ from vidphys.diagnose.explanations.rivals import (
     only_slows,
     slight,
     undecided,
+    unrested,
 )
 from vidphys.diagnose.mechanisms import choose, coupled, view
 from vidphys.diagnose.mechanisms.charts import Arc, Line
@@ -250,6 +251,7 @@ def test_what_rolls_until_it_rests_is_rubbed(space, rests):
     best = find_mechanism(motion, camera=space == 2).groups[0].fit
     assert best.kinds == {"dry"}
     assert best.numbers["dry"][0] == pytest.approx(1.5 / rests, rel=0.03)
+    assert unrested(best) is (space == 2 and rests > 2.0)
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,12 @@ NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at
 UNSEEN = 0.02  # half sides of a picture, by which a tracker may bend a way: a hundredth of a side
 CERTAIN = 5.0  # standard errors of a term's number, below which it may as well not be there
 STRAIGHT = 0.99  # cosine of the angle between a way and a force, from which it goes along it
+RESTED = 0.02  # of its usual speed, that what has come to rest has at most
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
 SLOWS = "Dry friction would slow it alike. Film it until it rests, or comes back."
 UNTURNED = "It is not seen to turn round: a lens bends a straight way alike. Film it for longer."
+UNRESTED = "It is not seen to rest: what goes away from the camera slows alike. Film it for longer."
 SHORT = {
     "linear": "friction ~ v",
     "square": "friction ~ v²",
@@ -61,7 +63,12 @@ def undecided(mechanism: Mechanism) -> bool:
         if any(swings_on(group.fit) or not x.kinds > group.fit.kinds for x in near(group)):
             return True
     return any(
-        may_hang(g.fit) or unturned(g.fit) or passes(g.fit) or only_slows(g.fit) or slight(g.fit)
+        may_hang(g.fit)
+        or unturned(g.fit)
+        or unrested(g.fit)
+        or passes(g.fit)
+        or only_slows(g.fit)
+        or slight(g.fit)
         for g in mechanism.groups
     )
 
@@ -94,6 +101,15 @@ def unturned(fit: Fit) -> bool:
         return False
     rates = [r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)]
     return all(bool((v @ v[0] > 0).all()) for v in rates)
+
+
+def unrested(fit: Fit) -> bool:
+    """Whether dry friction alone slows what a camera sees, and never stops it."""
+    if fit.kinds != {"dry"} or not fit.model.law.pictured:
+        return False
+    rates = (r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips))
+    speeds = [np.linalg.norm(v, axis=-1) for v in rates]
+    return all(bool(v[-1] > RESTED * v.mean()) for v in speeds)
 
 
 def passes(fit: Fit) -> bool:
@@ -163,6 +179,8 @@ def rivals(mechanism: Mechanism) -> list[str]:
             out.append("A pendulum that swings as little moves alike. A wider swing would tell.")
         if unturned(group.fit):
             out.append(UNTURNED)
+        if unrested(group.fit):
+            out.append(UNRESTED)
         if only_slows(group.fit):
             out.append(SLOWS)
         if passes(group.fit):
