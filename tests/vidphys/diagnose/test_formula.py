@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from vidphys.diagnose.formula.formula import formula_of, verdict_of
+from vidphys.diagnose.formula.formula import Formula, chosen, formula_of, verdict_of
 from vidphys.diagnose.formula.grammar import words
 from vidphys.diagnose.formula.laws import FoundLaw, coordinate_law, law_of
+from vidphys.diagnose.formula.search import Samples, Sum, search
 from vidphys.diagnose.formula.shooting import Law, cut, fit_law
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.errors import InputError
@@ -56,6 +58,29 @@ def test_no_formula_where_several_fit_or_none_does():
     assert verdict_of(X, *noisy(steps)).why.startswith("no formula")
     with pytest.raises(ValueError, match="errors must be above zero"):
         formula_of(X, X, 0.0)
+
+
+def told_of(name, score):
+    """A sum of one word that fits, and is clear, as likely as its score says."""
+    (term,) = (word for word in words(False) if word.name == name)
+    constants = tuple(1.0 for _ in term.constants)
+    made = Sum((term,), (constants,), ((2.0,),), 390.0, score)
+    return made, Formula(made.terms, made.constants, made.coefficients, (0.1,) * made.numbers), True
+
+
+def test_no_formula_where_many_that_are_each_less_likely_add_up():
+    best, less = told_of("x", 10.0), [told_of(n, 11.5) for n in ("sin", "tanh", "atan", "soft1")]
+    assert chosen([best, less[0]]).formula is best[1]
+    assert chosen([best, *less]).formula is None
+
+
+def test_a_word_that_is_found_only_beside_one_of_no_use_is_told_alone():
+    f = 3 * np.exp(-((2.8 * R) ** 2) / 2) * np.sin(3.4 * R) * 20
+    error = 0.002 * np.std(f)
+    found = search(Samples(R, f, np.eye(len(R)) / error, 400))
+    assert found[0].kind == ("gauss sin",)
+    wide = next(one for one in found if len(one.terms) == 2 and "gauss sin" in one.kind)
+    assert ("gauss sin",) in {one.kind for one in wide.shorter}
 
 
 def test_words_of_a_positive_variable_are_defined_there():
@@ -129,6 +154,18 @@ def test_a_law_off_the_menu_is_found_from_noisy_places_with_its_friction(duffing
     assert found.frictions == ("v",)
     ((name, rate, error),) = found.best.friction
     assert name == "v" and abs(rate + 0.05) < 4 * error < 0.01
+
+
+def test_a_cusp_that_no_spline_follows_is_found_as_a_root():
+    times = np.linspace(0, 50, 400)[None]
+    places = solve_ivp(
+        lambda t, s: [s[1], -1.2 * np.sign(s[0]) * np.abs(s[0]) ** 0.5 - 0.05 * s[1]],
+        (0, 50), [1.3, 0.0], t_eval=times[0], rtol=1e-8, atol=1e-10,
+    ).y[:1]  # fmt: skip
+    noise = 0.005 * places.std() * np.random.default_rng(1).standard_normal(places.shape)
+    found = coordinate_law(places + noise, times)
+    assert found.verdict.formula.kind == ("sgn(x) |x|^0.5",)
+    assert found.frictions[0] == "v"
 
 
 def test_a_pair_is_its_distance_and_other_motions_are_refused():

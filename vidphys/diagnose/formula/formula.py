@@ -14,6 +14,7 @@ from vidphys.statistics import NORMAL_95
 
 # nats by which rivals must be worse, and by which ones must be whose word is a wider one of a sum's
 MARGIN, WIDER = 5.0, 1.0
+ODDS = 0.5  # of all rivals together against a formula, from which it does not stand out
 CHANCE = 0.1  # that numbers of no use let a rival fit so much better
 STRANGE = 1e-3  # chance of so large a misfit, below which no formula of the grammar is believed
 CLEAR = 3.0  # times its error, that a coefficient differs from zero
@@ -155,7 +156,7 @@ def chosen(found: Sequence[tuple[Sum, Formula, bool]]) -> Verdict:
         found: sums, as formulas, and whether each leaves no more than noise.
     """
     fitting = sorted((each for each in found if each[2]), key=lambda each: each[0].score)
-    sure = [each for each in fitting if _clear(each[1])]
+    sure = [each for each in fitting if clear(each[1])]
     if not sure:
         return Verdict(None, "no formula: none of the grammar fits to within the noise")
     best, formula, _ = sure[0]
@@ -164,9 +165,23 @@ def chosen(found: Sequence[tuple[Sum, Formula, bool]]) -> Verdict:
         for one, other, _ in fitting
         if one is not best and _near(best, one) and _told(best, one, other)
     ]
+    rivals = rivals or _together_as_likely(best, fitting)
     if rivals:
         return Verdict(None, ALIKE, (formula, *rivals[:TOLD]))
     return Verdict(formula, "a formula stands out")
+
+
+def _together_as_likely(best: Sum, fitting: Sequence[tuple[Sum, Formula, bool]]) -> list[Formula]:
+    """The other formulas whose words all count, where many that are each less likely add up.
+
+    Those that only add a word to the best are it, in effect.
+    """
+    others = [
+        (np.exp(best.score - one.score), other)
+        for one, other, _ in fitting
+        if one is not best and not set(one.kind) > set(best.kind) and clear(other)
+    ]
+    return [other for _, other in others] if sum(odds for odds, _ in others) > ODDS else []
 
 
 def _near(best: Sum, one: Sum) -> bool:
@@ -193,10 +208,10 @@ def _among(word: Term, wide: Term) -> bool:
 
 def _told(best: Sum, one: Sum, other: Formula) -> bool:
     """Whether a rival counts: with more numbers the data need not tell each of them."""
-    return one.numbers > best.numbers or _clear(other)
+    return one.numbers > best.numbers or clear(other)
 
 
-def _clear(formula: Formula) -> bool:
+def clear(formula: Formula) -> bool:
     """Whether every word counts: its size, and each constant, is clear of zero."""
     flat = iter(zip(formula.numbers, formula.errors, strict=True))
     sizes = [[next(flat) for _ in part] for part in formula.coefficients]

@@ -29,6 +29,7 @@ class Term:
         power: the exponent of a pure power, to tell it from one that is fitted.
         positive: whether it needs a variable above zero.
         degree: power of the length that its column counts in; ``None``: that of its constant.
+        sharp: whether its slope jumps, or has no bound, at zero.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Term:
     power: float | None = None
     positive: bool = False
     degree: float | None = 0.0
+    sharp: bool = False
 
     @property
     def numbers(self) -> int:
@@ -59,7 +61,8 @@ def _fixed(power: float, positive: bool) -> Term:
         name = "1" if power == 0 else "x" if power == 1 else f"x^{power:g}"
         return Term(name, (lambda x, p: x**power,), (), price, name, power, power < 0, power)
     name = f"x^{power:g}" if positive else f"sgn(x) |x|^{power:g}"
-    return Term(name, (lambda x, p: signed(x, power),), (), USUAL, name, power, degree=power)
+    column = lambda x, p: signed(x, power)  # noqa: E731
+    return Term(name, (column,), (), USUAL, name, power, degree=power, sharp=power < 1)
 
 
 def _one(name: str, of: Callable, text: str, constant: str = "rate", price: float = USUAL) -> Term:
@@ -100,6 +103,7 @@ FREE = Term(
     RARE,
     "sgn(x) |x|^{0}",
     degree=None,
+    sharp=True,
 )
 FREE_POSITIVE = Term(
     "x^p", (lambda x, p: x ** p[0],), ("signed power",), RARE, "x^{0}", None, True, None
@@ -160,7 +164,7 @@ def words(positive: bool) -> tuple[Term, ...]:
 
 def _absolute(power: float) -> Term:
     if power == 1:
-        return Term("|x|", (lambda x, p: np.abs(x),), (), USUAL, "|x|", degree=1.0)
+        return Term("|x|", (lambda x, p: np.abs(x),), (), USUAL, "|x|", degree=1.0, sharp=True)
     return Term("x |x|", (lambda x, p: x * np.abs(x),), (), USUAL, "x |x|", power, degree=power)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from vidphys.diagnose.formula.formula import STRANGE, Verdict, chosen
+from vidphys.diagnose.formula.formula import STRANGE, Verdict, chosen, clear
 from vidphys.diagnose.formula.refusal import ELSE, would_tell
 from vidphys.diagnose.formula.rolled import Rolled, braked, rolled_along
 from vidphys.diagnose.formula.search import Samples, Sum, search
@@ -19,6 +19,7 @@ from vidphys.errors import InputError
 from vidphys.progress import Progress
 
 TRIED = 60  # formulas that are rolled
+SHORTENED = 12  # of them that are tried without words that do not count
 BRAKED = 4  # of them that are tried with every friction
 PLACES = 48  # at which the smooth force is read
 COARSE = 3e-3  # of the force's spread: what splines may miss of a formula
@@ -91,6 +92,7 @@ def coordinate_law(
     sums = search(samples_of(spring), until)
     report(2, 4, 0.0)
     found = _rolled(sums[:TRIED], spring, until)
+    found = sorted([*found, *_shortened(found, until)], key=lambda each: each.score)
     report(3, 4, 0.0)
     found += _braked(found[:BRAKED], until)
     report(4, 4, 0.0)
@@ -114,6 +116,20 @@ def _rolled(sums: Sequence[Sum], spring: Spring, until: float) -> list[Rolled]:
     return sorted(found, key=lambda each: each.score)
 
 
+def _shortened(found: Sequence[Rolled], until: float) -> list[Rolled]:
+    """The best whose words do not all count without each of them, where that was not rolled."""
+    kinds, out = {each.sum.kind for each in found}, []
+    for each in found[:SHORTENED]:
+        told, formula = each.formula("x")
+        for less in [] if clear(formula) else told.shorter:
+            if less.kind in kinds or time.thread_time() > until:
+                continue
+            kinds.add(less.kind)
+            rolled = rolled_along(less, each.speeds, each.drags, each.spring)
+            out += [] if rolled is None else [rolled]
+    return out
+
+
 def _braked(found: Sequence[Rolled], until: float) -> list[Rolled]:
     """The same sums with every other friction."""
     out: list[Rolled] = []
@@ -123,7 +139,11 @@ def _braked(found: Sequence[Rolled], until: float) -> list[Rolled]:
 
 
 def samples_of(spring: Spring) -> Samples:
-    """The smooth force at places that were visited, with its correlated errors."""
+    """The smooth force at places that were visited, with its correlated errors.
+
+    What no spline can follow, such as the cusp of a root at zero, is no misfit of a formula: it is
+    looked at as the splines see it.
+    """
     basis = spring.basis
     x = np.linspace(basis.low, basis.high, PLACES)
     splines = basis.matrix(x)
@@ -132,7 +152,8 @@ def samples_of(spring: Spring) -> Samples:
     force = splines @ numbers
     floor = (COARSE * np.std(force)) ** 2 * np.eye(len(x))
     values, vectors = np.linalg.eigh(splines @ covariance @ splines.T + floor)
-    return Samples(x, force, (vectors / np.sqrt(values)).T, spring.count)
+    seen = splines @ np.linalg.pinv(splines)
+    return Samples(x, force, (vectors / np.sqrt(values)).T @ seen, spring.count)
 
 
 def _judged(found: list[Rolled], spring: Spring, variable: str) -> FoundLaw:

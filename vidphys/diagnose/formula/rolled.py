@@ -9,11 +9,12 @@ import numpy as np
 from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.grammar import bounds
 from vidphys.diagnose.formula.search import Sum, design
-from vidphys.diagnose.formula.shooting import Fit, Law, fit_law
+from vidphys.diagnose.formula.shooting import Fit, Law, Pieces, fit_law
 from vidphys.diagnose.formula.springs import SPEEDS, Spring, find_spring
 
 NUDGE = 1e-6  # of a constant, by which derivatives are read
 SLIGHTLY = 1e-3  # friction to begin with
+SHARP = 4  # steps in a frame interval, at least, where a force's slope jumps
 HOPELESS = 60.0  # squares beyond those of the smooth law, in units of the noise's
 
 
@@ -61,11 +62,14 @@ class Rolled:
     def friction(self) -> tuple[tuple[str, float, float], ...]:
         """Words of the speed, with value and standard error."""
         words = SPEEDS[self.speeds]
-        first = len(self.fit.numbers) - len(words)
-        return tuple(
-            (word, float(self.fit.numbers[first + k]), float(self.errors[first + k]))
-            for k, word in enumerate(words)
-        )
+        errors = self.errors[len(self.errors) - len(words) :]
+        each = zip(words, self.drags, errors, strict=True)
+        return tuple((word, float(value), float(error)) for word, value, error in each)
+
+    @property
+    def drags(self) -> np.ndarray:
+        """Coefficients of the words of the speed."""
+        return self.fit.numbers[len(self.fit.numbers) - len(SPEEDS[self.speeds]) :]
 
     def formula(self, variable: str) -> tuple[Sum, Formula]:
         """The sum with the numbers that were rolled, and how it is read."""
@@ -87,8 +91,8 @@ class Rolled:
     def path(self, times: np.ndarray) -> np.ndarray:
         """Places at seconds ``(t,)`` that begin with the last clip's first frame."""
         law, _ = law_of_sum(self.sum, self.speeds, self.spring)
-        starts, substeps = self.fit.starts[-1:], self.spring.pieces.substeps
-        return law.roll(self.fit.numbers, starts, times[None], substeps)[0, :-1, 0]
+        starts, pieces = self.fit.starts[-1:], pieces_for(self.sum, self.spring)
+        return law.roll(self.fit.numbers, starts, times[None], pieces.substeps)[0, :-1, 0]
 
     def without_friction(self) -> Rolled:
         """The same force, and nothing that goes with the speed; it was fitted to nothing."""
@@ -121,12 +125,19 @@ def law_of_sum(one: Sum, speeds: str, spring: Spring) -> tuple[Law, np.ndarray]:
     return law, np.concatenate([*one.coefficients, *one.constants])
 
 
+def pieces_for(one: Sum, spring: Spring) -> Pieces:
+    """A recording's pieces with steps that are short enough for a sum, across zero too."""
+    pieces = spring.pieces
+    across = spring.basis.low < 0 < spring.basis.high and any(term.sharp for term in one.terms)
+    return replace(pieces, substeps=max(pieces.substeps, SHARP)) if across else pieces
+
+
 def rolled_along(one: Sum, speeds: str, drags: np.ndarray, spring: Spring) -> Rolled | None:
     """A sum fitted to the recording in one roll; ``None`` where it misses more than noise."""
     law, numbers = law_of_sum(one, speeds, spring)
     most = spring.fit.squares + HOPELESS * spring.sigma**2
     numbers = np.append(numbers, drags)
-    fit = fit_law(law, numbers, spring.fit.starts, spring.pieces, most=most)
+    fit = fit_law(law, numbers, spring.fit.starts, pieces_for(one, spring), most=most)
     return None if fit is None or fit.squares > most else Rolled(one, speeds, fit, spring)
 
 
@@ -138,8 +149,7 @@ def again(rolled: Rolled, x: np.ndarray, times: np.ndarray) -> Rolled | None:
         x, times: places and seconds of those frames, ``(clips, frames)``.
     """
     spring, (told, _) = find_spring(x, times), rolled.formula("x")
-    drags = rolled.fit.numbers[len(rolled.fit.numbers) - len(SPEEDS[rolled.speeds]) :]
-    return None if spring is None else rolled_along(told, rolled.speeds, drags, spring)
+    return None if spring is None else rolled_along(told, rolled.speeds, rolled.drags, spring)
 
 
 def braked(rolled: Rolled) -> list[Rolled]:

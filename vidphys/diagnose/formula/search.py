@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ MOST = 5  # numbers of a sum
 NEVER = 1e9
 FIRST, STEPS = 4, 30  # of a descent: at first, and in earnest
 GIVEN_UP = 40.0  # nats above the best so far
+SHORTENED = 40  # sums that are tried without each of their words
 EDGE = 1e-3  # of the range of a constant
 
 
@@ -64,6 +66,24 @@ class Sum:
     def price(self) -> float:
         """Of the words, in nats."""
         return sum(term.price for term in self.terms)
+
+    @property
+    def shorter(self) -> list[Sum]:
+        """The same without each of its words, to be fitted anew."""
+
+        def left(part: tuple[Any, ...], k: int) -> tuple[Any, ...]:
+            return part[:k] + part[k + 1 :]
+
+        return [
+            Sum(
+                left(self.terms, k),
+                left(self.constants, k),
+                left(self.coefficients, k),
+                np.inf,
+                np.inf,
+            )
+            for k in (range(len(self.terms)) if len(self.terms) > 1 else ())
+        ]
 
     def at(self, x: np.ndarray) -> np.ndarray:
         """The force at places."""
@@ -144,9 +164,13 @@ def search(samples: Samples, until: float = np.inf) -> list[Sum]:
         ):
             for start in starts:
                 look(terms, start, STEPS)
+    for one in sorted(found.values(), key=lambda one: one.score)[:SHORTENED]:
+        for less in one.shorter:
+            look(less.terms, less.constants, STEPS)
     return sorted(found.values(), key=lambda one: one.score)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # trials of no use are given up
 def fitted(
     samples: Samples,
     terms: tuple[Term, ...],

@@ -138,6 +138,7 @@ class Law:
         )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # trials that fly apart are given up
 def fit_law(
     law: Law,
     numbers: np.ndarray,

@@ -102,7 +102,7 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
         if body not in met and len(clips[0].times) >= LEAST_FRAMES:
             laws[body] = roughly(clips, angles=False)
     lawful = [body for body, fits in laws.items() if _lawful(_clips(motion, [body]), fits)]
-    lawful = sorted({*lawful, *_tied(motion, laws, lawful)})
+    lawful = sorted({*lawful, *_tied(motion, laws, lawful, _stay(followed, list(laws)))})
     if not met and not _stay(motion, lawful):
         let_go = _released(followed, before=min(lawful, default=motion.bodies))
         if let_go:
@@ -190,7 +190,12 @@ def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:
     return frames_of(thinned(some.cut(first, last)))
 
 
-def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[int]) -> list[int]:
+def _tied(
+    motion: Motion,
+    laws: Mapping[int, Sequence[Fit]],
+    lawful: Sequence[int],
+    staying: Sequence[int],
+) -> list[int]:
     """The two that springs tie to each other best, of which not both have a law of their own.
 
     Beside other things that move, whoever follows them errs more. Of two of which neither has a law
@@ -198,8 +203,8 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
     their own laws leave.
     """
     tied: list[tuple[float, list[int]]] = []
-    for pair in map(list, combinations(laws, 2)):
-        if set(pair) <= set(lawful) or _stay(motion, pair) != pair:
+    for pair in map(list, combinations(staying, 2)):
+        if set(pair) <= set(lawful):
             continue
         fits = [laws[body] for body in pair]
         both = coupled(_clips(motion, pair), fits, camera=True)

@@ -23,6 +23,7 @@ MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
+HOPELESS = 2  # first frames from which no law holds, after which none before them is tried
 ENOUGH = 0.55  # of the frames that a law was fitted to, by which it is found again
 LATER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # of the frames: where a law is tried to hold from
 
@@ -243,18 +244,34 @@ def first_lawful(motion: Motion, angles: bool) -> int:
     if motion.clips > 1 or motion.bodies > MOST_BODIES:
         return 0
     stride, motion = _stride(motion), thinned(motion)
-    total, tried = motion.positions.shape[1], []
-    for share in LATER:
+    total, tried, failed = motion.positions.shape[1], [], 0
+    for share in reversed(LATER):  # a law that holds from a frame on holds from a later one too
         first = int(share * total)
-        if total - first < LEAST_FRAMES + 2:
+        left = _left_by_laws(motion.cut(first), angles)
+        if left is None:
+            continue
+        tried.append((stride * first, left))
+        failed += not np.isfinite(left)
+        if failed == HOPELESS:
             break
-        rest, worst = motion.cut(first), 0.0
-        for body in range(motion.bodies):
-            frames = frames_of(rest, [body])
-            enough = min(len(clip.stretches[0].times) for clip in frames) >= LEAST_FRAMES
-            laws = [x for x in roughly(frames, angles) if x.holds] if enough else []
-            worst = max(worst, min((x.left for x in laws), default=np.inf))
-        if np.isfinite(worst):
-            tried.append((stride * first, worst))
-    least = min((left for _, left in tried), default=0.0)
-    return next((first for first, left in tried if left <= NEAR_BEST * least), 0)
+    least = min((left for _, left in tried), default=np.inf)
+    if not np.isfinite(least):
+        return 0
+    return min(first for first, left in tried if left <= NEAR_BEST * least)
+
+
+def _left_by_laws(motion: Motion, angles: bool) -> float | None:
+    """What the best law leaves of the worst body; ``None`` where too little of one is seen.
+
+    Infinite where no law holds.
+    """
+    if motion.positions.shape[1] < LEAST_FRAMES + 2:
+        return None
+    worst = 0.0
+    for body in range(motion.bodies):
+        frames = frames_of(motion, [body])
+        if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
+            return None
+        laws = [x.left for x in roughly(frames, angles) if x.holds]
+        worst = max(worst, min(laws, default=np.inf))
+    return worst
