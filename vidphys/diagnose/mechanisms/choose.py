@@ -39,17 +39,31 @@ COASTING = 12.0
 VAGUE = 0.5  # standard error of a restitution, from which no bounce tells of it
 
 
-def roughly(clips: Sequence[Frames], angles: bool) -> list[Fit]:
+def roughly(clips: Sequence[Frames], angles: bool, like: Sequence[Fit] = ()) -> list[Fit]:
     """The laws that come nearest, each with a friction that goes with the speed, or a drive; and
     dry friction alone.
 
     Args:
         clips: of the body.
         angles: whether its coordinate is an angle in radians.
+        like: laws to whose kinds it keeps; it tries all where none are given.
     """
+    kinds = {_kind(x.model) for x in like}
     started = [guess for one in guesses(clips, angles) for guess in (one, *walled(clips, one))]
-    bases = race(clips, [(guess.model, guess.values) for guess in started]) + lifted(clips)
-    return bases if angles else bases + rubbed(clips)
+    runners = [(x.model, x.values) for x in started if not kinds or _kind(x.model) in kinds]
+    bases = race(clips, runners) if runners else []
+    if not like or any(x.model.law.lift_fades is not None for x in like):
+        bases += lifted(clips)
+    if not angles and (not like or any(x.model.law.restoring == "none" for x in like)):
+        bases += rubbed(clips)
+    return bases
+
+
+def _kind(model: Model) -> tuple[str, tuple[str, ...], bool]:
+    """What pulls back, and how it shows; frictions and walls apart."""
+    charts = model.charts
+    aslant = any(isinstance(chart, Arc) and chart.aslant for chart in charts)
+    return model.law.restoring, tuple(chart.name for chart in charts), aslant
 
 
 def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list[Fit]:

@@ -23,7 +23,7 @@ MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
-HOPELESS = 2  # first frames from which no law holds, after which none before them is tried
+HOPELESS = 2  # first frames from no law holds, after which none earlier is tried
 ENOUGH = 0.55  # of the frames that a law was fitted to, by which it is found again
 LATER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # of the frames: where a law is tried to hold from
 
@@ -245,13 +245,17 @@ def first_lawful(motion: Motion, angles: bool) -> int:
         return 0
     stride, motion = _stride(motion), thinned(motion)
     total, tried, failed = motion.positions.shape[1], [], 0
+    like: list[list[Fit]] = [[]] * motion.bodies
     for share in reversed(LATER):  # a law that holds from a frame on holds from a later one too
         first = int(share * total)
-        left = _left_by_laws(motion.cut(first), angles)
-        if left is None:
+        held = _holding(motion.cut(first), angles, like)
+        if held is None:
             continue
-        tried.append((stride * first, left))
-        failed += not np.isfinite(left)
+        worst = max(min((x.left for x in laws), default=np.inf) for laws in held)
+        tried.append((stride * first, worst))
+        if np.isfinite(worst):
+            like = held
+        failed += not np.isfinite(worst)
         if failed == HOPELESS:
             break
     least = min((left for _, left in tried), default=np.inf)
@@ -260,18 +264,16 @@ def first_lawful(motion: Motion, angles: bool) -> int:
     return min(first for first, left in tried if left <= NEAR_BEST * least)
 
 
-def _left_by_laws(motion: Motion, angles: bool) -> float | None:
-    """What the best law leaves of the worst body; ``None`` where too little of one is seen.
+def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> list[list[Fit]] | None:
+    """Of each body the laws that hold; ``None`` where too little of one is seen.
 
-    Infinite where no law holds.
+    Args:
+        like: of each body, laws to whose kinds it keeps, if any.
     """
     if motion.positions.shape[1] < LEAST_FRAMES + 2:
         return None
-    worst = 0.0
-    for body in range(motion.bodies):
-        frames = frames_of(motion, [body])
-        if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
-            return None
-        laws = [x.left for x in roughly(frames, angles) if x.holds]
-        worst = max(worst, min(laws, default=np.inf))
-    return worst
+    clips = [frames_of(motion, [body]) for body in range(motion.bodies)]
+    if min(len(clip.stretches[0].times) for each in clips for clip in each) < LEAST_FRAMES:
+        return None
+    each = zip(clips, like, strict=True)
+    return [[x for x in roughly(frames, angles, laws) if x.holds] for frames, laws in each]
