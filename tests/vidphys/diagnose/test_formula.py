@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vidphys.diagnose.formula.formula import Formula, chosen, formula_of, verdict_of
+from vidphys.diagnose.formula.formula import Formula, Verdict, chosen, formula_of, verdict_of
 from vidphys.diagnose.formula.grammar import words
-from vidphys.diagnose.formula.laws import FoundLaw, coordinate_law, law_of
+from vidphys.diagnose.formula.laws import MOST, FoundLaw, borne_out, coordinate_law, law_of
 from vidphys.diagnose.formula.search import Samples, Sum, search
 from vidphys.diagnose.formula.shooting import Law, cut, fit_law
 from vidphys.diagnose.recordings.motion import motion_of
@@ -72,6 +72,13 @@ def test_no_formula_where_many_that_are_each_less_likely_add_up():
     best, less = told_of("x", 10.0), [told_of(n, 11.5) for n in ("sin", "tanh", "atan", "soft1")]
     assert chosen([best, less[0]]).formula is best[1]
     assert chosen([best, *less]).formula is None
+
+
+def test_a_word_is_not_told_for_its_product_with_a_slow_sine_that_is_as_likely():
+    best = told_of("x gauss", 10.0)
+    assert chosen([best, told_of("gauss sin", 12.5)]).formula is None
+    assert chosen([best, told_of("gauss sin", 14.0)]).formula is best[1]
+    assert chosen([best, told_of("exp sin", 12.5)]).formula is best[1]
 
 
 def test_a_word_that_is_found_only_beside_one_of_no_use_is_told_alone():
@@ -156,16 +163,37 @@ def test_a_law_off_the_menu_is_found_from_noisy_places_with_its_friction(duffing
     assert name == "v" and abs(rate + 0.05) < 4 * error < 0.01
 
 
-def test_a_cusp_that_no_spline_follows_is_found_as_a_root():
-    times = np.linspace(0, 50, 400)[None]
+def recorded(force, friction):
+    """Ten swings or so, seen with noise."""
+    times = np.linspace(0, 50, 400)
     places = solve_ivp(
-        lambda t, s: [s[1], -1.2 * np.sign(s[0]) * np.abs(s[0]) ** 0.5 - 0.05 * s[1]],
-        (0, 50), [1.3, 0.0], t_eval=times[0], rtol=1e-8, atol=1e-10,
+        lambda t, s: [s[1], float(force(s[0])) - friction * s[1]],
+        (0, 50), [1.3, 0.0], t_eval=times, rtol=1e-8, atol=1e-10,
     ).y[:1]  # fmt: skip
     noise = 0.005 * places.std() * np.random.default_rng(1).standard_normal(places.shape)
-    found = coordinate_law(places + noise, times)
+    return places + noise, times[None]
+
+
+def test_a_cusp_that_no_spline_follows_is_found_as_a_root():
+    found = coordinate_law(*recorded(lambda x: -1.2 * np.sign(x) * np.abs(x) ** 0.5, 0.05))
     assert found.verdict.formula.kind == ("sgn(x) |x|^0.5",)
     assert found.frictions[0] == "v"
+
+
+def test_one_swing_over_and_over_is_no_formula_of_many_numbers():
+    kinked = drawn(20_104, 13)[-1]  # a line and half a bump fit it to within the noise
+    assert kinked.name == "kinked" and kinked.friction == 0
+    refused = coordinate_law(*kinked.recording(116))
+    assert refused.verdict.formula is None
+    assert "the same swing over and over" in refused.text
+
+
+def test_a_formula_of_many_numbers_is_not_told(duffing):
+    bends = [word for word in words(False) if word.name in ("step", "gauss")]
+    assert sum(word.numbers for word in bends) > MOST
+    made = Formula(tuple(bends), ((2.0, 0.3), (1.0,)), ((1.0,), (1.0,)), (0.01,) * 5)
+    assert "almost any force" in borne_out(Verdict(made, ""), duffing.spring).why
+    assert borne_out(duffing.verdict, duffing.spring) is duffing.verdict
 
 
 def test_a_pair_is_its_distance_and_other_motions_are_refused():

@@ -14,6 +14,7 @@ from vidphys.statistics import NORMAL_95
 
 # nats by which rivals must be worse, and by which ones must be whose word is a wider one of a sum's
 MARGIN, WIDER = 5.0, 1.0
+LIMIT = 3.5  # the same of a product with a slow sine, each number of which is clear
 ODDS = 0.5  # of all rivals together against a formula, from which it does not stand out
 CHANCE = 0.1  # that numbers of no use let a rival fit so much better
 STRANGE = 1e-3  # chance of so large a misfit, below which no formula of the grammar is believed
@@ -163,7 +164,7 @@ def chosen(found: Sequence[tuple[Sum, Formula, bool]]) -> Verdict:
     rivals = [
         other
         for one, other, _ in fitting
-        if one is not best and _near(best, one) and _told(best, one, other)
+        if one is not best and _near(best, one, other) and _told(best, one, other)
     ]
     rivals = rivals or _together_as_likely(best, fitting)
     if rivals:
@@ -184,7 +185,7 @@ def _together_as_likely(best: Sum, fitting: Sequence[tuple[Sum, Formula, bool]])
     return [other for _, other in others] if sum(odds for odds, _ in others) > ODDS else []
 
 
-def _near(best: Sum, one: Sum) -> bool:
+def _near(best: Sum, one: Sum, other: Formula) -> bool:
     """Whether a rival is so near that nothing tells which of the two it is.
 
     One with more numbers always fits better; it is near where it does so by more than chance.
@@ -196,6 +197,8 @@ def _near(best: Sum, one: Sum) -> bool:
     wide = [term for term in one.terms if term not in best.terms]
     if all(any(_among(a, b) for b in wide) for a in own):
         return worse < WIDER
+    if all(any(_slow(a, b) for b in wide) for a in own):
+        return worse < (LIMIT if clear(other) else WIDER)
     return worse < MARGIN and best.misfit - one.misfit > chdtri(more, CHANCE)
 
 
@@ -204,6 +207,11 @@ def _among(word: Term, wide: Term) -> bool:
     if wide.name == "wave":
         return word.name in ("sin", "cos")
     return wide.degree is None and word.power is not None
+
+
+def _slow(word: Term, wide: Term) -> bool:
+    """Whether a word is a product whose sine is slow: ``x exp`` is ``exp sin``, in the limit."""
+    return wide.name == f"{word.name.removeprefix('x ')} sin" and word.name.startswith("x ")
 
 
 def _told(best: Sum, one: Sum, other: Formula) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from vidphys.diagnose.formula.formula import STRANGE, Verdict, chosen, clear
-from vidphys.diagnose.formula.refusal import ELSE, would_tell
+from vidphys.diagnose.formula.refusal import ELSE, FEW, would_tell
 from vidphys.diagnose.formula.rolled import Rolled, braked, rolled_along
 from vidphys.diagnose.formula.search import Samples, Sum, search
 from vidphys.diagnose.formula.springs import Spring, find_spring
@@ -25,6 +25,9 @@ PLACES = 48  # at which the smooth force is read
 COARSE = 3e-3  # of the force's spread: what splines may miss of a formula
 SECONDS = 20.0  # of one processor, that a search may last
 LATE = f"the search took longer than {SECONDS:.0f} s; a shorter recording would tell"
+MOST = 4  # numbers of a formula that is told
+SURE = 2e-3  # of the force's spread: to within which a number of it is known
+AMPLE = 1.5  # times a formula's numbers, that must be known of a smooth force
 SLIGHT = 5.0  # nats within which another friction may be the true one
 
 
@@ -168,7 +171,7 @@ def _judged(found: list[Rolled], spring: Spring, variable: str) -> FoundLaw:
         free = max(spring.basis.count - each.sum.numbers, 1)
         if each.believed:
             told.append((*each.formula(variable), bool(worse < chdtri(free, STRANGE))))
-    verdict = chosen(told)
+    verdict = borne_out(chosen(told), spring)
     if verdict.formula is None:
         return FoundLaw(verdict, would_tell(verdict, *spring.basis.ends), found[0], (), spring)
     law = best[verdict.formula.kind]
@@ -179,6 +182,28 @@ def _judged(found: list[Rolled], spring: Spring, variable: str) -> FoundLaw:
             f" {'-' if value < 0 else '+'} {abs(value):.3g} {word.replace('v', variable + chr(39))}"
         )
     return FoundLaw(verdict, text, law, tuple(x.speeds for x in near), spring)
+
+
+def borne_out(verdict: Verdict, spring: Spring) -> Verdict:
+    """A formula, unless it could as well stand for a law that it is not."""
+    if verdict.formula is None:
+        return verdict
+    count = len(verdict.formula.numbers)
+    if count > MOST:
+        return Verdict(None, f"no formula: sums of more than {MOST} numbers fit almost any force")
+    if _known(spring) < AMPLE * count:
+        return Verdict(None, FEW)
+    return verdict
+
+
+def _known(spring: Spring) -> int:
+    """How many numbers the recording tells of a smooth force, each to within ``SURE``."""
+    basis = spring.basis
+    splines = basis.matrix(np.linspace(basis.low, basis.high, PLACES))
+    numbers = spring.fit.numbers[: basis.count]
+    covariance = spring.covariance[: basis.count, : basis.count]
+    variances = np.linalg.eigvalsh(splines @ covariance @ splines.T / PLACES)[-basis.count :]
+    return int((variances < (SURE * np.std(splines @ numbers)) ** 2).sum())
 
 
 def spoken(word: str, variable: str) -> str:

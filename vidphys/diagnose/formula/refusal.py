@@ -10,6 +10,7 @@ from vidphys.diagnose.formula.formula import ALIKE, Formula, Verdict
 
 FARTHER = 1.0  # of the width that was seen, up to which a recording may reach farther
 APART = 0.2  # of the force's spread, by which two formulas must differ to be told apart there
+FEW = "no formula: the same swing over and over tells too little of a force"
 ELSE = (
     "no law of its place and speed alone rolls along the recording; one that also shows what else "
     "acts (a drive, a second body, another coordinate) would tell"
@@ -23,6 +24,8 @@ def would_tell(verdict: Verdict, low: float, high: float) -> str:
         verdict: without a formula.
         low, high: places that were seen.
     """
+    if verdict.why == FEW:
+        return f"{verdict.why}; a recording of swings of several heights would tell"
     if verdict.why != ALIKE:
         return (
             f"{verdict.why}; a recording that reaches beyond {low:.3g} to {high:.3g} would show "
