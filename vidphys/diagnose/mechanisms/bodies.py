@@ -122,10 +122,8 @@ def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> boo
     """
     if len(found) != 1 or _of(followed, found).seen.sum() <= _of(motion, found).seen.sum():
         return False
-    clips, alone = _clips(followed, found), _of(followed, found)
-    if _lawful(clips, roughly(clips, angles=False)):
-        return True
-    return first_lawful(alone.cut(*alone.shown()), angles=False) > 0
+    clips = _clips(followed, found)
+    return _lawful(clips, roughly(clips, angles=False)) or _lawful_later(followed, *found)
 
 
 def _said(all_: int, looked_at: int) -> tuple[str, ...]:
@@ -161,9 +159,13 @@ def _released(motion: Motion, before: int) -> list[int]:
             clips = frames_of(thinned(rest.cut(first, last)))
             if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
                 found.append(body)
-    alone = ((body, _of(motion, [body])) for body in staying)
-    later = (body for body, each in alone if first_lawful(each.cut(*each.shown()), angles=False))
-    return found or list(islice(later, 1))
+    return found or list(islice((x for x in staying if _lawful_later(motion, x)), 1))
+
+
+def _lawful_later(motion: Motion, body: int) -> bool:
+    """Whether a law moves it from a later frame on."""
+    alone = _of(motion, [body])
+    return first_lawful(alone.cut(*alone.shown()), angles=False) > 0
 
 
 def _rests(motion: Motion, body: int) -> bool:
