@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.vidphys.stress.test_flights import STEP, TRUE, stepped
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
-from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism, first_lawful
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.parted import parted
 from vidphys.diagnose.recordings.release import free_frames, held_until, held_within
@@ -188,3 +188,9 @@ def test_the_law_of_what_is_thrown_begins_where_the_hand_lets_go():
     ball = motion_of(thrown()[None, 20:, :1], 1 / 30)
     found = find_mechanism(ball.cut(0, 18), camera=True)
     assert found.kinds == {"uniform"} and 5 <= found.first <= 7
+
+
+@pytest.mark.parametrize("frames", [10, 12, 15])
+def test_of_a_short_clip_only_frames_that_leave_enough_are_tried(frames):
+    path = np.random.default_rng(0).standard_normal((frames, 2)).cumsum(0)
+    assert first_lawful(motion_of(path[None, :, None], 1 / 30), angles=False) <= frames - 10

@@ -23,7 +23,6 @@ MOST_FRAMES = 1500
 RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
-HOPELESS = 2  # first frames from no law holds, after which none earlier is tried
 ENOUGH = 0.55  # of the frames that a law was fitted to, by which it is found again
 LATER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # of the frames: where a law is tried to hold from
 
@@ -244,24 +243,18 @@ def first_lawful(motion: Motion, angles: bool) -> int:
     if motion.clips > 1 or motion.bodies > MOST_BODIES:
         return 0
     stride, motion = _stride(motion), thinned(motion)
-    total, tried, failed = motion.positions.shape[1], [], 0
+    total, tried = motion.positions.shape[1], []
     like: list[list[Fit]] = [[]] * motion.bodies
-    for share in reversed(LATER):  # a law that holds from a frame on holds from a later one too
+    for share in reversed(LATER):
         first = int(share * total)
-        held = _holding(motion.cut(first), angles, like)
-        if held is None:
+        if total - first < LEAST_FRAMES + 2:
             continue
-        worst = max(min((x.left for x in laws), default=np.inf) for laws in held)
-        tried.append((stride * first, worst))
-        if np.isfinite(worst):
-            like = held
-        failed += not np.isfinite(worst)
-        if failed == HOPELESS:
-            break
+        held = _holding(motion.cut(first), angles, like)
+        if held is not None and all(held):
+            tried.append((stride * first, max(min(x.left for x in laws) for laws in held)))
+            like = held  # a law that holds from a frame on holds from a later one too
     least = min((left for _, left in tried), default=np.inf)
-    if not np.isfinite(least):
-        return 0
-    return min(first for first, left in tried if left <= NEAR_BEST * least)
+    return min((first for first, left in tried if left <= NEAR_BEST * least), default=0)
 
 
 def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> list[list[Fit]] | None:
@@ -270,8 +263,6 @@ def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> lis
     Args:
         like: of each body, laws to whose kinds it keeps, if any.
     """
-    if motion.positions.shape[1] < LEAST_FRAMES + 2:
-        return None
     clips = [frames_of(motion, [body]) for body in range(motion.bodies)]
     if min(len(clip.stretches[0].times) for each in clips for clip in each) < LEAST_FRAMES:
         return None
