@@ -147,16 +147,20 @@ def samples_of(spring: Spring) -> Samples:
     What no spline can follow, such as the cusp of a root at zero, is no misfit of a formula: it is
     looked at as the splines see it.
     """
-    basis = spring.basis
-    x = np.linspace(basis.low, basis.high, PLACES)
-    splines = basis.matrix(x)
-    k = basis.count
-    numbers, covariance = spring.fit.numbers[:k], spring.covariance[:k, :k]
-    force = splines @ numbers
+    x, splines, force, covariance = _force(spring)
     floor = (COARSE * np.std(force)) ** 2 * np.eye(len(x))
-    values, vectors = np.linalg.eigh(splines @ covariance @ splines.T + floor)
+    values, vectors = np.linalg.eigh(covariance + floor)
     seen = splines @ np.linalg.pinv(splines)
     return Samples(x, force, (vectors / np.sqrt(values)).T @ seen, spring.count)
+
+
+def _force(spring: Spring) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Places, the splines there, the smooth force and its covariance."""
+    basis = spring.basis
+    x = np.linspace(basis.low, basis.high, PLACES)
+    splines, k = basis.matrix(x), basis.count
+    covariance = splines @ spring.covariance[:k, :k] @ splines.T
+    return x, splines, splines @ spring.fit.numbers[:k], covariance
 
 
 def _judged(found: list[Rolled], spring: Spring, variable: str) -> FoundLaw:
@@ -198,12 +202,9 @@ def borne_out(verdict: Verdict, spring: Spring) -> Verdict:
 
 def _known(spring: Spring) -> int:
     """How many numbers the recording tells of a smooth force, each to within ``SURE``."""
-    basis = spring.basis
-    splines = basis.matrix(np.linspace(basis.low, basis.high, PLACES))
-    numbers = spring.fit.numbers[: basis.count]
-    covariance = spring.covariance[: basis.count, : basis.count]
-    variances = np.linalg.eigvalsh(splines @ covariance @ splines.T / PLACES)[-basis.count :]
-    return int((variances < (SURE * np.std(splines @ numbers)) ** 2).sum())
+    _, _, force, covariance = _force(spring)
+    variances = np.linalg.eigvalsh(covariance / PLACES)[-spring.basis.count :]
+    return int((variances < (SURE * np.std(force)) ** 2).sum())
 
 
 def spoken(word: str, variable: str) -> str:

@@ -102,7 +102,8 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
         if body not in met and len(clips[0].times) >= LEAST_FRAMES:
             laws[body] = roughly(clips, angles=False)
     lawful = [body for body, fits in laws.items() if _lawful(_clips(motion, [body]), fits)]
-    lawful = sorted({*lawful, *_tied(motion, laws, lawful, _stay(followed, list(laws)))})
+    staying = {body: laws[body] for body in _stay(followed, list(laws))}
+    lawful = sorted({*lawful, *_tied(motion, staying, lawful)})
     if not met and not _stay(motion, lawful):
         let_go = _released(followed, before=min(lawful, default=motion.bodies))
         if let_go:
@@ -123,7 +124,7 @@ def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> boo
     if len(found) != 1 or _of(followed, found).seen.sum() <= _of(motion, found).seen.sum():
         return False
     clips = _clips(followed, found)
-    return _lawful(clips, roughly(clips, angles=False)) or _lawful_later(followed, *found)
+    return _lawful(clips, roughly(clips, angles=False)) or _lawful_later(followed, found[0])
 
 
 def _said(all_: int, looked_at: int) -> tuple[str, ...]:
@@ -192,20 +193,19 @@ def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:
     return frames_of(thinned(some.cut(first, last)))
 
 
-def _tied(
-    motion: Motion,
-    laws: Mapping[int, Sequence[Fit]],
-    lawful: Sequence[int],
-    staying: Sequence[int],
-) -> list[int]:
+def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[int]) -> list[int]:
     """The two that springs tie to each other best, of which not both have a law of their own.
 
     Beside other things that move, whoever follows them errs more. Of two of which neither has a law
     of its own, springs may leave as much as a camera that stands askew, if it is far less than
     their own laws leave.
+
+    Args:
+        laws: of each body that is seen in nearly all frames, before any mending.
+        lawful: those that a law of their own moves.
     """
     tied: list[tuple[float, list[int]]] = []
-    for pair in map(list, combinations(staying, 2)):
+    for pair in map(list, combinations(laws, 2)):
         if set(pair) <= set(lawful):
             continue
         fits = [laws[body] for body in pair]

@@ -50,8 +50,8 @@ def roughly(clips: Sequence[Frames], angles: bool, like: Sequence[Fit] = ()) -> 
     """
     kinds = {_kind(x.model) for x in like}
     started = [guess for one in guesses(clips, angles) for guess in (one, *walled(clips, one))]
-    runners = [(x.model, x.values) for x in started if not kinds or _kind(x.model) in kinds]
-    bases = race(clips, runners) if runners else []
+    runners = [(x.model, x.values) for x in started if not like or _kind(x.model) in kinds]
+    bases = race(clips, runners)
     if not like or any(x.model.law.lift_fades is not None for x in like):
         bases += lifted(clips)
     if not angles and (not like or any(x.model.law.restoring == "none" for x in like)):
