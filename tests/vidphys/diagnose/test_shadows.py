@@ -41,6 +41,17 @@ def test_a_pendulum_that_swings_beside_another_is_no_shadow(longer):
     assert bodies == 2 and not said
 
 
+def test_two_that_swing_against_each_other_are_no_shadows():
+    right = np.stack([0.3 + 0.05 * np.cos(7 * TIMES), 0 * TIMES], -1)
+    bodies, said = looked_at(right, right * [-0.8, 1.0])
+    assert bodies == 2 and not said
+
+
+def test_what_a_floor_mirrors_is_no_body():
+    above = np.stack([0.02 * TIMES, 0.3 + 0.05 * np.cos(7 * TIMES)], -1)
+    assert "thing 2 moves in proportion" in looked_at(above, above * [1.0, -0.9])[1]
+
+
 def test_the_wheels_of_a_cart_are_one_body():
     cart = np.stack([0.5 * np.cos(5 * TIMES), 0 * TIMES], -1)
     bodies, said = looked_at(cart - [0.05, 0.1], cart + [0.05, -0.1])

@@ -22,8 +22,9 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
 
     Along the way that it swings most, a shadow is where its body is, times a factor. Two bodies do
     that only if they are let go together and are alike, and then their ways are each other's copy.
-    Light comes from above, so of two such things the upper one is the body. Copies that are nearer
-    to each other than they go are parts of one body, as a cart's wheels are.
+    Light comes from above, so of two such things the upper one is the body; and a floor mirrors up
+    and down, so what goes right whenever the other goes left is neither. Copies that are nearer to
+    each other than they go are parts of one body, as a cart's wheels are.
 
     Args:
         motion: of one clip; the likeliest bodies come first.
@@ -60,6 +61,9 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     if copied <= ALIKE:
         near = np.linalg.norm(middle[1] - middle[0]) < np.ptp(one)
         return "goes with {} wherever it goes, as a part of it does" if near else ""
+    against = main[0] * main[1] * (one @ two) < 0  # right against left, up against down
+    if against[np.abs(main[0]).argmax()] and abs(main[0][1]) < abs(main[0][0]):
+        return ""
     shadow = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
     return shadow if left < APART else ""
 
