@@ -184,6 +184,19 @@ def test_a_ball_keeps_the_frames_in_which_it_leaves_the_hand():
     assert kept.bodies == 1 and kept.seen[0, 24:].all()
 
 
+def test_a_ball_that_the_hand_hides_at_first_is_told_from_one_that_comes_to_rest():
+    times = np.arange(34) / 30
+    free, held = np.maximum(times - 0.65, 0), np.minimum(times, 0.65)
+    way = np.stack([0.2 * held, 3.0 * (held - 0.3) ** 3], -1)
+    ball = way + np.stack([0.2 * free, 1.1 * free - 4.0 * free**2], -1)
+    hand = [-0.3, -0.6] + [0.04, 0.4] * (1 - np.exp(-8 * (times - 0.45)))[:, None]
+    ball[:11], hand[:14] = np.nan, np.nan
+    both = np.stack([ball, hand], 1)
+    both += 5e-4 * np.random.default_rng(5).standard_normal(both.shape)
+    kept, _ = of_lawful_bodies(motion_of(both[None], 1 / 30))
+    np.testing.assert_allclose(kept.positions[0, 20:, 0], ball[20:], atol=3e-3)
+
+
 def test_the_law_of_what_is_thrown_begins_where_the_hand_lets_go():
     ball = motion_of(thrown()[None, 20:, :1], 1 / 30)
     found = find_mechanism(ball.cut(0, 18), camera=True)

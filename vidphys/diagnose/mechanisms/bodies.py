@@ -140,7 +140,7 @@ def _stay(motion: Motion, bodies: list[int]) -> list[int]:
 
 
 def _released(motion: Motion, before: int) -> list[int]:
-    """Bodies that stay, and that a law moves once what held them has let go.
+    """Bodies that stay once they are there, and that a law moves once what held them has let go.
 
     A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
     that rests at the end is asked last, and only where a law moves no other.
@@ -148,7 +148,7 @@ def _released(motion: Motion, before: int) -> list[int]:
     Args:
         before: the likeliest body that a law moves already: of those likelier than it.
     """
-    staying = _stay(motion, list(range(min(before, MOST_TRIED))))
+    staying = [body for body in range(min(before, MOST_TRIED)) if _stays_on(motion, body)]
     resting = [body for body in staying if _rests(motion, body)]
     staying = [body for body in staying if body not in resting]
     staying += resting if before == motion.bodies else []
@@ -167,6 +167,12 @@ def _lawful_later(motion: Motion, body: int) -> bool:
     """Whether a law moves it from a later frame on."""
     alone = _of(motion, [body])
     return first_lawful(alone.cut(*alone.shown()), angles=False) > 0
+
+
+def _stays_on(motion: Motion, body: int) -> bool:
+    """Whether it is seen in nearly all frames from the first that shows it."""
+    seen = motion.seen[0, :, body]
+    return bool(seen.any() and seen[seen.argmax() :].mean() > ALWAYS)
 
 
 def _rests(motion: Motion, body: int) -> bool:
