@@ -1,8 +1,9 @@
 """The still part of a clip: its background, and the small drift of a hand-held camera.
 
-A camera that "stands still" in a user's hand moves by several pixels. Each frame is registered to
-the background by Gauss-Newton on the brightness (Lucas & Kanade 1981) with robust weights; only
-pixels where the *background* has structure take part, so bodies that move do not pull.
+A camera that "stands still" in a user's hand moves by several pixels, and rolls about its axis.
+Each frame is registered to the background by Gauss-Newton on the brightness (Lucas & Kanade 1981)
+with robust weights; only pixels where the *background* has structure take part, so bodies that move
+do not pull.
 """
 
 from __future__ import annotations
@@ -19,36 +20,82 @@ STRUCTURE = 0.97
 LEAST_SLOPE = 1.0  # brightness levels a pixel; what noise leaves in a median is below
 PIXELS = (20, 6000)
 REACH = 8.0
+ROLLS = 0.5  # pixels at the corners, root mean square, from which a camera rolls
 HIDDEN = 2.0  # times the usual scale of what is left, of a frame in which something hides much
 SEED = 0
 
 
-def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndarray, "t 2"]:
-    """Translation of the still background in each frame, pixels (x right, y down).
+def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndarray, "t 3"]:
+    """How the still background is displaced in each frame, and turned about the picture's middle.
 
     Args:
         grey: brightness of each frame ``(h, w)``, 0 to 255.
         sample: frames that the background is estimated from.
 
     Returns:
-        ``(x, y)`` by which a still point is displaced, its median over ``sample`` being zero.
-        Zero where the background has no structure to hold on to.
+        ``(x, y)`` by which the picture's middle is displaced, pixels (x right, y down), and the
+        angle by which the background is turned from x to y, radians; their medians over ``sample``
+        are zero. Angles are zero of a camera that hardly rolls, and all are where the background
+        has no structure to hold on to.
     """
     drift = np.zeros((len(sample), 2))
+    background, drift = _registered(grey, sample, drift)
+    rolled = _register(background, grey[sample], np.pad(drift, ((0, 0), (0, 1))))
+    if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(background) > ROLLS:
+        background, drift = _registered(grey, sample, rolled)
+    guess = [np.interp(np.arange(len(grey)), sample, column) for column in drift.T]
+    found = _register(background, grey, np.stack(guess, 1))
+    return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
+
+
+def _registered(
+    grey: np.ndarray | Through, sample: list[int], drift: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The background, and the drift of the frames of a sample from it."""
     background = grey[sample[0]]
     for _ in range(ROUNDS):
         aligned = [undo_drift(grey[i], d) for i, d in zip(sample, drift, strict=True)]
         background = np.median(aligned, axis=0)
         drift = _register(background, grey[sample], drift)
         drift -= np.median(drift, axis=0)
-    guess = np.stack([np.interp(np.arange(len(grey)), sample, drift[:, i]) for i in (0, 1)], 1)
-    return _register(background, grey, guess)
+    return background, drift
+
+
+def _arm(image: np.ndarray) -> float:
+    """From the picture's middle to its corners, pixels."""
+    return float(np.hypot(*image.shape[:2]) / 2)
+
+
+def turned_by(drift: Float[np.ndarray, "t 3"], size: tuple[int, int]) -> Float[np.ndarray, "t 3 3"]:
+    """A drift as homographies, from the still background to each frame.
+
+    Args:
+        drift: as :func:`camera_drift` gives it; the angles are small.
+        size: (height, width), pixels.
+    """
+    (x, y, roll), (cy, cx) = drift.T, ((n - 1) / 2 for n in size)
+    turns = np.tile(np.eye(3), (len(drift), 1, 1))
+    turns[:, 0, 1], turns[:, 1, 0] = -roll, roll
+    turns[:, 0, 2], turns[:, 1, 2] = x + roll * cy, y - roll * cx
+    return turns
 
 
 def undo_drift(
-    image: Float[np.ndarray, "h w *c"], drift: Float[np.ndarray, " 2"]
+    image: Float[np.ndarray, "h w *c"], drift: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "h w *c"]:
-    """The image as a camera without drift would have seen it (linear interpolation)."""
+    """The image as a camera without drift would have seen it (linear interpolation).
+
+    Args:
+        image: of any number of channels.
+        drift: of :func:`camera_drift`, with or without the angle.
+    """
+    import cv2
+
+    if drift[2:].any():
+        turn = turned_by(drift[None], (image.shape[0], image.shape[1]))[0, :2]
+        back = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        edge = cv2.BORDER_REPLICATE
+        return cv2.warpAffine(image, turn, image.shape[1::-1], flags=back, borderMode=edge)
     if not drift.any():
         return image
     for axis, shift in ((0, drift[1]), (1, drift[0])):
@@ -84,12 +131,18 @@ def _register(
     ys, xs = _structure(np.hypot(slope_x, slope_y))
     if len(ys) == 0:
         return np.zeros_like(guess)
-    gradient = np.stack([slope_x[ys, xs], slope_y[ys, xs]], 1)
+    from_middle = [(at - (n - 1) / 2) for at, n in zip((ys, xs), smooth.shape, strict=True)]
+    across, down = slope_x[ys, xs], slope_y[ys, xs]
+    turned = (down * from_middle[1] - across * from_middle[0]) / _arm(smooth)
+    gradient = np.stack([across, down, turned], 1)[:, : guess.shape[1]]
     target = smooth[ys, xs]
-    pixels = (ys, xs)
+    arms = np.array(from_middle) / _arm(smooth)
+    unit = np.array([1.0, 1.0, _arm(smooth)])[: guess.shape[1]]
 
     def aligned(frame: np.ndarray, start: np.ndarray, most: float) -> tuple[np.ndarray, float]:
-        return _align(ndimage.gaussian_filter(frame, 1.0), pixels, target, gradient, start, most)
+        smooth = ndimage.gaussian_filter(frame, 1.0)
+        found, scale = _align(smooth, (ys, xs), arms, target, gradient, start * unit, most)
+        return found / unit, scale
 
     found = [aligned(*each, np.inf) for each in zip(frames, guess, strict=True)]
     drift, scale = np.array([x[0] for x in found]), np.array([x[1] for x in found])
@@ -97,7 +150,7 @@ def _register(
     hidden = np.flatnonzero(scale > HIDDEN * usual)
     clear = np.flatnonzero(scale <= HIDDEN * usual)
     for number in hidden:
-        start = np.array([np.interp(number, clear, drift[clear, axis]) for axis in (0, 1)])
+        start = np.array([np.interp(number, clear, column) for column in drift[clear].T])
         drift[number], _ = aligned(frames[number], start, usual)
     return drift
 
@@ -119,29 +172,35 @@ def _structure(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _align(
     frame: np.ndarray,
     pixels: tuple[np.ndarray, np.ndarray],
+    arms: np.ndarray,
     target: np.ndarray,
     gradient: np.ndarray,
     start: np.ndarray,
     most: float,
 ) -> tuple[np.ndarray, float]:
-    """Gauss-Newton on the translation; a weak pull to zero decides where nothing else does.
+    """Gauss-Newton on the drift; a weak pull to zero decides where nothing else does.
 
     Args:
+        arms: of the pixels ``(2, n)``, rows and columns from the middle over its distance from the
+            corners.
+        start: displacement, and what the turn displaces the corners by where it is sought, pixels.
         most: of the scale beyond which what differs is something else.
 
     Returns:
-        The translation, and the scale.
+        The drift in the units of ``start``, and the scale.
     """
     ys, xs = pixels
     drift, scale = start.astype(float), most
+    turn = np.array([1.0, -1.0])[:, None] * arms[::-1] if len(drift) > 2 else 0.0 * arms
     for _ in range(STEPS):
-        seen = ndimage.map_coordinates(frame, [ys + drift[1], xs + drift[0]], order=1)
+        down, right = drift[1::-1, None] + turn * drift[-1]
+        seen = ndimage.map_coordinates(frame, [ys + down, xs + right], order=1)
         residual = seen - target
         residual = residual - np.median(residual)
         scale = min(most, 0.5 + 1.4826 * float(np.median(np.abs(residual))))
         weight = 1 / (1 + (residual / (2 * scale)) ** 2) ** 2
         pull = (scale / REACH) ** 2
-        normal = gradient.T @ (weight[:, None] * gradient) + pull * np.eye(2)
+        normal = gradient.T @ (weight[:, None] * gradient) + pull * np.eye(len(drift))
         step = np.linalg.solve(normal, gradient.T @ (weight * residual) + pull * drift)
         drift = drift - step
         if np.abs(step).max() < 1e-3:

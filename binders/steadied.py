@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 
 from binders.base import Pictures
-from binders.camera import background_of, camera_drift, undo_drift
+from binders.camera import background_of, camera_drift, turned_by, undo_drift
 from binders.pan import through, turning, unturned
 from binders.reel import Masks, Reel, Through, filled
 
@@ -44,12 +44,10 @@ class Steadied:
         self.half = max(frames.shape[1:3]) / 2 / self.factor
         self._middle = np.array([frames.shape[2], frames.shape[1]]) / 2 / self.factor
         self.sample = _sample(len(small))
-        self._turns = turning(small)
+        self._turns, self.drift = _moved(small, self.sample)
         if self._turns is None:
-            self.drift = _drift(small, self.sample)
             self.still = _steady(small, self.drift)
         else:
-            self.drift = _turned(self._turns, self._middle)
             self.still = _filled(*unturned(small, self._turns), self.sample)
         self.steps = (times - times[0]) / np.median(np.diff(times))
 
@@ -75,11 +73,7 @@ class Steadied:
 def camera_path(frames: Pictures) -> Float[torch.Tensor, "t 2"]:
     """What the camera of a clip did, as in :class:`MotionTracks`, without following anything."""
     small, factor = _working_copy(frames)
-    turns = turning(small)
-    if turns is None:
-        drift = _drift(small, _sample(len(small)))
-    else:
-        drift = _turned(turns, np.array([frames.shape[2], frames.shape[1]]) / 2 / factor)
+    _, drift = _moved(small, _sample(len(small)))
     return _since_first(drift, max(frames.shape[1:3]) / 2 / factor)
 
 
@@ -105,10 +99,16 @@ def _sample(count: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, SAMPLED_FRAMES).astype(int)).tolist()
 
 
-def _drift(small: Reel, sample: list[int]) -> np.ndarray:
-    """Displacement of the background in each frame (pixels), of a camera that hardly turns."""
-    grey = Through(small, lambda frame: frame.mean(-1, dtype=np.float32))
-    return camera_drift(grey, sample)
+def _moved(small: Reel, sample: list[int]) -> tuple[np.ndarray | None, np.ndarray]:
+    """What the camera did: homographies if it turned or rolled, and the drift of the middle."""
+    turns = turning(small)
+    if turns is None:
+        grey = Through(small, lambda frame: frame.mean(-1, dtype=np.float32))
+        drift = camera_drift(grey, sample)
+        if not drift[:, 2].any():
+            return None, drift[:, :2]
+        turns = turned_by(drift, (small.shape[1], small.shape[2]))
+    return turns, _turned(turns, np.array(small.shape[2:0:-1]) / 2)
 
 
 def _turned(turns: np.ndarray, middle: np.ndarray) -> np.ndarray:

@@ -159,6 +159,22 @@ def test_drift_is_undone() -> None:
     np.testing.assert_allclose(back[5:-5, 5:-5], image[5:-5, 5:-5], atol=1e-3)
 
 
+def test_a_camera_that_rolls() -> None:
+    """A hand turns it about its axis by a degree: the far ends of the picture move by pixels."""
+    path, roll = swing(), np.radians(1.0) * np.sin(np.arange(FRAMES) / 5)
+    drift = np.stack([*wobble().T, roll], 1)
+    steady = draw(path[:, None], still(), strings=False)
+    moved = [undo_drift(f, -d) for f, d in zip(steady.astype(np.float32), drift, strict=True)]
+    frames = np.rint(moved).astype(np.uint8)
+    found = camera_drift(frames.mean(-1).astype(np.float32), list(range(0, FRAMES, 2)))
+    off = found[:, 2] - roll
+    assert np.abs(off - np.median(off)).max() < 2e-3
+    bound = MotionBinder(shadow=0.6)(frames, times())
+    camera = bound.camera.numpy()[:, None] * [WIDTH / 2, -WIDTH / 2]
+    places = pixels(bound) - camera - path[:, None]
+    assert np.abs(places - np.median(places, 0)).max() < 1.0
+
+
 def test_background_without_the_ghost() -> None:
     images = np.full((9, 2, 2, 3), 100.0, np.float32)
     images[:6, 0, 0] = 200  # a body that is there most of the time
