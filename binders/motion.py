@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy import ndimage
 
 from binders.base import BINDERS, MotionTracks, Pictures
 from binders.blobs import Blobs
@@ -33,11 +34,12 @@ from binders.wanted import Wanted, in_working_pixels
 
 HIDING = 1.5, 4.0  # radii, and pixels
 LARGE = 0.2  # of the picture's shorter side, a radius beyond which the background is not cleaned
-PASSES = 2
+PASSES = 3  # the last one only where ghosts are left
 SHADOW = 0.6
 LIKE_IT = 10.0  # of :meth:`Wanted.likeness`, from which a pixel has the colour
 UNSAID = 0.02  # of the picture's shorter side: radius of a body of which only a place is said
 HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
+RIM = 3  # pixels around a ghost, that are its soft edge
 # how much less likely a blob is the body alone that may have its shadow, and corners are all of it
 DOUBTS = 1.0, 0.75, 0.8, 0.8
 CORNERS, COLOURED = 2, 3  # ways to find bodies: by corners, by colour
@@ -146,8 +148,8 @@ class _View:
 def _view(clip: Steadied, settings: MotionBinder) -> _View:
     """What may be bodies before a background that is cleaned of those that are known."""
     sampled = clip.still[clip.sample].astype(np.float32)
-    hidden, candidates = None, []
-    for _ in range(PASSES):
+    hidden, clear = None, np.zeros(sampled.shape[:3], bool)
+    for number in range(PASSES):
         background = background_of(sampled, hidden)
         blobs, changed, ghosts = _blobs(clip, background, sampled, settings)
         judged = [
@@ -156,8 +158,11 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
             for each in _judged(clip, hypotheses(b, clip.steps), kind, settings)
         ]
         candidates = ranked(judged)
-        often = ghosts.sum(0) >= HAUNTED
-        hidden = _discs(candidates, clip) | (often & ~ghosts)
+        if number > 0 and (ghosts.sum(0) >= HAUNTED).sum() < _area(candidates):
+            break
+        clear |= ghosts
+        often = clear.sum(0) >= HAUNTED
+        hidden = _discs(candidates, clip) | (often & ~clear)
     judged += _crossed(clip, candidates, settings)
     if settings.wanted.colour is None:
         inside = settings.wanted.where(background.shape[0], background.shape[1], clip.factor)
@@ -254,12 +259,17 @@ def _blobs(
         for kind, (change, limit, coloured, behind) in zip(blobs, pairs, strict=True):
             found, haunted = lumps(image, change, limit, settings.thin, coloured, behind)
             if frame in rows:
-                ghosts[rows[frame]] |= haunted
+                ghosts[rows[frame]] |= ndimage.binary_dilation(haunted, iterations=RIM)
             if inside is not None:
                 x, y = np.rint(found.centre).astype(int).T
                 found = found.only(inside[y, x])
             kind.append(found)
     return blobs, changed, ghosts
+
+
+def _area(candidates: list[Candidate]) -> float:
+    """Of the likeliest body, pixels; 0 where there is none."""
+    return float(np.pi * np.nanmedian(candidates[0].body.size) ** 2) if candidates else 0.0
 
 
 def _discs(candidates: list[Candidate], clip: Steadied) -> np.ndarray:

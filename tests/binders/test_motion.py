@@ -96,6 +96,15 @@ def test_follows_the_body_and_neither_shadow_nor_string(drift: np.ndarray) -> No
     assert np.abs(camera - (drift - drift[0])).max() < 0.3 and not camera[0].any()
 
 
+def test_what_hardly_leaves_its_place_is_cleaned_from_the_background_step_by_step() -> None:
+    """What two looks leave of its ghost, at which it would be followed, a third one shows."""
+    swung = np.cos(0.5 * np.arange(FRAMES))
+    path = np.stack([56 + 4 * swung + 4 * np.maximum(swung, 0) ** 4, np.full(FRAMES, 50.0)], 1)
+    found = MotionBinder()(draw(path[:, None], still()), times())
+    error = np.linalg.norm(pixels(found)[:, 0] - path, axis=-1)
+    assert np.sqrt((error**2).mean()) < 1.2
+
+
 def test_two_bodies_keep_their_identity() -> None:
     t = np.arange(FRAMES) / FRAMES
     one = np.stack([15 + 95 * t, 30 + 12 * t], 1)
