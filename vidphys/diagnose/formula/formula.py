@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from vidphys.diagnose.formula.grammar import Term
-from vidphys.diagnose.formula.search import Samples, Sum, design, search
+from vidphys.diagnose.formula.search import search
+from vidphys.diagnose.formula.sums import Samples, Sum, design
 from vidphys.statistics import NORMAL_95
 
 # nats by which rivals must be worse, and by which ones must be whose word is a wider one of a sum's

@@ -12,8 +12,9 @@ from scipy.special import chdtri
 from vidphys.diagnose.formula.formula import STRANGE, Verdict, chosen, clear
 from vidphys.diagnose.formula.refusal import ELSE, FEW, would_tell
 from vidphys.diagnose.formula.rolled import Rolled, braked, rolled_along
-from vidphys.diagnose.formula.search import Samples, Sum, search
+from vidphys.diagnose.formula.search import search
 from vidphys.diagnose.formula.springs import Spring, find_spring
+from vidphys.diagnose.formula.sums import Samples, Sum
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
 from vidphys.progress import Progress

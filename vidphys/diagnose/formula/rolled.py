@@ -8,9 +8,9 @@ import numpy as np
 
 from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.grammar import bounds
-from vidphys.diagnose.formula.search import Sum, design
 from vidphys.diagnose.formula.shooting import Fit, Law, Pieces, fit_law
 from vidphys.diagnose.formula.springs import SPEEDS, Spring, find_spring
+from vidphys.diagnose.formula.sums import Sum, design
 
 NUDGE = 1e-6  # of a constant, by which derivatives are read
 SLIGHTLY = 1e-3  # friction to begin with
