@@ -20,6 +20,7 @@ NEARLY = 0.45  # of the score of the likeliest, from which another is a body too
 HALF_AS = 0.25  # and if it is as large and surely one thing
 AS_LARGE = 1.25, 1.5  # times the size; and where both were found in the same way
 ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one thing
+FIFTH_AS = 0.2  # and if that one thing goes as bodies do
 THIRD_AS = 0.3  # and if it goes as bodies do and is no shadow: as :class:`Judged` counts it,
 OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, and lit by less;
 WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.8  # or seen so, foretold so, and as steady in looks
@@ -116,7 +117,10 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
         largest = AS_LARGE[each.kind == first[0].kind]
         alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(largest)
         certain = alike and each.judged.seen > ALWAYS and each.judged.steady > STEADY
-        least = HALF_AS if certain else THIRD_AS if _goes_as_bodies_do(each.judged) else NEARLY
+        if _goes_as_bodies_do(each.judged):
+            least = FIFTH_AS if certain else THIRD_AS
+        else:
+            least = HALF_AS if certain else NEARLY
         if each.judged.score >= least * first[0].judged.score:
             bodies.append(each.body)
     return bodies

@@ -231,6 +231,20 @@ def test_what_is_always_seen_and_looks_alike_may_be_foretold_less_well(odd, bodi
     assert len(likely([first, other])) == bodies
 
 
+@pytest.mark.parametrize(
+    ("size", "foretold", "bodies"), [(5.5, 0.85, 2), (5.5, 0.6, 1), (2.0, 0.85, 1)]
+)
+def test_beside_one_that_moves_very_lawfully_a_second_as_large_and_steady_is_one_too(
+    size, foretold, bodies
+) -> None:
+    first = candidate(BALL, 2.6)
+    other = candidate(0.1 * BALL + 60, 0.9, size, 0.95)
+    other = replace(other, kind=1, judged=replace(other.judged, foretold=foretold, fits=0.7))
+    if bodies == 2:
+        assert 0.2 < other.judged.score / first.judged.score < 0.25
+    assert len(likely([first, other])) == bodies
+
+
 def test_what_turns_by_different_angles_is_no_fan() -> None:
     middle = np.array([30.0, 40.0])
     angles = np.stack([0.8 * np.sin(0.3 * T), 2.1 + 0.1 * np.sin(0.2 * T), 4.2 + 0 * T], -1)
