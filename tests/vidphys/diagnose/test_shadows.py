@@ -59,6 +59,14 @@ def test_the_wheels_of_a_cart_are_one_body():
     assert "thing 2 goes with thing 1 wherever it goes, as a part of it does" in said
 
 
+def test_a_hook_that_is_lost_now_and_then_is_part_of_its_weight_though_it_is_above():
+    weight = pendulum(0.4, 0.8, 0.0)
+    hook = weight + [0.0, 0.08]
+    hook[::16] = np.nan
+    assert "thing 1 goes with thing 2" in looked_at(hook, weight)[1]
+    assert "thing 2 goes with thing 1" in looked_at(weight, hook)[1]
+
+
 def test_two_that_coast_are_no_shadows_though_both_go_straight():
     ways = [np.stack([speed * TIMES - 0.6, 0 * TIMES + speed], -1) for speed in (0.3, 0.2)]
     assert "proportion" not in looked_at(*ways)[1]

@@ -14,6 +14,9 @@ APART = 0.04
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 AS_FAR = 0.7  # of a shadow's way, that the way of what casts it has: a piece of a string goes less
 SWINGS = 3  # times at least that it passes its middle: what does not come back tells nothing
+SELDOMER = 0.02  # of the frames, by which a part is seen less often than the body
+PART = "goes with {} wherever it goes, as a part of it does"
+SHADOW = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
 TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both are
 
 
@@ -24,7 +27,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     that only if they are let go together and are alike, and then their ways are each other's copy.
     Light comes from above, so of two such things the upper one is the body; and a floor mirrors up
     and down, so what goes right whenever the other goes left is neither. Copies that are nearer to
-    each other than they go are parts of one body, as a cart's wheels are.
+    each other than they go are parts of one body, as a cart's wheels are; the one that is seen less
+    often is the part.
 
     Args:
         motion: of one clip; the likeliest bodies come first.
@@ -38,7 +42,9 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
             continue
         how = _goes_with(motion, body, other)
         if how:
-            of, thing = (other, body) if _below(motion, body, other) else (body, other)
+            first = _seen_less(motion, body, other) if how == PART else None
+            first = _below(motion, body, other) if first is None else first
+            of, thing = (other, body) if first else (body, other)
             cast[thing] = f"thing {thing + 1} {how.format(f'thing {of + 1}')}: it is left out"
     return [body for body in range(motion.bodies) if body not in cast], tuple(cast.values())
 
@@ -60,12 +66,17 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
     if copied <= ALIKE:
         near = np.linalg.norm(middle[1] - middle[0]) < np.ptp(one)
-        return "goes with {} wherever it goes, as a part of it does" if near else ""
+        return PART if near else ""
     against = main[0] * main[1] * (one @ two) < 0  # right against left, up against down
     if against[np.abs(main[0]).argmax()] and abs(main[0][1]) < abs(main[0][0]):
         return ""
-    shadow = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
-    return shadow if left < APART else ""
+    return SHADOW if left < APART else ""
+
+
+def _seen_less(motion: Motion, body: int, other: int) -> bool | None:
+    """Whether one is seen less often than another; ``None`` where both are seen alike."""
+    one, two = motion.seen[0][:, [body, other]].mean(0)
+    return None if abs(one - two) < SELDOMER else bool(one < two)
 
 
 def _below(motion: Motion, body: int, other: int) -> bool:
