@@ -218,6 +218,21 @@ def test_impacts_are_found_between_the_right_frames_and_share_a_wall():
     assert wall.restitution == pytest.approx(0.8, abs=0.05)
 
 
+def test_a_bounce_that_speeds_a_ball_up_along_the_wall_costs(monkeypatch):
+    """A tracker's slips at the floor look so, and what is foretold from them flies off."""
+    times = np.arange(26) * STEP
+    sideways = 0.02 * times + 0.04 * np.maximum(times - 0.4, 0)
+    ball = replace(BALL, start=-0.8, restitution=0.7)
+    clips = frames_of(noisy(np.stack([sideways, -ball.path(times)], -1)))
+
+    def kept():
+        return max(abs(x.numbers["along 1"][0]) for x in roughly(clips, angles=False) if x.holds)
+
+    priced = kept()
+    monkeypatch.setattr("vidphys.diagnose.mechanisms.fit.SPUN", 0.0)
+    assert priced < kept() - 0.2
+
+
 def test_an_impact_that_a_fast_camera_lost_sight_of_is_found_on_both_sides_of_the_gap():
     times = np.arange(280) / 240
     after = times - 0.5

@@ -22,6 +22,7 @@ MANY = 4  # clips, each with a start of its own, from which fewer steps are made
 TRIED = 2  # of several guesses, those that begin nearest
 BEHIND = 25.0  # times the best law's cost, from which another one is dropped
 HELD = 0.003  # of the spread: what moving a wall by a spread costs, or a view by what is usual
+SPUN = 0.03  # of the spread: what a bounce costs that leaves more speed along the wall, by its own
 UNUSUAL = 4.0  # times what is usual, from which a view is drawn back: no plane is seen edge on
 TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is dropped
 STEEP = 4.0  # tangent of an arc's slant, from which it is no law, and drops none
@@ -150,11 +151,13 @@ def _least_squares(
     clips: Sequence[Frames], model: Model, guess: np.ndarray, scale: float, tries: int
 ) -> OptimizeResult | None:
     held, far = _held(model, len(guess), scale)
+    along = [i for i, name in enumerate(model.law.names) if name.startswith("along")]
 
     def left(values: np.ndarray) -> np.ndarray:
         moved = values - guess
         drawn_back = held * moved * (1 + (moved / far) ** 2)
-        return np.concatenate([_missing(clips, model, values, scale), drawn_back])
+        sped_up = SPUN * np.maximum(np.abs(values[along]) - 1, 0)
+        return np.concatenate([_missing(clips, model, values, scale), drawn_back, sped_up])
 
     try:
         found = least_squares(
