@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from vidphys.diagnose.formula.grammar import Term
 from vidphys.diagnose.formula.search import search
-from vidphys.diagnose.formula.sums import Samples, Sum, design
+from vidphys.diagnose.formula.sums import Force, Samples, Sum, design
 from vidphys.statistics import NORMAL_95
 
 # nats by which rivals must be worse, and by which ones must be whose word is a wider one of a sum's
@@ -26,27 +26,17 @@ TOLD = 3  # rivals that are told
 
 
 @dataclass(frozen=True)
-class Formula:
+class Formula(Force):
     """A sum of words with numbers.
 
     Args:
-        terms: the words.
-        constants: of each word.
-        coefficients: of each word, one for each of its columns.
+        terms, constants, coefficients: of :class:`Force`.
         errors: standard errors: of all coefficients in their order, then of all constants.
         variable: its name.
     """
 
-    terms: tuple[Term, ...]
-    constants: tuple[tuple[float, ...], ...]
-    coefficients: tuple[tuple[float, ...], ...]
     errors: tuple[float, ...]
     variable: str = "x"
-
-    @property
-    def kind(self) -> tuple[str, ...]:
-        """Names of the words, by which two formulas are compared."""
-        return tuple(sorted(term.name for term in self.terms))
 
     @property
     def numbers(self) -> tuple[tuple[float, float, float], ...]:
@@ -69,10 +59,6 @@ class Formula:
         ]
         whole = " + ".join(parts).replace("+ -", "- ")
         return whole if self.variable == "x" else _renamed(whole, self.variable)
-
-    def at(self, x: np.ndarray) -> np.ndarray:
-        """The force at places ``(m,)``."""
-        return design(self.terms, self.constants, x) @ np.concatenate(self.coefficients)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from vidphys.diagnose.formula.fitting import GIVEN_UP, STEPS, Start, fitted
 from vidphys.diagnose.formula.grammar import Term, words
 from vidphys.diagnose.formula.kinds import kinds_of
-from vidphys.diagnose.formula.sums import Samples, Sum
+from vidphys.diagnose.formula.sums import Samples, Sum, kind_of
 
 FIRST = 4  # steps of a descent at first
 SHORTENED = 40  # sums that are tried without each of their words
@@ -38,7 +38,7 @@ def search(samples: Samples, until: float = np.inf) -> list[Sum]:
         look(terms, starts[0], FIRST)
     near = min((one.score for one in found.values()), default=np.inf) + GIVEN_UP
     for terms, starts in kinds:
-        kind = tuple(sorted(term.name for term in terms))
+        kind = kind_of(terms)
         if any(term.constants for term in terms) and (
             kind not in found or found[kind].score < near
         ):

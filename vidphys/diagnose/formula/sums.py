@@ -14,28 +14,47 @@ ABOVE = 0.03  # of the largest value, from which a variable counts as positive
 NEVER = 1e9
 
 
+def kind_of(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Names of words, by which sums are compared."""
+    return tuple(sorted(term.name for term in terms))
+
+
 @dataclass(frozen=True)
-class Sum:
-    """A sum of words with its numbers.
+class Force:
+    """A sum of words as a function of the place.
 
     Args:
         terms: the words.
         constants: of each word.
         coefficients: of each word, one for each of its columns.
-        misfit: squared, in units of the errors.
-        score: misfit / 2 and all prices, in nats; less is better.
     """
 
     terms: tuple[Term, ...]
     constants: tuple[tuple[float, ...], ...]
     coefficients: tuple[tuple[float, ...], ...]
-    misfit: float
-    score: float
 
     @property
     def kind(self) -> tuple[str, ...]:
         """Names of the words."""
-        return tuple(sorted(term.name for term in self.terms))
+        return kind_of(self.terms)
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """The force at places ``(m,)``."""
+        return design(self.terms, self.constants, x) @ np.concatenate(self.coefficients)
+
+
+@dataclass(frozen=True)
+class Sum(Force):
+    """A sum of words that was fitted.
+
+    Args:
+        terms, constants, coefficients: of :class:`Force`.
+        misfit: squared, in units of the errors.
+        score: misfit / 2 and all prices, in nats; less is better.
+    """
+
+    misfit: float
+    score: float
 
     @property
     def numbers(self) -> int:
@@ -64,10 +83,6 @@ class Sum:
             )
             for k in (range(len(self.terms)) if len(self.terms) > 1 else ())
         ]
-
-    def at(self, x: np.ndarray) -> np.ndarray:
-        """The force at places."""
-        return design(self.terms, self.constants, x) @ np.concatenate(self.coefficients)
 
 
 def design(
