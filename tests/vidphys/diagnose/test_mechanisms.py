@@ -112,6 +112,51 @@ def test_what_dry_friction_holds_stands_still():
     assert np.ptp(out[10:, 0, 0]) == 0 and 0 < out[-1, 0, 0] < 0.5
 
 
+@pytest.mark.parametrize(("dry", "linear"), [(0.0, 0.0), (0.0, 0.7), (1.2, 0.0), (4.0, 0.0)])
+def test_what_lies_at_a_wall_goes_on_along_it(dry, linear):
+    """Down a slope of 20 degrees, which takes up what pushes into it; friction may stop it."""
+    times, slope = np.arange(90) * STEP, np.radians(20)
+    down, into = np.array([np.cos(slope), -np.sin(slope)]), -np.array([np.sin(slope), np.cos(slope)])
+    out = rolled(
+        times,
+        np.array([[0.0, 0.0], 0.5 * down]),
+        np.array([0.0, -9.8]),
+        np.zeros((2, 2)),
+        np.zeros(2),
+        np.array([linear, 0.0, dry]),
+        np.array([[*into, 0.0, 0.6, 1.0]]),
+        STEP / 4,
+    )
+    pull = 9.8 * np.sin(slope) - dry
+    lasts = times if pull > 0 else np.minimum(times, 0.5 / -pull)
+    way = 0.5 * lasts + pull * lasts**2 / 2
+    if linear:
+        last = pull / linear
+        way = last * times + (0.5 - last) * (1 - np.exp(-linear * times)) / linear
+    np.testing.assert_allclose(out[:, 0] @ down, way, atol=3e-4 if dry else 1e-7)
+    assert np.abs(out[:, 0] @ into).max() < 1e-12
+
+
+def test_a_ball_that_has_stopped_bouncing_rolls_on_until_it_is_thrown_off():
+    """By a floor that pulls it no more: what draws it to a place above lifts it again."""
+    times = np.arange(72) * STEP
+    out = rolled(
+        times,
+        np.array([[-1.0, 0.02], [1.5, 0.0]]),
+        np.array([0.0, -1.0]),
+        np.array([[0.0, -1.0], [-1.0, 0.0]]),  # up by the way along the floor
+        np.zeros(2),
+        np.zeros(3),
+        np.array([[0.0, -1.0, 0.0, 0.5, 1.0]]),
+        STEP / 4,
+    )
+    lying = np.abs(out[:, 0, 1]) < 1e-12
+    assert lying[24:36].all() and not lying[-1] and out[-1, 0, 1] > 0.01
+    free = np.flatnonzero(lying)[-1]
+    assert abs(out[free, 0, 0] - 1.0) < 0.1  # where its weight is outweighed
+    assert (out[:, 0, 1] > -1e-12).all()
+
+
 # the errors
 
 

@@ -18,7 +18,8 @@ There are walls n.s = place, at which the speed across them turns round and shri
 that spins in the plane slips at a wall with u = v.t + w, where t is the normal turned by a right
 angle and w the speed of its surface; what grips it turns u to -e u, and what that takes from v.t is
 what it gives to the spin, 2/5 w (Garwin 1969, Am. J. Phys. 37).
-Steps are fourth-order Runge-Kutta; the step that meets a wall ends there.
+What pushes a body that lies at a wall into it, the wall takes up.
+Steps are fourth-order Runge-Kutta; the step that meets a wall ends there, by Newton's method.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from jaxtyping import Float
 from loops import kernel, uncounted
 
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
-HALVINGS = 40
+MEETING, TIGHT = 40, 1e-13  # tries at most to find when a step meets a wall; of the step, exact so
 NONE = np.empty(0)
 CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that pulls stays finite
 SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
@@ -88,19 +89,22 @@ def _accelerate(
     rods: np.ndarray,
     centre: np.ndarray,
     hung: np.ndarray,
+    floor: np.ndarray,
     out: np.ndarray,
 ) -> None:
     size = len(s)
-    speed = 0.0
+    speed, into = 0.0, 0.0
     for i in range(size):
         speed += v[i] * v[i]
-    speed = np.sqrt(speed)
+        into += v[i] * floor[i]
+    into = max(into, 0.0)  # what a step falls into the floor rubs nothing
+    speed = np.sqrt(max(speed - into * into, 0.0))
     for i in range(size):
         own = abs(v[i]) if apart else speed
         rate = friction[0] + friction[1] * own
         if own > 0.0:
             rate += friction[2] / own
-        out[i] = _pull(i, s, force, stiffness, swing, hung) - rate * v[i]
+        out[i] = _pull(i, s, force, stiffness, swing, hung) - rate * (v[i] - into * floor[i])
     if size == 2 and friction[3] != 0.0:
         out[0] -= friction[3] * v[1]
         out[1] += friction[3] * v[0]
@@ -126,9 +130,10 @@ def _holds(
     dry: float,
     centre: np.ndarray,
     hung: np.ndarray,
+    floor: np.ndarray,
 ) -> bool:
     """Whether dry friction holds what stands at ``s``."""
-    pull, away = 0.0, 0.0
+    pull, into, away = 0.0, 0.0, 0.0
     if len(centre) > 0:
         away = _from_centre(s, centre)
     for i in range(len(s)):
@@ -136,7 +141,8 @@ def _holds(
         if len(centre) > 0:
             total += away * (s[i] - centre[i])
         pull += total * total
-    return pull <= dry * dry
+        into += total * floor[i]
+    return pull - max(into, 0.0) ** 2 <= dry * dry
 
 
 @uncounted
@@ -148,28 +154,28 @@ def _step(
     work: np.ndarray,
 ) -> None:
     """One Runge-Kutta step from ``s``, ``v`` into ``work[8]``, ``work[9]``."""
-    steady, ramp, stiffness, swing, friction, apart, rods, centre, hung = law
+    steady, ramp, stiffness, swing, friction, apart, rods, centre, hung, floor = law
     force = work[10]
     for i in range(len(s)):
         force[i] = steady[i]
     a1, a2, a3, a4 = work[0], work[1], work[2], work[3]
     s2, v2, v3 = work[4], work[5], work[6]
-    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, centre, hung, a1)
+    _accelerate(s, v, force, stiffness, swing, friction, apart, rods, centre, hung, floor, a1)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v[i]
         v2[i] = v[i] + 0.5 * h * a1[i]
         force[i] = steady[i] + 0.5 * h * ramp[i]
-    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, centre, hung, a2)
+    _accelerate(s2, v2, force, stiffness, swing, friction, apart, rods, centre, hung, floor, a2)
     for i in range(len(s)):
         s2[i] = s[i] + 0.5 * h * v2[i]
         v3[i] = v[i] + 0.5 * h * a2[i]
-    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, centre, hung, a3)
+    _accelerate(s2, v3, force, stiffness, swing, friction, apart, rods, centre, hung, floor, a3)
     v4 = work[7]
     for i in range(len(s)):
         s2[i] = s[i] + h * v3[i]
         v4[i] = v[i] + h * a3[i]
         force[i] = steady[i] + h * ramp[i]
-    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, centre, hung, a4)
+    _accelerate(s2, v4, force, stiffness, swing, friction, apart, rods, centre, hung, floor, a4)
     for i in range(len(s)):
         work[8, i] = s[i] + h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i])
         work[9, i] = v[i] + h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
@@ -184,6 +190,50 @@ def _beyond(
     for i in range(len(s)):
         depth += wall[i] * s[i]
     return depth
+
+
+@uncounted
+def _meets(
+    s: np.ndarray,
+    v: np.ndarray,
+    most: float,
+    wall: np.ndarray,
+    law: tuple,
+    work: np.ndarray,
+) -> float:
+    """Seconds until a step that ends beyond a wall meets it; ``work`` is left as it is then."""
+    low, high, moment = 0.0, most, most
+    for _try in range(MEETING):
+        depth, across = _beyond(work[8], wall), 0.0
+        for i in range(len(s)):
+            across += wall[i] * work[9, i]
+        if abs(depth) <= TIGHT * most * abs(across):
+            break
+        if depth > 0.0:
+            high = moment
+        else:
+            low = moment
+        straight = moment - depth / across if across > 0.0 else low
+        moment = straight if low < straight < high else 0.5 * (low + high)
+        _step(s, v, moment, law, work)
+    return moment
+
+
+@uncounted
+def _pressed(
+    work: np.ndarray,
+    wall: np.ndarray,
+) -> bool:
+    """Whether a step went beyond the wall at which a body lies; if so it is put back onto it."""
+    depth, across = _beyond(work[8], wall), 0.0
+    if depth <= 0.0:
+        return False
+    for i in range(work.shape[1]):
+        across += wall[i] * work[9, i]
+    for i in range(work.shape[1]):
+        work[8, i] -= depth * wall[i]
+        work[9, i] -= max(across, 0.0) * wall[i]
+    return True
 
 
 @uncounted
@@ -225,13 +275,13 @@ def _rolled(
     out: np.ndarray,
 ) -> None:
     size = start.shape[1]
-    force, ramp, stiffness, swing, friction, _apart, _rods, centre, hung = law
+    force, ramp, stiffness, swing, friction, _apart, _rods, centre, hung, floor = law
     steady, at = force.copy(), 0
     work = np.zeros((11, size))
     s, v = start[0].copy(), start[1].copy()
     out[0, 0], out[0, 1] = s, v
     landed = LANDED * (times[-1] - times[0])
-    stuck, since = False, np.inf
+    stuck, lies, since = False, -1, np.inf
     for frame in range(1, len(times)):
         gap = times[frame] - times[frame - 1]
         count = int(np.ceil(gap / most))
@@ -257,17 +307,11 @@ def _rolled(
                 _step(s, v, left, law, work)
                 hit, moment = -1, left
                 for k in range(len(walls)):
-                    if _beyond(work[8], walls[k]) > 0.0:
-                        low, high = 0.0, moment
-                        for _half in range(HALVINGS):
-                            middle = 0.5 * (low + high)
-                            _step(s, v, middle, law, work)
-                            if _beyond(work[8], walls[k]) > 0.0:
-                                high = middle
-                            else:
-                                low = middle
-                        hit, moment = k, high
-                        _step(s, v, moment, law, work)
+                    if k != lies and _beyond(work[8], walls[k]) > 0.0:
+                        hit, moment = k, _meets(s, v, moment, walls[k], law, work)
+                if lies >= 0 and not _pressed(work, walls[lies]):
+                    lies = -1
+                    floor[:] = 0.0
                 if hit < 0:
                     break
                 s[:], v[:] = work[8], work[9]
@@ -282,21 +326,22 @@ def _rolled(
                         across += walls[hit][i] * v[i]
                     for i in range(size):
                         v[i] -= across * walls[hit][i]
-                    stuck = size == 1
+                    lies, stuck = hit, size == 1
+                    floor[:] = walls[hit, :size]
                 since = 0.0
                 if left <= 0.0 or stuck:
                     break
             if stuck or left <= 0.0:
                 continue
-            turned = 0.0
+            turned = 0.0  # by the step's last look ahead: friction that turns round hides the rest
             for i in range(size):
-                turned += v[i] * work[9, i]
+                turned += v[i] * work[7, i]
             s[:], v[:] = work[8], work[9]
             since += left
             if (
                 friction[2] > 0.0
                 and turned <= 0.0
-                and _holds(s, force, stiffness, swing, friction[2], centre, hung)
+                and _holds(s, force, stiffness, swing, friction[2], centre, hung, floor)
             ):
                 v[:] = 0.0
                 stuck = True
@@ -344,9 +389,9 @@ def rolled(
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
     out = np.empty((len(times), *start.shape))
-    steady, ramp = force.copy(), np.zeros(len(force))
+    steady, ramp, floor = force.copy(), np.zeros(len(force)), np.zeros(len(force))
     lossy = np.append(friction, 0.0)
-    law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung)
+    law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung, floor)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
     spins = np.empty(0) if spin is None else np.array([spin])
     _rolled(times, start, law, walls, most, when, known, spins, lift, out)

@@ -96,6 +96,8 @@ def own_swing(fit: Fit) -> OwnSwing | None:
     if not len(rates):
         return None
     rest = swing.without(swing.alike, fit.errors)
+    if _size(rest) < LARGE * fit.spread:  # no swing takes more away than is left
+        return None
     errors, likely = swing.likeliest(rest, fit.spread)
 
     def leaves(rate: float) -> float:
@@ -133,7 +135,12 @@ def _gain(
     for _ in range(2):
         left = swing.without(columns, errors)
         errors, likely = swing.likeliest(left, spread)
-    return float(np.sqrt(((rest - left) ** 2).sum(1).mean())), likely
+    return _size(rest - left), likely
+
+
+def _size(x: np.ndarray) -> float:
+    """Root mean square over time of places ``(t, d)``."""
+    return float(np.sqrt((x**2).sum(1).mean()))
 
 
 def _swing_of(fit: Fit) -> _Swing | None:
