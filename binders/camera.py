@@ -116,11 +116,12 @@ def background_of(
     roughly where it is in each frame removes it. A pixel that is always hidden keeps the plain
     median.
     """
-    if hidden is None:
-        return np.median(images, axis=0)
-    always = hidden.all(0)
-    masked = np.where((hidden & ~always)[..., None], np.nan, images)
-    return np.nanmedian(masked, axis=0).astype(images.dtype)
+    background = np.median(images, axis=0)
+    if hidden is not None:
+        few = hidden.any(0) & ~hidden.all(0)  # of the pixels: a median without some frames is slow
+        seen = np.where(hidden[:, few, None], np.nan, images[:, few])
+        background[few] = np.nanmedian(seen, axis=0)
+    return background
 
 
 def _register(

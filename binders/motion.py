@@ -240,6 +240,8 @@ def _blobs(
     Where no shadow is named, once as they are without what a shadow explains, and once with it.
     Where a colour is, they are what has it.
     """
+    import cv2
+
     said, wanted = settings.shadow, settings.wanted
     scenes = [Scenery(background, shadow) for shadow in ([said] if said else [SHADOW, 1.0])]
     limits = [threshold_of(np.stack([s.change(image) for image in sampled[::4]])) for s in scenes]
@@ -259,12 +261,14 @@ def _blobs(
         for kind, (change, limit, coloured, behind) in zip(blobs, pairs, strict=True):
             found, haunted = lumps(image, change, limit, settings.thin, coloured, behind)
             if frame in rows:
-                ghosts[rows[frame]] |= ndimage.binary_dilation(haunted, iterations=RIM)
+                ghosts[rows[frame]] |= haunted
             if inside is not None:
                 x, y = np.rint(found.centre).astype(int).T
                 found = found.only(inside[y, x])
             kind.append(found)
-    return blobs, changed, ghosts
+    cross = ndimage.generate_binary_structure(2, 1).astype(np.uint8)
+    rims = [cv2.dilate(each.view(np.uint8), cross, iterations=RIM) for each in ghosts]
+    return blobs, changed, np.stack(rims).view(bool)
 
 
 def _area(candidates: list[Candidate]) -> float:

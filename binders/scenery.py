@@ -96,18 +96,34 @@ def lumps(
     for cut in (labels[:edge], labels[-edge:], labels[:, :edge], labels[:, -edge:]):
         keep[cut] = False
     keep[0] = False
+    where = _around(core)
+    left, top = where[1].start, where[0].start
+    haunted = np.zeros(core.shape, bool)
+    image, change, coloured, behind = image[where], change[where], coloured[where], behind[where]
+    above, core, labels = above[where], core[where], labels[where]
     labels, whole = _without_arms(core, labels, count)
     count = len(whole)
     keep = keep[whole] & (np.bincount(labels.ravel(), minlength=count) > 0)
     ghosts = keep & _ghosts(labels, count, above, image, behind)
     keep &= ~ghosts
+    haunted[where] = ghosts[labels]
     number = np.cumsum(keep) - 1
     y, x = np.nonzero(keep[labels])
     # the weight saturates, so that texture and highlights inside a body do not move its centroid
     weight = np.clip((change[y, x] - threshold) / threshold, 0.01, 1.0)
     totals = _Totals(number[labels[y, x]], int(keep.sum()), weight)
-    found = _measured(totals, x, y, change[y, x], image[y, x], coloured[y, x])
-    return found.only(np.argsort(np.argsort(-found.energy)) < CANDIDATES), ghosts[labels]
+    found = _measured(totals, x + left, y + top, change[y, x], image[y, x], coloured[y, x])
+    return found.only(np.argsort(np.argsort(-found.energy)) < CANDIDATES), haunted
+
+
+def _around(core: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of all regions and of what is next to them: often few of a picture's."""
+    import cv2
+
+    left, top, width, height = cv2.boundingRect(core)
+    # From an even one on, because OpenCV numbers regions by blocks of two.
+    left, top = (max(x - AROUND, 0) // 2 * 2 for x in (left, top))
+    return np.s_[top : top + height + 3 * AROUND, left : left + width + 3 * AROUND]
 
 
 def _without_arms(
