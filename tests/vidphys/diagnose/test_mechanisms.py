@@ -116,7 +116,8 @@ def test_what_dry_friction_holds_stands_still():
 def test_what_lies_at_a_wall_goes_on_along_it(dry, linear):
     """Down a slope of 20 degrees, which takes up what pushes into it; friction may stop it."""
     times, slope = np.arange(90) * STEP, np.radians(20)
-    down, into = np.array([np.cos(slope), -np.sin(slope)]), -np.array([np.sin(slope), np.cos(slope)])
+    sine, cosine = np.sin(slope), np.cos(slope)
+    down, into = np.array([cosine, -sine]), np.array([-sine, -cosine])
     out = rolled(
         times,
         np.array([[0.0, 0.0], 0.5 * down]),
@@ -127,7 +128,7 @@ def test_what_lies_at_a_wall_goes_on_along_it(dry, linear):
         np.array([[*into, 0.0, 0.6, 1.0]]),
         STEP / 4,
     )
-    pull = 9.8 * np.sin(slope) - dry
+    pull = 9.8 * sine - dry
     lasts = times if pull > 0 else np.minimum(times, 0.5 / -pull)
     way = 0.5 * lasts + pull * lasts**2 / 2
     if linear:
