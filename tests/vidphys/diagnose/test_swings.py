@@ -8,17 +8,17 @@ import pytest
 
 from dynamics import from_config
 from dynamics.terms import Spring
-from vidphys.diagnose.explanations.rivals import (
+from vidphys.diagnose.explanations import rivals
+from vidphys.diagnose.explanations.doubts import (
     CERTAIN,
-    CLEAR,
-    SEEN,
+    LITTLE,
     UNTURNED,
     may_hang,
     only_slows,
     slight,
-    undecided,
     unrested,
 )
+from vidphys.diagnose.explanations.rivals import CLEAR, SEEN, undecided
 from vidphys.diagnose.mechanisms import choose, coupled, view
 from vidphys.diagnose.mechanisms.charts import Arc, Line
 from vidphys.diagnose.mechanisms.fitted import USUAL_SLANT
@@ -105,8 +105,9 @@ PENDULUM, FILMED = (
     ],
 )
 def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
-    law, kinds, behind, smooth, doubt
+    law, kinds, behind, smooth, doubt, monkeypatch
 ):
+    monkeypatch.setattr(rivals, "doubts", lambda _: [])
     fit, other = (
         SimpleNamespace(
             kinds=frozenset(x),
@@ -122,7 +123,10 @@ def test_a_law_that_does_without_a_told_term_and_is_as_likely_leaves_doubt(
 
 
 @pytest.mark.parametrize(("restoring", "doubt"), [("pendulum", True), ("uniform", False)])
-def test_what_swings_without_friction_leaves_doubt_where_one_is_as_likely(restoring, doubt):
+def test_what_swings_without_friction_leaves_doubt_where_one_is_as_likely(
+    restoring, doubt, monkeypatch
+):
+    monkeypatch.setattr(rivals, "doubts", lambda _: [])
     law = SimpleNamespace(**{**vars(PENDULUM), "restoring": restoring, "frictions": ()})
     errors, model = SimpleNamespace(white=1.0, smooth=0.0), SimpleNamespace(law=law, charts=(None,))
     fit, other = (
@@ -226,18 +230,22 @@ def test_a_spring_that_is_not_seen_to_turn_leaves_doubt():
 
 
 @pytest.mark.parametrize(
-    ("friction", "times", "told"),
+    ("friction", "times", "seconds", "told"),
     [
-        ("linear", 0.5, ["linear", "uniform"]),
-        ("linear", 2.0, []),
-        ("none", 0.5, []),  # what a body falls by alone is no term beside others
+        ("linear", 0.5, 9.0, ["linear", "uniform"]),
+        ("linear", 2.0, 9.0, []),
+        ("linear", 2.0, 0.5 * LITTLE / (2 * CERTAIN), ["linear"]),  # it took too little by then
+        ("none", 0.5, 9.0, []),  # what a body falls by alone is no term beside others
     ],
 )
-def test_a_term_that_is_as_small_as_its_error_is_hardly_told_from_none(friction, times, told):
+def test_a_term_that_is_as_small_as_its_error_is_hardly_told_from_none(
+    friction, times, seconds, told
+):
     law = Law(2, "uniform", friction, pictured=True)
     numbers = {name: (times * CERTAIN, 1.0) for name in ("force 1", "linear")}
     numbers |= {"force 2": (0.0, 1.0)}
-    assert slight(SimpleNamespace(model=SimpleNamespace(law=law), numbers=numbers)) == told
+    clips, model = [SimpleNamespace(times=np.array([0.0, seconds]))], SimpleNamespace(law=law)
+    assert slight(SimpleNamespace(model=model, numbers=numbers, clips=clips)) == told
 
 
 @pytest.mark.parametrize("space", [1, 2])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from vidphys.diagnose.explanations.collided import collided
 from vidphys.diagnose.mechanisms.charts import Plane, Turned
@@ -34,6 +34,26 @@ LOSES = {
     "square": "friction goes with the square of its speed",
     "dry": "dry friction",
 }
+SHORT = {
+    "linear": "friction ~ v",
+    "square": "friction ~ v²",
+    "dry": "dry friction",
+    "uniform": "constant acceleration",
+    "trap": "spring to a place",
+    "pendulum": "pendulum on an arc",
+    "centre": "a fixed place that pushes or pulls",
+    "lift": "lift by its spin",
+}
+
+
+def in_short(kinds: Collection[str]) -> str:
+    """Terms in a few words.
+
+    Example:
+        >>> in_short({"uniform", "linear"})
+        'friction ~ v, constant acceleration'
+    """
+    return ", ".join(SHORT.get(kind, kind) for kind in sorted(kinds)) or "no force"
 
 
 def told(group: Group, units: Units, alone: bool) -> list[str]:

@@ -17,8 +17,8 @@ from vidphys.diagnose.explanations.forecast import (
     beside_simple,
     inner_ends,
 )
-from vidphys.diagnose.explanations.law_words import beside, told, what_is_left
-from vidphys.diagnose.explanations.rivals import in_short, near, rivals, undecided
+from vidphys.diagnose.explanations.law_words import beside, in_short, told, what_is_left
+from vidphys.diagnose.explanations.rivals import near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import (
     EXPLAINED,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
+from vidphys.diagnose.explanations.doubts import PASSES, UNTURNED
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import (
     SAMPLES,
@@ -20,7 +21,6 @@ from vidphys.diagnose.explanations.forecast import (
     last_state,
     roll,
 )
-from vidphys.diagnose.explanations.rivals import PASSES, UNTURNED
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.explanations.verdict import (
     EXPLAINED,

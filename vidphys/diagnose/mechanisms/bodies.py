@@ -230,6 +230,7 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
 
 def _lawful(clips: Sequence[Frames], fits: Sequence[Fit]) -> bool:
     """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
+    fits = [fit for fit in fits if not fit.settles]
     if any(fit.holds and fit.left < JUMPY * fit.spread for fit in fits):
         return True
     askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]

@@ -126,6 +126,13 @@ class Fit:
         return self.numbers.get("linear", (0.0, 0.0))[0] < 0
 
     @property
+    def settles(self) -> bool:
+        """Whether what draws it to a place hardly makes it swing: a hand comes to rest alike."""
+        law, values = self.model.law, {name: value for name, (value, _) in self.numbers.items()}
+        swings = law.restoring in ("trap", "pendulum")
+        return swings and values.get("linear", 0.0) > law.rate(values)
+
+    @property
     def kinds(self) -> frozenset[str]:
         """Of the law's terms; a friction that adds energy is a drive."""
         kinds = self.model.law.kinds

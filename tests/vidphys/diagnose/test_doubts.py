@@ -1,0 +1,57 @@
+"""What leaves a law in doubt though no other is as likely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vidphys.diagnose.explanations.doubts import MISSED, SETTLES, UNTOLD, doubts
+from vidphys.diagnose.explanations.rivals import rivals, undecided
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.recordings.motion import motion_of
+
+STEP = 1 / 30
+
+
+def noisy(places):
+    noise = np.random.default_rng(0).normal(0, 5e-4, places.shape)
+    return motion_of((places + noise)[None], STEP)
+
+
+def drawn(rate, friction, frames=60):
+    """Places ``(t, 1, 2)`` of what a spring draws to its place, on a line aslant."""
+    times = np.arange(frames) * STEP
+    root = np.sqrt(complex(friction**2 / 4 - rate**2))
+    way = np.exp(-friction * times / 2) * (
+        np.cosh(root * times) + friction / 2 / root * np.sinh(root * times)
+    )
+    return (way.real[:, None] * [0.3, 0.1] + [0.1, -0.2])[:, None]
+
+
+@pytest.mark.parametrize(("friction", "settled"), [(2.0, False), (9.0, True), (20.0, True)])
+def test_what_comes_to_rest_without_a_swing_may_be_a_hand(friction, settled):
+    found = find_mechanism(noisy(drawn(8.0, friction)), camera=True)
+    fit = found.groups[0].fit
+    assert fit.settles is settled and (SETTLES in doubts(fit)) is settled
+    assert not settled or (undecided(found) and SETTLES in rivals(found))
+
+
+def test_a_thrown_ball_is_the_body_and_not_the_hand_that_settles():
+    times = np.arange(60) * STEP
+    held, free = np.minimum(times, 0.8)[:, None], np.maximum(times - 0.8, 0)[:, None]
+    ball = [0.2, -0.3] + free * [-0.5, 2.4] - free**2 * [0.0, 2.1]
+    ball += 0.08 * held**2 * np.sin(9 * held)
+    hand = np.full((60, 2), np.nan)
+    hand[20:] = [0.25, -0.35] + drawn(16.0, 36.0, 40)[:, 0]
+    looked_at, said = of_lawful_bodies(noisy(np.stack([hand, ball], 1)))
+    assert looked_at.bodies == 1 and len(said) == 1
+    np.testing.assert_allclose(looked_at.positions[0, -20:, 0], ball[-20:], atol=3e-3)
+
+
+def test_a_law_that_has_too_little_of_its_motion_or_no_number_for_its_force_is_in_doubt():
+    fit = find_mechanism(noisy(drawn(8.0, 1.0)), camera=True).groups[0].fit
+    assert not {MISSED, UNTOLD} & {*doubts(fit)}
+    worse = replace(fit, residuals=tuple(r + 0.2 * fit.spread for r in fit.residuals))
+    assert MISSED in doubts(worse)
+    assert UNTOLD in doubts(replace(fit, covariance=1e8 * fit.covariance))

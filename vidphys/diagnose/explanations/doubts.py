@@ -1,0 +1,144 @@
+"""What leaves a law in doubt, whatever its rivals are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vidphys.diagnose.explanations.law_words import SHORT
+from vidphys.diagnose.explanations.verdict import ALL
+from vidphys.diagnose.mechanisms.charts import Chart, Line
+from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.quantities import quantities
+from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.diagnose.recordings.units import GRAVITY
+
+NARROWEST = 0.3  # metres of a scene, that the longer side of a picture shows at least
+UNSEEN = 0.02  # half sides of a picture, by which a tracker may bend a way: a hundredth of a side
+CERTAIN = 5.0  # standard errors of a term's number, below which it may as well not be there
+LITTLE = 0.05  # of its speed, that a friction takes in a recording at least, to be seen there
+MOVING = ("acceleration", "rate")  # quantities without which a law does not say what moves a body
+STRAIGHT = 0.99  # cosine of the angle between a way and a force, from which it goes along it
+RESTED = 0.02  # of its usual speed, that what has come to rest has at most
+LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
+PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
+SLOWS = "Dry friction would slow it alike. Film it until it rests, or comes back."
+UNTURNED = "It is not seen to turn round: a lens bends a straight way alike. Film it for longer."
+SETTLES = "It comes to rest without a swing, as a hand does: look at what is followed."
+UNRESTED = "It is not seen to rest: what goes away from the camera slows alike. Film it for longer."
+MISSED = f"The law has less than {ALL:.0%} of this motion, whatever it has of others."
+UNTOLD = "The recording does not tell how strong the force is, so the law is in doubt."
+HANGS = "A pendulum that swings as little moves alike. A wider swing would tell."
+
+
+def doubts(fit: Fit) -> list[str]:
+    """Of a law, whatever its rivals are, in sentences."""
+    out = []
+    if terms := [SHORT[kind] for kind in slight(fit)]:
+        out.append(f"Hardly told from none: {', '.join(terms)}. A longer recording would tell.")
+    found = {
+        HANGS: may_hang(fit),
+        UNTURNED: unturned(fit),
+        SETTLES: fit.settles,
+        UNRESTED: unrested(fit),
+        SLOWS: only_slows(fit),
+        PASSES: passes(fit),
+        MISSED: missed(fit),
+        UNTOLD: untold(fit),
+    }
+    return [*out, *(said for said, holds in found.items() if holds)]
+
+
+def seen(fit: Fit) -> bool:
+    """Whether a camera saw the motion."""
+    return fit.model.law.pictured or isinstance(fit, RodsFit)
+
+
+def slight(fit: Fit) -> list[str]:
+    """Terms beside others that may as well not be there, by the errors of their numbers.
+
+    These allow for errors that last and go with the place, of which the likelihoods that chose the
+    terms know less.
+    """
+    law = fit.model.law
+    sizes: dict[str, float] = {}
+    for name, (value, error) in fit.numbers.items():
+        kind = "uniform" if name in law.forces else name.split()[0]
+        if kind == "linear" and value * _seconds(fit) < LITTLE:
+            value = 0.0
+        sizes[kind] = max(sizes.get(kind, 0.0), abs(value) / max(error, np.finfo(float).tiny))
+    asked = law.frictions + (("uniform",) if law.restoring == "uniform" and law.frictions else ())
+    return [kind for kind in asked if seen(fit) and sizes.get(kind, np.inf) < CERTAIN]
+
+
+def _seconds(fit: Fit) -> float:
+    return max(float(clip.times[-1] - clip.times[0]) for clip in fit.clips)
+
+
+def missed(fit: Fit) -> bool:
+    """Whether it has less of its bodies' motion than what is explained, whatever others have."""
+    return fit.left**2 > (1 - ALL) * fit.spread**2
+
+
+def untold(fit: Fit) -> bool:
+    """Whether it is not told how much what moves its bodies does so."""
+    return any(x.name.split()[0] in MOVING and not x.known for x in quantities(fit))
+
+
+def unturned(fit: Fit) -> bool:
+    """Whether a spring in a picture is not seen to turn a body round: a lens bends a way alike."""
+    law = fit.model.law
+    if law.restoring != "trap" or law.coupled or law.walls or not law.pictured:
+        return False
+    rates = [r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)]
+    return all(bool((v @ v[0] > 0).all()) for v in rates)
+
+
+def unrested(fit: Fit) -> bool:
+    """Whether dry friction alone slows what a camera sees, and never stops it."""
+    if fit.kinds != {"dry"} or not fit.model.law.pictured:
+        return False
+    rates = (r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips))
+    speeds = [np.linalg.norm(v, axis=-1) for v in rates]
+    return all(bool(v[-1] > RESTED * v.mean()) for v in speeds)
+
+
+def passes(fit: Fit) -> bool:
+    """Whether nothing acts on what a camera sees, so that it may be something that passes by."""
+    return fit.model.law.pictured and not fit.kinds
+
+
+def only_slows(fit: Fit) -> bool:
+    """Whether a constant force only slows what a camera sees go straight, as dry friction does."""
+    law = fit.model.law
+    if law.restoring != "uniform" or law.frictions or law.walls or not law.pictured:
+        return False
+    if "collision" in fit.kinds:  # such bodies do not go straight
+        return False
+    rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
+    speed = np.linalg.norm(rates, axis=-1)
+    force = np.array([fit.numbers[name][0] for name in law.forces])
+    return bool((rates @ force < -STRAIGHT * speed * np.linalg.norm(force)).all())
+
+
+def may_hang(fit: Fit) -> bool:
+    """Whether what swings on level lines in a picture may be pendulums that swing little.
+
+    One of its period would rise by less than a tracker may be off, in a picture of as small a
+    scene as people film.
+    """
+    law = fit.model.law
+    springs = law.restoring == "trap" and not law.walls and law.pictured
+    if not (springs and all(map(_level, fit.model.charts))):
+        return False
+    coordinates = fit.model.coordinates(fit.values, fit.clips)
+    swings = 0.5 * np.max([np.ptp(r[:, 0], 0) for r in coordinates], axis=0)
+    stiffness = [x for name, (x, _) in fit.numbers.items() if name.startswith("stiffness")]
+    lengths = 2 / NARROWEST * GRAVITY / np.array(stiffness)
+    return bool((swings**2 / (2 * lengths) < UNSEEN).all())
+
+
+def _level(chart: Chart) -> bool:
+    if not isinstance(chart, Line):
+        return False
+    x, y = chart.along
+    return abs(y) < LEVEL * abs(x)
