@@ -21,7 +21,17 @@ TITLES = {
     "rollout": "Rolled on",
 }
 NORMAL_95 = 1.959964
-OPEN = ("Not certain", "No term", "Not explained", "No answer", "What is left", "The model follows")
+OPEN = (
+    "Not certain",
+    "Nearly as likely",
+    "In doubt",
+    "No term",
+    "Not explained",
+    "No answer",
+    "What is left",
+    "The model follows",
+)
+BODIES = ("Body ", "The body ")
 FORECAST = "forecast rmse normalised"
 WITHOUT_MODEL = {
     "clip/persistence": "standing still",
@@ -83,7 +93,8 @@ def _of_diagnosis(settings: Mapping[str, Any], said: Sequence[str]) -> list[tupl
     first = next((k for k, line in enumerate(said) if line.startswith("Frames ")), 0)
     told = [line for line in said[first + 1 :] if not line.startswith(" ")]
     left = [line for line in said[first + 1 :] if line.startswith(OPEN)]
-    held = [line for line in told[:2] if line not in left]
+    laws = [line for line in told[1:] if line.startswith(BODIES)] or told[1:2]
+    held = [line for line in told[:1] + laws if line not in left]
     return [
         (
             "Asked:",

@@ -30,6 +30,25 @@ def test_a_training_says_first_whether_it_foretells(tmp_path, error, said):
     assert said in page and f"RMSE {error:g} against 0.15" in page
 
 
+def test_a_diagnosis_says_first_what_moves_each_body_and_what_is_in_doubt(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
+    lines = [
+        "Frames 0 to 9 of 10 are used.",
+        "Mostly explained: nearly all.",
+        "Body 1 swings.",
+        "  rate 1",
+        "Body 2 falls.",
+        "What is left is little.",
+        "Nearly as likely: dry friction.",
+        "In doubt: it does not rest.",
+        "2 bodies, each seen.",
+    ]
+    (tmp_path / "summary.txt").write_text("\n".join(lines))
+    page = write_told(tmp_path).read_text()
+    assert "<b>Holds:</b> Mostly explained: nearly all. Body 1 swings. Body 2 falls.</li>" in page
+    assert "<b>Open:</b> What is left is little. Nearly as likely: dry friction. In doubt:" in page
+
+
 @pytest.mark.parametrize(
     ("raised", "said"),
     [

@@ -20,21 +20,21 @@ MOVING = ("acceleration", "rate")  # quantities without which a law does not say
 STRAIGHT = 0.99  # cosine of the angle between a way and a force, from which it goes along it
 RESTED = 0.02  # of its usual speed, that what has come to rest has at most
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
-PASSES = "Nothing acts on it, as on something that passes by: look at what is followed."
-SLOWS = "Dry friction would slow it alike. Film it until it rests, or comes back."
-UNTURNED = "It is not seen to turn round: a lens bends a straight way alike. Film it for longer."
-SETTLES = "It comes to rest without a swing, as a hand does: look at what is followed."
-UNRESTED = "It is not seen to rest: what goes away from the camera slows alike. Film it for longer."
-MISSED = f"The law has less than {ALL:.0%} of this motion, whatever it has of others."
-UNTOLD = "The recording does not tell how strong the force is, so the law is in doubt."
-HANGS = "A pendulum that swings as little moves alike. A wider swing would tell."
+PASSES = "In doubt: nothing acts on it, as on something that passes by. Look at what is followed."
+SLOWS = "In doubt: dry friction would slow it alike. Film it until it rests, or comes back."
+UNTURNED = "In doubt: it does not turn round; a lens bends a straight way alike. Film for longer."
+SETTLES = "In doubt: it comes to rest without a swing, as a hand does. Look at what is followed."
+UNRESTED = "In doubt: it does not rest, and what goes away slows alike. Film for longer."
+HANGS = "In doubt: a pendulum that swings as little moves alike. A wider swing would tell."
+MISSED = f"In doubt: less than {ALL:.0%} of this body's motion is the law's."
+UNTOLD = "In doubt: the recording does not tell how strong the force is. Film for longer."
 
 
 def doubts(fit: Fit) -> list[str]:
     """Of a law, whatever its rivals are, in sentences."""
     out = []
     if terms := [SHORT[kind] for kind in slight(fit)]:
-        out.append(f"Hardly told from none: {', '.join(terms)}. A longer recording would tell.")
+        out.append(f"In doubt: hardly told from none: {', '.join(terms)}. Film for longer.")
     found = {
         HANGS: may_hang(fit),
         UNTURNED: unturned(fit),

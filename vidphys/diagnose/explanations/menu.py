@@ -116,12 +116,12 @@ class ByMenu(Explanation):
 
     @property
     def passes(self) -> bool:
-        """Whether nothing acts on what a camera sees; see :data:`.rivals.PASSES`."""
+        """Whether nothing acts on what a camera sees; see :data:`.doubts.PASSES`."""
         return self.camera and not self.kinds
 
     @property
     def unturned(self) -> bool:
-        """Whether a trap turns nothing round that a camera sees; see :data:`.rivals.UNTURNED`."""
+        """Whether a trap turns nothing round that a camera sees; see :data:`.doubts.UNTURNED`."""
         if not self.camera or "trap" not in self.kinds:
             return False
         seen = self.motion.positions[:, : self.end]
