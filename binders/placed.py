@@ -74,9 +74,10 @@ def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bo
         return cv2.GaussianBlur(cut, (0, 0), SOFT)
 
     def picture(n: int) -> np.ndarray:
-        return _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
+        cut = _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
+        return cut * exposed[n]
 
-    shown = picture if pictured else outline
+    shown, exposed = (picture, _exposed(frames, seen)) if pictured else (outline, None)
     within = body.positions[seen] - corners
     for reach in REACH:
         looks = _looks(shown, outline, within, half, pictured)
@@ -86,6 +87,12 @@ def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bo
     places = body.positions.copy()
     places[seen] = within + corners
     return places
+
+
+def _exposed(frames: Pictures, seen: np.ndarray) -> np.ndarray:
+    """What makes frames as bright as usual, of each channel: exposure and white balance drift."""
+    levels = np.array([frames[k].mean((0, 1)) for k in seen]) + 1
+    return (np.median(levels, 0) / levels).astype(np.float32)
 
 
 def _window(image: np.ndarray, corner: np.ndarray, side: int) -> np.ndarray:

@@ -74,6 +74,24 @@ def test_a_body_that_shows_another_side_is_not_where_its_picture_was() -> None:
     assert shift(4.0) < 0.5 * shift(0.0)
 
 
+def test_a_ball_stays_where_it_is_while_the_exposure_drifts() -> None:
+    """Lit from above, it looks in the dark as its lower half does in the light."""
+    path, t = swing(), np.arange(FRAMES)
+    seen = path + np.random.default_rng(1).normal(scale=1.0, size=path.shape)
+    away = Y - path[:, 1, None, None]
+    inside = np.hypot(X - path[:, 0, None, None], away) < RADIUS
+    lit = (
+        np.where(inside, 1 - 0.5 * away / RADIUS, 1.0)
+        * np.linspace(0.4, 1.0, FRAMES)[:, None, None]
+    )
+    frames = np.clip(drawn(path, rod=0.0) * lit[..., None], 0, 255).astype(np.uint8)
+    changed = np.hypot(X - seen[:, 0, None, None], Y - seen[:, 1, None, None]) < RADIUS
+    ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    found = placed(blobs, frames, changed, t.astype(float))
+    assert np.abs(found.positions - path).max() < 0.5
+
+
 def body(x: np.ndarray, size: np.ndarray) -> Hypothesis:
     ones = np.ones(len(x))
     places = np.stack([x, 0 * x], 1)
