@@ -138,6 +138,22 @@ def test_what_lies_at_a_wall_goes_on_along_it(dry, linear):
     assert np.abs(out[:, 0] @ into).max() < 1e-12
 
 
+def test_bounces_that_die_out_take_no_time_from_what_goes_on_along_the_wall():
+    times = np.arange(90) * STEP
+    out = rolled(
+        times,
+        np.array([[0.0, 1.0], [1.0, 0.0]]),
+        np.array([0.0, -9.8]),
+        np.zeros((2, 2)),
+        np.zeros(2),
+        np.zeros(3),
+        np.array([[0.0, -1.0, 0.0, 0.6, 1.0]]),
+        STEP,
+    )
+    np.testing.assert_allclose(out[:, 0, 0], times, atol=1e-9)
+    assert np.abs(out[-20:, 0, 1]).max() < 1e-9
+
+
 def test_a_ball_that_has_stopped_bouncing_rolls_on_until_it_is_thrown_off():
     """By a floor that pulls it no more: what draws it to a place above lifts it again."""
     times = np.arange(72) * STEP

@@ -30,6 +30,7 @@ from jaxtyping import Float
 from loops import kernel, uncounted
 
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
+BOUNCES = 6  # in a step, at most
 MEETING, TIGHT = 40, 1e-13  # tries at most to find when a step meets a wall; of the step, exact so
 NONE = np.empty(0)
 CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that pulls stays finite
@@ -303,7 +304,7 @@ def _rolled(
                             force[i] = push
                         else:
                             ramp[i] = (push - force[i]) / h
-            for _bounces in range(4):
+            for bounce in range(BOUNCES):
                 _step(s, v, left, law, work)
                 hit, moment = -1, left
                 for k in range(len(walls)):
@@ -320,7 +321,8 @@ def _rolled(
                     force[i] += moment * ramp[i]
                 left -= moment
                 since += moment
-                if since < landed:  # it lies at the wall: only what is along it goes on
+                # it lies at the wall: only what is along it goes on
+                if since < landed or bounce == BOUNCES - 2:
                     across = 0.0
                     for i in range(size):
                         across += walls[hit][i] * v[i]
@@ -331,7 +333,7 @@ def _rolled(
                 since = 0.0
                 if left <= 0.0 or stuck:
                     break
-            if stuck or left <= 0.0:
+            if stuck or hit >= 0:  # in a corner nothing goes on
                 continue
             turned = 0.0  # by the step's last look ahead: friction that turns round hides the rest
             for i in range(size):
