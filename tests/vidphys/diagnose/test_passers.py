@@ -44,11 +44,14 @@ def test_a_body_is_looked_at_and_not_who_walks_by(walk, first):
     assert "1 of them" in said[0]
 
 
-def test_what_only_coasts_is_looked_at_where_nothing_else_moves_by_a_law():
+@pytest.mark.parametrize(("walk", "looked"), [(WALK, True), (TO_AND_FRO, False)])
+def test_what_only_coasts_is_looked_at_where_nothing_else_moves_by_a_law(walk, looked):
+    """But not who turns back: nothing that is seen turns a person round."""
     wave = np.cumsum(np.random.default_rng(2).normal(size=(120, 2)), 0) * 0.03
-    looked_at, _ = of_lawful_bodies(noisy(np.stack([wave, WALK], 1), 5e-4))
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([wave, walk], 1), 5e-4))
     assert looked_at.bodies == 1
-    assert looked_at.positions[0, -1, 0, 0] == pytest.approx(WALK[-1, 0], abs=0.01)
+    last = (walk if looked else wave)[-1, 0]
+    assert looked_at.positions[0, -1, 0, 0] == pytest.approx(last, abs=0.01)
 
 
 def test_what_only_jumps_about_is_no_body_though_any_law_leaves_noise():

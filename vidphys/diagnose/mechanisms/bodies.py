@@ -14,7 +14,7 @@ from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.mechanism import first_lawful, meeting, thinned
-from vidphys.diagnose.mechanisms.passers import passes_by
+from vidphys.diagnose.mechanisms.passers import passes_by, turns_back
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
 from vidphys.diagnose.mechanisms.shadows import without_shadows
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -24,7 +24,7 @@ MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves the
 ASKEW = 0.15  # of the spread: the same before the camera's view is set right
 STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
 JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
-SELDOM = 0.5  # of another body's frames
+SELDOM = 0.6  # of another body's frames
 MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them leave
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 RELEASED = 0.6  # of the frames, after which a hand has let go
@@ -57,7 +57,8 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     kept, found = _lawful_of(motion)
     if not found and motion.bodies == 2:
         return kept, shadows  # of two that no law moves alone, each may move the other
-    found = found or [0]  # the binder's likeliest
+    found = [body for body in found if body in going or not turns_back(motion, body)]
+    found = found or going[:1]  # the binder's likeliest
     return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
 
 
