@@ -77,7 +77,8 @@ def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bo
         cut = _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
         return cut * exposed[n]
 
-    shown, exposed = (picture, _exposed(frames, seen)) if pictured else (outline, None)
+    exposed = _exposed(frames, seen) if pictured else np.empty(0)
+    shown = picture if pictured else outline
     within = body.positions[seen] - corners
     for reach in REACH:
         looks = _looks(shown, outline, within, half, pictured)
