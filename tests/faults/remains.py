@@ -39,8 +39,12 @@ def content(path: Path) -> object:
     """Its bytes; of tensors the words beside them come in any order, and rows lose their times.
 
     Of an index of shards, its entries with their tensors; what else lies in shards nobody reads.
-    Of a checkpoint its words, but not the name and the hash of the file of its tensors.
+    Of a checkpoint its words, but not the name and the hash of the file of its tensors. Of what a
+    run says of itself not when it began, in which two quick runs may agree and a third not.
     """
+    if path.name == "run.json":
+        told = json.loads(path.read_bytes())
+        return {key: value for key, value in told.items() if key not in (*TIMED, "seal")}
     if path.name == f"{OWN}.sqlite":
         shards = Shards(path.parent)
         return {
