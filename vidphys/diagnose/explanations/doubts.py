@@ -26,7 +26,7 @@ UNTURNED = "In doubt: it does not turn round; a lens bends a straight way alike.
 SETTLES = "In doubt: it comes to rest without a swing, as a hand does. Look at what is followed."
 UNRESTED = "In doubt: it does not rest, and what goes away slows alike. Film for longer."
 HANGS = "In doubt: a pendulum that swings as little moves alike. A wider swing would tell."
-MISSED = f"In doubt: less than {ALL:.0%} of this body's motion is the law's."
+MISSED = f"In doubt: less than {100 * ALL:g} % of this body's motion is the law's."
 UNTOLD = "In doubt: the recording does not tell how strong the force is. Film for longer."
 
 
