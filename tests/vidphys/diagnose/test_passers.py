@@ -59,3 +59,11 @@ def test_what_only_jumps_about_is_no_body_though_any_law_leaves_noise():
     looked_at, _ = of_lawful_bodies(noisy(np.stack([jumps, SPRING - 0.5], 1), 5e-4))
     assert looked_at.bodies == 1
     assert looked_at.positions[0, 0, 0, 0] == pytest.approx(SPRING[0, 0] - 0.5, abs=0.01)
+
+
+@pytest.mark.parametrize(("share", "bodies"), [(0.55, 1), (0.7, 2)])
+def test_what_is_seen_in_few_of_a_bodys_frames_is_a_piece_of_something(share, bodies):
+    other = 0.7 * SPRING[::-1] - 0.5
+    other[: round((1 - share) * len(other))] = np.nan
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([SPRING, other], 1), 5e-4))
+    assert looked_at.bodies == bodies
