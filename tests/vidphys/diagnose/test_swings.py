@@ -234,6 +234,7 @@ def test_a_spring_that_is_not_seen_to_turn_leaves_doubt():
     [
         ("linear", 0.5, 9.0, ["linear", "uniform"]),
         ("linear", 2.0, 9.0, []),
+        ("linear", -2.0, 9.0, []),  # a drive
         ("linear", 2.0, 0.5 * LITTLE / (2 * CERTAIN), ["linear"]),  # it took too little by then
         ("none", 0.5, 9.0, []),  # what a body falls by alone is no term beside others
     ],

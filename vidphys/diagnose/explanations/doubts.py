@@ -54,16 +54,16 @@ def seen(fit: Fit) -> bool:
 
 
 def slight(fit: Fit) -> list[str]:
-    """Terms beside others that may as well not be there, by the errors of their numbers.
+    """Terms beside others that may as well not be there, by their numbers' errors and effect.
 
-    These allow for errors that last and go with the place, of which the likelihoods that chose the
-    terms know less.
+    The errors allow for mistakes that last and go with the place, of which the likelihoods that
+    chose the terms know less.
     """
     law = fit.model.law
     sizes: dict[str, float] = {}
     for name, (value, error) in fit.numbers.items():
         kind = "uniform" if name in law.forces else name.split()[0]
-        if kind == "linear" and value * _seconds(fit) < LITTLE:
+        if kind == "linear" and abs(value) * _seconds(fit) < LITTLE:
             value = 0.0
         sizes[kind] = max(sizes.get(kind, 0.0), abs(value) / max(error, np.finfo(float).tiny))
     asked = law.frictions + (("uniform",) if law.restoring == "uniform" and law.frictions else ())
