@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy import ndimage
 
 from binders.base import BINDERS, MotionTracks, Pictures
 from binders.blobs import Blobs
@@ -266,7 +265,7 @@ def _blobs(
                 x, y = np.rint(found.centre).astype(int).T
                 found = found.only(inside[y, x])
             kind.append(found)
-    cross = ndimage.generate_binary_structure(2, 1).astype(np.uint8)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     rims = [cv2.dilate(each.view(np.uint8), cross, iterations=RIM) for each in ghosts]
     return blobs, changed, np.stack(rims).view(bool)
 

@@ -98,7 +98,7 @@ def lumps(
     keep[0] = False
     where = _around(core)
     left, top = where[1].start, where[0].start
-    haunted = np.zeros(core.shape, bool)
+    haunted = np.zeros(core.shape, bool)  # of the whole picture; the rest is of that part
     image, change, coloured, behind = image[where], change[where], coloured[where], behind[where]
     above, core, labels = above[where], core[where], labels[where]
     labels, whole = _without_arms(core, labels, count)

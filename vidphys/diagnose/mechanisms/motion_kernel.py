@@ -194,6 +194,18 @@ def _beyond(
 
 
 @uncounted
+def _across(
+    v: np.ndarray,
+    wall: np.ndarray,
+) -> float:
+    """Speed into a wall."""
+    speed = 0.0
+    for i in range(len(v)):
+        speed += wall[i] * v[i]
+    return speed
+
+
+@uncounted
 def _meets(
     s: np.ndarray,
     v: np.ndarray,
@@ -205,9 +217,7 @@ def _meets(
     """Seconds until a step that ends beyond a wall meets it; ``work`` is left as it is then."""
     low, high, moment = 0.0, most, most
     for _try in range(MEETING):
-        depth, across = _beyond(work[8], wall), 0.0
-        for i in range(len(s)):
-            across += wall[i] * work[9, i]
+        depth, across = _beyond(work[8], wall), _across(work[9], wall)
         if abs(depth) <= TIGHT * most * abs(across):
             break
         if depth > 0.0:
@@ -226,14 +236,12 @@ def _pressed(
     wall: np.ndarray,
 ) -> bool:
     """Whether a step went beyond the wall at which a body lies; if so it is put back onto it."""
-    depth, across = _beyond(work[8], wall), 0.0
+    depth, into = _beyond(work[8], wall), max(_across(work[9], wall), 0.0)
     if depth <= 0.0:
         return False
     for i in range(work.shape[1]):
-        across += wall[i] * work[9, i]
-    for i in range(work.shape[1]):
         work[8, i] -= depth * wall[i]
-        work[9, i] -= max(across, 0.0) * wall[i]
+        work[9, i] -= into * wall[i]
     return True
 
 
@@ -246,9 +254,7 @@ def _bounce(
 ) -> None:
     """Turn the speed across a wall round; what is along it keeps a share of its own, or spins."""
     size = len(s)
-    across, depth = 0.0, _beyond(s, wall)
-    for i in range(size):
-        across += wall[i] * v[i]
+    across, depth = _across(v, wall), _beyond(s, wall)
     restitution, along = wall[size + 1], wall[size + 2]
     if len(spin) > 0:
         slip = v[1] * wall[0] - v[0] * wall[1] + spin[0]
@@ -321,11 +327,9 @@ def _rolled(
                     force[i] += moment * ramp[i]
                 left -= moment
                 since += moment
-                # it lies at the wall: only what is along it goes on
+                # It lies at the wall: only what is along it goes on, for which one turn is left.
                 if since < landed or bounce == BOUNCES - 2:
-                    across = 0.0
-                    for i in range(size):
-                        across += walls[hit][i] * v[i]
+                    across = _across(v, walls[hit])
                     for i in range(size):
                         v[i] -= across * walls[hit][i]
                     lies, stuck = hit, size == 1
