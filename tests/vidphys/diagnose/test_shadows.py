@@ -29,6 +29,13 @@ def test_a_shadow_on_the_floor_is_left_out_and_said():
     assert "thing 1 moves in proportion to thing 2, as its shadow" in looked_at(shadow, weight)[1]
 
 
+def test_a_shadow_that_swings_wider_where_it_comes_nearer_to_the_camera_is_one():
+    weight = pendulum(1.3, 0.8, 0.0)
+    nearer = 1 / (1 + 0.6 * (weight[:, 1] - weight[:, 1].min()))
+    shadow = np.stack([0.1 + 0.85 * nearer * weight[:, 0], -1 + 0.25 * nearer], -1)
+    assert "thing 2 moves in proportion to thing 1" in looked_at(weight, shadow)[1]
+
+
 def test_a_piece_of_the_string_is_not_the_body_though_it_is_above():
     weight = pendulum(0.4, 0.8, 0.0)
     piece = np.array([0.0, 0.5]) + 0.6 * (weight - [0.0, 0.5])

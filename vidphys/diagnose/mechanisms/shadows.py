@@ -23,8 +23,9 @@ TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both
 def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     """Bodies that are not another's shadow or part, of several followed things.
 
-    Along the way that it swings most, a shadow is where its body is, times a factor. Two bodies do
-    that only if they are let go together and are alike, and then their ways are each other's copy.
+    Along the way that it swings most, a shadow is where its body is, times a factor, or where a
+    perspective picture of its plane puts it. Two bodies do that only if they are let go together and
+    are alike, and then their ways are each other's copy.
     Light comes from above, so of two such things the upper one is the body; and a floor mirrors up
     and down, so what goes right whenever the other goes left is neither. Copies that are nearer to
     each other than they go are parts of one body, as a cart's wheels are; the one that is seen less
@@ -61,6 +62,7 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     main = [np.linalg.svd(here[:, i], full_matrices=False)[2][0] for i in range(2)]
     one, two = (here[:, i] @ main[i] for i in range(2))
     left = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
+    left = min(left, _left_of_projection(here, main[1]))
     if np.count_nonzero(np.diff(np.sign(one))) < SWINGS:
         return ""
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
@@ -71,6 +73,26 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     if against[np.abs(main[0]).argmax()] and abs(main[0][1]) < abs(main[0][0]):
         return ""
     return SHADOW if left < APART else ""
+
+
+def _left_of_projection(here: np.ndarray, main: np.ndarray) -> float:
+    """What is left of the other's way when it is the picture of a shadow on a plane.
+
+    A body that keeps to a plane and its shadow on another plane are each other's picture by a
+    homography: a shadow that comes nearer to the camera swings wider.
+
+    Args:
+        here: places of both about their middles, ``(t, 2, 2)``.
+        main: along which the other swings most, ``(2,)``.
+    """
+    import cv2
+
+    seen_as, _ = cv2.findHomography(here[:, 0].copy(), here[:, 1].copy())
+    if seen_as is None:  # no picture of a plane comes from a line
+        return np.inf
+    projected = cv2.perspectiveTransform(here[None, :, 0], seen_as)[0]
+    way = here[:, 1] @ main
+    return float(np.linalg.norm(way - projected @ main) / np.linalg.norm(way))
 
 
 def _seen_less(motion: Motion, body: int, other: int) -> bool | None:
