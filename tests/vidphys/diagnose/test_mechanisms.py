@@ -12,7 +12,7 @@ from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.bodies import _released, of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
-from vidphys.diagnose.mechanisms.choose import pictured, roughly
+from vidphys.diagnose.mechanisms.choose import fits_of, pictured, roughly
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
@@ -293,6 +293,19 @@ def test_a_bounce_that_speeds_a_ball_up_along_the_wall_costs(monkeypatch):
     priced = kept()
     monkeypatch.setattr("vidphys.diagnose.mechanisms.fit.SPUN", 0.0)
     assert priced < kept() - 0.2
+
+
+def test_a_ball_that_does_not_spin_leaves_no_wall_faster_along_it():
+    """A law of such a wall foretold ever wider leaps."""
+    times = np.arange(40) * STEP
+    sideways = 0.05 * times + 0.1 * np.maximum(times - 0.97, 0)  # faster from the second bounce on
+    ball = replace(BALL, start=-0.8, restitution=0.7)
+    clips = frames_of(noisy(np.stack([sideways, -ball.path(times)], -1), 1e-3))
+    faster = max(x.numbers["along 1"][0] for x in roughly(clips, angles=False) if x.holds)
+    assert faster > 2  # as the places have it
+    spinning, *others = fits_of(clips, angles=False)
+    assert spinning.model.law.spins
+    assert not any("along 1" in x.numbers for x in others)
 
 
 def test_an_impact_that_a_fast_camera_lost_sight_of_is_found_on_both_sides_of_the_gap():

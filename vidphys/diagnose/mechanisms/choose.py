@@ -89,6 +89,7 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
             found.append(pictured(clips, base))
         else:
             found.append(base)
+    found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
     sensible = ranked(_near_surely([x for x in found if makes_sense(x)]))
     others: list[Fit] = []
     if not angles and not any(x.holds for x in sensible[:1]):
@@ -110,6 +111,24 @@ def pictured(clips: Sequence[Frames], base: Fit) -> Fit:
     model = Model(replace(law, pictured=True), base.model.charts)
     values = np.insert(base.values, [len(law.names)] * len(view.NAMES), 0.0)
     return fit(clips, model, values) or base
+
+
+def _speeds_up(found: Fit) -> bool:
+    """Whether a ball that does not spin leaves a wall faster along it than it came: none can."""
+    return any(
+        abs(value) > 1 + 2 * error
+        for name, (value, error) in found.numbers.items()
+        if name.startswith("along")
+    )
+
+
+def _smooth(clips: Sequence[Frames], base: Fit) -> Fit | None:
+    """The same law with walls that take nothing along them."""
+    law = base.model.law
+    at = [i for i, name in enumerate(law.names) if name.startswith("along")]
+    walls = tuple(replace(wall, smooth=True) for wall in law.walls)
+    model = Model(replace(law, walls=walls), base.model.charts)
+    return fit(clips, model, np.delete(base.values, at))
 
 
 def _near_surely(fits: Sequence[Fit]) -> list[Fit]:
@@ -212,6 +231,8 @@ def _pulls_back(found: Fit) -> bool:
 
 def makes_sense(found: Fit) -> bool:
     """Whether its numbers mean what their names say, and are told by what was seen."""
+    if _speeds_up(found):
+        return False
     for name, (value, error) in found.numbers.items():
         if name in (*found.model.law.frictions, "lift") and not error < UNTOLD * abs(value):
             return False

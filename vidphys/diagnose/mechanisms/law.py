@@ -29,10 +29,12 @@ class Wall:
         normal: towards it, ``(k,)``, of length one.
         turns: whether the normal is fitted too; one bounce alone does not tell it from what the
             bounce takes along the wall.
+        smooth: whether a bounce takes nothing along the wall.
     """
 
     normal: tuple[float, ...]
     turns: bool = False
+    smooth: bool = False
 
     def turned(self, angle: float) -> np.ndarray:
         """The normal turned by radians, where there is a plane to turn it in."""
@@ -122,7 +124,7 @@ class Law:
 
     def _along(self, number: int) -> list[str]:
         """What a wall does to the speed along it."""
-        if self.coordinates < 2:
+        if self.coordinates < 2 or self.walls[number - 1].smooth:
             return []
         return [f"grip {number}" if self.spins else f"along {number}"]
 

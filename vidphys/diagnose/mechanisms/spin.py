@@ -29,7 +29,7 @@ def spun(clips: Sequence[Frames], base: Fit) -> Fit | None:
         return None
     # How a wall lies, the first bounce does not tell from what it takes along it; the next do.
     several = _bounces(base) > 1
-    walls = tuple(replace(wall, turns=several) for wall in law.walls)
+    walls = tuple(replace(wall, turns=several, smooth=False) for wall in law.walls)
     model = Model(replace(law, walls=walls, spins=True), base.model.charts)
     known = {name: value for name, (value, _) in base.numbers.items()}
     turns = {known.get("turn 1", 0.0), _level(base, known)} if several else {0.0}
