@@ -24,8 +24,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     """Bodies that are not another's shadow or part, of several followed things.
 
     Along the way that it swings most, a shadow is where its body is, times a factor, or where a
-    perspective picture of its plane puts it. Two bodies do that only if they are let go together and
-    are alike, and then their ways are each other's copy.
+    perspective picture of its plane puts it. Two bodies do that only if they are let go together
+    and are alike, and then their ways are each other's copy.
     Light comes from above, so of two such things the upper one is the body; and a floor mirrors up
     and down, so what goes right whenever the other goes left is neither. Copies that are nearer to
     each other than they go are parts of one body, as a cart's wheels are; the one that is seen less
