@@ -58,7 +58,7 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     if not found and motion.bodies == 2:
         return kept, shadows  # of two that no law moves alone, each may move the other
     found = [body for body in found if body in going or not turns_back(motion, body)]
-    found = found or going[:1]  # the binder's likeliest
+    found = found or _not_at_rest(motion, going)[:1]  # the binder's likeliest
     return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
 
 
@@ -181,6 +181,12 @@ def _rests(motion: Motion, body: int) -> bool:
     path = motion.positions[0, :, body]
     late = path[int(RELEASED * len(path)) :]
     return _extent(late) < RESTS * _extent(path)
+
+
+def _not_at_rest(motion: Motion, bodies: list[int]) -> list[int]:
+    """Those that move at all, beside the one that goes farthest: a spot of noise stays."""
+    extents = {body: _extent(motion.positions[0, :, body]) for body in bodies}
+    return [body for body in bodies if extents[body] >= RESTS * max(extents.values())]
 
 
 def _extent(path: np.ndarray) -> float:

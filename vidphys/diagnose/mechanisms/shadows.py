@@ -61,8 +61,8 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     here = places[both] - middle
     main = [np.linalg.svd(here[:, i], full_matrices=False)[2][0] for i in range(2)]
     one, two = (here[:, i] @ main[i] for i in range(2))
-    left = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
-    left = min(left, _left_of_projection(here, main[1]))
+    straight = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
+    left = min(float(straight), _left_of_projection(here, main[1]))
     if np.count_nonzero(np.diff(np.sign(one))) < SWINGS:
         return ""
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
