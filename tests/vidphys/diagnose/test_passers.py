@@ -75,3 +75,14 @@ def test_where_no_law_moves_any_a_spot_of_noise_is_not_the_body():
     motion = noisy(np.stack([spot, *jolts], 1), 1e-4)
     (found,) = of_lawful_bodies(motion)[0].positions[0].transpose(1, 0, 2)
     np.testing.assert_array_equal(found, motion.positions[0, :, 1])
+
+
+@pytest.mark.parametrize(("share", "body"), [(0.4, 1), (0.7, 0)])
+def test_a_hand_that_is_seen_for_a_while_is_not_the_body_that_it_lets_go(share, body):
+    slows = np.stack([0.8 * TIMES - 0.2 * TIMES**2, 0 * TIMES], -1)
+    hand = np.where(TIMES[:, None] < share * TIMES[-1], slows, np.nan)
+    jolts = np.random.default_rng(1).standard_normal((48, 2)).cumsum(0)
+    ball = np.concatenate([0.02 * jolts, SPRING[48:]])
+    motion = noisy(np.stack([hand, ball], 1), 5e-4)
+    looked_at, _ = of_lawful_bodies(motion)
+    np.testing.assert_array_equal(looked_at.positions[0, :, 0], motion.positions[0, :, body])

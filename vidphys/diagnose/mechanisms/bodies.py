@@ -106,7 +106,7 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
     staying = {body: laws[body] for body in _stay(followed, list(laws))}
     lawful = sorted({*lawful, *_tied(motion, staying, lawful)})
     if not met and not _stay(motion, lawful):
-        let_go = _released(followed, before=min(lawful, default=motion.bodies))
+        let_go = _released(followed, lawful)
         if let_go:
             return followed, let_go
     found = met + _seen_enough(motion, lawful)
@@ -140,19 +140,27 @@ def _stay(motion: Motion, bodies: list[int]) -> list[int]:
     return [body for body in bodies if motion.seen[..., body].mean() > ALWAYS]
 
 
-def _released(motion: Motion, before: int) -> list[int]:
+def _released(motion: Motion, lawful: list[int]) -> list[int]:
     """Bodies that stay once they are there, and that a law moves once what held them has let go.
 
     A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
     that rests at the end is asked last, and only where a law moves no other.
 
     Args:
-        before: the likeliest body that a law moves already: of those likelier than it.
+        lawful: what a law moves already: asked are bodies that are likelier than these, or are seen
+            in far more frames.
     """
-    staying = [body for body in range(min(before, MOST_TRIED)) if _stays_on(motion, body)]
+    seen = motion.seen[0].mean(0)
+    most = max(seen[lawful], default=0.0)
+    asked = [
+        body
+        for body in range(min(motion.bodies, MOST_TRIED))
+        if body < min(lawful, default=motion.bodies) or most < SELDOM * seen[body]
+    ]
+    staying = [body for body in asked if _stays_on(motion, body)]
     resting = [body for body in staying if _rests(motion, body)]
     staying = [body for body in staying if body not in resting]
-    staying += resting if before == motion.bodies else []
+    staying += [] if lawful else resting
     found = []
     for body in staying:
         rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
