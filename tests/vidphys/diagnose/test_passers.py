@@ -69,9 +69,10 @@ def test_what_is_seen_in_few_of_a_bodys_frames_is_a_piece_of_something(share, bo
     assert looked_at.bodies == bodies
 
 
-def test_where_no_law_moves_any_a_spot_of_noise_is_not_the_body():
+@pytest.mark.parametrize("hidden", [0, 1])
+def test_where_no_law_moves_any_a_spot_of_noise_is_not_the_body(hidden):
     jolts = np.random.default_rng(1).standard_normal((2, len(TIMES), 2)).cumsum(1) * [[[0.02]]]
-    spot = np.where(np.arange(len(TIMES)) % 5 > 0, 0.0, np.nan)[:, None] * jolts[0]
+    spot = np.where(np.arange(len(TIMES)) % 5 < hidden, np.nan, 0.0)[:, None] * jolts[0]
     motion = noisy(np.stack([spot, *jolts], 1), 1e-4)
     (found,) = of_lawful_bodies(motion)[0].positions[0].transpose(1, 0, 2)
     np.testing.assert_array_equal(found, motion.positions[0, :, 1])

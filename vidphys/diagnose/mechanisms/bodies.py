@@ -169,7 +169,8 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
             clips = frames_of(thinned(rest.cut(first, last)))
             if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
                 found.append(body)
-    return found or list(islice((x for x in staying if _lawful_later(motion, x)), 1))
+    moving = _not_at_rest(motion, staying)
+    return found or list(islice((x for x in moving if _lawful_later(motion, x)), 1))
 
 
 def _lawful_later(motion: Motion, body: int) -> bool:
@@ -194,7 +195,8 @@ def _rests(motion: Motion, body: int) -> bool:
 def _not_at_rest(motion: Motion, bodies: list[int]) -> list[int]:
     """Those that move at all, beside the one that goes farthest: a spot of noise stays."""
     extents = {body: _extent(motion.positions[0, :, body]) for body in bodies}
-    return [body for body in bodies if extents[body] >= RESTS * max(extents.values())]
+    most = max(extents.values(), default=0.0)
+    return [body for body in bodies if extents[body] >= RESTS * most]
 
 
 def _extent(path: np.ndarray) -> float:
