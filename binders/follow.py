@@ -24,10 +24,14 @@ FIFTH_AS = 0.2  # and if that one thing goes as bodies do
 THIRD_AS = 0.3  # and if it goes as bodies do and is no shadow: as :class:`Judged` counts it,
 OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, and lit by less;
 WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.8  # or seen so, foretold so, and as steady in looks
+ON_A_ROD = 0.25  # and if it keeps at one distance from the likeliest, as the end of a rod does
+EVENLY = 0.04  # of the distance, by which most of the distances may differ
+SWAYS = 0.5  # radians, by which the rod between them turns at least
+AWAY = 2.0  # sizes of both, by which they are apart: nearer is a part of it
 MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
-MOSTLY = 0.8  # of the frames, in which they have turned alike
+MOSTLY = 0.8  # of the frames, in which they are seen at the ends of a rod, or have turned alike
 ROUND = np.pi  # radians that they turn at least: a rod that sways about its middle is no wheel
 BLADE = 0.02  # how likely what turns in its place is a body
 
@@ -121,8 +125,11 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
             least = FIFTH_AS if certain else THIRD_AS
         else:
             least = HALF_AS if certain else NEARLY
-        if each.judged.score >= least * first[0].judged.score:
+        score = each.judged.score / first[0].judged.score
+        if score >= least:
             bodies.append(each.body)
+        elif score >= ON_A_ROD and _on_a_rod(each, first[0]):
+            bodies.insert(1, each.body)
     return bodies
 
 
@@ -130,6 +137,22 @@ def _goes_as_bodies_do(judged: Judged) -> bool:
     foretold = judged.seen > OFTEN and judged.foretold > FORETOLD
     always = judged.seen > WHOLLY and judged.foretold > ROUGHLY and judged.steady > ALIKE
     return (foretold or always) and judged.lit < UNLIT
+
+
+def _on_a_rod(one: Candidate, other: Candidate) -> bool:
+    """Whether both are the ends of a rod that turns: they stay apart, whichever way they go."""
+    seen = one.body.seen & other.body.seen
+    if seen.mean() < MOSTLY:
+        return False
+    between = one.body.positions[seen] - other.body.positions[seen]
+    apart = np.linalg.norm(between, axis=-1)
+    usual = np.median(apart)
+    turned = np.unwrap(np.arctan2(between[:, 1], between[:, 0]))
+    return bool(
+        usual > AWAY * (_size(one) + _size(other)) / 2
+        and np.percentile(np.abs(apart / usual - 1), 90) < EVENLY
+        and np.ptp(turned) > SWAYS
+    )
 
 
 def _size(candidate: Candidate) -> float:

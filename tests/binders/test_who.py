@@ -245,6 +245,24 @@ def test_beside_one_that_moves_very_lawfully_a_second_as_large_and_steady_is_one
     assert len(likely([first, other])) == bodies
 
 
+@pytest.mark.parametrize(
+    ("length", "stretch", "sway", "ends"),
+    [(30, 0.0, 0.6, 1), (30, 0.2, 0.6, 0), (30, 0.0, 0.1, 0), (6, 0.0, 0.6, 0)],
+    ids=["rod", "spring", "goes along", "part"],
+)
+def test_what_stays_at_one_distance_and_turns_is_the_other_end_of_a_rod(
+    length, stretch, sway, ends
+) -> None:
+    angle, reach = sway * np.sin(0.4 * T), length * (1 + stretch * np.sin(0.9 * T))
+    way = np.stack([np.sin(angle), np.cos(angle)], -1)
+    first, second = candidate(BALL, 1.0), candidate(wander(), 0.5)
+    other = candidate(BALL + reach[:, None] * way, 0.35, 3.0, 0.5)
+    found = likely([first, second, other])
+    assert len(found) == 2 + ends
+    if ends:
+        assert found[1] is other.body  # before what may be of any kind
+
+
 def test_what_turns_by_different_angles_is_no_fan() -> None:
     middle = np.array([30.0, 40.0])
     angles = np.stack([0.8 * np.sin(0.3 * T), 2.1 + 0.1 * np.sin(0.2 * T), 4.2 + 0 * T], -1)
