@@ -121,11 +121,12 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
         largest = AS_LARGE[each.kind == first[0].kind]
         alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(largest)
         certain = alike and each.judged.seen > ALWAYS and each.judged.steady > STEADY
-        if _goes_as_bodies_do(each.judged):
+        judged = replace(each.judged, lit=0.0) if certain else each.judged
+        if _goes_as_bodies_do(judged):
             least = FIFTH_AS if certain else THIRD_AS
         else:
             least = HALF_AS if certain else NEARLY
-        score = each.judged.score / first[0].judged.score
+        score = judged.score / first[0].judged.score
         if score >= least:
             bodies.append(each.body)
         elif score >= ON_A_ROD and _on_a_rod(each, first[0]):

@@ -246,6 +246,18 @@ def test_beside_one_that_moves_very_lawfully_a_second_as_large_and_steady_is_one
 
 
 @pytest.mark.parametrize(
+    ("size", "steady", "bodies"), [(5.5, 0.95, 2), (5.5, 0.8, 1), (2.0, 0.95, 1)]
+)
+def test_a_grey_body_that_is_surely_one_thing_is_not_left_out_as_a_shadow(
+    size, steady, bodies
+) -> None:
+    other = candidate(0.1 * BALL + 60, 0.5, size, steady)
+    other = replace(other, judged=replace(other.judged, lit=0.6))
+    assert other.judged.score < 0.2 * 1.8
+    assert len(likely([candidate(BALL, 1.8), other])) == bodies
+
+
+@pytest.mark.parametrize(
     ("length", "stretch", "sway", "ends"),
     [(30, 0.0, 0.6, 1), (30, 0.2, 0.6, 0), (30, 0.0, 0.1, 0), (6, 0.0, 0.6, 0)],
     ids=["rod", "spring", "goes along", "part"],
