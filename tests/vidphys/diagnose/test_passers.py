@@ -22,12 +22,14 @@ SLOWED = np.stack([0.5 * TIMES - 0.055 * TIMES**2, 0 * TIMES], -1)
     [
         (WALK, True),
         (TO_AND_FRO, True),
+        (np.stack([ALONG, 0.02 * np.sin(6 * TIMES)], -1), True),
+        (np.stack([ALONG, 0.08 * np.sin(6 * TIMES)], -1), False),
         (FLIGHT, False),
         (SPRING, False),
         (SLOWED, False),
         (SINKS, False),
     ],
-    ids=["walks", "turns back", "flies", "swings", "gets slower", "sinks"],
+    ids=["walks", "turns back", "bobs", "winds", "flies", "swings", "gets slower", "sinks"],
 )
 def test_only_what_keeps_its_line_and_its_speed_passes_by(way, so):
     assert passes_by(noisy(way[:, None], 1e-3), 0) == so

@@ -8,6 +8,7 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 WINDOWS = 20  # side by side over the frames that show it, in each of which its velocity is told
 EVEN = 0.2  # of its usual velocity, by which that of a window may differ
+THIN = 0.05  # of the way along its line, that one that walks on it bobs up and down at most
 SELDOM = 0.1  # of the windows, that are seldom
 MOSTLY = 0.6  # of the windows, whose velocity is the usual one: in the others it turns back
 
@@ -31,8 +32,11 @@ def passes_by(motion: Motion, body: int) -> bool:
     usual = np.median(ahead, 0)
     if abs(usual[1]) > abs(usual[0]) and path[-1, 1] < path[0, 1]:
         return False
-    off = np.linalg.norm(ahead - usual, axis=-1)
-    return bool((off <= EVEN * np.linalg.norm(usual)).mean() >= MOSTLY)
+    line = usual / max(float(np.linalg.norm(usual)), np.finfo(float).tiny)
+    along, across = np.ptp(path @ line), np.ptp(path @ [-line[1], line[0]])
+    off = ahead - usual
+    far = np.abs(off @ line) if across < THIN * along else np.linalg.norm(off, axis=-1)
+    return bool((far <= EVEN * np.linalg.norm(usual)).mean() >= MOSTLY)
 
 
 def turns_back(motion: Motion, body: int) -> bool:
