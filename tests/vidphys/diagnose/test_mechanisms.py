@@ -620,8 +620,8 @@ def test_a_hand_that_rests_when_it_has_let_go_is_not_taken_for_the_ball():
     ball = held + np.stack([0.9 * free, 2.6 * free - 4.9 * free**2], -1)
     arm = held * [1.0, 0.6] - [0.1, 0.1]
     motion = noisy(np.stack([arm, ball], 1), 5e-4)
-    assert _released(motion, before=1) == []
-    assert _released(motion, before=2) == [1]
+    assert _released(motion, [1]) == []
+    assert _released(motion, []) == [1]
 
 
 def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():
