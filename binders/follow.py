@@ -27,7 +27,6 @@ WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.8  # or seen so, foretold so, and as stea
 ON_A_ROD = 0.25  # and if it keeps at one distance from the likeliest, as the end of a rod does
 EVENLY = 0.04  # of the distance, by which most of the distances may differ
 SWAYS = 0.5  # radians, by which the rod between them turns at least
-AWAY = 2.0  # sizes of both, by which they are apart: nearer is a part of it
 MOST = 8  # bodies, where nobody says how many
 TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
@@ -150,7 +149,7 @@ def _on_a_rod(one: Candidate, other: Candidate) -> bool:
     usual = np.median(apart)
     turned = np.unwrap(np.arctan2(between[:, 1], between[:, 0]))
     return bool(
-        usual > AWAY * (_size(one) + _size(other)) / 2
+        usual > _size(one) + _size(other)  # nearer, it is a part of it
         and np.percentile(np.abs(apart / usual - 1), 90) < EVENLY
         and np.ptp(turned) > SWAYS
     )

@@ -144,7 +144,8 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     """Bodies that stay once they are there, and that a law moves once what held them has let go.
 
     A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
-    that rests at the end is asked last, and only where a law moves no other.
+    that rests at the end is asked last, and only where a law moves no other. What hardly moves is a
+    spot of noise.
 
     Args:
         lawful: what a law moves already: asked are bodies that are likelier than these, or are seen
@@ -193,7 +194,7 @@ def _rests(motion: Motion, body: int) -> bool:
 
 
 def _not_at_rest(motion: Motion, bodies: list[int]) -> list[int]:
-    """Those that move at all, beside the one that goes farthest: a spot of noise stays."""
+    """Those that move at all, beside the one that goes farthest."""
     extents = {body: _extent(motion.positions[0, :, body]) for body in bodies}
     most = max(extents.values(), default=0.0)
     return [body for body in bodies if extents[body] >= RESTS * most]
