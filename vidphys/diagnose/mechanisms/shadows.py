@@ -25,11 +25,10 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
 
     Along the way that it swings most, a shadow is where its body is, times a factor, or where a
     perspective picture of its plane puts it. Two bodies do that only if they are let go together
-    and are alike, and then their ways are each other's copy.
-    Light comes from above, so of two such things the upper one is the body; and a floor mirrors up
-    and down, so what goes right whenever the other goes left is neither. Copies that are nearer to
-    each other than they go are parts of one body, as a cart's wheels are; the one that is seen less
-    often is the part.
+    and are alike, and then their ways are each other's copy. Light comes from above, so of two such
+    things the upper one is the body; and a floor mirrors up and down, so what goes right whenever
+    the other goes left is neither. Copies that are nearer to each other than they go are parts of
+    one body, as a cart's wheels are; the one that is seen less often is the part.
 
     Args:
         motion: of one clip; the likeliest bodies come first.
@@ -61,8 +60,6 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     here = places[both] - middle
     main = [np.linalg.svd(here[:, i], full_matrices=False)[2][0] for i in range(2)]
     one, two = (here[:, i] @ main[i] for i in range(2))
-    straight = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
-    left = min(float(straight), _left_of_projection(here, main[1]))
     if np.count_nonzero(np.diff(np.sign(one))) < SWINGS:
         return ""
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
@@ -72,7 +69,8 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     against = main[0] * main[1] * (one @ two) < 0  # right against left, up against down
     if against[np.abs(main[0]).argmax()] and abs(main[0][1]) < abs(main[0][0]):
         return ""
-    return SHADOW if left < APART else ""
+    straight = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
+    return SHADOW if straight < APART or _left_of_projection(here, main[1]) < APART else ""
 
 
 def _left_of_projection(here: np.ndarray, main: np.ndarray) -> float:
