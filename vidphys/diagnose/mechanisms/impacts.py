@@ -104,7 +104,7 @@ def kinks_of(times: np.ndarray, s: np.ndarray, side: int) -> Kinks:
     t, x, last, next_ = t[:, away], x[:, away], t[:, side - 1], t[:, side]
     scale = (t[:, -1] - t[:, 0]) / 2
     u = (t - last[:, None]) / scale[:, None]
-    left_smooth, _ = _left(np.stack([np.ones_like(u), u, u**2, u**3], -1), x)
+    cubic, quartic = (_left(np.stack([u**k for k in range(n)], -1), x)[0] for n in (4, 5))
     left, numbers = np.full(len(t), np.inf), np.zeros((len(t), 4, s.shape[1]))
     for share in SHARES:
         kink = last + share * (next_ - last)
@@ -120,8 +120,9 @@ def kinks_of(times: np.ndarray, s: np.ndarray, side: int) -> Kinks:
     sigma = np.sqrt(left / freedom)
     error = sigma / float(np.median(np.diff(times))) / np.sqrt(side)
     gap = 2 * scale > GAP * side * np.median(np.diff(times))
-    gain = left_smooth / np.maximum(ratio * left, np.finfo(float).tiny)
-    return Kinks(side, np.where(gap, 0.0, gain), sigma, error, numbers)
+    smooth = quartic < left  # by as many numbers, one of which is the kink's time
+    gain = cubic / np.maximum(ratio * left, np.finfo(float).tiny)
+    return Kinks(side, np.where(gap | smooth, 0.0, gain), sigma, error, numbers)
 
 
 def between_turns(s: np.ndarray) -> float:
@@ -147,7 +148,8 @@ def _turns(along: np.ndarray, clear: float) -> int:
 def _left(design: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sum of squares that least squares leave in each window ``(w,)``, and the numbers."""
     turned = design.transpose(0, 2, 1)
-    numbers = np.linalg.solve(turned @ design + RIDGE * np.eye(4), turned @ x)
+    ridge = RIDGE * np.eye(design.shape[-1])
+    numbers = np.linalg.solve(turned @ design + ridge, turned @ x)
     return ((x - design @ numbers) ** 2).sum((1, 2)), numbers
 
 
