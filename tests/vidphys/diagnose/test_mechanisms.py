@@ -328,6 +328,11 @@ def test_a_smooth_swing_has_no_impacts():
         assert not find_impacts(motion.times[0], motion.positions[0, :, 0])
 
 
+def test_where_a_smooth_swing_turns_round_is_no_impact_however_exactly_it_is_seen():
+    motion = noisy(hung(swing(17.6, 0.1, 0.3, 1000, step=0.01), 1.0), 2e-4, 0.01)
+    assert not find_impacts(motion.times[0], motion.positions[0, :, 0])
+
+
 @pytest.mark.parametrize("unit, second", [(1.0, 1.0), (300.0, 1e3), (1e-6, 1e-3)])
 def test_a_bouncing_ball_shows_its_floor_and_gravity_in_any_units(unit, second):
     found = find_mechanism(thrown(unit=unit, second=second))
@@ -622,6 +627,27 @@ def test_a_hand_that_rests_when_it_has_let_go_is_not_taken_for_the_ball():
     motion = noisy(np.stack([arm, ball], 1), 5e-4)
     assert _released(motion, [1]) == []
     assert _released(motion, []) == [1]
+
+
+def test_a_ball_that_flies_from_a_hand_is_not_left_for_a_hand_that_comes_to_rest():
+    times = np.arange(60) / 30
+    free = times - 1.0
+    ball = np.stack([0.8 * free, 2.6 * free - 4.9 * free**2], -1)
+    ball[times < 1.1] = np.nan  # in the hand it is not seen
+    hand = np.where(times < 1.2, 0.2 * np.sin(9 * times**2), 0.05 * np.exp(-6 * (times - 1.2)))
+    hand = np.stack([hand, 0.5 * hand**2 - 0.3], -1)
+    assert _released(noisy(np.stack([hand, ball], 1), 5e-4), [1]) == []
+    assert _released(noisy(hand[:, None], 5e-4), []) == [0]  # but it may be what was let go
+
+
+def test_where_no_law_moves_the_likeliest_things_the_others_are_asked():
+    places = hung(swing(20.0, 0.1, 0.9, 100), 0.3)[:, None]
+    walks = np.random.default_rng(5).standard_normal((100, 3, 2)).cumsum(0)
+    smooth = np.stack([np.convolve(x, np.ones(9) / 90, "same") for x in walks.reshape(100, 6).T])
+    things = np.concatenate([smooth.T.reshape(100, 3, 2), places], 1)
+    looked_at, _ = of_lawful_bodies(noisy(things, 5e-4))
+    assert looked_at.bodies == 1
+    np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
 
 
 def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():

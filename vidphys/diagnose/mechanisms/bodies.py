@@ -20,7 +20,7 @@ from vidphys.diagnose.mechanisms.shadows import without_shadows
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
-MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them
+MOST_TRIED = 3  # bodies of a clip that are asked whether a law moves them; all, if it moves none
 ASKEW = 0.15  # of the spread: the same before the camera's view is set right
 STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
 JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
@@ -98,12 +98,15 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
     laws: dict[int, list[Fit]] = {}
-    for body in range(min(motion.bodies, MOST_TRIED)):
+    lawful: list[int] = []
+    for body in (body for body in range(motion.bodies) if body not in met):
+        if len(laws) >= MOST_TRIED and (met or lawful):
+            break
         clips = _clips(motion, [body])
-        if body not in met and len(clips[0].times) >= LEAST_FRAMES:
+        if len(clips[0].times) >= LEAST_FRAMES:
             laws[body] = roughly(clips, angles=False)
-    lawful = [body for body, fits in laws.items() if _lawful(_clips(motion, [body]), fits)]
-    staying = {body: laws[body] for body in _stay(followed, list(laws))}
+            lawful += [body] if _lawful(clips, laws[body]) else []
+    staying = {body: laws[body] for body in _stay(followed, list(laws)[:MOST_TRIED])}
     lawful = sorted({*lawful, *_tied(motion, staying, lawful)})
     if not met and not _stay(motion, lawful):
         let_go = _released(followed, lawful)
@@ -170,8 +173,10 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
             clips = frames_of(thinned(rest.cut(first, last)))
             if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
                 found.append(body)
+    if found or any(_stays_on(motion, body) for body in lawful):
+        return found
     moving = _not_at_rest(motion, staying)
-    return found or list(islice((x for x in moving if _lawful_later(motion, x)), 1))
+    return list(islice((x for x in moving if _lawful_later(motion, x)), 1))
 
 
 def _lawful_later(motion: Motion, body: int) -> bool:
