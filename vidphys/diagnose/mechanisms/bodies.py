@@ -27,6 +27,7 @@ JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
 SELDOM = 0.6  # of another body's frames
 MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them leave
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
+MOSTLY = 0.85  # of the frames from its first on, in which one is seen that a hand let go
 RELEASED = 0.6  # of the frames, after which a hand has let go
 RESTS = 0.1  # of the extent of all of its motion, that it has at most from then on if it rests
 
@@ -188,7 +189,7 @@ def _lawful_later(motion: Motion, body: int) -> bool:
 def _stays_on(motion: Motion, body: int) -> bool:
     """Whether it is seen in nearly all frames from the first that shows it."""
     seen = motion.seen[0, :, body]
-    return bool(seen.any() and seen[seen.argmax() :].mean() > ALWAYS)
+    return bool(seen.any() and seen[seen.argmax() :].mean() > MOSTLY)
 
 
 def _rests(motion: Motion, body: int) -> bool:
