@@ -20,7 +20,7 @@ from vidphys.diagnose.mechanisms.shadows import without_shadows
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
-MOST_TRIED = 3  # bodies of a clip that are asked whether a law moves them; all, if it moves none
+MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves them; of all, if none
 ASKEW = 0.15  # of the spread: the same before the camera's view is set right
 STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
 JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
@@ -98,15 +98,7 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
     """
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
-    laws: dict[int, list[Fit]] = {}
-    lawful: list[int] = []
-    for body in (body for body in range(motion.bodies) if body not in met):
-        if len(laws) >= MOST_TRIED and (met or lawful):
-            break
-        clips = _clips(motion, [body])
-        if len(clips[0].times) >= LEAST_FRAMES:
-            laws[body] = roughly(clips, angles=False)
-            lawful += [body] if _lawful(clips, laws[body]) else []
+    laws, lawful = _laws(motion, met)
     staying = {body: laws[body] for body in _stay(followed, list(laws)[:MOST_TRIED])}
     lawful = sorted({*lawful, *_tied(motion, staying, lawful)})
     if not met and not _stay(motion, lawful):
@@ -119,6 +111,24 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
             found = [*found, *(set(pair) - set(found))]  # a rod may join them
     found = sorted(found)
     return (followed if _needs_no_mending(followed, motion, found) else motion), found
+
+
+def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[int]]:
+    """The laws of the likeliest bodies, of all where those move none; and the bodies they move.
+
+    Args:
+        met: those that are known already.
+    """
+    laws: dict[int, list[Fit]] = {}
+    lawful: list[int] = []
+    for body in (body for body in range(motion.bodies) if body not in met):
+        if len(laws) >= MOST_TRIED and (met or lawful):
+            break
+        clips = _clips(motion, [body])
+        if len(clips[0].times) >= LEAST_FRAMES:
+            laws[body] = roughly(clips, angles=False)
+            lawful += [body] if _lawful(clips, laws[body]) else []
+    return laws, lawful
 
 
 def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> bool:
