@@ -640,12 +640,15 @@ def test_a_ball_that_flies_from_a_hand_is_not_left_for_a_hand_that_comes_to_rest
     assert _released(noisy(hand[:, None], 5e-4), []) == [0]  # but it may be what was let go
 
 
-def test_where_no_law_moves_the_likeliest_things_the_others_are_asked():
+@pytest.mark.parametrize("held", [0, 40])
+def test_where_no_law_moves_the_likeliest_things_the_others_are_asked(held):
     places = hung(swing(20.0, 0.1, 0.9, 100), 0.3)[:, None]
     walks = np.random.default_rng(5).standard_normal((100, 3, 2)).cumsum(0)
     smooth = np.stack([np.convolve(x, np.ones(9) / 90, "same") for x in walks.reshape(100, 6).T])
-    things = np.concatenate([smooth.T.reshape(100, 3, 2), places], 1)
-    looked_at, _ = of_lawful_bodies(noisy(things, 5e-4))
+    smooth = smooth.T.reshape(100, 3, 2)
+    if held:  # by a hand, which has it for a while
+        places = np.concatenate([places[0] + smooth[:held, :1] - smooth[held, :1], places[:-held]])
+    looked_at, _ = of_lawful_bodies(noisy(np.concatenate([smooth, places], 1), 5e-4))
     assert looked_at.bodies == 1
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
 

@@ -162,15 +162,16 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     spot of noise.
 
     Args:
-        lawful: what a law moves already: asked are bodies that are likelier than these, or are seen
-            in far more frames.
+        lawful: what a law moves already: asked are bodies that are likelier than these, or of the
+            likeliest those that are seen in far more frames; all, where there is none.
     """
     seen = motion.seen[0].mean(0)
     most = max(seen[lawful], default=0.0)
     asked = [
         body
-        for body in range(min(motion.bodies, MOST_TRIED))
-        if body < min(lawful, default=motion.bodies) or most < SELDOM * seen[body]
+        for body in range(motion.bodies)
+        if body < min(lawful, default=motion.bodies)
+        or (body < MOST_TRIED and most < SELDOM * seen[body])
     ]
     staying = [body for body in asked if _stays_on(motion, body)]
     resting = [body for body in staying if _rests(motion, body)]
