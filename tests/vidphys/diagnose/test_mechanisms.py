@@ -640,6 +640,15 @@ def test_a_ball_that_flies_from_a_hand_is_not_left_for_a_hand_that_comes_to_rest
     assert _released(noisy(hand[:, None], 5e-4), []) == [0]  # but it may be what was let go
 
 
+def test_a_hand_that_only_comes_to_rest_is_no_second_body():
+    times = np.arange(100) / 30
+    ball = hung(swing(20.0, 0.1, 0.9, 100), 0.3)
+    hand = np.array([-0.6, 0.2]) + 0.02 * np.exp(-times)[:, None] * [1.0, 0.5]
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, hand], 1), 2e-5))
+    assert looked_at.bodies == 1
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
+
+
 @pytest.mark.parametrize("held", [0, 40])
 def test_where_no_law_moves_the_likeliest_things_the_others_are_asked(held):
     places = hung(swing(20.0, 0.1, 0.9, 100), 0.3)[:, None]

@@ -116,6 +116,8 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
 def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[int]]:
     """The laws of the likeliest bodies, of all where those move none; and the bodies they move.
 
+    What hardly moves beside another is a hand that comes to rest, and moved by no law.
+
     Args:
         met: those that are known already.
     """
@@ -128,7 +130,7 @@ def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[in
         if len(clips[0].times) >= LEAST_FRAMES:
             laws[body] = roughly(clips, angles=False)
             lawful += [body] if _lawful(clips, laws[body]) else []
-    return laws, lawful
+    return laws, _not_at_rest(motion, lawful)
 
 
 def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> bool:
