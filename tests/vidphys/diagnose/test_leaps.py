@@ -29,12 +29,6 @@ def test_what_stands_elsewhere_for_a_while_is_left_out(noise):
     assert left_out(path) == list(range(20, 29))
 
 
-def test_a_find_is_left_out_from_which_a_body_would_have_to_turn_back():
-    path = swing(0.003)
-    path[20] -= 3 * (path[21] - path[20])  # no faster than four times what it does around
-    assert left_out(path) == [20]
-
-
 def test_a_body_itself_is_kept_however_it_moves():
     assert left_out(swing(0.003)) == []
     struck = np.where(TIMES < 0.4, 0.0, 8 * (TIMES - 0.4))

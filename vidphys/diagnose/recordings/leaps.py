@@ -8,8 +8,7 @@ from jaxtyping import Float
 LEAP = 4.0  # times the fastest step around, from which a step is no step of the body
 AROUND = 8  # steps before and after, that tell how fast it goes
 FEWEST = 3  # of them, before as after
-ONWARD = 1.5  # times that step's speed, at which it may go from before to after what is left out,
-# and from which two steps in the mean are none of the body's of which one undoes the other
+ONWARD = 1.5  # times that step's speed, at which it may go from before to after what is left out
 GAP = 1.5  # usual intervals, from which frames lie between two finds
 MOST = 16  # finds in a row that may be of something else
 
@@ -20,8 +19,7 @@ def without_leaps(
     """Places without those that a body would have to leap to.
 
     A few finds in a row are left out where a leap leads to them, a leap or a gap from them, and the
-    frames before and after go on without them about as fast as the body does there. Where the way
-    back is against the way there, smaller leaps will do.
+    frames before and after go on without them about as fast as the body does there.
 
     Args:
         positions: NaN where a body was not seen.
@@ -60,11 +58,8 @@ def _apart(path: np.ndarray, times: np.ndarray, speed: np.ndarray, first: int, s
     gap = times[stop] - times[stop - 1] > GAP * np.median(np.diff(times))
     ends = [first - 1, stop]
     goes_on = _speeds(path[ends], times[ends])[0] <= ONWARD * usual
-    there, back = path[first] - path[first - 1], path[stop] - path[stop - 1]
-    steps = speed[[first - 1, stop - 1]]
-    leaps = steps > LEAP * usual
-    undone = there @ back < 0 and steps.min() > usual and steps.mean() > ONWARD * usual
-    return bool(goes_on and (undone or (leaps[0] and (gap or leaps[1]))))
+    leaps = speed[[first - 1, stop - 1]] > LEAP * usual
+    return bool(goes_on and leaps[0] and (gap or leaps[1]))
 
 
 def _speeds(path: np.ndarray, times: np.ndarray) -> np.ndarray:
