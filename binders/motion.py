@@ -148,13 +148,14 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
     """What may be bodies before a background that is cleaned of those that are known."""
     sampled = clip.still[clip.sample].astype(np.float32)
     hidden, clear = None, np.zeros(sampled.shape[:3], bool)
+    followed: dict[int, list[Hypothesis]] = {}  # before each background: the last need not be best
     for number in range(PASSES):
         background = background_of(sampled, hidden)
         blobs, changed, ghosts = _blobs(clip, background, sampled, settings)
+        for kind, b in enumerate(blobs):
+            followed[kind] = followed.get(kind, []) + hypotheses(b, clip.steps)
         judged = [
-            each
-            for kind, b in enumerate(blobs)
-            for each in _judged(clip, hypotheses(b, clip.steps), kind, settings)
+            each for kind, some in followed.items() for each in _judged(clip, some, kind, settings)
         ]
         candidates = ranked(judged)
         if number > 0 and (ghosts.sum(0) >= HAUNTED).sum() < _area(candidates):

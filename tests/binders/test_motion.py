@@ -105,6 +105,20 @@ def test_what_hardly_leaves_its_place_is_cleaned_from_the_background_step_by_ste
     assert np.sqrt((error**2).mean()) < 1.2
 
 
+def test_a_body_is_not_lost_that_an_earlier_background_shows(monkeypatch) -> None:
+    path = np.linspace((20, 40), (110, 60), FRAMES)[:, None]
+    first = iter([True, True])  # with and without what a shadow explains
+
+    def once(*seen):
+        return hypotheses(*seen) if next(first, False) else []
+
+    monkeypatch.setattr("binders.motion.hypotheses", once)
+    for other_way in ("_carried", "_coloured"):
+        monkeypatch.setattr(f"binders.motion.{other_way}", lambda *_: [])
+    error = np.linalg.norm(pixels(MotionBinder()(draw(path, still()), times())) - path, axis=-1)
+    assert np.median(error) < 1.0
+
+
 def test_two_bodies_keep_their_identity() -> None:
     t = np.arange(FRAMES) / FRAMES
     one = np.stack([15 + 95 * t, 30 + 12 * t], 1)
