@@ -80,7 +80,7 @@ class Kinks:
     """Of each window of ``2 side`` frames: the best kink in its middle."""
 
     side: int
-    gain: np.ndarray  # how much less it leaves than a cubic, over what chance may do
+    gain: np.ndarray  # how much less than a cubic it leaves, over chance; 0 if more than a quartic
     sigma: np.ndarray  # of a coordinate, that it leaves
     error: np.ndarray  # of a change of speed
     numbers: np.ndarray  # place, velocity before, half the acceleration, change; (w, 4, k)
