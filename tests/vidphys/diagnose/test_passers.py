@@ -89,3 +89,14 @@ def test_a_hand_that_is_seen_for_a_while_is_not_the_body_that_it_lets_go(share, 
     motion = noisy(np.stack([hand, ball], 1), 5e-4)
     looked_at, _ = of_lawful_bodies(motion)
     np.testing.assert_array_equal(looked_at.positions[0, :, 0], motion.positions[0, :, body])
+
+
+@pytest.mark.parametrize(("size", "seen", "bodies"), [(1.0, 1.0, 2), (0.05, 1.0, 1), (1.0, 0.4, 1)])
+def test_of_two_that_no_law_moves_alone_both_must_move_and_be_seen(size, seen, bodies):
+    jolts = np.random.default_rng(1).standard_normal((2, len(TIMES), 2)).cumsum(1) * 0.02
+    jolts[1] *= size
+    jolts[1, round(seen * len(TIMES)) :] = np.nan
+    motion = noisy(jolts.transpose(1, 0, 2), 1e-4)
+    looked_at, _ = of_lawful_bodies(motion)
+    assert looked_at.bodies == bodies
+    np.testing.assert_array_equal(looked_at.positions[..., 0, :], motion.positions[..., 0, :])

@@ -56,7 +56,7 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         if found:
             return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
     kept, found = _lawful_of(motion)
-    if not found and motion.bodies == 2:
+    if not found and len(_seen_enough(motion, _not_at_rest(motion, [0, 1]))) == motion.bodies:
         return kept, shadows  # of two that no law moves alone, each may move the other
     found = [body for body in found if body in going or not turns_back(motion, body)]
     found = found or _not_at_rest(motion, going)[:1]  # the binder's likeliest
