@@ -640,6 +640,20 @@ def test_a_ball_that_flies_from_a_hand_is_not_left_for_a_hand_that_comes_to_rest
     assert _released(noisy(hand[:, None], 5e-4), []) == [0]  # but it may be what was let go
 
 
+def test_a_ball_that_is_followed_badly_is_not_left_for_what_comes_to_rest():
+    times = np.arange(110) / 30
+    free = np.maximum(times - 1.4, 0)
+    way = np.stack([0.2 * np.sin(3 * times**2), 0.15 * np.cos(4 * times)], -1)
+    ball = np.where(times[:, None] < 1.4, way, 0.0)
+    fall = replace(BALL, restitution=0.6, start=-0.6, speed=0.0)
+    ball[42:] = ball[41] + np.stack([0 * free, -0.6 - fall.path(free)], -1)[42:]
+    ball += 0.02 * np.random.default_rng(3).standard_normal(ball.shape)
+    slides = 0.4 - 0.4 * np.maximum(1 - times, 0)[:, None] ** 2 * [1.0, 0.3]
+    both = noisy(np.stack([ball, slides], 1), 5e-4)
+    assert _released(both, [1]) == [0]
+    assert _released(both, []) == [0]
+
+
 def test_a_hand_that_only_comes_to_rest_is_no_second_body():
     times = np.arange(100) / 30
     ball = hung(swing(20.0, 0.1, 0.9, 100), 0.3)

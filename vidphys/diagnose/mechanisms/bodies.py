@@ -187,7 +187,7 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
             clips = frames_of(thinned(rest.cut(first, last)))
             if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
                 found.append(body)
-    if found or any(_stays_on(motion, body) for body in lawful):
+    if found or any(_stays_on(motion, x) and not _rests(motion, x) for x in lawful):
         return found
     moving = _not_at_rest(motion, staying)
     return list(islice((x for x in moving if _lawful_later(motion, x)), 1))
