@@ -654,6 +654,17 @@ def test_a_ball_that_is_followed_badly_is_not_left_for_what_comes_to_rest():
     assert _released(both, []) == [0]
 
 
+@pytest.mark.parametrize(("first", "let_go"), [(0, [0]), (1, [0, 1])])
+def test_where_the_likeliest_flies_a_hand_that_swings_on_was_not_let_go(first, let_go):
+    times = np.arange(60) / 30
+    free, held = np.maximum(times - 1.1, 0), np.minimum(times, 1.1)
+    way = np.stack([0.1 * np.sin(7 * held**2), 0.2 * held**3], -1)
+    ball = way + np.stack([0.3 * free, 2.6 * free - 4.9 * free**2], -1)
+    hand = way + 0.15 * np.sin(3.5 * free)[:, None] * [1.0, 0.4] - [0.1, 0.1]
+    both = [ball, hand] if first == 0 else [hand, ball]
+    assert _released(noisy(np.stack(both, 1), 5e-4), []) == let_go
+
+
 def test_a_hand_that_only_comes_to_rest_is_no_second_body():
     times = np.arange(100) / 30
     ball = hung(swing(20.0, 0.1, 0.9, 100), 0.3)

@@ -160,8 +160,8 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     """Bodies that stay once they are there, and that a law moves once what held them has let go.
 
     A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
-    that rests at the end is asked last, and only where a law moves no other. What hardly moves is a
-    spot of noise.
+    that rests at the end is asked last, and only where a law moves no other. Or it stays in view:
+    where the likeliest flies, only what flies was let go. What hardly moves is a spot of noise.
 
     Args:
         lawful: what a law moves already: asked are bodies that are likelier than these, or of the
@@ -179,14 +179,16 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     resting = [body for body in staying if _rests(motion, body)]
     staying = [body for body in staying if body not in resting]
     staying += [] if lawful else resting
-    found = []
+    found, flying = [], []
     for body in staying:
         rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
         first, last = rest.shown()
         if last - first >= LEAST_FRAMES + 2:
             clips = frames_of(thinned(rest.cut(first, last)))
-            if any(fit.left < GOOD * fit.spread for fit in roughly(clips, angles=False)):
-                found.append(body)
+            good = [x for x in roughly(clips, angles=False) if x.left < GOOD * x.spread]
+            found += [body] if good else []
+            flying += [body] if any(x.model.law.restoring == "uniform" for x in good) else []
+    found = flying if flying[:1] == found[:1] else found
     if found or any(_stays_on(motion, x) and not _rests(motion, x) for x in lawful):
         return found
     moving = _not_at_rest(motion, staying)
