@@ -56,7 +56,8 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
         if found:
             return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
     kept, found = _lawful_of(motion)
-    if not found and len(_seen_enough(motion, _not_at_rest(motion, [0, 1]))) == motion.bodies:
+    both = motion.bodies == 2 and len(_seen_enough(motion, _not_at_rest(motion, [0, 1]))) == 2
+    if both and not found:
         return kept, shadows  # of two that no law moves alone, each may move the other
     found = [body for body in found if body in going or not turns_back(motion, body)]
     found = found or _not_at_rest(motion, going)[:1]  # the binder's likeliest
@@ -179,20 +180,24 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     resting = [body for body in staying if _rests(motion, body)]
     staying = [body for body in staying if body not in resting]
     staying += [] if lawful else resting
-    found, flying = [], []
-    for body in staying:
-        rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
-        first, last = rest.shown()
-        if last - first >= LEAST_FRAMES + 2:
-            clips = frames_of(thinned(rest.cut(first, last)))
-            good = [x for x in roughly(clips, angles=False) if x.left < GOOD * x.spread]
-            found += [body] if good else []
-            flying += [body] if any(x.model.law.restoring == "uniform" for x in good) else []
+    laws = {body: _laws_once_free(motion, body) for body in staying}
+    found = [body for body in staying if laws[body]]
+    flying = [b for b in found if any(x.model.law.restoring == "uniform" for x in laws[b])]
     found = flying if flying[:1] == found[:1] else found
     if found or any(_stays_on(motion, x) and not _rests(motion, x) for x in lawful):
         return found
     moving = _not_at_rest(motion, staying)
     return list(islice((x for x in moving if _lawful_later(motion, x)), 1))
+
+
+def _laws_once_free(motion: Motion, body: int) -> list[Fit]:
+    """Those that leave little of its way after a hand has let go; none where too little is seen."""
+    rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
+    first, last = rest.shown()
+    if last - first < LEAST_FRAMES + 2:
+        return []
+    clips = frames_of(thinned(rest.cut(first, last)))
+    return [x for x in roughly(clips, angles=False) if x.left < GOOD * x.spread]
 
 
 def _lawful_later(motion: Motion, body: int) -> bool:
