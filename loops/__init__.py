@@ -26,7 +26,7 @@ HOMES = {
     "summing": "loops.kernels",
     "uncounted": "loops.kernels",
 }
-__all__ = ["has_numba", *HOMES]
+__all__ = ["has_numba", "has_triton", *HOMES]
 __getattr__, __dir__ = lazily(__name__, HOMES)
 
 
@@ -34,3 +34,9 @@ __getattr__, __dir__ = lazily(__name__, HOMES)
 def has_numba() -> bool:
     """Whether numba can be imported; without it everything runs as torch's operations."""
     return find_spec("numba") is not None
+
+
+@lru_cache
+def has_triton() -> bool:
+    """Whether Triton can be imported, which compiles loops for a CUDA card."""
+    return find_spec("triton") is not None

@@ -1,9 +1,10 @@
 """Splats drawn into memory that is there already, with their gradients written out.
 
 A fresh tensor of many frames costs more in page faults than the drawing itself. Here the caller
-brings the memory, one pass writes it, and the gradient reads it once: on a CPU nothing else of the
-images' size is made. The plain formulas of :mod:`renderers.splats` are the twins that these are
-tested against; unlike them, these have first derivatives only and no forward mode.
+brings the memory, one pass writes it, and the gradient reads it once: nothing else of the images'
+size is made where there are compiled loops, numba's on a CPU and Triton's on a card. The plain
+formulas of :mod:`renderers.splats` are the twins that these are tested against; unlike them, these
+have first derivatives only and no forward mode.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from loops import has_numba
+from loops import has_numba, has_triton
 from renderers.camera import Camera
 
 SHARPEST = 40.0  # R / 2s: a sharper disk's factors leave the range of single precision
@@ -57,11 +58,9 @@ class _Splats(Function):
         ctx: Any, centres: Tensor, camera: Camera, scale: float, edge: float | None, out: Tensor
     ) -> Tensor:
         ctx.given = camera, scale, edge
-        if _in_loops(out):
-            from renderers import compiled
-
+        if loops := _loops(out):
             flat, images = centres.detach().flatten(0, -2), out.flatten(0, -3)
-            compiled.draw(flat, camera, scale, edge, FAR, images)
+            loops.draw(flat, camera, scale, edge, FAR, images)
         else:
             (_, across), (_, down) = _profiles(centres, camera, scale, edge)
             torch.mul(down.unsqueeze(-1), across.unsqueeze(-2), out=out)
@@ -75,12 +74,10 @@ class _Splats(Function):
     @once_differentiable
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None, None, None, None]:
         (centres, out), (camera, scale, edge) = ctx.saved_tensors, ctx.given
-        if _in_loops(upstream):
-            from renderers import compiled
-
+        if loops := _loops(upstream):
             flat, above = centres.detach().flatten(0, -2), upstream.contiguous().flatten(0, -3)
             drawn = None if out is None else out.flatten(0, -3)
-            slopes = compiled.slopes(flat, camera, scale, edge, FAR, drawn, above)
+            slopes = loops.slopes(flat, camera, scale, edge, FAR, drawn, above)
             return slopes.view(centres.shape), None, None, None, None
         (dx, across), (dy, down) = _profiles(centres, camera, scale, edge)
         if out is not None:
@@ -104,10 +101,19 @@ def _profiles(
     return (dx, across), (dy, down)
 
 
-def _in_loops(images: Tensor) -> bool:
-    """Whether compiled loops can go over these images."""
-    known = images.dtype in (torch.float32, torch.float64) and images.device.type == "cpu"
-    return known and has_numba() and not torch.compiler.is_compiling()
+def _loops(images: Tensor) -> Any:
+    """Compiled loops over such images, where they lie; ``None`` for torch's operations."""
+    if images.dtype not in (torch.float32, torch.float64) or torch.compiler.is_compiling():
+        return None
+    if images.device.type == "cpu" and has_numba():
+        from renderers import compiled
+
+        return compiled
+    if images.device.type == "cuda" and has_triton():
+        from renderers import compiled_cuda
+
+        return compiled_cuda
+    return None
 
 
 def _check(who: str, centres: Tensor, camera: Camera, out: Tensor) -> None:

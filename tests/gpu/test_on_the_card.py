@@ -7,6 +7,7 @@ import torch
 
 from dynamics import HEADS, rollout
 from dynamics.compiled import compile_head
+from renderers import Camera, disks, gaussians, reused
 from tests.shared.small_studies import TINY
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.cell import CellTask
@@ -79,6 +80,26 @@ def test_the_fused_kernel_is_the_spline_of_the_cpu():
         there = fast.to("cuda").trajectory(*moved((start, law), "cuda"), 50, scene.dt)
     assert there.backend == "triton"
     assert (there.states.flat.cpu() - here).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize("name", ["gaussians", "disks"])
+def test_splats_drawn_into_memory_are_those_of_the_cpu(name):
+    camera = Camera(height=224, width=224)
+    q, upstream = torch.randn(16, 3, 2), torch.randn(16, 3, 224, 224)
+    pictures, slopes = [], []
+    for device in ("cpu", "cuda", "cuda"):
+        x, out = q.to(device).requires_grad_(), torch.full_like(upstream, torch.nan, device=device)
+        if name == "disks":
+            drawn = disks(x, camera, 0.6, 0.1, out)
+        else:
+            drawn = gaussians(x, camera, 0.5, out)
+        pictures.append(drawn.detach().cpu())
+        slopes.append(torch.autograd.grad(drawn, x, upstream.to(device))[0].cpu())
+    assert reused._loops(drawn).__name__ == "renderers.compiled_cuda"
+    assert (pictures[1] - pictures[0]).abs().max() < 1e-5
+    assert (slopes[1] - slopes[0]).abs().max() < 1e-5 * slopes[0].abs().max()
+    assert torch.equal(pictures[1], pictures[2])
+    assert torch.equal(slopes[1], slopes[2])
 
 
 def test_a_training_step_keeps_its_batches_on_the_card(tmp_path):
