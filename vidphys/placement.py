@@ -8,7 +8,7 @@ clips. All else (scenes, references, metrics, records) is float64 on the CPU, wh
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
@@ -30,7 +30,7 @@ def moved(tree: T, device: torch.device | str | None = None, dtype: torch.dtype 
     """The same with all its tensors on a device, and its floating-point ones in a precision.
 
     Args:
-        tree: a tensor, or a dataclass, tuple, list or mapping of such; what else is in it stays.
+        tree: see :func:`mapped`.
         device: where to; ``None`` leaves each where it is.
         dtype: of floating-point numbers; ``None`` keeps that of each.
 
@@ -38,21 +38,30 @@ def moved(tree: T, device: torch.device | str | None = None, dtype: torch.dtype 
         >>> moved({"index": torch.arange(2), "x": torch.ones(1)}, "cpu", torch.float64)
         {'index': tensor([0, 1]), 'x': tensor([1.], dtype=torch.float64)}
     """
+    return mapped(lambda x: x.to(device, dtype if x.is_floating_point() else None), tree)
+
+
+def mapped(function: Callable[[Tensor], Tensor], tree: T) -> T:
+    """The same with a function of each of its tensors in the tensor's place.
+
+    Args:
+        function: is called in the order of the tree.
+        tree: a tensor, or a dataclass, tuple, list or mapping of such; what else is in it stays.
+    """
     whole: Any = tree
     if isinstance(whole, Tensor):
-        return whole.to(device=device, dtype=dtype if whole.is_floating_point() else None)  # type: ignore[return-value]
+        return function(whole)  # type: ignore[return-value]
     if isinstance(whole, tuple):
-        parts = [moved(part, device, dtype) for part in whole]
+        parts = [mapped(function, part) for part in whole]
         return type(whole)(*parts) if hasattr(whole, "_fields") else type(whole)(parts)  # type: ignore[return-value]
     if isinstance(whole, list):
-        return [moved(part, device, dtype) for part in whole]  # type: ignore[return-value]
+        return [mapped(function, part) for part in whole]  # type: ignore[return-value]
     if isinstance(whole, Mapping):
-        return {key: moved(part, device, dtype) for key, part in whole.items()}  # type: ignore[return-value]
+        return {key: mapped(function, part) for key, part in whole.items()}  # type: ignore[return-value]
     if is_dataclass(whole) and not isinstance(whole, type):
         other = copy.copy(whole)  # no check is run again
         for field in fields(whole):
-            part = moved(getattr(whole, field.name), device, dtype)
-            object.__setattr__(other, field.name, part)
+            object.__setattr__(other, field.name, mapped(function, getattr(whole, field.name)))
         return other  # type: ignore[return-value]
     return tree
 

@@ -31,6 +31,7 @@ INDEXED += (aten._unsafe_index.Tensor, aten._index_put_impl_.default)
 ACROSS = (aten._to_copy.default, aten.copy_.default)
 WRONG = -1e9  # what there is in memory that nobody wrote to yet
 ON_THE_WAY: list[tuple[Tensor, Tensor]] = []  # to the CPU: where to, and what
+BETWEEN: list[str] = []  # operations between the card and the CPU while the card was to record
 GET_DEVICE = Tensor.device.__get__
 
 
@@ -101,6 +102,8 @@ class OnCard(Tensor):
 def run(function: Any, args: Any, kwargs: Any) -> Any:
     """An operation where its tensors are."""
     flat = [x for x in pytree.tree_leaves((args, kwargs)) if isinstance(x, Tensor)]
+    if _Graph.recording and _crosses(function, args, kwargs):
+        BETWEEN.append(str(function))
     on_card = [x for x in flat if isinstance(x, OnCard)]
     asked = kwargs.get("device")
     if function in ACROSS or (function is aten.copy_.default):
@@ -176,6 +179,34 @@ class _Event:
         return 1.0
 
 
+class _Graph:
+    """A recording that fails at its end; what could not have been recorded is in ``BETWEEN``."""
+
+    recording = False
+
+    def __init__(self, _: Any) -> None:
+        pass
+
+    def __enter__(self) -> None:
+        _Graph.recording = True
+
+    def __exit__(self, *_: Any) -> None:
+        _Graph.recording = False
+        raise RuntimeError("a card that is none records nothing")
+
+
+def _crosses(function: Any, args: Any, kwargs: Any) -> bool:
+    """Whether an operation waits for the card, or takes there what lies in the CPU's memory."""
+    if function in (aten._local_scalar_dense.default, aten.equal.default, aten.nonzero.default):
+        return True
+    if function not in ACROSS:
+        return False
+    source = args[1] if function is aten.copy_.default else args[0]
+    to = args[0].device if function is aten.copy_.default else kwargs.get("device")
+    moves = to is not None and (torch.device(to).type == "cpu") == isinstance(source, OnCard)
+    return moves and isinstance(source, Tensor)
+
+
 class _Names(TorchFunctionMode):
     """What is asked of ``cuda`` is asked of ``meta``, the device that tensors on the card have."""
 
@@ -243,11 +274,15 @@ def a_card() -> Iterator[None]:
     with (
         mock.patch("torch.cuda.is_available", lambda: True),
         mock.patch("torch.cuda.get_device_name", lambda *_: "a card that is none"),
+        mock.patch("dynamics.compiled.head.installed", lambda package: package != "triton"),
+        mock.patch("renderers.reused.has_triton", lambda: False),
         mock.patch("torch.cuda.synchronize", lambda *_: None),
         mock.patch("torch.cuda.current_stream", mock.MagicMock()),
         mock.patch("torch.cuda.Stream", mock.MagicMock()),
         mock.patch("torch.cuda.stream", lambda _: contextlib.nullcontext()),
         mock.patch("torch.cuda.Event", _Event),
+        mock.patch("torch.cuda.CUDAGraph", mock.MagicMock()),
+        mock.patch("torch.cuda.graph", _Graph),
         mock.patch("torch.optim.Optimizer._accelerator_graph_capture_health_check", _nothing),
         # Tensors of inference mode cannot stand for others; what it allows, no_grad allows.
         mock.patch("torch.inference_mode", _inference),
@@ -258,5 +293,6 @@ def a_card() -> Iterator[None]:
             yield
         finally:
             ON_THE_WAY.clear()
+            BETWEEN.clear()
             for kept in (pair_indices, triple_indices):  # under the card's name
                 kept.cache_clear()

@@ -11,10 +11,14 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import torch
 from torch import Tensor, nn
 
+from dynamics import Head
 from loops.threads import held_to
 from vidphys.errors import InputError
+from vidphys.placement import device_of
 from vidphys.runs.checkpoint import under
 from vidphys.training.early_stopping import BestWeights
+from vidphys.training.ensemble import Ensemble
+from vidphys.training.recorded import Recording, recorded
 
 Loss = Callable[[Any], Tensor]
 OnNan = Literal["stop", "skip"]
@@ -73,7 +77,17 @@ class Learner:
     ) -> None:
         self.modules, self.batch_loss, self.settings, self.best = modules, loss, settings, best
         self.parameters = [p for p in modules.parameters() if p.requires_grad]
-        self.optimiser = torch.optim.Adam(self.parameters, settings.learning_rate, fused=True)
+        # Heads are so small that a card would wait for Python; what sees is not.
+        self.records = isinstance(modules, (Head, Ensemble)) and device_of(modules).type == "cuda"
+        self.recording: Recording | None = None
+        self.recorded_change: Callable[[], Any] | None = None
+        rate = torch.tensor(settings.learning_rate, device=device_of(modules))
+        self.optimiser = torch.optim.Adam(
+            self.parameters,
+            rate if self.records else settings.learning_rate,
+            fused=True,
+            capturable=self.records,
+        )
         self.step, self.loss = 0, math.nan
         self.lost, self.why, self.skipped = False, "", 0
 
@@ -88,12 +102,14 @@ class Learner:
 
         ``why`` then says so, and ``lost`` whether that is the end of the training.
         """
-        loss, before = self.batch_loss(batch), self.loss
-        self.loss, self.why = float(loss.detach()), ""
+        before, self.why = self.loss, ""
+        self.loss, largest = self._loss_and_gradient(batch)
         if not math.isfinite(self.loss):
             self.why = f"the loss is {self.loss}"
-        elif not self._descend(loss):
+        elif not (math.isfinite(largest) or self._has_finite_members()):
             self.why = "the gradient is not finite"
+        else:
+            self._descend()
         if self.why:
             most = MOST_SKIPPED * self.settings.steps
             self.lost = self.settings.on_nan == "stop" or self.skipped + 1 > most
@@ -104,14 +120,39 @@ class Learner:
         if self.best is not None:
             self.best.look(self.step, last=self.step == self.settings.steps)
 
-    def _descend(self, loss: Tensor) -> bool:
-        """Change the weights by a loss; ``False``, and nothing is changed, where that cannot be."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.settings.learning_rate * one_cycle(self.step / self.settings.steps)
+    def _loss_and_gradient(self, batch: Any) -> tuple[float, float]:
+        """Loss and largest gradient of a batch; the gradient is in the parameters."""
+        if self.records:
+            try:
+                if self.recording is None:
+                    self.recording = Recording(self.batch_loss, self.parameters, batch)
+                return self.recording(batch)
+            except RuntimeError:  # a loss that asks the card for numbers, or batches of other sizes
+                self.records, self.recording = False, None
         self.optimiser.zero_grad()
-        loss.backward()
-        if not self._has_finite_gradient():
-            return False
+        loss = self.batch_loss(batch)
+        if math.isfinite(value := float(loss.detach())):
+            loss.backward()
+        gradients = [p.grad for p in self.parameters if p.grad is not None]
+        largest = nn.utils.get_total_norm(gradients, math.inf) if gradients else 0.0
+        return value, float(largest)
+
+    def _descend(self) -> None:
+        """Change the weights by their gradient."""
+        rate = self.settings.learning_rate * one_cycle(self.step / self.settings.steps)
+        for group in self.optimiser.param_groups:
+            if self.recording is None:
+                group["lr"] = rate
+            else:
+                group["lr"].fill_(rate)
+        if self.recording is None or not self.optimiser.state:  # which the first change makes
+            self._change()
+            return
+        if self.recorded_change is None:
+            self.recorded_change = recorded(self._change)
+        self.recorded_change()
+
+    def _change(self) -> None:
         if self.settings.clip:
             nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
         # One thread for what one does at once: others would spin for milliseconds afterwards, where
@@ -119,13 +160,9 @@ class Learner:
         small = sum(p.numel() for p in self.parameters) <= SMALL
         with held_to(1) if small else nullcontext():
             self.optimiser.step()
-        return True
 
-    def _has_finite_gradient(self) -> bool:
-        """Whether a step can be taken: by all weights, or by those of one of several models."""
-        gradients = [p.grad for p in self.parameters if p.grad is not None]
-        if not gradients or math.isfinite(nn.utils.get_total_norm(gradients, math.inf)):
-            return True
+    def _has_finite_members(self) -> bool:
+        """Whether several models are trained, and one at least has a finite gradient."""
         return isinstance(self.modules, Several) and bool(self.modules.finite_members().any())
 
     def tensors(self) -> dict[str, Tensor]:
