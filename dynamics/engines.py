@@ -5,7 +5,7 @@ engines are what stands here, above the physics and the loops.
 
 | what | no gradient is asked | a gradient is, or models are mapped over |
 |---|---|---|
-| one learned pair law | :mod:`dynamics.compiled.cpu` | :mod:`dynamics.compiled.unrolled_orbits` |
+| one pair law | :mod:`dynamics.compiled.cpu`, ``cuda`` | :mod:`dynamics.compiled.unrolled_orbits` |
 | a residual map | :mod:`dynamics.compiled.maps` | :mod:`dynamics.compiled.unrolled` |
 | rows of a tanh network | :mod:`dynamics.compiled.gradient` | the same, with a way back |
 | a compiled model | by its backend: torch, ``cpu`` or ``cuda`` | the same, with no way back |
@@ -15,15 +15,12 @@ The loops need numba, or Triton: they are imported here alone, when they are fir
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, cast
 
 import torch
 from torch import Tensor
-from torch.nn import Linear
 
-from dynamics.activations import TANH
 from dynamics.compiled.episodes import Episodes, told
 from dynamics.compiled.head import PARTS, Backend, CompiledHead, fastest, refusal
 from dynamics.hamiltonian import Hamiltonian
@@ -46,8 +43,9 @@ def pair_law(
     """A Hamiltonian whose potential is one learned pair law; see :data:`dynamics.head.Engine`."""
     learned = next(cast(torch.nn.Module, head.potential).parameters(), start.q)
     if len(head.pair_laws()) == 1 and _ways_forward(start.q, learned):
-        if refusal(head, "numba", start.q) is None:
-            return _fused(head, start, params, steps, dt, every, "numba")
+        backend = fastest(start.q.device)
+        if refusal(head, backend, start.q) is None:
+            return _fused(head, start, params, steps, dt, every, backend)
     elif _ways_back(start.q, learned, FEWEST_EPISODES) and _unrolls(head, start.q):
         return _unrolled(head, start, params, steps, dt, every)
     return None
@@ -74,7 +72,7 @@ def residual_map(
     """An unstructured map of positions in open space; see :data:`dynamics.head.Engine`."""
     if head.harmonics is not None:
         return None
-    forward = _ways_forward(start.q, head.scale)
+    forward = _ways_forward(start.q, head.scale) and start.q.device.type == "cpu" and has_numba()
     if not forward and not _ways_back(start.q, head.scale, FEWEST_ROWS):
         return None
     head.check_step(dt)
@@ -132,7 +130,7 @@ def _ways_forward(states: Tensor, like: Tensor) -> bool:
     plain = not (mapped or torch.is_grad_enabled() or torch.compiler.is_compiling())
     known = states.dtype in (torch.float32, torch.float64) and states.dtype == like.dtype
     enough = states.shape[:-2].numel() >= FEWEST_EPISODES and states.numel() > 0
-    return plain and known and enough and states.device.type == "cpu" and has_numba()
+    return plain and known and enough
 
 
 def _ways_back(states: Tensor, like: Tensor, fewest: int) -> bool:
@@ -155,16 +153,10 @@ def _weights(network: MLP, rows: Tensor) -> tuple[Tensor, ...] | None:
     if len(rows) < FEWEST_ROWS or not _differentiable(rows):
         return None
     hidden, last = network.split()
-    if not _two_tanh_layers(network, hidden) or last.out_features != 1:
+    if not network.is_two_tanh_layers or last.out_features != 1:
         return None
     low, top = hidden
     return low.weight, low.bias, top.weight, top.bias, last.weight
-
-
-def _two_tanh_layers(network: MLP, hidden: Sequence[Linear]) -> bool:
-    """Whether the hidden layers are two, of one width, and tanh."""
-    sizes = [layer.out_features for layer in hidden]
-    return network.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
 
 
 def _unrolls(head: Hamiltonian, states: Tensor) -> bool:
@@ -174,7 +166,7 @@ def _unrolls(head: Hamiltonian, states: Tensor) -> bool:
         return False
     bodies = 2 <= states.shape[-2] <= MOST_BODIES
     plain = head.integrator == leapfrog and refusal(head, "numba", states) is None
-    return _two_tanh_layers(law.phi, law.phi.split()[0]) and bodies and plain
+    return law.phi.is_two_tanh_layers and bodies and plain
 
 
 def _unrolled(

@@ -59,6 +59,12 @@ class MLP(nn.Module):
         *hidden, last = cast(Sequence[nn.Linear], self.layers)
         return hidden, last
 
+    @property
+    def is_two_tanh_layers(self) -> bool:
+        """Whether the hidden layers are two, of one width, and tanh: what fused loops know."""
+        sizes = [layer.out_features for layer in self.split()[0]]
+        return self.activation == TANH and len(sizes) == 2 and sizes[0] == sizes[1]
+
     def forward(self, x: Float[Tensor, "*b i"]) -> Float[Tensor, "*b o"]:
         """``(..., sizes[0]) -> (..., sizes[-1])``."""
         batch, x = x.shape[:-1], _rows(x)

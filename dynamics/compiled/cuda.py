@@ -2,33 +2,43 @@
 
 A program rolls ``EPISODES`` episodes. Bodies and pairs are axes of its tiles; what a pair has to do
 with a body is a matrix of 1, -1 and 0, so that displacements and forces are sums of products.
-The arithmetic is that of :mod:`dynamics.compiled.spline`; the kernel runs in Triton's interpreter
-too, on the CPU, which is how it is tested.
+The arithmetic is that of :mod:`dynamics.compiled.spline`, or of a network of the displacement. Its
+matrix is read from the card's cache at each step, since no processor of it has room for one. The
+kernel runs in Triton's interpreter too, on the CPU, which is how it is tested.
 """
 
-# Triton gives its own types to what a kernel is handed.
+# Triton gives its own types to what a kernel is handed, and reads its annotations itself.
 # mypy: disable-error-code="no-untyped-def"
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, cast, no_type_check
 
 import torch
 import triton
 import triton.language as tl
 from torch import Tensor
+from torch.nn import functional
 
 from dynamics.compiled.episodes import Episodes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
-from dynamics.potentials import CORE, REACH
+from dynamics.potentials import CORE, REACH, SPREAD, DisplacementPotential, PairPotential
 
-EPISODES = 32
-CORE2, SHORT = tl.constexpr(CORE**2), tl.constexpr(REACH)
+EPISODES = 32  # of a spline, that a program rolls
+LEAST = 16  # rows, columns and sums of a product of matrices
+ROWS = LEAST, 32  # of a network, in a program: the fewest, and the most
+BLOCK = 128  # of a layer's inputs, at most, that a product sums up at once
+TINY = 1e-30
+NETWORK = {"num_warps": 8, "num_stages": 2}  # the fastest of ten tried
+CORE2, SHORT, WIDE = tl.constexpr(CORE**2), tl.constexpr(REACH), tl.constexpr(SPREAD)
+HALF, SPLIT = tl.constexpr(SPREAD / 2), tl.constexpr(2.0**11)
 PIECES, HIGHEST = tl.constexpr(OCTAVES), tl.constexpr(OCTAVE_DEGREE)
 
 
 @triton.jit
+@no_type_check
 def _turned(x, y, r, to_u, to_v):  # noqa: ANN001, ANN202
     """See :func:`dynamics.potentials.unsquashed`."""
     shrink = 1 / (SHORT + r)
@@ -37,6 +47,7 @@ def _turned(x, y, r, to_u, to_v):  # noqa: ANN001, ANN202
 
 
 @triton.jit
+@no_type_check
 def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr):  # noqa: ANN001, ANN202, N803
     """Gradient of the spline; where ``inside`` is false, any."""
     s = x * x + y * y + CORE2
@@ -74,11 +85,76 @@ def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr): 
 
 
 @triton.jit
+@no_type_check
+def _tanh(x):  # noqa: ANN001, ANN202
+    return 1 - 2 / (tl.exp(2 * x) + 1)
+
+
+@triton.jit
+@no_type_check
+def _added(total, small, x, large, rest):  # noqa: ANN001, ANN202
+    """Products of ``x`` with a matrix, each in two halves of eleven bits, to within 2e-7 of it.
+
+    The card multiplies such halves many times as fast as whole numbers, and sums them up whole.
+    """
+    most = x.to(tl.float16)
+    left = ((x - most.to(tl.float32)) * SPLIT).to(tl.float16)
+    total = tl.dot(most, large, total)
+    return total, tl.dot(most, rest, tl.dot(left, large, small))
+
+
+@triton.jit
+@no_type_check
+def _inputs(u, v, table, matrix, first, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
+    """Some units of the first layer, their slopes along u and v, and their rows of the matrix."""
+    h, k = tl.arange(0, WIDTH), first + tl.arange(0, BLOCK)
+    of_u, of_v = tl.load(table + k)[None, :], tl.load(table + WIDTH + k)[None, :]
+    low = _tanh(u * of_u + v * of_v + tl.load(table + 2 * WIDTH + k)[None, :])
+    at = matrix + k[:, None] * WIDTH + h[None, :]
+    flat = 1 - low * low
+    return low, flat * of_u, flat * of_v, tl.load(at), tl.load(at + WIDTH * WIDTH)
+
+
+@triton.jit
+@no_type_check
+def _network(x, y, table, matrix, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
+    """See :meth:`dynamics.potentials.DisplacementPotential.pair_gradient`: u and -u are two rows.
+
+    The matrix between the layers is gone through twice, ``BLOCK`` of its rows at a time.
+    """
+    r = tl.sqrt(x * x + y * y + CORE2)
+    u, v = x / (SHORT + r) * WIDE, y / (SHORT + r) * WIDE
+    rows: tl.constexpr = 2 * x.shape[0] * x.shape[1]
+    u, v = tl.reshape(tl.join(u, -u), [rows])[:, None], tl.reshape(tl.join(v, -v), [rows])[:, None]
+    h = tl.arange(0, WIDTH)
+    small = tl.zeros([rows, WIDTH], tl.float32)
+    high = small + tl.load(table + 3 * WIDTH + h)[None, :]
+    for first in range(0, WIDTH, BLOCK):
+        low, _, _, large, rest = _inputs(u, v, table, matrix, first, WIDTH, BLOCK)
+        high, small = _added(high, small, low, large, rest)
+    high = _tanh(high + small * (1 / SPLIT))
+    slope = (1 - high * high) * tl.load(table + 4 * WIDTH + h)[None, :]
+    to_u, to_v = tl.zeros([rows], tl.float32), tl.zeros([rows], tl.float32)
+    for first in range(0, WIDTH, BLOCK):
+        _, of_u, of_v, large, rest = _inputs(u, v, table, matrix, first, WIDTH, BLOCK)
+        none = tl.zeros([rows, BLOCK], tl.float32)
+        down, less = _added(none, none, slope, tl.trans(large), tl.trans(rest))
+        down += less * (1 / SPLIT)
+        to_u += tl.sum(down * of_u, 1)
+        to_v += tl.sum(down * of_v, 1)
+    u_here, u_there = tl.split(tl.reshape(to_u, [x.shape[0], x.shape[1], 2]))
+    v_here, v_there = tl.split(tl.reshape(to_v, [x.shape[0], x.shape[1], 2]))
+    size = tl.load(table + 5 * WIDTH) * HALF
+    return _turned(x, y, r, (u_here - u_there) * size, (v_here - v_there) * size)
+
+
+@triton.jit
+@no_type_check
 def _roll(  # noqa: ANN202
-    start, mobility, strength, ones, others, parts, out, asked, table,  # noqa: ANN001
+    start, mobility, strength, ones, others, parts, out, asked, table, matrix,  # noqa: ANN001
     episodes, bodies, pairs, substeps, moves, interval, box, reach,  # noqa: ANN001
-    RESOLUTION: tl.constexpr, BITS: tl.constexpr,  # noqa: N803
-    E: tl.constexpr, N: tl.constexpr, P: tl.constexpr,  # noqa: N803
+    RESOLUTION: tl.constexpr, BITS: tl.constexpr, WIDTH: tl.constexpr,  # noqa: N803
+    E: tl.constexpr, N: tl.constexpr, P: tl.constexpr, BLOCK: tl.constexpr,  # noqa: N803
 ):  # fmt: skip
     """Leapfrog steps of ``E`` episodes; see :func:`dynamics.compiled.cpu._roll`."""
     e = tl.program_id(0) * E + tl.arange(0, E)
@@ -109,7 +185,10 @@ def _roll(  # noqa: ANN202
             x -= box * tl.floor(x / box + 0.5)
             y -= box * tl.floor(y / box + 0.5)
         inside = x * x + y * y + CORE2 <= reach * reach
-        g_x, g_y = _spline(x, y, table, inside, RESOLUTION, BITS)
+        if WIDTH > 0:
+            g_x, g_y = _network(x, y, table, matrix, WIDTH, BLOCK)
+        else:
+            g_x, g_y = _spline(x, y, table, inside, RESOLUTION, BITS)
         total += tl.sum((counted & (inside == 0)).to(tl.int32), 1)
         f_x = -tl.sum(between * (weight * g_x)[:, :, None], 1)
         f_y = -tl.sum(between * (weight * g_y)[:, :, None], 1)
@@ -124,10 +203,39 @@ def _roll(  # noqa: ANN202
     tl.store(asked + e, total, e < episodes)
 
 
-def packed(potential: PairSpline, like: Tensor) -> tuple[Any, ...]:
-    """Table, reach, resolution, and the bits of a mantissa for a radial law, else 0."""
-    mantissa = MANTISSA[like.itemsize] if isinstance(potential, RadialSpline) else 0
-    return potential.table.to(like).contiguous(), potential.reach, potential.resolution, mantissa
+def packed(potential: PairPotential, like: Tensor) -> tuple[Any, ...]:
+    """What the kernel reads of a pair function.
+
+    Returns:
+        A table, its reach, a spline's resolution, the bits of a mantissa for a radial one, else 0,
+        and a network's width, else 0.
+    """
+    if isinstance(potential, PairSpline):
+        mantissa = MANTISSA[like.itemsize] if isinstance(potential, RadialSpline) else 0
+        table = potential.table.to(like).contiguous()
+        return table, table, potential.reach, potential.resolution, mantissa, 0
+    (low, top), last = cast(DisplacementPotential, potential).phi.split()
+    # Units that are not there are fed and heard by nobody: their weights are zero.
+    width = max(triton.next_power_of_2(low.out_features), LEAST)
+    more = width - low.out_features
+    size = last.weight.abs().amax().clamp_min(TINY)  # apart, so that halves can hold the rest
+    rows = *low.weight.T, low.bias, top.bias, last.weight[0] / size, size.expand_as(low.bias)
+    vectors = torch.stack(rows).to(like)
+    whole = functional.pad(top.weight.T.to(like), (0, more, 0, more))
+    large = whole.half()
+    matrix = torch.stack([large, ((whole - large) * SPLIT.value).half()])
+    return functional.pad(vectors, (0, more)).contiguous(), matrix, math.inf, 0, 0, width
+
+
+def _together(law: tuple[Any, ...], count: int, pairs: int, device: torch.device) -> int:
+    """How many episodes a program rolls: of a network as few as keep the whole card busy."""
+    *_, width = law
+    if not width:
+        return EPISODES
+    fewest, most = (max(1, rows // (2 * pairs)) for rows in ROWS)
+    card = device.type == "cuda" and torch.cuda.get_device_properties(device)
+    share = triton.cdiv(count, card.multi_processor_count if card else 1)
+    return min(most, max(fewest, triton.next_power_of_2(share)))
 
 
 def roll(
@@ -138,27 +246,30 @@ def roll(
     stored: int,
     every: int,
 ) -> tuple[Tensor, Tensor, int, None]:
-    """Leapfrog steps of a spline; see :func:`dynamics.compiled.cpu.roll`.
+    """Leapfrog steps of a spline or a network; see :func:`dynamics.compiled.cpu.roll`.
 
     Returns:
         q and p, and the number of pairs that were out of reach: if there are any, the states mean
         nothing, and the rollout has to be made by the torch twin, which asks the network. What
         they reached is not looked at.
     """
-    table, reach, *kind = law
+    table, matrix, reach, *kind = law
     count, bodies = episodes.mass.shape
     start = torch.stack(episodes[:2]).permute(0, 2, 3, 1).contiguous()
     i, j = pair_indices(bodies, start.device)
     product = episodes.amount[:, i] * episodes.amount[:, j]
     strength = (episodes.strength.unsqueeze(-1) * product).T.contiguous()
     out = start.new_empty(stored + 1, *start.shape)
+    tile = triton.next_power_of_2(len(i))
+    together = _together(law, count, tile, start.device)
     asked = torch.zeros(count, dtype=torch.int32, device=start.device)
-    _roll[(triton.cdiv(count, EPISODES),)](
+    _roll[(triton.cdiv(count, together),)](
         start, (1 / episodes.mass).T.contiguous(), strength, i, j, start.new_tensor(dts),
-        out, asked, table,
+        out, asked, table, matrix,
         count, bodies, len(i), len(dts), stored * every * len(dts), every * len(dts),
         float(box or 0), float(reach), *kind,
-        E=EPISODES, N=triton.next_power_of_2(bodies), P=triton.next_power_of_2(len(i)),
+        E=together, N=triton.next_power_of_2(bodies), P=tile, BLOCK=min(BLOCK, kind[-1]),
+        **NETWORK if kind[-1] else {},
     )  # fmt: skip
     q, p = out.permute(1, 4, 0, 2, 3)
     return q, p, int(asked.sum()), None

@@ -119,7 +119,11 @@ def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
     if trouble := unfused(head, backend, states):
         return trouble
     if backend == "triton" and not isinstance(head.potential, PairSpline):
-        return "evaluates splines only; give a tolerance"
+        law = head.potential
+        if not (isinstance(law, DisplacementPotential) and law.phi.is_two_tanh_layers):
+            return "evaluates splines, and of networks two tanh layers alone; give a tolerance"
+        if states.dtype != torch.float32:
+            return f"evaluates networks in float32, these states are in {states.dtype}"
     wanted = "cpu" if backend == "numba" else "cuda"
     if states.device.type != wanted and not (backend == "triton" and interpreted()):
         return f"needs states on {wanted}, these are on {states.device.type}"

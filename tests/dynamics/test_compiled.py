@@ -264,6 +264,29 @@ for kind, dtype in (("displacement", torch.float32), ("radial", torch.float64)):
     subprocess.run([sys.executable, "-c", code], check=True, env=where)
 
 
+@pytest.mark.skipif(importlib.util.find_spec("triton") is None, reason="triton is not installed")
+@pytest.mark.parametrize(("bodies", "count", "width"), [(3, 5, 48), (2, 9, 16), (5, 1, 64)])
+def test_the_triton_kernel_of_a_network_is_the_torch_twin(bodies, count, width):
+    """Widths that are no power of two, more rows than a program has, and fewer."""
+    code = f"""
+import torch
+from tests.dynamics import test_compiled as t
+head = t.model("displacement", {width}).float()
+start, params = t.episodes({count}, {bodies}, torch.float32)
+fast = t.compile_head(head, None, backend="triton")
+with torch.no_grad():
+    found = fast.trajectory(start, params, 4, t.DT, 2)
+    there = head.double().plain_trajectory(start.map(torch.Tensor.double),
+                                           params.map(torch.Tensor.double), 4, t.DT, 2)
+assert found.backend == "triton"
+moved = there.states.flat - there.states.flat[:, :1]
+wrong = found.states.flat - there.states.flat
+assert wrong.abs().max() < 2e-6 < 1e-3 < moved.abs().max(), (wrong.abs().max(), moved.abs().max())
+"""
+    where = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
+    subprocess.run([sys.executable, "-c", code], check=True, env=where)
+
+
 @needs_numba
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_states_that_pass_the_caches_by_are_those_that_do_not(dtype):
