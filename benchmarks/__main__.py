@@ -10,9 +10,10 @@ from typing import Any, Literal
 
 import tyro
 
-from benchmarks.benchmark import ROWS, run_benchmark
+from benchmarks.benchmark import CARD_ROWS, ROWS, run_benchmark
 from benchmarks.match import table
 from vidphys.cli.console import Console
+from vidphys.devices import check_cuda
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_json
 from vidphys.runs.code import code_version
@@ -31,6 +32,7 @@ class BenchmarkConfig:
         rows: what is measured; all if none is named.
         threads: cores of each contender; with 1 the time of the process counts, else the wall
             clock.
+        device: cuda measures the rows of a card, all by the wall clock.
         preset: quick takes the median of 3 rounds, standard of 7.
         out: folder of benchmark.json. The same command again goes on where it was.
         overwrite: give up what lies there.
@@ -39,6 +41,7 @@ class BenchmarkConfig:
 
     rows: tuple[str, ...] = ()
     threads: int = 1
+    device: Literal["cpu", "cuda"] = "cpu"
     preset: Literal["quick", "standard"] = "quick"
     out: Path = Path("runs/benchmark")
     overwrite: bool = False
@@ -49,15 +52,18 @@ def run(config: BenchmarkConfig) -> None:
     """Measure the rows that are not kept yet.
 
     Raises:
-        InputError: an unknown row, no threads, or rows in the folder of other surroundings.
+        InputError: an unknown row, no threads, no card, or rows in the folder that were measured in
+            other surroundings.
     """
+    check_cuda(config.device)
+    rows_there = CARD_ROWS if config.device == "cuda" else ROWS
     for row in config.rows:
-        if row not in ROWS:
-            raise InputError(f"--rows {row}: no such row; there are {', '.join(ROWS)}")
+        if row not in rows_there:
+            raise InputError(f"--rows {row}: no such row; there are {', '.join(rows_there)}")
     if config.threads < 1:
         raise InputError(f"--threads {config.threads}: at least one is needed")
-    names, repeats = config.rows or tuple(ROWS), REPEATS[config.preset]
-    about = {"code_version": code_version(), "repeats": repeats, **surroundings("cpu")}
+    names, repeats = config.rows or tuple(rows_there), REPEATS[config.preset]
+    about = {"code_version": code_version(), "repeats": repeats, **surroundings(config.device)}
     about["threads"] = config.threads  # of the rows' processes, not of this one
     path = config.out / "benchmark.json"
     kept = _kept(path, about, config.overwrite)
@@ -65,7 +71,7 @@ def run(config: BenchmarkConfig) -> None:
         for number, name in enumerate(names):
             if name not in kept["rows"]:
                 try:
-                    rows = run_benchmark(name, repeats, config.threads)
+                    rows = run_benchmark(name, repeats, config.threads, config.device)
                 except ImportError as error:
                     kept["skipped"][name] = f"{error}; pip install 'vidphys[bench]'"
                     console.warn(f"{name} skipped: {kept['skipped'][name]}")

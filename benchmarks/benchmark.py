@@ -40,28 +40,48 @@ ROWS = {
 }
 """The function that makes each row; its file is imported where the row is measured."""
 
+CARD_ROWS = {
+    name: f"benchmarks.card:{name.replace('-', '_')}"
+    for name in (
+        "network",
+        "compiled",
+        "training",
+        "training-large",
+        "gaussians",
+        "gaussians-backward",
+        "disks",
+        "disks-backward",
+        "features",
+        "features-large",
+    )
+}
+"""The same on a card."""
 
-def run_benchmark(row: str, repeats: int, threads: int) -> list[BenchmarkRow]:
+
+def run_benchmark(row: str, repeats: int, threads: int, device: str = "cpu") -> list[BenchmarkRow]:
     """Measure a row in a fresh process that is held to ``threads`` cores.
 
     Args:
-        row: of :data:`ROWS`.
+        row: of :data:`ROWS` or :data:`CARD_ROWS`.
         repeats: interleaved rounds, at least 3.
         threads: 1 for one core.
+        device: ``cuda`` for the rows of a card.
 
     Raises:
         KeyError: an unknown row.
         ValueError: fewer than 3 repeats.
         ImportError: a peer is not installed (the extra ``bench``).
     """
+    rows = CARD_ROWS if device == "cuda" else ROWS
     # Libraries take the number of cores from the process when they are first imported: not here.
     with multiprocessing.get_context("spawn").Pool(1, _hold, (threads,)) as pool:
-        return pool.apply(_measure, (ROWS[row], repeats, threads))
+        return pool.apply(_measure, (rows[row], repeats, threads))
 
 
 def _hold(threads: int) -> None:
     cores = sorted(os.sched_getaffinity(0))[-threads:]
     os.sched_setaffinity(0, cores)
+    os.environ["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # of a card, which torch uses too
     if threads == 1:
         os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
     import torch

@@ -42,6 +42,7 @@ class Match:
         peers: and they.
         numbers: what else was measured of ours, its errors above all.
         replaces: the peer in whose place ours is built, where building takes seconds.
+        wall: whether the wall clock counts whatever the threads: a card works, the processor waits.
     """
 
     row: str
@@ -50,6 +51,7 @@ class Match:
     peers: dict[str, tuple[Contender, float]]
     numbers: dict[str, float] = field(default_factory=dict)
     replaces: str = ""
+    wall: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class BenchmarkRow:
 
 def play(match: Match, repeats: int, threads: int) -> list[BenchmarkRow]:
     """Time the contenders in turn, after one call of each that is not counted."""
-    clock = CPU_CLOCK if threads == 1 else WALL_CLOCK
+    clock = CPU_CLOCK if threads == 1 and not match.wall else WALL_CLOCK
     contenders = [match.ours, *(peer for peer, _ in match.peers.values())]
     timed = [Timed(one.work) for one in contenders]
     for one in contenders:

@@ -38,7 +38,7 @@ def _drawn(kind: str, bar: float, both: bool = False, kept: bool = False) -> Mat
     """
     if kept:
         keep_memory()
-    case = _Case.drawn()
+    case = Case.drawn()
     row = f"{kind} {'with backward' if both else 'forward'}{', memory kept' if kept else ''}"
     if kind == "disks":
         return case.match(row, case.disks, {"naive torch": case.naive_disks}, bar, both)
@@ -55,7 +55,7 @@ disks_kept = partial(_drawn, "disks", 1.0, both=True, kept=True)
 
 def gaussians_bandwidth() -> Match:
     """Bytes of Gaussian splats a second against filling the same memory with one number."""
-    case = _Case.drawn()
+    case = Case.drawn()
     size = float(case.memory.numel() * case.memory.element_size())
     one = "the same bytes set to one number"
     fill = Contender(lambda: case.memory.fill_(0.5), size, "torch", one)
@@ -64,14 +64,16 @@ def gaussians_bandwidth() -> Match:
 
 
 @dataclass(frozen=True)
-class _Case:
+class Case:
+    """Places of bodies, what they are drawn into, and a gradient from above."""
+
     q: Tensor
     camera: Camera
     memory: Tensor
     upstream: Tensor
 
     @classmethod
-    def drawn(cls) -> _Case:
+    def drawn(cls) -> Case:
         rng = torch.Generator().manual_seed(0)
         q = PLACES * (torch.rand(FRAMES, BODIES, 2, generator=rng) - 0.5)
         shape = (FRAMES, BODIES, SIZE, SIZE)
@@ -123,8 +125,8 @@ class _Case:
         return torch.sigmoid((RADIUS - (dx**2 + dy**2 + 1e-12).sqrt()) / SOFTNESS)
 
     def _offsets(self, q: Tensor) -> tuple[Tensor, Tensor]:
-        dx = self.camera.xs() - q[..., 0, None, None]
-        return dx, self.camera.ys()[:, None] - q[..., 1, None, None]
+        xs, ys = (side(q.dtype, q.device) for side in (self.camera.xs, self.camera.ys))
+        return xs - q[..., 0, None, None], ys[:, None] - q[..., 1, None, None]
 
     def kornia(self, q: Tensor) -> Tensor:
         """Each body by the library, composed into channels by its colour."""

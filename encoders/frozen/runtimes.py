@@ -1,5 +1,7 @@
 """What computes a frozen network: torch as it is, compiled by torch, or OpenVINO on a CPU.
 
+On a card, what torch compiles is also recorded, so that its kernels are asked for all at once.
+
 The function from pixels to maps is the same; only its execution differs, within the rounding of the
 precision that is asked for. OpenVINO is an extra and is imported where it is chosen. It reads the
 network in float32 and itself computes in bfloat16 where that is asked for; what it compiles holds
@@ -61,8 +63,20 @@ def under_runtime(network: nn.Module, maps: Maps, runtime: Runtime, dtype: str) 
     if runtime == "torch":
         return maps
     if runtime == "compile":
-        return torch.compile(maps, dynamic=False)
+        if not next(network.parameters()).is_cuda:
+            return torch.compile(maps, dynamic=False)
+        return _kept(torch.compile(maps, dynamic=False, mode="reduce-overhead"))
     return _OpenVINO(_Traceable(network, maps), PRECISIONS[dtype])
+
+
+def _kept(maps: Maps) -> Maps:
+    """Maps of a recorded pass (a CUDA graph), out of the memory that the next one writes to."""
+
+    def whole(pixels: Tensor) -> list[Tensor]:
+        torch.compiler.cudagraph_mark_step_begin()
+        return [found.clone() for found in maps(pixels)]
+
+    return whole
 
 
 class _Traceable(nn.Module):

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from dynamics import HEADS, rollout
+from dynamics import HEADS, Parameters, PhaseState, build, rollout, terms
 from dynamics.compiled import compile_head
+from encoders import load_encoder
 from renderers import Camera, disks, gaussians, reused
 from tests.shared.small_studies import TINY
 from vidphys.experiments.catalogue import TABLES
@@ -14,6 +15,7 @@ from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.ladder import ALL_HEADS
 from vidphys.placement import device_of, moved, suited
 from vidphys.scenes import gravity
+from vidphys.training.learner import FitSettings, Learner
 
 pytestmark = [pytest.mark.gpu, pytest.mark.timeout(600)]
 RUNGS = (
@@ -80,6 +82,74 @@ def test_the_fused_kernel_is_the_spline_of_the_cpu():
         there = fast.to("cuda").trajectory(*moved((start, law), "cuda"), 50, scene.dt)
     assert there.backend == "triton"
     assert (there.states.flat.cpu() - here).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize(("bodies", "width"), [(3, 256), (2, 64), (8, 48)])
+def test_the_kernel_of_a_network_is_the_network(bodies, width):
+    """To what single precision leaves of it, in double precision on the CPU."""
+    scene = gravity()
+    torch.manual_seed(0)
+    head = build(terms.Hamiltonian(potentials=(terms.Displacement(width=width),)), bodies, scene.dt)
+    q, p = torch.randn(2, 100, bodies, 2).double()
+    start, law = PhaseState(q, p), Parameters(torch.ones(100).double(), torch.ones(100, bodies))
+    law = moved(law, "cpu", torch.float64)
+    with torch.no_grad():
+        there = head.to("cuda").trajectory(*moved((start, law), "cuda", torch.float32), 100, 0.01)
+        here = head.to("cpu").double().plain_trajectory(start, law, 100, 0.01)
+    assert there.backend == "triton"
+    assert (there.states.flat.cpu() - here.states.flat).abs().max() < 2e-5
+
+
+def steps_of_training(loss, records, steps=20):
+    torch.manual_seed(0)
+    head = gravity().build(HEADS["factored"]).to("cuda")
+    learner = Learner(head, loss(head), FitSettings(steps, 64, 1e-2, clip=1.0))
+    learner.records &= records
+    rng = torch.Generator().manual_seed(0)
+    found = []
+    for _ in range(steps):
+        learner.update(torch.randn(64, 3, 2, generator=rng).to("cuda"))
+        found.append(learner.loss)
+    return learner, found
+
+
+def pull(head):
+    """How far the forces are from a trap's."""
+
+    law = Parameters(torch.ones(64, device="cuda"), torch.ones(64, 3, device="cuda"))
+
+    def loss(q):
+        return (head.force(PhaseState(q, q), law) + q).square().mean()
+
+    return loss
+
+
+def test_a_recorded_training_step_is_the_same_step():
+    (one, recorded), (other, plain) = (
+        steps_of_training(pull, records) for records in (True, False)
+    )
+    assert one.recording is not None and one.recorded_change is not None
+    assert other.recording is None and plain[-1] < 0.9 * plain[0]
+    assert recorded == pytest.approx(plain, rel=1e-4)
+
+
+def test_a_loss_that_asks_the_card_for_numbers_is_computed_as_it_is():
+    def asking(head):
+        return lambda q: pull(head)(q) * float(q.abs().max() > 0)
+
+    learner, found = steps_of_training(asking, True)
+    assert not learner.records and learner.recording is None
+    assert found == pytest.approx(steps_of_training(pull, False)[1], rel=1e-4)
+
+
+def test_a_recorded_encoder_is_the_encoder():
+    """Each pass's features are its own, not those of the pass that wrote there next."""
+    plain = load_encoder("dino-tiny", {"batch": 4}, None, "cuda")
+    fast = load_encoder("dino-tiny", {"batch": 4, "runtime": "compile"}, None, "cuda")
+    frames = torch.rand(1, 12, 3, 64, 64)
+    times = torch.arange(12, dtype=torch.float64)
+    there, here = fast(frames, times).values, plain(frames, times).values
+    assert (there - here).norm() < 1e-3 * here.norm()
 
 
 @pytest.mark.parametrize("name", ["gaussians", "disks"])
