@@ -31,10 +31,10 @@ from vidphys.placement import moved
 from vidphys.training.segments import scale_of, segment_loss
 
 CARD, EPISODES = "cuda", 64
-LONG, SOME, FEW = 20, 4, 2
-ROW = 1
+LONG, SOME, FEW = 2000, 200, 20  # steps of fast, of slow and of the slowest contenders
+ROW = 50  # batches of pictures, asked for one after another
 FLOPS_A_STEP = 3 * 2 * 4 * WIDTH**2  # of an episode: pairs, signs, two products of two operations
-PRODUCT = 64
+PRODUCT = 8192  # rows and columns of matrices, in float32
 
 
 def network() -> Match:

@@ -9,13 +9,13 @@ from dynamics import HEADS, Parameters, PhaseState, build, rollout, terms
 from dynamics.compiled import compile_head
 from encoders import load_encoder
 from renderers import Camera, disks, gaussians, reused
+from tests.shared.recorded_steps import asking_and_plain, recorded_and_plain
 from tests.shared.small_studies import TINY
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.ladder import ALL_HEADS
 from vidphys.placement import device_of, moved, suited
 from vidphys.scenes import gravity
-from vidphys.training.learner import FitSettings, Learner
 
 pytestmark = [pytest.mark.gpu, pytest.mark.timeout(600)]
 RUNGS = (
@@ -100,46 +100,12 @@ def test_the_kernel_of_a_network_is_the_network(bodies, width):
     assert (there.states.flat.cpu() - here.states.flat).abs().max() < 2e-5
 
 
-def steps_of_training(loss, records, steps=20):
-    torch.manual_seed(0)
-    head = gravity().build(HEADS["factored"]).to("cuda")
-    learner = Learner(head, loss(head), FitSettings(steps, 64, 1e-2, clip=1.0))
-    learner.records &= records
-    rng = torch.Generator().manual_seed(0)
-    found = []
-    for _ in range(steps):
-        learner.update(torch.randn(64, 3, 2, generator=rng).to("cuda"))
-        found.append(learner.loss)
-    return learner, found
-
-
-def pull(head):
-    """How far the forces are from a trap's."""
-
-    law = Parameters(torch.ones(64, device="cuda"), torch.ones(64, 3, device="cuda"))
-
-    def loss(q):
-        return (head.force(PhaseState(q, q), law) + q).square().mean()
-
-    return loss
-
-
 def test_a_recorded_training_step_is_the_same_step():
-    (one, recorded), (other, plain) = (
-        steps_of_training(pull, records) for records in (True, False)
-    )
-    assert one.recording is not None and one.recorded_change is not None
-    assert other.recording is None and plain[-1] < 0.9 * plain[0]
-    assert recorded == pytest.approx(plain, rel=1e-4)
+    recorded_and_plain()
 
 
 def test_a_loss_that_asks_the_card_for_numbers_is_computed_as_it_is():
-    def asking(head):
-        return lambda q: pull(head)(q) * float(q.abs().max() > 0)
-
-    learner, found = steps_of_training(asking, True)
-    assert not learner.records and learner.recording is None
-    assert found == pytest.approx(steps_of_training(pull, False)[1], rel=1e-4)
+    asking_and_plain()
 
 
 def test_a_recorded_encoder_is_the_encoder():

@@ -102,7 +102,7 @@ class OnCard(Tensor):
 def run(function: Any, args: Any, kwargs: Any) -> Any:
     """An operation where its tensors are."""
     flat = [x for x in pytree.tree_leaves((args, kwargs)) if isinstance(x, Tensor)]
-    if _Graph.recording and _crosses(function, args, kwargs):
+    if Graph.recording and _crosses(function, args, kwargs):
         BETWEEN.append(str(function))
     on_card = [x for x in flat if isinstance(x, OnCard)]
     asked = kwargs.get("device")
@@ -138,7 +138,11 @@ def run(function: Any, args: Any, kwargs: Any) -> Any:
     if function is aten._efficientzerotensor.default:  # of no memory, which nothing can stand for
         function = aten.zeros.default
     held = pytree.tree_map_only(OnCard, lambda x: x.held, (args, kwargs))
+    if Graph.recording:
+        Graph.recording.look(held)
     found = function(*held[0], **held[1])
+    if Graph.recording and result_on_card:
+        Graph.recording.operations.append((function, *held, found))
     known = {id(x.held): x for x in on_card}
 
     def wrapped(x: Tensor) -> Tensor:
@@ -179,20 +183,42 @@ class _Event:
         return 1.0
 
 
-class _Graph:
-    """A recording that fails at its end; what could not have been recorded is in ``BETWEEN``."""
+class Graph:
+    """Operations of the card, recorded to be run again on the memory that they were recorded on."""
 
-    recording = False
+    recording: Graph | None = None
 
-    def __init__(self, _: Any) -> None:
-        pass
+    def __init__(self) -> None:
+        self.operations: list[tuple[Any, Any, Any, Any]] = []
+        self.before: dict[int, tuple[Tensor, Tensor]] = {}
 
-    def __enter__(self) -> None:
-        _Graph.recording = True
+    def look(self, given: Any) -> None:
+        """Remember what lies in memory that is written to, maybe: a recording changes nothing."""
+        for x in pytree.tree_leaves(given):
+            if isinstance(x, Tensor) and id(x) not in self.before:
+                self.before[id(x)] = x, x.clone()
 
-    def __exit__(self, *_: Any) -> None:
-        _Graph.recording = False
-        raise RuntimeError("a card that is none records nothing")
+    def replay(self) -> None:
+        for function, args, kwargs, found in self.operations:
+            again = function(*args, **kwargs)
+            for old, new in zip(*map(pytree.tree_leaves, (found, again)), strict=True):
+                if isinstance(old, Tensor) and old is not new and old.data_ptr() != new.data_ptr():
+                    old.copy_(new)
+
+
+@contextlib.contextmanager
+def _record(graph: Graph) -> Iterator[None]:
+    """What is between the card and the CPU is in ``BETWEEN``, and refused as a card does."""
+    Graph.recording = graph
+    try:
+        yield
+    finally:
+        Graph.recording = None
+        for x, old in graph.before.values():
+            if not torch.equal(x, old):  # one that was written to has memory of its own
+                x.copy_(old)
+    if BETWEEN:
+        raise RuntimeError("operation not permitted when stream is capturing")
 
 
 def _crosses(function: Any, args: Any, kwargs: Any) -> bool:
@@ -281,8 +307,8 @@ def a_card() -> Iterator[None]:
         mock.patch("torch.cuda.Stream", mock.MagicMock()),
         mock.patch("torch.cuda.stream", lambda _: contextlib.nullcontext()),
         mock.patch("torch.cuda.Event", _Event),
-        mock.patch("torch.cuda.CUDAGraph", mock.MagicMock()),
-        mock.patch("torch.cuda.graph", _Graph),
+        mock.patch("torch.cuda.CUDAGraph", Graph),
+        mock.patch("torch.cuda.graph", _record),
         mock.patch("torch.optim.Optimizer._accelerator_graph_capture_health_check", _nothing),
         # Tensors of inference mode cannot stand for others; what it allows, no_grad allows.
         mock.patch("torch.inference_mode", _inference),

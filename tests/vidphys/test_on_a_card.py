@@ -11,6 +11,7 @@ from encoders import load_encoder
 from encoders.store import FeatureStore
 from readouts.differencing import central_difference
 from tests.shared.card import BETWEEN, a_card
+from tests.shared.recorded_steps import asking_and_plain, recorded_and_plain
 from tests.shared.small_clips import cut_short, write_clip
 from tests.shared.small_studies import TINY
 from vidphys.data.many import Wanted, extract_many
@@ -184,6 +185,29 @@ def test_what_comes_from_a_card_is_wrong_until_it_is_waited_for():
         event.synchronize()
         assert here.tolist() == [1, 1]
         assert x[[1, 0]].tolist() == [1, 1]  # a list of places
+
+
+def test_a_training_step_is_recorded_and_played_again():
+    with a_card():
+        recorded_and_plain()
+
+
+def test_a_training_step_that_cannot_be_recorded_is_taken_as_it_is():
+    with a_card():
+        asking_and_plain()
+
+
+def test_a_recording_changes_nothing_until_it_is_played():
+    with a_card():
+        x, graph = torch.ones(2, device="cuda"), torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            twice = x.mul_(2) + 1
+        assert x.tolist() == [1, 1]
+        graph.replay()
+        graph.replay()
+        assert x.tolist() == [4, 4] and twice.tolist() == [5, 5]
+        with pytest.raises(RuntimeError, match="captur"), torch.cuda.graph(graph):
+            x.tolist(), float(x.sum())
 
 
 def test_what_a_card_refuses_is_refused():
