@@ -38,25 +38,23 @@ def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndar
         are zero. Angles are zero of a camera that hardly rolls, and all are where the background
         has no structure to hold on to.
     """
-    drift = np.zeros((len(sample), 2))
-    background, drift = _registered(grey, sample, drift)
-    rolled = _register(background, grey[sample], np.pad(drift, ((0, 0), (0, 1))))
+    some = grey[sample]
+    background, drift = _registered(some, np.zeros((len(sample), 2)))
+    rolled = _register(background, some, np.pad(drift, ((0, 0), (0, 1))))
     if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(background) > ROLLS:
-        background, drift = _registered(grey, sample, rolled)
+        background, drift = _registered(some, rolled)
     guess = [np.interp(np.arange(len(grey)), sample, column) for column in drift.T]
     found = _register(background, grey, np.stack(guess, 1))
     return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
 
 
-def _registered(
-    grey: np.ndarray | Through, sample: list[int], drift: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The background, and the drift of the frames of a sample from it."""
-    background = grey[sample[0]]
+def _registered(grey: np.ndarray, drift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The background of a few frames, and their drift from it."""
+    background = grey[0]
     for _ in range(ROUNDS):
-        aligned = [undo_drift(grey[i], d) for i, d in zip(sample, drift, strict=True)]
+        aligned = [undo_drift(each, d) for each, d in zip(grey, drift, strict=True)]
         background = np.median(aligned, axis=0)
-        drift = _register(background, grey[sample], drift)
+        drift = _register(background, grey, drift)
         drift -= np.median(drift, axis=0)
     return background, drift
 

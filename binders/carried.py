@@ -62,8 +62,8 @@ def _sure(group: Group) -> float:
 
 def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
     """Whether something small goes as one or two larger ones do, as the coils of a spring."""
-    size = float(np.nanmedian(one.size))
-    larger = [other for other in others if size < LESSER * np.nanmedian(other.size)]
+    size = one.usual_size
+    larger = [other for other in others if size < LESSER * other.usual_size]
     for k, first in enumerate(larger):
         for second in larger[k:]:
             both = one.seen & first.seen & second.seen

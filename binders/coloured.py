@@ -129,5 +129,5 @@ def _lumps_at(image: np.ndarray, x: np.ndarray, y: np.ndarray, thin: int) -> Blo
     part = image[top:bottom, left:right]
     has = np.zeros(part.shape[:2], np.float32)
     has[y - top, x - left] = 2.0
-    found, _ = lumps(part, has, 1.0, thin, has > 0, part)
+    found, _ = lumps(part, has, 1.0, thin, has > 0, None)
     return found.moved(int(left), int(top))

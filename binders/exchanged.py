@@ -88,7 +88,7 @@ def _meetings(one: Hypothesis, other: Hypothesis) -> list[tuple[int, int]]:
         return []
     away = np.linalg.norm(one.positions - other.positions, axis=-1)[both]
     frames = np.arange(len(one.seen))
-    reach = MET * (np.nanmedian(one.size) + np.nanmedian(other.size))
+    reach = MET * (one.usual_size + other.usual_size)
     near = np.flatnonzero(np.interp(frames, both, away) < reach)
     if not len(near):
         return []

@@ -103,7 +103,7 @@ def _same(one: Hypothesis, other: Hypothesis) -> float:
     if not both.any():
         return 0.0
     apart = np.linalg.norm(one.positions[both] - other.positions[both], axis=-1)
-    near = apart < max(np.nanmedian(one.size), np.nanmedian(other.size))
+    near = apart < max(one.usual_size, other.usual_size)
     return float(near.sum() / one.seen.sum())
 
 
@@ -156,7 +156,7 @@ def _on_a_rod(one: Candidate, other: Candidate) -> bool:
 
 
 def _size(candidate: Candidate) -> float:
-    return float(np.nanmedian(candidate.body.size))
+    return candidate.body.usual_size
 
 
 def wheels(candidates: list[Candidate]) -> list[Candidate]:
@@ -207,7 +207,7 @@ def path_of(blobs: list[Blobs], bodies: list[Hypothesis]) -> Path:
             positions[:, n, axis] = np.interp(np.arange(frames), seen, body.positions[seen, axis])
         confidence[seen, n] = np.minimum(1.0, body.energy[seen] / np.nanmedian(body.energy))
     strong = STRONG * min(float(np.nanmedian(body.energy)) for body in bodies)
-    sizes = np.array([np.nanmedian(body.size) for body in bodies])
+    sizes = np.array([body.usual_size for body in bodies])
     others = [
         bool((_far(b, places, sizes) & (b.energy > strong)).any())
         for b, places in zip(blobs, positions, strict=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -51,6 +52,11 @@ class Hypothesis:
     def seen(self) -> np.ndarray:
         """Whether it was seen, ``(t,)`` boolean."""
         return np.isfinite(self.positions[:, 0])
+
+    @cached_property
+    def usual_size(self) -> float:
+        """Median of the sizes; it is asked for with every other hypothesis."""
+        return float(np.nanmedian(self.size))
 
 
 def hypotheses(blobs: list[Blobs], times: Float[np.ndarray, " t"]) -> list[Hypothesis]:

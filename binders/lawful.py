@@ -76,7 +76,7 @@ def _contrast(h: Hypothesis) -> float:
     """Mean change of a pixel of it, less where it is but a speck."""
     if not h.seen.any():
         return 0.0
-    size = float(np.nanmedian(h.size))
+    size = h.usual_size
     return float(np.nanmedian(h.energy / (np.pi * h.size**2))) * (size / (size + SPECK)) ** 3
 
 

@@ -56,7 +56,7 @@ def seen_again(
 class _Search:
     def __init__(self, body: Hypothesis, frames: Pictures, changed: Pictures) -> None:
         self.frames, self.changed = frames, changed
-        self.size = float(np.nanmedian(body.size))
+        self.size = body.usual_size
         longer = float(np.nanmedian(np.minimum(body.size**2 / body.radius, LONGEST * body.size)))
         self.half = max(2, int(np.ceil(AROUND * longer)))
         y, x = np.ogrid[-self.half : self.half + 1, -self.half : self.half + 1]

@@ -125,7 +125,7 @@ class MotionBinder:
         clip = Steadied(frames, times)
         found = [each.body for each in _view(clip, self).candidates]
         places = clip.seen(np.stack([b.positions for b in found], 1))
-        sizes = np.array([np.nanmedian(b.size) for b in found])
+        sizes = np.array([b.usual_size for b in found])
         return clip.factor * (places + 0.5) - 0.5, clip.factor * sizes
 
 
@@ -250,15 +250,16 @@ def _blobs(
     changed, rows = Masks((height, width)), {frame: k for k, frame in enumerate(clip.sample)}
     ghosts = np.zeros((len(clip.sample), height, width), bool)
     inside = wanted.where(height, width, clip.factor)
+    behind = background if wanted.colour is None else None
     for frame, image in enumerate(clip.still):
         changes = [scene.change(image) for scene in scenes]
         mask = changes[0] > limits[0]
         changed.append(mask)
         if wanted.colour is None:
-            pairs = [(c, limit, mask, background) for c, limit in zip(changes, limits, strict=True)]
+            pairs = [(c, limit, mask) for c, limit in zip(changes, limits, strict=True)]
         else:
-            pairs = [(wanted.likeness(image), LIKE_IT, np.ones_like(mask), image)]
-        for kind, (change, limit, coloured, behind) in zip(blobs, pairs, strict=True):
+            pairs = [(wanted.likeness(image), LIKE_IT, np.ones_like(mask))]
+        for kind, (change, limit, coloured) in zip(blobs, pairs, strict=True):
             found, haunted = lumps(image, change, limit, settings.thin, coloured, behind)
             if frame in rows:
                 ghosts[rows[frame]] |= haunted
@@ -273,7 +274,7 @@ def _blobs(
 
 def _area(candidates: list[Candidate]) -> float:
     """Of the likeliest body, pixels; 0 where there is none."""
-    return float(np.pi * np.nanmedian(candidates[0].body.size) ** 2) if candidates else 0.0
+    return float(np.pi * candidates[0].body.usual_size ** 2) if candidates else 0.0
 
 
 def _discs(candidates: list[Candidate], clip: Steadied) -> np.ndarray:
@@ -282,7 +283,7 @@ def _discs(candidates: list[Candidate], clip: Steadied) -> np.ndarray:
     y, x = np.ogrid[: size[0], : size[1]]
     hidden = np.zeros((len(clip.sample), *size), bool)
     for each in candidates:
-        radius = HIDING[0] * np.nanmedian(each.body.size) + HIDING[1]
+        radius = HIDING[0] * each.body.usual_size + HIDING[1]
         if each.judged.score < HIDDEN * candidates[0].judged.score or radius > LARGE * min(size):
             continue
         seen = np.nonzero(each.body.seen)[0]

@@ -64,7 +64,7 @@ def placed(
 def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bool) -> np.ndarray:
     import cv2
 
-    size, seen = float(np.nanmedian(body.size)), np.nonzero(body.seen)[0]
+    size, seen = body.usual_size, np.nonzero(body.seen)[0]
     half = max(3, int(np.ceil(AROUND * size)))
     far = half + int(np.ceil(REACH[0] * size)) + 1
     corners = np.rint(body.positions[seen]).astype(int) - far

@@ -70,7 +70,7 @@ def lumps(
     threshold: float,
     thin: int,
     coloured: Bool[np.ndarray, "h w"],
-    behind: Shaped[np.ndarray, "h w 3"],
+    behind: Shaped[np.ndarray, "h w 3"] | None,
 ) -> tuple[Blobs, Bool[np.ndarray, "h w"]]:
     """The regions of a frame that changed most, and where ghosts are.
 
@@ -84,7 +84,7 @@ def lumps(
         threshold: above which it is no noise.
         thin: structures thinner than this many pixels belong to no body.
         coloured: pixels that changed in more than brightness.
-        behind: the background.
+        behind: the background; ``None`` where no ghosts are looked for.
     """
     import cv2
 
@@ -99,14 +99,15 @@ def lumps(
     where = _around(core)
     left, top = where[1].start, where[0].start
     haunted = np.zeros(core.shape, bool)  # of the whole picture; the rest is of that part
-    image, change, coloured, behind = image[where], change[where], coloured[where], behind[where]
+    image, change, coloured = image[where], change[where], coloured[where]
     above, core, labels = above[where], core[where], labels[where]
     labels, whole = _without_arms(core, labels, count)
     count = len(whole)
     keep = keep[whole] & (np.bincount(labels.ravel(), minlength=count) > 0)
-    ghosts = keep & _ghosts(labels, count, above, image, behind)
-    keep &= ~ghosts
-    haunted[where] = ghosts[labels]
+    if behind is not None:
+        ghosts = keep & _ghosts(labels, count, above, image, behind[where])
+        keep &= ~ghosts
+        haunted[where] = ghosts[labels]
     number = np.cumsum(keep) - 1
     y, x = np.nonzero(keep[labels])
     # the weight saturates, so that texture and highlights inside a body do not move its centroid

@@ -78,7 +78,7 @@ class Wanted:
     def fits(self, body: Hypothesis, factor: int) -> float:
         """How well a hypothesis fits what was said of places and size, 0 to 1."""
         fit = 1.0
-        size = float(np.nanmedian(body.size))
+        size = body.usual_size
         if self.size is not None:
             fit *= float(np.exp(-0.5 * (np.log(2 * factor * size / self.size) / SIZES) ** 2))
         if self.at and not self.meets(body, factor):
@@ -88,7 +88,7 @@ class Wanted:
     def meets(self, body: Hypothesis, factor: int) -> list[int]:
         """Which of the places the body is at."""
         seen = np.nonzero(body.seen)[0]
-        reach = NEAR * float(np.nanmedian(body.size)) + NEAR_PIXELS
+        reach = NEAR * body.usual_size + NEAR_PIXELS
         met = []
         for number, (x, y, frame) in enumerate(self.at):
             place = [np.interp(frame, seen, body.positions[seen, axis]) for axis in (0, 1)]

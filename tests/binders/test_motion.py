@@ -13,6 +13,7 @@ from binders.follow import Candidate, Path, path_of, ranked
 from binders.hypotheses import hypotheses
 from binders.lawful import judge
 from binders.motion import MotionBinder
+from binders.reel import Through
 
 FRAMES, HEIGHT, WIDTH = 60, 96, 128
 WALL = np.array([150.0, 130.0, 110.0])
@@ -159,6 +160,17 @@ def test_drift_needs_structure() -> None:
     rng = np.random.default_rng(0)
     blank = 120 + rng.normal(scale=1.0, size=(12, 64, 64)).astype(np.float32)
     assert np.abs(camera_drift(blank, list(range(12)))).max() < 0.3
+
+
+def test_drift_looks_twice_at_a_frame_at_most() -> None:
+    """At those of the sample in many rounds, and then at each."""
+    frames = np.stack([ndimage.shift(room()[..., 0], (0, k % 3)) for k in range(12)])
+    asked: list[float] = []
+    grey = Through(frames, lambda frame: asked.append(frame.sum()) or frame.astype(np.float32))
+    sample = list(range(0, 12, 2))
+    drift = camera_drift(grey, sample)
+    assert len(asked) <= len(sample) + len(frames)
+    np.testing.assert_array_equal(drift, camera_drift(frames.astype(np.float32), sample))
 
 
 def test_what_hides_most_of_the_edges_is_no_drift() -> None:

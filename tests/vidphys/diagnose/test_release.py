@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vidphys.stress.test_flights import STEP, TRUE, stepped
+from vidphys.diagnose.mechanisms import mechanism
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
-from vidphys.diagnose.mechanisms.mechanism import find_mechanism, first_lawful
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism, first_lawful, lawful_later
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.parted import parted
 from vidphys.diagnose.recordings.release import free_frames, held_until, held_within
@@ -207,3 +208,11 @@ def test_the_law_of_what_is_thrown_begins_where_the_hand_lets_go():
 def test_of_a_short_clip_only_frames_that_leave_enough_are_tried(frames):
     path = np.random.default_rng(0).standard_normal((frames, 2)).cumsum(0)
     assert first_lawful(motion_of(path[None, :, None], 1 / 30), angles=False) <= frames - 10
+
+
+def test_whether_a_law_holds_later_is_told_by_the_latest_frame_that_shows_it(monkeypatch):
+    motion, tried, holding = motion_of(thrown()[None, 20:, :1], 1 / 30), [], mechanism._holding
+    monkeypatch.setattr(mechanism, "_holding", lambda *x: tried.append(x) or holding(*x))
+    assert lawful_later(motion, angles=False)
+    assert len(tried) == 1
+    assert first_lawful(motion, angles=False) > 0

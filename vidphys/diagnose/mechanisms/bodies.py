@@ -13,7 +13,7 @@ from vidphys.diagnose.mechanisms.choose import pictured, roughly
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
-from vidphys.diagnose.mechanisms.mechanism import first_lawful, meeting, thinned
+from vidphys.diagnose.mechanisms.mechanism import lawful_later, meeting, thinned
 from vidphys.diagnose.mechanisms.passers import passes_by, turns_back
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
 from vidphys.diagnose.mechanisms.shadows import without_shadows
@@ -203,7 +203,7 @@ def _laws_once_free(motion: Motion, body: int) -> list[Fit]:
 def _lawful_later(motion: Motion, body: int) -> bool:
     """Whether a law moves it from a later frame on."""
     alone = _of(motion, [body])
-    return first_lawful(alone.cut(*alone.shown()), angles=False) > 0
+    return lawful_later(alone.cut(*alone.shown()), angles=False)
 
 
 def _stays_on(motion: Motion, body: int) -> bool:

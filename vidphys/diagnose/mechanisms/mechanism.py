@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -240,10 +240,22 @@ def first_lawful(motion: Motion, angles: bool) -> int:
         motion: one clip of few bodies; of others no such frame is sought.
         angles: whether the coordinates are angles in radians.
     """
+    tried = list(_lawful_from(motion, angles))
+    least = min((left for _, left in tried), default=np.inf)
+    return min((first for first, left in tried if left <= NEAR_BEST * least), default=0)
+
+
+def lawful_later(motion: Motion, angles: bool) -> bool:
+    """Whether there is a first lawful frame; which one it is takes far longer to tell."""
+    return any(True for _ in _lawful_from(motion, angles))
+
+
+def _lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
+    """Frames from which a law holds for each body, the latest first, and what the laws leave."""
     if motion.clips > 1 or motion.bodies > MOST_BODIES:
-        return 0
+        return
     stride, motion = _stride(motion), thinned(motion)
-    total, tried = motion.positions.shape[1], []
+    total = motion.positions.shape[1]
     like: list[list[Fit]] = [[]] * motion.bodies
     for share in reversed(LATER):
         first = int(share * total)
@@ -251,10 +263,8 @@ def first_lawful(motion: Motion, angles: bool) -> int:
             continue
         held = _holding(motion.cut(first), angles, like)
         if held is not None and all(held):
-            tried.append((stride * first, max(min(x.left for x in laws) for laws in held)))
+            yield stride * first, max(min(x.left for x in laws) for laws in held)
             like = held  # a law that holds from a frame on holds from a later one too
-    least = min((left for _, left in tried), default=np.inf)
-    return min((first for first, left in tried if left <= NEAR_BEST * least), default=0)
 
 
 def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> list[list[Fit]] | None:
