@@ -7,6 +7,7 @@ engines are what stands here, above the physics and the loops.
 |---|---|---|
 | one pair law | :mod:`dynamics.compiled.cpu`, ``cuda`` | :mod:`dynamics.compiled.unrolled_orbits` |
 | a residual map | :mod:`dynamics.compiled.maps` | :mod:`dynamics.compiled.unrolled` |
+| any other step on a card | :mod:`dynamics.compiled.graphs` | torch |
 | rows of a tanh network | :mod:`dynamics.compiled.gradient` | the same, with a way back |
 | a compiled model | by its backend: torch, ``cpu`` or ``cuda`` | the same, with no way back |
 
@@ -24,7 +25,7 @@ from torch import Tensor
 from dynamics.compiled.episodes import Episodes, told
 from dynamics.compiled.head import PARTS, Backend, CompiledHead, fastest, refusal
 from dynamics.hamiltonian import Hamiltonian
-from dynamics.head import Trajectory
+from dynamics.head import Head, Trajectory
 from dynamics.integrators import leapfrog
 from dynamics.mlp import MLP
 from dynamics.potentials import DisplacementPotential, PairPotential
@@ -34,6 +35,7 @@ from loops import has_numba
 
 FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
 FEWEST_ROWS = 64  # fewer are left to torch
+FEWEST_STEPS = 256  # fewer are taken before a recording of one would be made
 MOST_BODIES = 8  # with a way back, for which the network's values of every pair and step are kept
 
 
@@ -48,7 +50,23 @@ def pair_law(
             return _fused(head, start, params, steps, dt, every, backend)
     elif _ways_back(start.q, learned, FEWEST_EPISODES) and _unrolls(head, start.q):
         return _unrolled(head, start, params, steps, dt, every)
-    return None
+    return recorded_steps(head, start, params, steps, dt, every)
+
+
+def recorded_steps(
+    head: Head, start: PhaseState, params: Parameters, steps: int, dt: float, every: int
+) -> Trajectory | None:
+    """Any head on a card, a step of which is recorded; see :data:`dynamics.head.Engine`."""
+    busy = torch.is_grad_enabled() or torch._C._functorch.peek_interpreter_stack() is not None
+    if start.q.device.type != "cuda" or busy or steps < FEWEST_STEPS or not start.q.numel():
+        return None
+    from dynamics.compiled.graphs import stepped
+
+    try:
+        states = stepped(head, start, params, steps, dt, every)
+    except RuntimeError:  # a step that asks the card for numbers
+        return None
+    return None if states is None else Trajectory(states, "cuda graph")
 
 
 def compiled_model(
@@ -71,10 +89,10 @@ def residual_map(
 ) -> Trajectory | None:
     """An unstructured map of positions in open space; see :data:`dynamics.head.Engine`."""
     if head.harmonics is not None:
-        return None
+        return recorded_steps(head, start, params, steps, dt, every)
     forward = _ways_forward(start.q, head.scale) and start.q.device.type == "cpu" and has_numba()
     if not forward and not _ways_back(start.q, head.scale, FEWEST_ROWS):
-        return None
+        return recorded_steps(head, start, params, steps, dt, every)
     head.check_step(dt)
     batch, sizes = start.q.shape[:-2], start.q.shape[-2:]
     rows, known = start.flat.reshape(batch.numel(), -1), params.flat.expand(*batch, -1)
@@ -230,5 +248,6 @@ def kernels_of(backend: str) -> Any:
     return cuda
 
 
+Head.engine = recorded_steps
 Hamiltonian.engine, ResidualMap.engine, CompiledHead.engine = pair_law, residual_map, compiled_model
 MLP.output_engine, MLP.gradient_engine = network_output, network_gradient

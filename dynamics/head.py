@@ -23,7 +23,7 @@ class Trajectory:
 
     Args:
         states: the start first.
-        backend: what computed them: ``torch``, ``numba`` or ``triton``.
+        backend: what computed them: ``torch``, ``numba``, ``triton`` or ``cuda graph``.
         fallbacks: pairs at which a compiled model asked its network, over all steps.
         reached: the largest of some :data:`dynamics.domain.EXTENTS` of any state on the way, stored
             or not; not finite where one is not; ``None`` where it was not looked at.

@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from binders import Tracks
-from dynamics import HEADS
+from dynamics import HEADS, Hamiltonian, engines
+from dynamics.kinetic import FixedKinetic
+from dynamics.potentials import SoftenedGravity
 from encoders import load_encoder
 from encoders.store import FeatureStore
 from readouts.differencing import central_difference
@@ -24,7 +26,7 @@ from vidphys.experiments.core.scoring import score_changed_law
 from vidphys.experiments.core.trained import Training, train_cell
 from vidphys.experiments.pixels.seen import draw, fit_perception, perceive, pixel_scene
 from vidphys.perception.catalogue import RUNGS
-from vidphys.placement import device_of
+from vidphys.placement import device_of, moved
 from vidphys.presets import OracleSizes
 from vidphys.scenes import gravity
 from vidphys.shooting.initial_state import ShootingSettings, by_shooting, choose_slack
@@ -185,6 +187,46 @@ def test_what_comes_from_a_card_is_wrong_until_it_is_waited_for():
         event.synchronize()
         assert here.tolist() == [1, 1]
         assert x[[1, 0]].tolist() == [1, 1]  # a list of places
+
+
+@pytest.mark.parametrize("name", HEADS.ours())
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_step_is_recorded_and_played_again(name, every, monkeypatch):
+    monkeypatch.setattr(engines, "FEWEST_STEPS", 16)
+    scene = gravity()
+    start, law = scene.sample(8, torch.Generator().manual_seed(0))
+    torch.manual_seed(0)
+    head = scene.build(HEADS[name]).eval()
+    head.set_scale(1e-3, 1e-3)
+    given = moved((start, law), "cpu", torch.float32)
+    with torch.no_grad():
+        here = head.plain_trajectory(*given, 18, scene.dt, every).states
+        with a_card():
+            found = head.to("cuda").trajectory(*moved(given, "cuda"), 18, scene.dt, every)
+            assert found.backend == "cuda graph" and not BETWEEN
+            there = moved(found.states, "cpu")
+    moves = (here.flat - here.flat[:, :1]).abs().max()
+    assert (there.flat - here.flat).abs().max() < 1e-5 * moves
+
+
+def test_a_step_that_cannot_be_recorded_is_taken_as_it_is(monkeypatch):
+    monkeypatch.setattr(engines, "FEWEST_STEPS", 16)
+
+    class Asking(Hamiltonian):
+        def advance(self, state, params, dt, memory=None):
+            assert float(state.q.abs().max()) > 0
+            return super().advance(state, params, dt, memory)
+
+    start, law = gravity().sample(8, torch.Generator().manual_seed(0))
+    given = moved((start, law), "cpu", torch.float32)
+    head = Asking(FixedKinetic(), SoftenedGravity())
+    with torch.no_grad():
+        here = head.plain_trajectory(*given, 18, 0.01).states
+        with a_card():
+            found = head.trajectory(*moved(given, "cuda"), 18, 0.01)
+            assert found.backend == "torch" and BETWEEN
+            there = moved(found.states, "cpu")
+    assert (there.flat - here.flat).abs().max() < 1e-5
 
 
 def test_a_training_step_is_recorded_and_played_again():

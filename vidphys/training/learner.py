@@ -12,13 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from dynamics import Head
+from dynamics.compiled.graphs import recorded
 from loops.threads import held_to
 from vidphys.errors import InputError
 from vidphys.placement import device_of
 from vidphys.runs.checkpoint import under
 from vidphys.training.early_stopping import BestWeights
 from vidphys.training.ensemble import Ensemble
-from vidphys.training.recorded import Recording, recorded
+from vidphys.training.recorded import Recording
 
 Loss = Callable[[Any], Tensor]
 OnNan = Literal["stop", "skip"]

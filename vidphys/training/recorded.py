@@ -1,10 +1,8 @@
-"""A training step on a card, recorded once and played again (CUDA graphs).
+"""The loss of a batch and its gradient on a card, recorded; see :mod:`dynamics.compiled.graphs`.
 
-One step of a small model is some hundred kernels, each of which takes less time than asking for it.
-A recording asks for all of them at once. Only tensors of the card are in it: each batch is copied
-to where the first one lay, and what a loss decides in Python is decided for good. A loss that reads
-a number of the card while it is computed, or takes one there, cannot be recorded, and the card
-says so.
+Only tensors of the card are in a recording: each batch is copied to where the first one lay. A loss
+that reads a number of the card while it is computed, or takes one there, cannot be recorded, and
+the card says so.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from dynamics.compiled.graphs import apart, recorded
 from vidphys.placement import mapped
 
 WARM_UP = 3  # runs before the recording, in which libraries choose and set up their kernels
@@ -39,20 +38,14 @@ class Recording:
         self.batch = mapped(Tensor.clone, batch)
 
         def work() -> Tensor:
+            forget(parameters)  # which makes the recorded gradients new ones, not sums
             value = loss(self.batch)
             value.backward()
             gradients = [p.grad for p in parameters if p.grad is not None]
             largest = nn.utils.get_total_norm(gradients, math.inf)
             return torch.stack([value.detach(), largest])
 
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            for _ in range(WARM_UP):
-                forget(parameters)
-                work()
-        torch.cuda.current_stream().wait_stream(stream)
-        forget(parameters)
+        apart(work, WARM_UP)
         self.play = recorded(work)
         self.gradients = [(p, p.grad) for p in parameters]
 
@@ -71,23 +64,6 @@ class Recording:
             parameter.grad = gradient
         loss, largest = found.tolist()
         return loss, largest
-
-
-def recorded(work: Callable[[], Any]) -> Callable[[], Any]:
-    """What computes the same again, in the same memory, and gives the same tensors back.
-
-    Raises:
-        RuntimeError: it does what cannot be recorded.
-    """
-    graph = torch.cuda.CUDAGraph()
-    with torch.cuda.graph(graph):
-        found = work()
-
-    def play() -> Any:
-        graph.replay()
-        return found
-
-    return play
 
 
 def tensors(tree: Any) -> list[Tensor]:
