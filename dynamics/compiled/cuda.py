@@ -20,6 +20,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 from torch.nn import functional
+from triton.runtime.errors import OutOfResources
 
 from dynamics.compiled.episodes import Episodes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
@@ -29,7 +30,7 @@ from dynamics.potentials import CORE, REACH, SPREAD, DisplacementPotential, Pair
 EPISODES = 32  # of a spline, that a program rolls
 LEAST = 16  # rows, columns and sums of a product of matrices
 ROWS = LEAST, 32  # of a network, in a program: the fewest, and the most
-BLOCK = 128  # of a layer's inputs, at most, that a product sums up at once
+BLOCKS = 128, 64, 32, LEAST  # of a layer's inputs, that a product sums up at once; more is faster
 TINY = 1e-30
 NETWORK = {"num_warps": 8, "num_stages": 2}  # the fastest of ten tried
 CORE2, SHORT, WIDE = tl.constexpr(CORE**2), tl.constexpr(REACH), tl.constexpr(SPREAD)
@@ -207,8 +208,8 @@ def packed(potential: PairPotential, like: Tensor) -> tuple[Any, ...]:
     """What the kernel reads of a pair function.
 
     Returns:
-        A table, its reach, a spline's resolution, the bits of a mantissa for a radial one, else 0,
-        and a network's width, else 0.
+        A table; a network's matrix; the reach; a spline's resolution, and the bits of a mantissa if
+        it is radial, else 0; a network's width, else 0.
     """
     if isinstance(potential, PairSpline):
         mantissa = MANTISSA[like.itemsize] if isinstance(potential, RadialSpline) else 0
@@ -263,13 +264,32 @@ def roll(
     tile = triton.next_power_of_2(len(i))
     together = _together(law, count, tile, start.device)
     asked = torch.zeros(count, dtype=torch.int32, device=start.device)
-    _roll[(triton.cdiv(count, together),)](
+    given = (
         start, (1 / episodes.mass).T.contiguous(), strength, i, j, start.new_tensor(dts),
         out, asked, table, matrix,
         count, bodies, len(i), len(dts), stored * every * len(dts), every * len(dts),
         float(box or 0), float(reach), *kind,
-        E=together, N=triton.next_power_of_2(bodies), P=tile, BLOCK=min(BLOCK, kind[-1]),
-        **NETWORK if kind[-1] else {},
     )  # fmt: skip
+    _launch(triton.cdiv(count, together), given, together, triton.next_power_of_2(bodies), tile)
     q, p = out.permute(1, 4, 0, 2, 3)
     return q, p, int(asked.sum()), None
+
+
+def _launch(programs: int, given: tuple[Any, ...], episodes: int, bodies: int, pairs: int) -> None:
+    """Roll them; of a network, by the largest blocks that the card's processors have memory for.
+
+    Args:
+        programs: each of so many ``episodes``, ``bodies`` and ``pairs``, powers of 2.
+        given: what the kernel is handed; a network's width is last.
+    """
+    sizes, width = {"E": episodes, "N": bodies, "P": pairs}, given[-1]
+    if not width:
+        _roll[(programs,)](*given, **sizes, BLOCK=0)
+        return
+    for block in (each for each in BLOCKS if each <= width):
+        try:
+            _roll[(programs,)](*given, **sizes, BLOCK=block, **NETWORK)
+            return
+        except OutOfResources:
+            if block == LEAST:
+                raise

@@ -25,6 +25,10 @@ Backend = Literal["torch", "numba", "triton"]
 PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
 # Triton holds all pairs of an episode in registers, numba those of a block of them in memory.
 MOST_BODIES = {"triton": 8, "numba": 128}
+FEW, WIDEST = (
+    5,
+    (512, 256),
+)  # bodies, and units of a network that Triton holds for so many; for more
 REACH = 1000.0  # world units
 
 
@@ -124,6 +128,9 @@ def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
             return "evaluates splines, and of networks two tanh layers alone; give a tolerance"
         if states.dtype != torch.float32:
             return f"evaluates networks in float32, these states are in {states.dtype}"
+        width, bodies = law.phi.split()[1].in_features, states.shape[-2]
+        if width > WIDEST[bodies > FEW]:
+            return f"has no room for a network of {width} units and {bodies} bodies"
     wanted = "cpu" if backend == "numba" else "cuda"
     if states.device.type != wanted and not (backend == "triton" and interpreted()):
         return f"needs states on {wanted}, these are on {states.device.type}"
