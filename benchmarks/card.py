@@ -116,7 +116,8 @@ def _training(batch: int) -> Match:
     return Match(row, "training steps", Contender(ours, 1, "torch", ADAM), against, wall=True)
 
 
-training, training_large = partial(_training, 1024), partial(_training, 8192)
+training = partial(_training, 1024)
+training_large = partial(_training, 8192)
 
 
 def _drawn(kind: str, both: bool) -> Match:
@@ -145,8 +146,10 @@ def _drawn(kind: str, both: bool) -> Match:
     return Match(row, "frames", timed(ours, "triton"), against, wall=True)
 
 
-gaussians, gaussians_backward = (partial(_drawn, "gaussians", both) for both in (False, True))
-disks, disks_backward = (partial(_drawn, "disks", both) for both in (False, True))
+gaussians = partial(_drawn, "gaussians", both=False)
+gaussians_backward = partial(_drawn, "gaussians", both=True)
+disks = partial(_drawn, "disks", both=False)
+disks_backward = partial(_drawn, "disks", both=True)
 
 
 def _features(batch: int) -> Match:
@@ -176,7 +179,8 @@ def _features(batch: int) -> Match:
     )
 
 
-features, features_large = partial(_features, 8), partial(_features, 64)
+features = partial(_features, 8)
+features_large = partial(_features, 64)
 
 
 def _rolled(roll: Callable[..., Any], given: Any, steps: int, path: str, what: str) -> Contender:

@@ -25,10 +25,8 @@ Backend = Literal["torch", "numba", "triton"]
 PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
 # Triton holds all pairs of an episode in registers, numba those of a block of them in memory.
 MOST_BODIES = {"triton": 8, "numba": 128}
-FEW, WIDEST = (
-    5,
-    (512, 256),
-)  # bodies, and units of a network that Triton holds for so many; for more
+FEW_BODIES = 5
+WIDEST = 512, 256  # units of a network that Triton has room for: with so few bodies, and with more
 REACH = 1000.0  # world units
 
 
@@ -129,7 +127,7 @@ def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
         if states.dtype != torch.float32:
             return f"evaluates networks in float32, these states are in {states.dtype}"
         width, bodies = law.phi.split()[1].in_features, states.shape[-2]
-        if width > WIDEST[bodies > FEW]:
+        if width > WIDEST[bodies > FEW_BODIES]:
             return f"has no room for a network of {width} units and {bodies} bodies"
     wanted = "cpu" if backend == "numba" else "cuda"
     if states.device.type != wanted and not (backend == "triton" and interpreted()):

@@ -7,7 +7,7 @@ import pytest
 
 import benchmarks.__main__ as command
 from benchmarks import store
-from benchmarks.benchmark import ROWS
+from benchmarks.benchmark import CARD_ROWS, ROWS
 from benchmarks.match import BUILDING, BenchmarkRow, Contender, Match, _row, play
 from encoders.store import FeatureStore
 from vidphys.trade import timing
@@ -61,7 +61,7 @@ def test_contenders_are_timed_in_turn_by_one_clock_and_held_to_their_bars(
 
 
 def test_every_row_is_a_function_of_its_file():
-    for path in ROWS.values():
+    for path in (*ROWS.values(), *CARD_ROWS.values()):
         module, _, name = path.partition(":")
         text = Path(*module.split(".")).with_suffix(".py").read_text()
         assert f"\ndef {name}() -> " in text or f"\n{name} = partial(" in text, path
@@ -73,7 +73,7 @@ def test_an_interrupted_benchmark_goes_on_where_it_was(tmp_path, monkeypatch, ca
     )
     asked = []
 
-    def measured(name, repeats, threads):
+    def measured(name, repeats, threads, device):
         asked.append(name)
         if asked == ["one", "two"]:
             raise KeyboardInterrupt
@@ -93,9 +93,14 @@ def test_an_interrupted_benchmark_goes_on_where_it_was(tmp_path, monkeypatch, ca
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(["--rows", "one-more"], "no such row; there are"), (["--threads", "0"], "at least one")],
+    [
+        (["--rows", "one-more"], "no such row; there are"),
+        (["--threads", "0"], "at least one"),
+        (["--device", "cuda"], "no CUDA device"),
+    ],
 )
-def test_wrong_input_is_one_line(arguments, message, capsys):
+def test_wrong_input_is_one_line(arguments, message, capsys, monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     assert command.main(arguments) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1

@@ -82,10 +82,11 @@ class Learner:
         self.records = isinstance(modules, (Head, Ensemble)) and device_of(modules).type == "cuda"
         self.recording: Recording | None = None
         self.recorded_change: Callable[[], Any] | None = None
-        rate = torch.tensor(settings.learning_rate, device=device_of(modules))
+        self.changed = False
+        rate = settings.learning_rate
         self.optimiser = torch.optim.Adam(
             self.parameters,
-            rate if self.records else settings.learning_rate,
+            torch.tensor(rate, device=device_of(modules)) if self.records else rate,
             fused=True,
             capturable=self.records,
         )
@@ -146,8 +147,9 @@ class Learner:
                 group["lr"] = rate
             else:
                 group["lr"].fill_(rate)
-        if self.recording is None or not self.optimiser.state:  # which the first change makes
+        if self.recording is None or not self.changed:  # the first, which sets all up, as it is
             self._change()
+            self.changed = True
             return
         if self.recorded_change is None:
             self.recorded_change = recorded(self._change)
