@@ -9,7 +9,7 @@ from dynamics import HEADS, Parameters, PhaseState, build, engines, rollout, ter
 from dynamics.compiled import compile_head
 from encoders import load_encoder
 from renderers import Camera, disks, gaussians, reused
-from tests.shared.recorded_steps import asking_and_plain, recorded_and_plain
+from tests.shared.recorded_steps import asking_and_plain, head_to_roll, recorded_and_plain
 from tests.shared.small_studies import TINY
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.cell import CellTask
@@ -56,15 +56,11 @@ def test_a_cell_of_the_ladder(cell, tmp_path):
 @pytest.mark.parametrize("name", HEADS.ours())
 def test_a_head_rolls_where_it_is(name, monkeypatch):
     monkeypatch.setattr(engines, "FEWEST_STEPS", 16)
-    scene = gravity()
-    start, law = scene.sample(8, torch.Generator().manual_seed(0))
-    torch.manual_seed(0)
-    head = scene.build(HEADS[name]).eval()
-    head.set_scale(1e-3, 1e-3)
+    head, start, law, dt = head_to_roll(name)
     found = {}
     for device in ("cpu", "cuda"):
         model = head.to(device)
-        rolled = rollout(model, *suited((start, law), model), 20, scene.dt)
+        rolled = rollout(model, *suited((start, law), model), 20, dt)
         assert device == "cpu" or rolled.backend in ("triton", "cuda graph")
         assert rolled.states.q.device.type == device_of(model).type == device
         assert rolled.states.q.dtype == torch.float32

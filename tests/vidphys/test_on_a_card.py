@@ -13,7 +13,7 @@ from encoders import load_encoder
 from encoders.store import FeatureStore
 from readouts.differencing import central_difference
 from tests.shared.card import BETWEEN, a_card
-from tests.shared.recorded_steps import asking_and_plain, recorded_and_plain
+from tests.shared.recorded_steps import asking_and_plain, head_to_roll, recorded_and_plain
 from tests.shared.small_clips import cut_short, write_clip
 from tests.shared.small_studies import TINY
 from vidphys.data.many import Wanted, extract_many
@@ -193,16 +193,12 @@ def test_what_comes_from_a_card_is_wrong_until_it_is_waited_for():
 @pytest.mark.parametrize("every", [1, 3])
 def test_a_step_is_recorded_and_played_again(name, every, monkeypatch):
     monkeypatch.setattr(engines, "FEWEST_STEPS", 16)
-    scene = gravity()
-    start, law = scene.sample(8, torch.Generator().manual_seed(0))
-    torch.manual_seed(0)
-    head = scene.build(HEADS[name]).eval()
-    head.set_scale(1e-3, 1e-3)
+    head, start, law, dt = head_to_roll(name)
     given = moved((start, law), "cpu", torch.float32)
     with torch.no_grad():
-        here = head.plain_trajectory(*given, 18, scene.dt, every).states
+        here = head.plain_trajectory(*given, 18, dt, every).states
         with a_card():
-            found = head.to("cuda").trajectory(*moved(given, "cuda"), 18, scene.dt, every)
+            found = head.to("cuda").trajectory(*moved(given, "cuda"), 18, dt, every)
             assert found.backend == "cuda graph" and not BETWEEN
             there = moved(found.states, "cpu")
     moves = (here.flat - here.flat[:, :1]).abs().max()
