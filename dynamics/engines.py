@@ -8,7 +8,7 @@ engines are what stands here, above the physics and the loops.
 | one pair law | :mod:`dynamics.compiled.cpu`, ``cuda`` | :mod:`dynamics.compiled.unrolled_orbits` |
 | a residual map | :mod:`dynamics.compiled.maps` | :mod:`dynamics.compiled.unrolled` |
 | any other step on a card | :mod:`dynamics.compiled.graphs` | torch |
-| rows of a tanh network | :mod:`dynamics.compiled.gradient` | the same, with a way back |
+| rows of a tanh network | :mod:`dynamics.compiled.gradient`, ``network_cuda`` | the same, with a way back |
 | a compiled model | by its backend: torch, ``cpu`` or ``cuda`` | the same, with no way back |
 
 The loops need numba, or Triton: they are imported here alone, when they are first run.
@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from dynamics.compiled.episodes import Episodes, told
-from dynamics.compiled.head import PARTS, Backend, CompiledHead, fastest, refusal
+from dynamics.compiled.head import PARTS, WIDEST, Backend, CompiledHead, fastest, refusal
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head, Trajectory
 from dynamics.integrators import leapfrog
@@ -31,7 +31,7 @@ from dynamics.mlp import MLP
 from dynamics.potentials import DisplacementPotential, PairPotential
 from dynamics.state import Parameters, PhaseState
 from dynamics.unstructured import ResidualMap
-from loops import has_numba
+from loops import has_numba, has_triton
 
 FEWEST_EPISODES = 8  # fewer would leave most of a block of lanes idle
 FEWEST_ROWS = 64  # fewer are left to torch
@@ -119,7 +119,8 @@ def residual_map(
 
 def network_output(network: MLP, rows: Tensor) -> Tensor | None:
     """Many rows of a network, where no way back is needed; see :data:`dynamics.mlp.Engine`."""
-    if torch.is_grad_enabled() or (weights := _weights(network, rows)) is None:
+    known = _differentiable(rows) and not torch.is_grad_enabled()
+    if not known or (weights := _weights(network, rows)) is None:
         return None
     if torch._C._functorch.peek_interpreter_stack() is not None:
         return None
@@ -132,8 +133,14 @@ def network_gradient(network: MLP, rows: Tensor) -> Tensor | None:
     """The input gradient of many rows, with a way back; see :data:`dynamics.mlp.Engine`."""
     if (weights := _weights(network, rows)) is None:
         return None
-    from dynamics.compiled.gradient import input_gradient
-
+    if _differentiable(rows):
+        from dynamics.compiled.gradient import input_gradient
+    elif rows.device.type == "cuda" and _mapped_once(rows) and has_triton():
+        if rows.shape[1] != 2 or len(weights[1]) > max(WIDEST):
+            return None
+        from dynamics.compiled.network_cuda import input_gradient
+    else:
+        return None
     return input_gradient(rows, *weights)
 
 
@@ -159,16 +166,20 @@ def _ways_back(states: Tensor, like: Tensor, fewest: int) -> bool:
 
 def _differentiable(x: Tensor) -> bool:
     """Whether loops with a way back know it: single, on the CPU, mapped over at most once."""
-    if x.device.type != "cpu" or x.dtype != torch.float32 or torch.compiler.is_compiling():
+    return x.device.type == "cpu" and _mapped_once(x) and has_numba()
+
+
+def _mapped_once(x: Tensor) -> bool:
+    """Whether it is in single precision and mapped over at most once, with nothing else done."""
+    if x.dtype != torch.float32 or torch.compiler.is_compiling():
         return False
     stack = torch._C._functorch.get_interpreter_stack()
-    plain = stack is None or [each.key().name for each in stack] == ["Vmap"]
-    return plain and has_numba()
+    return stack is None or [each.key().name for each in stack] == ["Vmap"]
 
 
 def _weights(network: MLP, rows: Tensor) -> tuple[Tensor, ...] | None:
     """What loops are given of a network; ``None`` where they know no such network or rows."""
-    if len(rows) < FEWEST_ROWS or not _differentiable(rows):
+    if len(rows) < FEWEST_ROWS:
         return None
     hidden, last = network.split()
     if not network.is_two_tanh_layers or last.out_features != 1:

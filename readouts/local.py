@@ -111,7 +111,10 @@ class LocalReadout(nn.Module):
         frames: Int[Tensor, " f"],
         cells: Int[Tensor, "f n 2"],
     ) -> Float[Tensor, "f n k k c"]:
-        """Standardised features around cells of some frames; zero beyond the border."""
+        """Standardised features around cells of some frames, on the readout's own device.
+
+        Zero beyond the border. Many frames may lie elsewhere: what is cut out of them is moved.
+        """
         h, w = values.shape[-2:]
         step = torch.arange(-self.reach, self.reach + 1, device=cells.device)
         rows, columns = cells[..., :1] + step, cells[..., 1:] + step
@@ -119,8 +122,8 @@ class LocalReadout(nn.Module):
             ..., None, :
         ]
         rows, columns = rows.clamp(0, h - 1)[..., :, None], columns.clamp(0, w - 1)[..., None, :]
-        found = values[frames[:, None, None, None], :, rows, columns]
-        return self.scale(found) * inside.unsqueeze(-1)
+        found, where = values[frames[:, None, None, None], :, rows, columns], self.scale.mean.device
+        return self.scale(found.to(where)) * inside.unsqueeze(-1).to(where)
 
 
 class RefinedReadout(FrameReadout):

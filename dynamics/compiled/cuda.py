@@ -2,9 +2,9 @@
 
 A program rolls ``EPISODES`` episodes. Bodies and pairs are axes of its tiles; what a pair has to do
 with a body is a matrix of 1, -1 and 0, so that displacements and forces are sums of products.
-The arithmetic is that of :mod:`dynamics.compiled.spline`, or of a network of the displacement. Its
-matrix is read from the card's cache at each step, since no processor of it has room for one. The
-kernel runs in Triton's interpreter too, on the CPU, which is how it is tested.
+The arithmetic is that of :mod:`dynamics.compiled.spline`, or of a network of the displacement; see
+:mod:`dynamics.compiled.network_cuda`. The kernel runs in Triton's interpreter too, on the CPU, which
+is how it is tested.
 """
 
 # Triton gives its own types to what a kernel is handed, and reads its annotations itself.
@@ -19,22 +19,19 @@ import torch
 import triton
 import triton.language as tl
 from torch import Tensor
-from torch.nn import functional
-from triton.runtime.errors import OutOfResources
 
+from dynamics.compiled import network_cuda
 from dynamics.compiled.episodes import Episodes
+from dynamics.compiled.network_cuda import LEAST, largest_block, slopes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
 from dynamics.potentials import CORE, REACH, SPREAD, DisplacementPotential, PairPotential
 
 EPISODES = 32  # of a spline, that a program rolls
-LEAST = 16  # rows, columns and sums of a product of matrices
 ROWS = LEAST, 32  # of a network, in a program: the fewest, and the most
-BLOCKS = 128, 64, 32, LEAST  # of a layer's inputs, that a product sums up at once; more is faster
-TINY = 1e-30
 NETWORK = {"num_warps": 8, "num_stages": 2}  # the fastest of ten tried
 CORE2, SHORT, WIDE = tl.constexpr(CORE**2), tl.constexpr(REACH), tl.constexpr(SPREAD)
-HALF, SPLIT = tl.constexpr(SPREAD / 2), tl.constexpr(2.0**11)
+HALF = tl.constexpr(SPREAD / 2)
 PIECES, HIGHEST = tl.constexpr(OCTAVES), tl.constexpr(OCTAVE_DEGREE)
 
 
@@ -87,62 +84,13 @@ def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr): 
 
 @triton.jit
 @no_type_check
-def _tanh(x):  # noqa: ANN001, ANN202
-    return 1 - 2 / (tl.exp(2 * x) + 1)
-
-
-@triton.jit
-@no_type_check
-def _added(total, small, x, large, rest):  # noqa: ANN001, ANN202
-    """Products of ``x`` with a matrix, each in two halves of eleven bits, to within 2e-7 of it.
-
-    The card multiplies such halves many times as fast as whole numbers, and sums them up whole.
-    """
-    most = x.to(tl.float16)
-    left = ((x - most.to(tl.float32)) * SPLIT).to(tl.float16)
-    total = tl.dot(most, large, total)
-    return total, tl.dot(most, rest, tl.dot(left, large, small))
-
-
-@triton.jit
-@no_type_check
-def _inputs(u, v, table, matrix, first, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
-    """Some units of the first layer, their slopes along u and v, and their rows of the matrix."""
-    h, k = tl.arange(0, WIDTH), first + tl.arange(0, BLOCK)
-    of_u, of_v = tl.load(table + k)[None, :], tl.load(table + WIDTH + k)[None, :]
-    low = _tanh(u * of_u + v * of_v + tl.load(table + 2 * WIDTH + k)[None, :])
-    at = matrix + k[:, None] * WIDTH + h[None, :]
-    flat = 1 - low * low
-    return low, flat * of_u, flat * of_v, tl.load(at), tl.load(at + WIDTH * WIDTH)
-
-
-@triton.jit
-@no_type_check
 def _network(x, y, table, matrix, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
-    """See :meth:`dynamics.potentials.DisplacementPotential.pair_gradient`: u and -u are two rows.
-
-    The matrix between the layers is gone through twice, ``BLOCK`` of its rows at a time.
-    """
+    """See :meth:`dynamics.potentials.DisplacementPotential.pair_gradient`: u and -u are two rows."""
     r = tl.sqrt(x * x + y * y + CORE2)
     u, v = x / (SHORT + r) * WIDE, y / (SHORT + r) * WIDE
     rows: tl.constexpr = 2 * x.shape[0] * x.shape[1]
     u, v = tl.reshape(tl.join(u, -u), [rows])[:, None], tl.reshape(tl.join(v, -v), [rows])[:, None]
-    h = tl.arange(0, WIDTH)
-    small = tl.zeros([rows, WIDTH], tl.float32)
-    high = small + tl.load(table + 3 * WIDTH + h)[None, :]
-    for first in range(0, WIDTH, BLOCK):
-        low, _, _, large, rest = _inputs(u, v, table, matrix, first, WIDTH, BLOCK)
-        high, small = _added(high, small, low, large, rest)
-    high = _tanh(high + small * (1 / SPLIT))
-    slope = (1 - high * high) * tl.load(table + 4 * WIDTH + h)[None, :]
-    to_u, to_v = tl.zeros([rows], tl.float32), tl.zeros([rows], tl.float32)
-    for first in range(0, WIDTH, BLOCK):
-        _, of_u, of_v, large, rest = _inputs(u, v, table, matrix, first, WIDTH, BLOCK)
-        none = tl.zeros([rows, BLOCK], tl.float32)
-        down, less = _added(none, none, slope, tl.trans(large), tl.trans(rest))
-        down += less * (1 / SPLIT)
-        to_u += tl.sum(down * of_u, 1)
-        to_v += tl.sum(down * of_v, 1)
+    to_u, to_v = slopes(u, v, table, matrix, table, 0, True, WIDTH, BLOCK)
     u_here, u_there = tl.split(tl.reshape(to_u, [x.shape[0], x.shape[1], 2]))
     v_here, v_there = tl.split(tl.reshape(to_v, [x.shape[0], x.shape[1], 2]))
     size = tl.load(table + 5 * WIDTH) * HALF
@@ -216,16 +164,9 @@ def packed(potential: PairPotential, like: Tensor) -> tuple[Any, ...]:
         table = potential.table.to(like).contiguous()
         return table, table, potential.reach, potential.resolution, mantissa, 0
     (low, top), last = cast(DisplacementPotential, potential).phi.split()
-    # Units that are not there are fed and heard by nobody: their weights are zero.
-    width = max(triton.next_power_of_2(low.out_features), LEAST)
-    more = width - low.out_features
-    size = last.weight.abs().amax().clamp_min(TINY)  # apart, so that halves can hold the rest
-    rows = *low.weight.T, low.bias, top.bias, last.weight[0] / size, size.expand_as(low.bias)
-    vectors = torch.stack(rows).to(like)
-    whole = functional.pad(top.weight.T.to(like), (0, more, 0, more))
-    large = whole.half()
-    matrix = torch.stack([large, ((whole - large) * SPLIT.value).half()])
-    return functional.pad(vectors, (0, more)).contiguous(), matrix, math.inf, 0, 0, width
+    weights = low.weight, low.bias, top.weight, top.bias, last.weight
+    table, matrix = network_cuda.packed(*(w.unsqueeze(0) for w in weights))
+    return table, matrix, math.inf, 0, 0, table.shape[-1]
 
 
 def _together(law: tuple[Any, ...], count: int, pairs: int, device: torch.device) -> int:
@@ -282,14 +223,9 @@ def _launch(programs: int, given: tuple[Any, ...], episodes: int, bodies: int, p
         programs: each of so many ``episodes``, ``bodies`` and ``pairs``, powers of 2.
         given: what the kernel is handed; a network's width is last.
     """
-    sizes, width = {"E": episodes, "N": bodies, "P": pairs}, given[-1]
-    if not width:
-        _roll[(programs,)](*given, **sizes, BLOCK=0)
-        return
-    for block in (each for each in BLOCKS if each <= width):
-        try:
-            _roll[(programs,)](*given, **sizes, BLOCK=block, **NETWORK)
-            return
-        except OutOfResources:
-            if block == LEAST:
-                raise
+    sizes = {"E": episodes, "N": bodies, "P": pairs}
+    *others, width = given
+    if width:
+        largest_block(_roll, (programs,), others, width, **sizes, **NETWORK)
+    else:
+        _roll[(programs,)](*others, **sizes, WIDTH=0, BLOCK=0)

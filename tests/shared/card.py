@@ -302,6 +302,7 @@ def a_card() -> Iterator[None]:
         mock.patch("torch.cuda.get_device_name", lambda *_: "a card that is none"),
         mock.patch("dynamics.compiled.head.installed", lambda package: package != "triton"),
         mock.patch("renderers.reused.has_triton", lambda: False),
+        mock.patch("dynamics.engines.has_triton", lambda: False),
         mock.patch("torch.cuda.synchronize", lambda *_: None),
         mock.patch("torch.cuda.current_stream", mock.MagicMock()),
         mock.patch("torch.cuda.Stream", mock.MagicMock()),

@@ -34,7 +34,7 @@ from vidphys.training.learner import FitSettings
 from vidphys.training.loop import fit
 
 SIZES = OracleSizes(2, 2, 8, (5e-3,), 2)
-PIXEL = replace(TINY.pixel, clips=3, frames=7, image=32, perception_steps=1, held_out=1)
+PIXEL = replace(TINY.pixel, clips=3, frames=8, image=32, perception_steps=1, held_out=1)
 
 
 def both(numbers):
@@ -81,6 +81,9 @@ def test_every_head_is_trained_and_rolled_there(name):
         "rgb-tracked",
         "anonymous-hand",
         "anonymous-slots",
+        "dino-tiny",
+        "vjepa2-tiny",
+        "composed",
     ],
 )
 def test_rungs_learn_and_see_there(rung):
