@@ -8,7 +8,7 @@ engines are what stands here, above the physics and the loops.
 | one pair law | :mod:`dynamics.compiled.cpu`, ``cuda`` | :mod:`dynamics.compiled.unrolled_orbits` |
 | a residual map | :mod:`dynamics.compiled.maps` | :mod:`dynamics.compiled.unrolled` |
 | any other step on a card | :mod:`dynamics.compiled.graphs` | torch |
-| rows of a tanh network | :mod:`dynamics.compiled.gradient`, ``network_cuda`` | the same, with a way back |
+| rows of a tanh network | :mod:`dynamics.compiled.gradient`, ``network_cuda`` | the same |
 | a compiled model | by its backend: torch, ``cpu`` or ``cuda`` | the same, with no way back |
 
 The loops need numba, or Triton: they are imported here alone, when they are first run.

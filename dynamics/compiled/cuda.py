@@ -2,9 +2,9 @@
 
 A program rolls ``EPISODES`` episodes. Bodies and pairs are axes of its tiles; what a pair has to do
 with a body is a matrix of 1, -1 and 0, so that displacements and forces are sums of products.
-The arithmetic is that of :mod:`dynamics.compiled.spline`, or of a network of the displacement; see
-:mod:`dynamics.compiled.network_cuda`. The kernel runs in Triton's interpreter too, on the CPU, which
-is how it is tested.
+The arithmetic is that of :mod:`dynamics.compiled.spline`, or of a network of the displacement, see
+:mod:`dynamics.compiled.network_cuda`. The kernel runs in Triton's interpreter too, on the CPU,
+which is how it is tested.
 """
 
 # Triton gives its own types to what a kernel is handed, and reads its annotations itself.
@@ -22,7 +22,7 @@ from torch import Tensor
 
 from dynamics.compiled import network_cuda
 from dynamics.compiled.episodes import Episodes
-from dynamics.compiled.network_cuda import LEAST, largest_block, slopes
+from dynamics.compiled.network_cuda import BLOCKS, LEAST, largest_block, slopes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
 from dynamics.potentials import CORE, REACH, SPREAD, DisplacementPotential, PairPotential
@@ -85,7 +85,7 @@ def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr): 
 @triton.jit
 @no_type_check
 def _network(x, y, table, matrix, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
-    """See :meth:`dynamics.potentials.DisplacementPotential.pair_gradient`: u and -u are two rows."""
+    """See :meth:`dynamics.potentials.DisplacementPotential.pair_gradient`; u and -u are rows."""
     r = tl.sqrt(x * x + y * y + CORE2)
     u, v = x / (SHORT + r) * WIDE, y / (SHORT + r) * WIDE
     rows: tl.constexpr = 2 * x.shape[0] * x.shape[1]
@@ -226,6 +226,6 @@ def _launch(programs: int, given: tuple[Any, ...], episodes: int, bodies: int, p
     sizes = {"E": episodes, "N": bodies, "P": pairs}
     *others, width = given
     if width:
-        largest_block(_roll, (programs,), others, width, **sizes, **NETWORK)
+        largest_block(_roll, (programs,), others, width, BLOCKS, **sizes, **NETWORK)
     else:
         _roll[(programs,)](*others, **sizes, WIDTH=0, BLOCK=0)

@@ -26,9 +26,13 @@ from dynamics.compiled.gradient import plain_gradient
 from dynamics.compiled.shares import by_twin, of_models
 
 LEAST = 16  # rows, columns and sums of a product of matrices
-BLOCKS = 128, 64, 32, LEAST  # of a layer's inputs, that a product sums up at once; more is faster
-ROWS = 64  # of inputs, in a program
-TILE = 128  # units each way, of the square layer's gradient
+BLOCKS = 128, 64, 32, LEAST  # of a layer's inputs, that a product sums up at once
+ROWS = LEAST  # of inputs, in a program: of more, too much would have to be held
+SUMMED = 32  # rows, that the square layer's gradient sums up at once
+TILE = 128  # units each way, of a part of that gradient
+# The fastest of seven and of six that were tried.
+ROW_WISE = {"R": ROWS, "num_warps": 4, "num_stages": 2}
+SQUARE = {"BLOCK": SUMMED, "num_warps": 8, "num_stages": 3}
 PROGRAMS = 264  # that share out its sums over rows: two for each processor of a large card
 VECTORS, SUMS = 6, 5  # of units: that a table holds of a network, and that the way back sums up
 SPLIT = tl.constexpr(2.0**11)
@@ -81,7 +85,7 @@ def _first(u, v, table, k, WIDTH: tl.constexpr):  # noqa: ANN001, ANN202, N803
 
 @triton.jit
 @no_type_check
-def slopes(u, v, table, matrix, kept, beside, there, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
+def slopes(u, v, table, matrix, kept, beside, there, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN201, N803
     """Slopes along u and v of rows of inputs ``[rows, 1]``, but for the last layer's size.
 
     The matrix is gone through twice, ``BLOCK`` of its rows at a time.
@@ -280,7 +284,12 @@ def packed(*weights: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def largest_block(
-    kernel: Any, grid: tuple[int, ...], given: Sequence[Any], width: int, **sizes: int
+    kernel: Any,
+    grid: tuple[int, ...],
+    given: Sequence[Any],
+    width: int,
+    blocks: Sequence[int],
+    **sizes: int,
 ) -> None:
     """Run a kernel with the largest blocks that the card's processors have memory for.
 
@@ -289,17 +298,18 @@ def largest_block(
         grid: of programs.
         given: what it is handed.
         width: of the network, a power of 2.
+        blocks: that are worth while, from large to small.
         sizes: the kernel's other constants, and how Triton is to compile it.
 
     Raises:
         OutOfResources: there is no room for the smallest either.
     """
-    for block in (each for each in BLOCKS if each <= width):
+    for block in (each for each in blocks if each <= width):
         try:
             kernel[grid](*given, WIDTH=width, BLOCK=block, **sizes)
             return
         except OutOfResources:
-            if block == LEAST:
+            if block == blocks[-1]:
                 raise
 
 
@@ -327,7 +337,7 @@ class _Gradient(Function):
         out, beside = torch.empty_like(x), models * rows * width if keep else 0
         grid = triton.cdiv(rows, ROWS), models
         given = x, table, matrix, out, kept, rows, beside
-        largest_block(_forward, grid, given, width, R=ROWS, **FORWARD)
+        largest_block(_forward, grid, given, width, BLOCKS[1:], **ROW_WISE)
         ctx.made = x, table, matrix, kept
         return out
 
@@ -341,23 +351,18 @@ class _Gradient(Function):
         pull, on_x = torch.empty_like(kept[0]), torch.empty_like(x)
         sums = x.new_empty(models, programs, SUMS, width)
         given = x, above, table, matrix, kept, pull, on_x, sums, rows, models * rows * width
-        largest_block(_back, (programs, models), given, width, R=ROWS, **BACK)
+        largest_block(_back, (programs, models), given, width, BLOCKS[1:], **ROW_WISE)
         tile = min(TILE, width)
         tiles = (width // tile) ** 2
-        share = ROWS * triton.cdiv(rows, ROWS * max(1, PROGRAMS // (tiles * models)))
+        share = SUMMED * triton.cdiv(rows, SUMMED * max(1, PROGRAMS // (tiles * models)))
         shares = triton.cdiv(rows, share)
         parts = x.new_empty(models, shares, width, width)
         largest = torch.linalg.vector_norm(above, torch.inf, (1, 2))
         given = x, above, largest, table, kept, pull, parts, rows, share
         grid = tiles, shares, models
-        _square[grid](*given, WIDTH=width, TILE=tile, BLOCK=min(32, ROWS), **SQUARE)
+        _square[grid](*given, WIDTH=width, TILE=tile, **SQUARE)
         size = table[:, 5:, :1]
         u, v, first_bias, bias, last = sums.sum(1)[..., :units].unbind(1)
         first = torch.stack([u, v], -1) * size
         hidden = first, first_bias * size[..., 0], parts.sum(1)[..., :units, :units]
         return None, on_x, *hidden, bias * size[..., 0], last.unsqueeze(1)
-
-
-FORWARD = {"num_warps": 8, "num_stages": 2}
-BACK = {"num_warps": 8, "num_stages": 2}
-SQUARE = {"num_warps": 8, "num_stages": 2}

@@ -16,6 +16,8 @@ from tests.shared.card import BETWEEN, a_card
 from tests.shared.recorded_steps import asking_and_plain, head_to_roll, recorded_and_plain
 from tests.shared.small_clips import cut_short, write_clip
 from tests.shared.small_studies import TINY
+from tests.vidphys.cli.test_train_verb import coarse, write_folder
+from vidphys.cli import main
 from vidphys.data.many import Wanted, extract_many
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
@@ -28,6 +30,7 @@ from vidphys.experiments.pixels.seen import draw, fit_perception, perceive, pixe
 from vidphys.perception.catalogue import RUNGS
 from vidphys.placement import device_of, moved
 from vidphys.presets import OracleSizes
+from vidphys.reading.pipeline import load_pipeline
 from vidphys.scenes import gravity
 from vidphys.shooting.initial_state import ShootingSettings, by_shooting, choose_slack
 from vidphys.training.learner import FitSettings
@@ -178,6 +181,24 @@ def test_features_are_extracted_there(name, tmp_path):
         assert (features is None) == (there[key] is None) == (key[0] == "c")
         if features is not None:
             assert torch.allclose(there[key].values, features.values, atol=1e-5)
+
+
+def test_a_clip_is_read_over_an_encoder_there(tmp_path, monkeypatch):
+    """Trained on the card, and seen from there where it is seen on the CPU."""
+    coarse(monkeypatch)
+    data, run, clip = write_folder(tmp_path), tmp_path / "run", tmp_path / "new.avi"
+    write_clip(clip, 20, phase=0.5, table=False)
+    steps = ["--steps", "6", "--head-steps", "2", "--shift", "1", "--no-mirrors", "--quiet"]
+    how = ["--encoder", "dino-tiny", *steps, "--store", str(tmp_path / "features")]
+    with a_card():
+        assert main(["train", str(data), *how, "--out", str(run), "--device", "cuda"]) == 0
+
+    def numbers(device):
+        video = open_video(clip, ClipSelection())
+        found = load_pipeline(run, device=device)(video.frames, video.times)
+        return {"q": found.tracks.positions.flatten().tolist()}
+
+    both(numbers)
 
 
 def test_what_comes_from_a_card_is_wrong_until_it_is_waited_for():

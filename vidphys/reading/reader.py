@@ -21,6 +21,7 @@ from readouts.attention import confidence_at, distance_at
 from readouts.base import Readout
 from vidphys.data.extraction import Axes, pictures
 from vidphys.data.frames import Frames
+from vidphys.placement import CPU, moved
 from vidphys.training.readouts import read_all
 
 Layer = int | str | None
@@ -111,8 +112,8 @@ class Reader:
         def see(axes: Axes) -> FeatureMap:
             shown = partial(pictures, frames, axes)
             (found,) = stream(network, shown, size, seconds, [layer])
-            # rounded as in a store, so that a clip is read as it was in training
-            rounded = ([values.to(STORED) for values in piece] for piece in found.pieces)
+            # rounded as in a store and taken from a card, so that a clip is read as in training
+            rounded = (moved(piece, CPU, STORED) for piece in found.pieces)
             return replace(found, pieces=rounded).whole()[layer]
 
         return see
