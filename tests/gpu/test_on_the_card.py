@@ -1,5 +1,6 @@
 """On a card: the numbers of the CPU, the state never below single precision, no silent CPU."""
 
+import copy
 from dataclasses import replace
 
 import pytest
@@ -7,6 +8,7 @@ import torch
 
 from dynamics import HEADS, Parameters, PhaseState, build, engines, rollout, terms
 from dynamics.compiled import compile_head
+from dynamics.mlp import MLP
 from encoders import load_encoder
 from renderers import Camera, disks, gaussians, reused
 from tests.shared.recorded_steps import asking_and_plain, head_to_roll, recorded_and_plain
@@ -99,6 +101,25 @@ def test_the_kernel_of_a_network_is_the_network(bodies, width):
         here = head.to("cpu").double().plain_trajectory(start, law, 100, 0.01)
     assert there.backend == "triton"
     assert (there.states.flat.cpu() - here.states.flat).abs().max() < 2e-5
+
+
+@pytest.mark.parametrize(("rows", "width"), [(6144, 256), (150, 48), (64, 512)])
+def test_the_input_gradient_of_a_network_is_the_network_s(rows, width):
+    """It and its way back, to what single precision leaves of double."""
+    torch.manual_seed(0)
+    network = MLP((2, width, width, 1))
+    x, upstream = torch.randn(2, rows, 2)
+    found = {}
+    for device, dtype in (("cpu", torch.float64), ("cuda", torch.float32)):
+        model, at = copy.deepcopy(network).to(device, dtype), moved(x, device, dtype)
+        at.requires_grad_()
+        out = model.gradient(at)
+        assert device == "cpu" or "_Gradient" in str(out.grad_fn.next_functions[0][0])
+        weights = list(model.parameters())[:-1]
+        back = torch.autograd.grad(out, [at, *weights], moved(upstream, device, dtype))
+        found[device] = [out.detach(), *back]
+    for one, other in zip(found["cpu"], found["cuda"], strict=True):
+        assert (other.cpu() - one).abs().max() < 3e-6 * one.abs().max()
 
 
 def test_a_recorded_training_step_is_the_same_step():
