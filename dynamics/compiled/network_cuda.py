@@ -352,17 +352,22 @@ class _Gradient(Function):
         sums = x.new_empty(models, programs, SUMS, width)
         given = x, above, table, matrix, kept, pull, on_x, sums, rows, models * rows * width
         largest_block(_back, (programs, models), given, width, BLOCKS[1:], **ROW_WISE)
-        tile = min(TILE, width)
-        tiles = (width // tile) ** 2
-        share = SUMMED * triton.cdiv(rows, SUMMED * max(1, PROGRAMS // (tiles * models)))
-        shares = triton.cdiv(rows, share)
-        parts = x.new_empty(models, shares, width, width)
-        largest = torch.linalg.vector_norm(above, torch.inf, (1, 2))
-        given = x, above, largest, table, kept, pull, parts, rows, share
-        grid = tiles, shares, models
-        _square[grid](*given, WIDTH=width, TILE=tile, **SQUARE)
-        size = table[:, 5:, :1]
+        size = table[:, 5, :1]  # of the last layer
         u, v, first_bias, bias, last = sums.sum(1)[..., :units].unbind(1)
-        first = torch.stack([u, v], -1) * size
-        hidden = first, first_bias * size[..., 0], parts.sum(1)[..., :units, :units]
-        return None, on_x, *hidden, bias * size[..., 0], last.unsqueeze(1)
+        first = torch.stack([u, v], -1) * size.unsqueeze(-1)
+        square = _on_square(x, above, table, kept, pull)[..., :units, :units]
+        return None, on_x, first, first_bias * size, square, bias * size, last.unsqueeze(1)
+
+
+def _on_square(x: Tensor, above: Tensor, table: Tensor, kept: Tensor, pull: Tensor) -> Tensor:
+    """The gradient of the layer between the hidden ones, ``(models, width, width)``."""
+    (models, rows, _), width = x.shape, table.shape[-1]
+    tile = min(TILE, width)
+    tiles = (width // tile) ** 2
+    share = SUMMED * triton.cdiv(rows, SUMMED * max(1, PROGRAMS // (tiles * models)))
+    shares = triton.cdiv(rows, share)
+    parts = x.new_empty(models, shares, width, width)
+    largest = torch.linalg.vector_norm(above, torch.inf, (1, 2))
+    given = x, above, largest, table, kept, pull, parts, rows, share
+    _square[(tiles, shares, models)](*given, WIDTH=width, TILE=tile, **SQUARE)
+    return parts.sum(1)
