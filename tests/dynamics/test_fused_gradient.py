@@ -16,6 +16,7 @@ from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import ROWS
 from dynamics.mlp import MLP
 from loops.threads import held_to
+from tests.shared.graphs import goes_through
 from vidphys.training.ensemble import Ensemble
 
 ROUNDING = {torch.float32: 2e-6, torch.float64: 1e-13}
@@ -129,11 +130,7 @@ class _Gradient(nn.Module):
 
 
 def fused(network, rows=100, dtype=torch.float32):
-    found = network.to(dtype).gradient(torch.randn(rows, 2, dtype=dtype))
-    node = found.grad_fn
-    while node is not None and "_Gradient" not in type(node).__name__:
-        node = node.next_functions[0][0] if node.next_functions else None
-    return node is not None
+    return goes_through(network.to(dtype).gradient(torch.randn(rows, 2, dtype=dtype)), "_Gradient")
 
 
 def test_many_rows_of_a_tanh_network_in_single_precision_are_fused_and_nothing_else():
