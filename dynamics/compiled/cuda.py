@@ -228,4 +228,5 @@ def _launch(programs: int, given: tuple[Any, ...], episodes: int, bodies: int, p
     if width:
         largest_block(_roll, (programs,), others, width, BLOCKS, **sizes, **NETWORK)
     else:
-        _roll[(programs,)](*others, **sizes, WIDTH=0, BLOCK=0)
+        with torch.cuda.device_of(others[0]):
+            _roll[(programs,)](*others, **sizes, WIDTH=0, BLOCK=0)

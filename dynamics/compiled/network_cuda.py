@@ -279,7 +279,8 @@ def packed(*weights: Tensor) -> tuple[Tensor, Tensor]:
     table = weights[0].new_empty(models, VECTORS, width)
     matrix = table.new_empty(models, 2, width, width, dtype=torch.float16)
     given = [w.detach().contiguous() for w in weights]
-    _pack[(width // LEAST, models)](*given, table, matrix, units, WIDTH=width, BLOCK=LEAST)
+    with torch.cuda.device_of(table):
+        _pack[(width // LEAST, models)](*given, table, matrix, units, WIDTH=width, BLOCK=LEAST)
     return table, matrix
 
 
@@ -296,7 +297,7 @@ def largest_block(
     Args:
         kernel: takes ``WIDTH`` and ``BLOCK``, which is at most as large.
         grid: of programs.
-        given: what it is handed.
+        given: what it is handed, a tensor first.
         width: of the network, a power of 2.
         blocks: that are worth while, from large to small.
         sizes: the kernel's other constants, and how Triton is to compile it.
@@ -304,13 +305,14 @@ def largest_block(
     Raises:
         OutOfResources: there is no room for the smallest either.
     """
-    for block in (each for each in blocks if each <= width):
-        try:
-            kernel[grid](*given, WIDTH=width, BLOCK=block, **sizes)
-            return
-        except OutOfResources:
-            if block == blocks[-1]:
-                raise
+    with torch.cuda.device_of(given[0]):
+        for block in (each for each in blocks if each <= width):
+            try:
+                kernel[grid](*given, WIDTH=width, BLOCK=block, **sizes)
+                return
+            except OutOfResources:
+                if block == blocks[-1]:
+                    raise
 
 
 def input_gradient(x: Tensor, *weights: Tensor) -> Tensor:
