@@ -264,7 +264,7 @@ class _Names(TorchFunctionMode):
             return args[0]
         if kwargs.get("device") is not None:
             kwargs = {**kwargs, "device": renamed(torch.device(kwargs["device"]))}
-        if name in ("tensor", "as_tensor") and kwargs.get("device", CPU).type == "meta":
+        if name in ("tensor", "as_tensor") and (kwargs.get("device") or CPU).type == "meta":
             return function(*args, **{**kwargs, "device": CPU}).to(torch.device("meta"))
         if name == "new_tensor" and isinstance(args[0], Tensor) and args[0].device == CARD:
             kwargs = {"dtype": args[0].dtype, **kwargs, "device": CPU}

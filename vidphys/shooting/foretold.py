@@ -8,6 +8,7 @@ from torch import Tensor
 
 from binders import Tracks
 from dynamics import Head, Parameters
+from vidphys.placement import suited
 from vidphys.shooting.initial_state import ShootingSettings, by_shooting
 from vidphys.shooting.step import model_step, roll
 
@@ -43,5 +44,5 @@ def missed(
     )
     with torch.no_grad():
         start = by_shooting(head, past, law, interval, slack).map(Tensor.float)
-        foretold = roll(head, start, law, ahead, dt, every).q
+        foretold = roll(head, *suited((start, law), head), ahead, dt, every).q.cpu()
     return (foretold - tracks.positions[:, -ahead:]).norm(dim=-1).mean((1, 2))
