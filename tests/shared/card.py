@@ -304,6 +304,8 @@ def a_card() -> Iterator[None]:
         mock.patch("renderers.reused.has_triton", lambda: False),
         mock.patch("dynamics.engines.has_triton", lambda: False),
         mock.patch("torch.cuda.synchronize", lambda *_: None),
+        # a weight of another precision is a new one, not an old one that stands for something else
+        mock.patch("torch.__future__.get_overwrite_module_params_on_conversion", lambda: True),
         mock.patch("torch.cuda.current_stream", mock.MagicMock()),
         mock.patch("torch.cuda.Stream", mock.MagicMock()),
         mock.patch("torch.cuda.stream", lambda _: contextlib.nullcontext()),

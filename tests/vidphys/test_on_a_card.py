@@ -32,7 +32,9 @@ from vidphys.placement import device_of, moved
 from vidphys.presets import OracleSizes
 from vidphys.reading.pipeline import load_pipeline
 from vidphys.scenes import gravity
+from vidphys.shooting.foretold import missed
 from vidphys.shooting.initial_state import ShootingSettings, by_shooting, choose_slack
+from vidphys.trade.scenery import Probe, encoded
 from vidphys.training.learner import FitSettings
 from vidphys.training.loop import fit
 
@@ -102,7 +104,16 @@ def test_rungs_learn_and_see_there(rung):
     both(numbers)
 
 
-def test_a_start_is_found_there():
+def test_features_from_there_are_probed_here():
+    clips = draw(pixel_scene(), replace(RUNGS["dino-tiny"], share=1), PIXEL, 0).train
+    both(lambda device: {"nmse": Probe(clips).nmse(encoded(tiny(device), clips))})
+
+
+def tiny(device):
+    return load_encoder("dino-tiny", {}, None, device)
+
+
+def test_a_start_is_found_there_and_what_follows_foretold():
     scene = gravity("gaussian", mass=(1.0, 1.0))
     start, law = scene.sample(2, torch.Generator().manual_seed(0))
     path = scene.simulate(start, law, 240, 40)
@@ -116,7 +127,8 @@ def test_a_start_is_found_there():
         slack = choose_slack(model, tracks, law, 0.04, replace(settings, worse=1))
         found = by_shooting(model, tracks, law, 0.04, 0.1, settings)
         assert found.p.device.type == "cpu"
-        return {"slack": slack, "p": found.p.flatten().tolist()}
+        off = missed(model, tracks, law, 0.04, 3)
+        return {"slack": slack, "p": found.p.flatten().tolist(), "missed": off.tolist()}
 
     both(numbers)
 

@@ -12,6 +12,7 @@ from torch import Tensor
 from encoders.features import FeatureMap
 from renderers import Camera, RgbWorld
 from vidphys.data.clips import Clips, render_clips
+from vidphys.placement import CPU, moved
 from vidphys.trade.context import Context
 
 IMAGE, FRAMES, STRIDE = 64, 8, 40  # pixels, frames of a clip, reference steps between them
@@ -122,8 +123,8 @@ def between(times: Tensor, values: Tensor, wanted: Tensor) -> Tensor:
 
 
 def encoded(encoder: Any, clips: Clips) -> FeatureMap:
-    """Features of all clips."""
-    return encoder(clips.frames, clips.times)
+    """Features of all clips, on the CPU, wherever they were computed."""
+    return moved(encoder(clips.frames, clips.times), CPU)
 
 
 def multiply_adds(work: Callable[[], object]) -> float:
