@@ -19,6 +19,7 @@ from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import PANEL, ROWS, in_tiles, out_of_panels, out_of_tiles
 from dynamics.compiled.rows import Layers, backward_rows, gradient_rows, layers, value_rows
 from dynamics.compiled.shares import Some, by_twin, of_models, on_weights, shares
+from dynamics.compiled.twin import plain_gradient
 from loops.threads import in_threads
 
 FEWEST_TILES = 16  # of outputs, that take a thread as long as its start
@@ -46,15 +47,6 @@ def output(x: Tensor, *weights: Tensor) -> Tensor:
     out = np.empty((len(rows), ROWS, 1), rows.dtype)
     in_threads(lambda some: value_rows(net, rows, out, some), len(rows), FEWEST_TILES)
     return torch.from_numpy(out).reshape(-1, 1)[: len(x)]
-
-
-def plain_gradient(
-    x: Tensor, first: Tensor, first_bias: Tensor, square: Tensor, bias: Tensor, last: Tensor
-) -> Tensor:
-    """The same by torch's own operations, which can be differentiated again."""
-    low = torch.tanh(x @ first.mT + first_bias.unsqueeze(-2))
-    top = torch.tanh(low @ square.mT + bias.unsqueeze(-2))
-    return ((last * (1 - top.square())) @ square * (1 - low.square())) @ first
 
 
 class _Gradient(Function):

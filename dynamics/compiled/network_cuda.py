@@ -22,8 +22,8 @@ from torch import Tensor
 from torch.autograd import Function
 from triton.runtime.errors import OutOfResources
 
-from dynamics.compiled.gradient import plain_gradient
 from dynamics.compiled.shares import by_twin, of_models
+from dynamics.compiled.twin import plain_gradient
 
 LEAST = 16  # rows, columns and sums of a product of matrices
 BLOCKS = 128, 64, 32, LEAST  # of a layer's inputs, that a product sums up at once

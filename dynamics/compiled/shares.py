@@ -6,15 +6,17 @@ A function's parts are tensors of models along a first axis; its ``lengths`` are
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import Function
 
-from dynamics.compiled.lanes import Array
 from loops.threads import in_threads
+
+if TYPE_CHECKING:
+    from dynamics.compiled.lanes import Array
 
 Some = tuple[int, int]  # tiles, from one up to another
 

@@ -14,13 +14,14 @@ import torch
 from torch import Tensor
 from torch.autograd import Function
 
-from dynamics.compiled.gradient import in_torchs_form, plain_gradient
+from dynamics.compiled.gradient import in_torchs_form
 from dynamics.compiled.lanes import Array
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.orbits import LANES, Law, Trace, backward_blocks, forward_blocks
 from dynamics.compiled.panels import PANEL, ROWS, in_tiles
 from dynamics.compiled.rows import Layers, layers
 from dynamics.compiled.shares import Some, by_twin, of_models, on_weights, shares
+from dynamics.compiled.twin import plain_gradient
 from dynamics.pairs import pair_indices
 from dynamics.potentials import REACH, SPREAD, DisplacementPotential, soft_length, unsquashed
 from loops.threads import in_threads

@@ -11,9 +11,10 @@ from torch.func import functional_call, stack_module_state, vmap
 
 from dynamics import HEADS, build
 from dynamics.compiled import gradient
-from dynamics.compiled.gradient import input_gradient, plain_gradient
+from dynamics.compiled.gradient import input_gradient
 from dynamics.compiled.memory import Kept
 from dynamics.compiled.panels import ROWS
+from dynamics.compiled.twin import plain_gradient
 from dynamics.mlp import MLP
 from loops.threads import held_to
 from tests.shared.graphs import goes_through

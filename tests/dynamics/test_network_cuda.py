@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(
 ROOT = Path(__file__).parents[2]
 START = """
 import torch
-from dynamics.compiled.gradient import plain_gradient
+from dynamics.compiled.twin import plain_gradient
 from dynamics.compiled.network_cuda import input_gradient
 from tests.dynamics.test_fused_gradient import case, close
 
