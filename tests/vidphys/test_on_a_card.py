@@ -17,6 +17,7 @@ from tests.shared.recorded_steps import asking_and_plain, head_to_roll, recorded
 from tests.shared.small_clips import cut_short, write_clip
 from tests.shared.small_studies import TINY
 from tests.vidphys.cli.test_train_verb import coarse, write_folder
+from tests.vidphys.training.test_probes import HALF, centres, features, states
 from vidphys.cli import main
 from vidphys.data.many import Wanted, extract_many
 from vidphys.data.video import ClipSelection, open_video
@@ -37,6 +38,7 @@ from vidphys.shooting.initial_state import ShootingSettings, by_shooting, choose
 from vidphys.trade.scenery import Probe, encoded
 from vidphys.training.learner import FitSettings
 from vidphys.training.loop import fit
+from vidphys.training.probes import Units, train_probes
 
 SIZES = OracleSizes(2, 2, 8, (5e-3,), 2)
 PIXEL = replace(TINY.pixel, clips=3, frames=8, image=32, perception_steps=1, held_out=1)
@@ -111,6 +113,22 @@ def test_features_from_there_are_probed_here():
 
 def tiny(device):
     return load_encoder("dino-tiny", {}, None, device)
+
+
+def test_a_probe_is_trained_there():
+    truth = states(24)
+    units, values = Units.of(truth, HALF), features(truth, True)
+    frames = units.frames(values, centres(), truth)
+
+    def numbers(device):
+        parts = frames[slice(16)], frames[slice(16, 24)]
+        how = FitSettings(steps=4, batch=8, learning_rate=0.01), "test", None, None, device
+        (probe,) = train_probes(*parts, [0], *how)
+        assert device_of(probe).type == device
+        said = units.read(probe, values, centres())
+        return {"q": said.q.flatten().tolist(), "p": said.p.flatten().tolist()}
+
+    both(numbers)
 
 
 def test_a_start_is_found_there_and_what_follows_foretold():
@@ -189,10 +207,10 @@ def test_features_are_extracted_there(name, tmp_path):
     here = extracted("cpu")
     with a_card():
         there = extracted("cuda")
-    for key, features in here.items():
-        assert (features is None) == (there[key] is None) == (key[0] == "c")
-        if features is not None:
-            assert torch.allclose(there[key].values, features.values, atol=1e-5)
+    for key, kept in here.items():
+        assert (kept is None) == (there[key] is None) == (key[0] == "c")
+        if kept is not None:
+            assert torch.allclose(there[key].values, kept.values, atol=1e-5)
 
 
 def test_a_clip_is_read_over_an_encoder_there(tmp_path, monkeypatch):

@@ -84,6 +84,7 @@ def train_probes(
     name: str,
     save_to: Path | None = None,
     progress: Progress | None = None,
+    device: str = "cpu",
 ) -> list[StateProbe]:
     """One probe for each seed, each with the weights that were its best on the held-out frames.
 
@@ -98,12 +99,13 @@ def train_probes(
         name: of the random streams.
         save_to: JSON path of the checkpoint.
         progress: called as ``(step, steps, loss)``.
+        device: where they are trained, and stay.
     """
     spread = float(train.targets.std())
     learners, probes = [], []
     for seed in seeds:
         torch.manual_seed(derive(seed, "init", name))
-        probe = StateProbe(train.values.shape[1], train.targets.shape[1])
+        probe = StateProbe(train.values.shape[1], train.targets.shape[1]).to(device)
         probe.fit_scale(train.values)
         error = partial(_mean_error, probe, held_out, spread)
         best = BestWeights(probe, error, settings.steps, StopSettings())
@@ -132,8 +134,11 @@ def _error(
 
 
 def _dropout(batch: StateFrames, width: int) -> Tensor:
-    """Factors of dropout, drawn by the batch itself: the same whoever is trained beside."""
-    drawn_by = int(batch.targets.double().square().sum() * 1e9) % 2**62
+    """Factors of dropout, drawn by the batch itself: the same whoever is trained beside.
+
+    The batch's numbers are summed on the CPU: a card sums in another order, which draws others.
+    """
+    drawn_by = int(batch.targets.cpu().double().square().sum() * 1e9) % 2**62
     rng = Generator().manual_seed(drawn_by)
     kept = torch.rand(*batch.targets.shape[:2], width, generator=rng) >= DROPPED
     return (kept / (1 - DROPPED)).to(batch.targets.device)

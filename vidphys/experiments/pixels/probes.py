@@ -112,6 +112,7 @@ class Study:
             name,
             self.task.checkpoint(f"probes-{part}"),
             self.task.progress,
+            self.task.device,
         )
 
     def score(self, part: str, states: list[PhaseState]) -> None:
@@ -129,7 +130,7 @@ def encoder_cell(name: str, options: Mapping[str, Any]) -> Cell:
     """A cell that encodes one encoder's clips once, and trains all seeds' probes over them."""
 
     def run(task: CellTask) -> None:
-        encoder = cast(FrozenEncoder, load_encoder(name, dict(options)))
+        encoder = cast(FrozenEncoder, load_encoder(name, dict(options), device=task.device))
         study = Study(task, name, encoder, *draw_clips(task))
         (study_video if encoder.windowing.frames > 1 else study_images)(study)
 
@@ -143,8 +144,9 @@ def foreseeing_cell(task: CellTask) -> None:
     """
     clips = draw_clips(task)
     for state in NO_OPS:
-        encoder = cast(FrozenEncoder, load_encoder(FORESEEING, {"state": state}))
-        found = foresight(cast(Foreseeing, encoder), clips[1].frames)
+        options = {"state": state}
+        encoder = cast(FrozenEncoder, load_encoder(FORESEEING, options, device=task.device))
+        found = foresight(cast(Foreseeing, encoder), clips[1].frames.to(encoder.device))
         name = f"{FORESEEING}-{state}"
         for seed in task.seeds:  # which see the same clips
             recorder = task.recorder(seed, pixel_scene(), "none", state, name, FORESEEING)
