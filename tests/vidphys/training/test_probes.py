@@ -159,7 +159,7 @@ class Colours(FrozenEncoder):
     ],
 )
 def test_a_cell_of_the_table_leaves_records_of_every_seed(monkeypatch, tubelet, parts, tmp_path):
-    monkeypatch.setattr(probes, "load_encoder", lambda name, options: Colours(tubelet))
+    monkeypatch.setattr(probes, "load_encoder", lambda name, options, device: Colours(tubelet))
     sizes = OracleSizes(1, 1, 1, (1.0,), 1)
     task = CellTask("probes", "i3d", (0, 1), sizes, TINY, folder=tmp_path)
     TABLES["probes"].cells["i3d"](task)
@@ -202,7 +202,7 @@ class Foresees(Colours):
 def test_probes_of_a_predictor_that_foresees_no_more_than_a_copy_are_void(
     monkeypatch, share, status, tmp_path
 ):
-    monkeypatch.setattr(probes, "load_encoder", lambda name, options: Foresees(share))
+    monkeypatch.setattr(probes, "load_encoder", lambda name, options, device: Foresees(share))
     monkeypatch.setattr(probes, "NO_OPS", ("zero",))
     sizes = OracleSizes(1, 1, 1, (1.0,), 1)
     task = CellTask("probes", "vjepa2-ac", (0,), sizes, TINY, folder=tmp_path)

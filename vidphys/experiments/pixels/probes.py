@@ -146,7 +146,7 @@ def foreseeing_cell(task: CellTask) -> None:
     for state in NO_OPS:
         options = {"state": state}
         encoder = cast(FrozenEncoder, load_encoder(FORESEEING, options, device=task.device))
-        found = foresight(cast(Foreseeing, encoder), clips[1].frames.to(encoder.device))
+        found = foresight(cast(Foreseeing, encoder), clips[1].frames.to(task.device))
         name = f"{FORESEEING}-{state}"
         for seed in task.seeds:  # which see the same clips
             recorder = task.recorder(seed, pixel_scene(), "none", state, name, FORESEEING)
