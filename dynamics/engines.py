@@ -131,17 +131,24 @@ def network_output(network: MLP, rows: Tensor) -> Tensor | None:
 
 def network_gradient(network: MLP, rows: Tensor) -> Tensor | None:
     """The input gradient of many rows, with a way back; see :data:`dynamics.mlp.Engine`."""
-    if (weights := _weights(network, rows)) is None:
+    loops = _gradient_loops(network, rows)
+    if loops is None or (weights := _weights(network, rows)) is None:
         return None
+    return loops.input_gradient(rows, *weights)
+
+
+def _gradient_loops(network: MLP, rows: Tensor) -> Any:
+    """Where the loops over such rows are; ``None`` where none know them."""
     if _differentiable(rows):
-        from dynamics.compiled.gradient import input_gradient
-    elif rows.device.type == "cuda" and _mapped_once(rows) and has_triton():
-        if rows.shape[1] != 2 or len(weights[1]) > max(WIDEST):
-            return None
-        from dynamics.compiled.network_cuda import input_gradient
-    else:
-        return None
-    return input_gradient(rows, *weights)
+        from dynamics.compiled import gradient
+
+        return gradient
+    fits = rows.shape[1] == 2 and network.split()[1].in_features <= max(WIDEST)
+    if rows.device.type == "cuda" and fits and _mapped_once(rows) and has_triton():
+        from dynamics.compiled import network_cuda
+
+        return network_cuda
+    return None
 
 
 def _ways_forward(states: Tensor, like: Tensor) -> bool:

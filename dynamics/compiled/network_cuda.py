@@ -34,7 +34,8 @@ TILE = 128  # units each way, of a part of that gradient
 ROW_WISE = {"R": ROWS, "num_warps": 4, "num_stages": 2}
 SQUARE = {"BLOCK": SUMMED, "num_warps": 8, "num_stages": 3}
 PROGRAMS = 264  # that share out its sums over rows: two for each processor of a large card
-VECTORS, SUMS = 6, 5  # of units: that a table holds of a network, and that the way back sums up
+# Of units: what a table holds of a network, and what the way back sums up.
+VECTORS, SUMS = tl.constexpr(6), tl.constexpr(5)
 SPLIT = tl.constexpr(2.0**11)
 TINY = tl.constexpr(1e-30)
 
@@ -77,6 +78,7 @@ def _inputs(u, v, table, matrix, first, WIDTH: tl.constexpr, BLOCK: tl.constexpr
 @triton.jit
 @no_type_check
 def _first(u, v, table, k, WIDTH: tl.constexpr):  # noqa: ANN001, ANN202, N803
+    """Units ``k`` of the first layer, and their slopes along u and v."""
     of_u, of_v = tl.load(table + k)[None, :], tl.load(table + WIDTH + k)[None, :]
     low = _tanh(u * of_u + v * of_v + tl.load(table + 2 * WIDTH + k)[None, :])
     flat = 1 - low * low
@@ -130,7 +132,7 @@ def _forward(  # noqa: ANN202
     there = row < rows
     place = model * rows + row
     u, v = tl.load(x + 2 * place, there, 0.0), tl.load(x + 2 * place + 1, there, 0.0)
-    table += model * 6 * WIDTH
+    table += model * VECTORS * WIDTH
     matrix += model * 2 * WIDTH * WIDTH
     keep, of = kept + (place * WIDTH)[:, None], there[:, None]
     to_u, to_v = slopes(u[:, None], v[:, None], table, matrix, keep, beside, of, WIDTH, BLOCK)
@@ -159,10 +161,10 @@ def _back(  # noqa: ANN202
     g, e = tl.load(above + at, there, 0.0), tl.load(above + at + 1, there, 0.0)
     most = tl.maximum(tl.maximum(tl.abs(g), tl.abs(e)), TINY)
     g, e, weight = (g / most)[:, None], (e / most)[:, None], most[:, None]
-    table += model * 6 * WIDTH
+    table += model * VECTORS * WIDTH
     matrix += model * 2 * WIDTH * WIDTH
     keep = kept + (place * WIDTH)[:, None]
-    sums += (model * tl.num_programs(0) + tl.program_id(0)) * 5 * WIDTH
+    sums += (model * tl.num_programs(0) + tl.program_id(0)) * SUMS * WIDTH
     h = tl.arange(0, WIDTH)
     up, small = tl.zeros([R, WIDTH], tl.float32), tl.zeros([R, WIDTH], tl.float32)
     for first in range(0, WIDTH, BLOCK):
@@ -212,10 +214,10 @@ def _square(  # noqa: ANN202
 ):  # fmt: skip
     """A share of the rows' sum to a tile of the square layer's gradient, into ``parts``."""
     model = tl.program_id(2).to(tl.int64)
-    across: tl.constexpr = WIDTH // TILE
-    o = tl.program_id(0) // across * TILE + tl.arange(0, TILE)
-    k = tl.program_id(0) % across * TILE + tl.arange(0, TILE)
-    table += model * 6 * WIDTH
+    tiles: tl.constexpr = WIDTH // TILE
+    o = tl.program_id(0) // tiles * TILE + tl.arange(0, TILE)
+    k = tl.program_id(0) % tiles * TILE + tl.arange(0, TILE)
+    table += model * VECTORS * WIDTH
     largest = tl.maximum(tl.load(largest + model), TINY)
     last = tl.load(table + 4 * WIDTH + o)[None, :]
     total, small = tl.zeros([TILE, TILE], tl.float32), tl.zeros([TILE, TILE], tl.float32)
@@ -226,8 +228,8 @@ def _square(  # noqa: ANN202
         place = model * rows + row
         u, v = tl.load(x + 2 * place, there, 0.0), tl.load(x + 2 * place + 1, there, 0.0)
         g, e = tl.load(above + 2 * place, there, 0.0), tl.load(above + 2 * place + 1, there, 0.0)
-        low, along, across_v = _first(u[:, None], v[:, None], table, k, WIDTH)
-        turned = (g / largest)[:, None] * along + (e / largest)[:, None] * across_v
+        low, along, across = _first(u[:, None], v[:, None], table, k, WIDTH)
+        turned = (g / largest)[:, None] * along + (e / largest)[:, None] * across
         at = (place * WIDTH)[:, None] + o[None, :]
         high = tl.load(kept + at, there[:, None], 0.0)
         pulled = tl.load(pull + at, there[:, None], 0.0) / largest
@@ -256,7 +258,7 @@ def _pack(  # noqa: ANN202
     last += model * units
     # Apart, so that halves can hold the rest.
     size = tl.maximum(tl.max(tl.abs(tl.load(last + h, h < units, 0.0))), TINY)
-    table += model * 6 * WIDTH + k
+    table += model * VECTORS * WIDTH + k
     inputs = first + model * 2 * units + 2 * k
     tl.store(table, tl.load(inputs, real, 0.0))
     tl.store(table + WIDTH, tl.load(inputs + 1, real, 0.0))
@@ -276,7 +278,7 @@ def packed(*weights: Tensor) -> tuple[Tensor, Tensor]:
     """
     models, units = weights[1].shape
     width = max(triton.next_power_of_2(units), LEAST)
-    table = weights[0].new_empty(models, VECTORS, width)
+    table = weights[0].new_empty(models, VECTORS.value, width)
     matrix = table.new_empty(models, 2, width, width, dtype=torch.float16)
     given = [w.detach().contiguous() for w in weights]
     with torch.cuda.device_of(table):
@@ -351,7 +353,7 @@ class _Gradient(Function):
         (models, rows, _), width, units = x.shape, table.shape[-1], ctx.saved_tensors[1].shape[1]
         above, programs = upstream.contiguous(), triton.cdiv(rows, ROWS)
         pull, on_x = torch.empty_like(kept[0]), torch.empty_like(x)
-        sums = x.new_empty(models, programs, SUMS, width)
+        sums = x.new_empty(models, programs, SUMS.value, width)
         given = x, above, table, matrix, kept, pull, on_x, sums, rows, models * rows * width
         largest_block(_back, (programs, models), given, width, BLOCKS[1:], **ROW_WISE)
         size = table[:, 5, :1]  # of the last layer

@@ -2,10 +2,8 @@
 
 import copy
 import importlib.util
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import torch
@@ -14,6 +12,7 @@ from dynamics import HEADS, Parameters, PhaseState, build, rollout, terms
 from dynamics.compiled import compile_head
 from dynamics.compiled.build import Sample
 from dynamics.hamiltonian import Hamiltonian
+from tests.shared.kernels import interpreted
 
 DT = 0.002
 needs_numba = pytest.mark.skipif(
@@ -260,8 +259,7 @@ for kind, dtype in (("displacement", torch.float32), ("radial", torch.float64)):
         size = 64 * torch.finfo(dtype).eps
         torch.testing.assert_close(paths[0].states.flat, paths[1].states.flat, rtol=size, atol=size)
 """
-    where = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
-    subprocess.run([sys.executable, "-c", code], check=True, env=where)
+    interpreted(code)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("triton") is None, reason="triton is not installed")
@@ -283,8 +281,7 @@ moved = there.states.flat - there.states.flat[:, :1]
 wrong = found.states.flat - there.states.flat
 assert wrong.abs().max() < 2e-6 < 1e-3 < moved.abs().max(), (wrong.abs().max(), moved.abs().max())
 """
-    where = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
-    subprocess.run([sys.executable, "-c", code], check=True, env=where)
+    interpreted(code)
 
 
 @needs_numba

@@ -1,17 +1,11 @@
 """The input gradient of a network by Triton's kernels, in its interpreter, against torch's own."""
 
-import importlib.util
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("triton") is None, reason="triton is not installed"
-)
-ROOT = Path(__file__).parents[2]
+from loops import has_triton
+from tests.shared.kernels import apart, interpreted
+
+pytestmark = pytest.mark.skipif(not has_triton(), reason="triton is not installed")
 START = """
 import torch
 from dynamics.compiled.twin import plain_gradient
@@ -23,16 +17,12 @@ def wide(x):
 """
 
 
-def interpreted(code):
-    """Run it in a process of its own, where kernels run on the CPU."""
-    where = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": str(ROOT)}
-    subprocess.run([sys.executable, "-c", START + code], check=True, env=where)
-
-
 @pytest.mark.parametrize(("rows", "width"), [(70, 48), (16, 128), (5, 16)])
 def test_values_and_gradients_are_the_twins(rows, width):
     """Widths that are no power of two, more rows than a program has, and fewer."""
-    interpreted(f"""
+    interpreted(
+        START
+        + f"""
 given = case({rows}, 2, {width}, torch.float32)
 exact = [wide(x) for x in given]
 found, wanted = input_gradient(*given), plain_gradient(*exact)
@@ -45,12 +35,15 @@ again = torch.autograd.grad(input_gradient(*given), given, upstream)
 assert all(torch.equal(*pair) for pair in zip(back, again, strict=True))
 with torch.no_grad():
     assert torch.equal(input_gradient(*given), found)
-""")
+"""
+    )
 
 
 def test_what_comes_from_above_may_be_of_any_size():
     """Also of very different sizes in different rows, as where two bodies of one episode meet."""
-    interpreted("""
+    interpreted(
+        START
+        + """
 given = case(40, 2, 32, torch.float32)
 exact = [wide(x) for x in given]
 upstream = torch.randn(40, 2) * 10.0 ** torch.linspace(-9, 3, 40)[:, None]
@@ -62,11 +55,14 @@ for one, other in zip(back[1:], wanted[1:], strict=True):
     close(one, other, 2e-6)
 none = torch.autograd.grad(input_gradient(*given), given, torch.zeros(40, 2))
 assert all(not x.any() for x in none)
-""")
+"""
+    )
 
 
 def test_models_side_by_side_have_the_gradients_that_they_have_alone():
-    interpreted("""
+    interpreted(
+        START
+        + """
 cases = [case(20, 2, 16, torch.float32) for _ in range(3)]
 together = [torch.stack(parts).detach().requires_grad_() for parts in zip(*cases, strict=True)]
 found = torch.func.vmap(input_gradient)(*together)
@@ -76,11 +72,14 @@ for i, given in enumerate(cases):
     close(found[i], alone, 1e-6)
     for one, other in zip(back, torch.autograd.grad(alone.square().sum(), given), strict=True):
         close(one[i], other, 1e-6)
-""")
+"""
+    )
 
 
 def test_a_derivative_of_the_way_back_is_the_twin_s():
-    interpreted("""
+    interpreted(
+        START
+        + """
 given = case(16, 2, 16, torch.float32)
 
 def twice(function, parts):
@@ -90,42 +89,27 @@ def twice(function, parts):
 exact = [wide(x) for x in given]
 for one, other in zip(twice(input_gradient, given), twice(plain_gradient, exact), strict=True):
     close(one, other, 1e-5)
-""")
+"""
+    )
 
 
 @pytest.mark.parametrize("width", [64, 256, 512])
 def test_the_kernels_fit_a_card(width):
     """Compiled for a card that is not here; what a program may share is that of one of a desk."""
-    code = f"""
-import triton
-from triton.backends.compiler import GPUTarget
-from triton.compiler import ASTSource
+    apart(f"""
 from dynamics.compiled import network_cuda as it
+from tests.shared.kernels import shared_bytes
 
-whole = dict.fromkeys(("rows", "beside", "share", "units"), "i32")
-whole |= dict(matrix="*fp16")
-block = 64 if {width} <= 256 else 32
-rows = it.ROW_WISE | dict(BLOCK=block)
+kinds = dict.fromkeys(("rows", "beside", "share", "units"), "i32") | dict(matrix="*fp16")
+rows = it.ROW_WISE | dict(BLOCK=64 if {width} <= 256 else 32)
 for kernel, sizes in (
     (it._forward, rows),
     (it._back, rows),
     (it._square, it.SQUARE | dict(TILE=min(it.TILE, {width}))),
     (it._pack, dict(BLOCK=it.LEAST)),
 ):
-    names, sizes = kernel.arg_names, sizes | dict(WIDTH={width})
-    fixed = {{(names.index(k),): v for k, v in sizes.items() if k in names}}
-    signature = {{
-        name: "constexpr" if (i,) in fixed else whole.get(name, "*fp32")
-        for i, name in enumerate(names)
-    }}
-    aligned = {{
-        (i,): [["tt.divisibility", 16]]
-        for i, name in enumerate(names) if "*" in signature[name]
-    }}
-    source = ASTSource(kernel, signature, constexprs=fixed, attrs=aligned)
     options = {{k: v for k, v in sizes.items() if k.startswith("num_")}}
-    made = triton.compile(source, target=GPUTarget("cuda", 90, 32), options=options)
-    assert made.metadata.shared <= 99 * 1024, (kernel.fn.__name__, made.metadata.shared)
-"""
-    where = {**os.environ, "PYTHONPATH": str(ROOT)}
-    subprocess.run([sys.executable, "-c", code], check=True, env=where)
+    fixed = {{k: v for k, v in sizes.items() if k not in options}} | dict(WIDTH={width})
+    shared = shared_bytes(kernel, fixed, options, kinds)
+    assert shared <= 99 * 1024, (kernel.fn.__name__, shared)
+""")

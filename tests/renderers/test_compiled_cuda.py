@@ -1,9 +1,7 @@
 """Splats of Triton's kernels, run by its interpreter, equal the plain ones."""
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import torch
@@ -11,6 +9,7 @@ import torch
 import renderers.reused as reused
 from loops import has_triton
 from renderers import Camera, disks, gaussians
+from tests.shared.kernels import interpreted
 
 CAMERAS = {
     "one block, not full": Camera(half_extent=2.0, height=9, width=13),
@@ -55,9 +54,7 @@ def compare_all() -> None:
 
 @pytest.mark.skipif(not has_triton(), reason="triton is not installed")
 def test_the_kernels_in_their_interpreter_draw_the_plain_pictures():
-    code = "from tests.renderers import test_compiled_cuda as t; t.compare_all()"
-    where = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
-    subprocess.run([sys.executable, "-c", code], check=True, env=where)
+    interpreted("from tests.renderers import test_compiled_cuda as t; t.compare_all()")
 
 
 def test_importing_renderers_imports_no_compiler():
