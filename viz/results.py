@@ -16,7 +16,15 @@ from viz.roles import DEVELOPMENT, first, role_of, roles
 from viz.summary import one_sided_p
 from viz.sweeps import sweep_figure
 
-TONES = {"met": "good", "missed": "bad", "reported": "dull", "no number": "bad"}
+TONES = {
+    "met": "good",
+    "missed": "bad",
+    "reported": "dull",
+    "no number": "bad",
+    "not asked for": "dull",
+}
+MISSES = ("missed", "no number")
+HELD = ("met", *MISSES)  # the verdicts on what was asked for and has a bar
 MARKS = "Small marks are seeds; a cross at the edge is a seed without a number."
 ByTable = Mapping[str, Sequence[Mapping[str, Any]]]
 ALONG_STEPS = {
@@ -71,12 +79,9 @@ def _lead(tables: Mapping[str, Any]) -> str:
     """The result in a sentence, of the seeds that are reported."""
     rows = first([row for table in tables.values() for row in table["rows"]])
     held = Counter(row["verdict"] for row in rows if row["row"]["bar"])
-    told = ", ".join(
-        f"{held[word]} {word}" for word in ("met", "missed", "no number") if held[word]
-    )
-    return (
-        f"Of {sum(held.values())} figures with a bar that was registered before: {told or 'none'}."
-    )
+    told = ", ".join(f"{held[word]} {word}" for word in HELD if held[word])
+    count = sum(held[word] for word in HELD)
+    return f"Of {count} figures with a bar that was registered before: {told or 'none'}."
 
 
 def _of_role(role: str, tables: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,7 +103,7 @@ def _of_role(role: str, tables: Mapping[str, Any]) -> dict[str, Any]:
         "missed": [
             {"anchor": _anchor(name), "title": table["title"], "said": _said(row)}
             for name, table, row in mine
-            if row["verdict"] in ("missed", "no number") and row["row"]["bar"]
+            if row["row"]["bar"] and row["verdict"] in MISSES
         ],
     }
 
@@ -153,7 +158,8 @@ def _figures(
     for position, sweep in enumerate(table["sweeps"], start=1):
         found[f"sweep-{position}"] = sweep_figure(sweep, rows)
         captions[f"sweep-{position}"] = f"{sweep['caption']} {MARKS}"
-    found["margins"] = margin_figure(first(table["rows"]))
+    asked = [row for row in first(table["rows"]) if row["verdict"] != "not asked for"]
+    found["margins"] = margin_figure(asked)
     if source not in drawn:
         drawn.add(source)
         found["drift"] = sweep_figure(ALONG_STEPS, drift_along_steps(rows))

@@ -22,7 +22,8 @@ from torch import Tensor
 
 from dynamics.compiled import network_cuda
 from dynamics.compiled.episodes import Episodes
-from dynamics.compiled.network_cuda import BLOCKS, LEAST, largest_block, slopes
+from dynamics.compiled.network_cuda import BLOCKS, LEAST, largest_block
+from dynamics.compiled.network_kernel import slopes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
 from dynamics.potentials import CORE, REACH, SPREAD, DisplacementPotential, PairPotential

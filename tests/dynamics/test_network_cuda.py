@@ -98,15 +98,16 @@ def test_the_kernels_fit_a_card(width):
     """Compiled for a card that is not here; what a program may share is that of one of a desk."""
     apart(f"""
 from dynamics.compiled import network_cuda as it
+from dynamics.compiled import network_kernel as kernels
 from tests.shared.kernels import shared_bytes
 
 kinds = dict.fromkeys(("rows", "beside", "share", "units"), "i32") | dict(matrix="*fp16")
 rows = it.ROW_WISE | dict(BLOCK=64 if {width} <= 256 else 32)
 for kernel, sizes in (
-    (it._forward, rows),
-    (it._back, rows),
-    (it._square, it.SQUARE | dict(TILE=min(it.TILE, {width}))),
-    (it._pack, dict(BLOCK=it.LEAST)),
+    (kernels.forward, rows),
+    (kernels.back, rows),
+    (kernels.square, it.SQUARE | dict(TILE=min(it.TILE, {width}))),
+    (kernels.pack, dict(BLOCK=it.LEAST)),
 ):
     options = {{k: v for k, v in sizes.items() if k.startswith("num_")}}
     fixed = {{k: v for k, v in sizes.items() if k not in options}} | dict(WIDTH={width})

@@ -50,6 +50,7 @@ def run(tmp_path):
         found(1e-3, "met"),
         found(0.5, "missed", why="seed 1: failed"),
         found(None, "no number", why="not recorded"),
+        found(None, "not asked for"),
         found(1.0, "reported", "regime_match", "", values={str(s): 1.0 for s in range(10)}),
     ]
     table = {
@@ -76,9 +77,12 @@ def run(tmp_path):
 
 def test_the_report_says_every_row_and_lists_what_is_missed_first(run):
     html = write_results(run).read_text()
-    assert html.count("a thing &lt;of&gt; note") >= 8
+    assert html.count("a thing &lt;of&gt; note") >= 10
     assert "10/10 seeds, p = 9.77e-4" in html
-    assert "Of the rows with a bar: 1 met, 1 missed, 1 no number." in html
+    assert "Of 6 figures with a bar that was registered before: 2 met, 2 missed, 2 no n" in html
+    assert "Of the rows with a bar: 1 met, 1 missed, 1 no number, 1 not asked for." in html
+    told = html[html.index("Not met") : html.index('id="one"')]
+    assert told.count("<li>") == 4 + 1  # what was missed, of both tables, and what was skipped
     assert html.index("Not met") < html.index('id="one"')
     assert html.count("Because of this.") == 4  # in the list and in the row of both tables
     assert "stability/x: failed: why" in html and "f0f0" in html

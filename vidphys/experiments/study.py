@@ -15,6 +15,7 @@ from vidphys.experiments.core.bars import (
     ABSENT,
     MISSED,
     SKIPPED,
+    UNASKED,
     Row,
     Verdict,
     bars_hash,
@@ -180,8 +181,9 @@ def _named(part: str, report: Report) -> Report:
 def write_verdicts(run: RunFolder, tables: Sequence[Table]) -> dict[str, Any]:
     """Hold what was recorded to the rows of each table; kept as ``verdicts.json``.
 
-    A row of a cell that was skipped says why. One of a cell that was asked for is held to every
-    seed that it was asked for: to those of confirmation first, and to those of development apart.
+    A row of a cell that was skipped says why, one of a cell that was left out says that. One of a
+    cell that was asked for is held to every seed that it was asked for: to those of confirmation
+    first, and to those of development apart.
     """
     records = run.join().to_pylist()
     manifest = run.manifest()
@@ -221,7 +223,7 @@ def _of_role(
         seeds = _of_cell(asked, source, row.cell) or {}
         if seeds and role not in seeds:
             continue  # the cell was asked for under the other role alone
-        verdict = _judged(row, mine, source, seeds.get(role, ()), reasons)
+        verdict = _judged(row, mine, source, seeds.get(role, ()), asked, reasons)
         cells = (row.cell, row.divided_by)
         stale = any(record["stale"] and record["cell"] in cells for record in mine)
         yield replace(verdict, role=role, stale=stale)
@@ -232,17 +234,21 @@ def _judged(
     records: Sequence[Mapping[str, Any]],
     source: str,
     seeds: Sequence[int],
+    asked: Mapping[str, object],
     reasons: Mapping[str, str],
 ) -> Verdict:
-    """A row's verdict; one without any number says what became of its cell."""
+    """A row's verdict; one without any number says what became of its cells."""
     verdict = judge(row, records, seeds)
     if verdict.values:
         return verdict
-    for cell in (row.cell, row.divided_by):
-        reason = _of_cell(reasons, source, cell) if cell else None
+    cells = [cell for cell in (row.cell, row.divided_by) if cell is not None]
+    for cell in cells:
+        reason = _of_cell(reasons, source, cell)
         if reason is not None:
             skipped = reason.startswith(SKIPPED) or verdict.verdict == ABSENT
             return replace(verdict, why=reason, verdict=ABSENT if skipped else MISSED)
+    if not all(_of_cell(asked, source, cell) for cell in cells):
+        return Verdict(row, {}, None, UNASKED)
     return verdict
 
 

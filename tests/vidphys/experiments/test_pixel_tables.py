@@ -14,7 +14,7 @@ from renderers import Camera, ChannelWorld, RgbWorld
 from vidphys.data.clips import render_clips
 from vidphys.experiments import study
 from vidphys.experiments.catalogue import TABLES
-from vidphys.experiments.core import scoring
+from vidphys.experiments.core import bars, scoring
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.scoring import (
     Question,
@@ -173,9 +173,9 @@ def test_an_encoder_without_weights_is_skipped_with_the_command_that_gets_it(tmp
     recorder = Recorder(Origin(*["encoder-scale", *["x"] * 7], 0, "cpu", "float32"))
     run.finish("x", *recorder.tables())
     table = study.write_verdicts(run, [TABLES["encoder-scale"]])["encoder-scale"]
-    why = {row["row"]["cell"]: row["why"] for row in table["rows"]}
-    assert why["vjepa2-g/factored"] == "skipped: no weights"
-    assert why["dinov2-small/factored"] == "not recorded"
+    rows = {row["row"]["cell"]: row for row in table["rows"]}
+    assert rows["vjepa2-g/factored"]["why"] == "skipped: no weights"
+    assert rows["dinov2-small/factored"]["verdict"] == bars.UNASKED
 
 
 def test_a_consistent_momentum_costs_nothing_and_any_other_does():

@@ -382,7 +382,7 @@ def test_a_run_is_judged_reported_and_resumed(tmp_path, hasty):
     assert rows["no force at all: error at G = -1"]["verdict"] == bars.REPORTED
     absent = rows["symplectic: force cosine at G = -1"]
     assert (absent["verdict"], absent["why"]) == (bars.ABSENT, "skipped: no weights; fetch them")
-    assert rows["factored: force cosine at G = -1"]["why"] == "not recorded"
+    assert rows["factored: force cosine at G = -1"]["verdict"] == bars.UNASKED
     report = write_results(run.path).read_text()
     assert "symplectic: force cosine" in report and settings["bars_sha256"] in report
     assert json.loads((run.path / "run.json").read_text())["settings"]["bars_sha256"]

@@ -33,6 +33,7 @@ OVER: dict[str, Callable[[Sequence[float]], float]] = {
     "smallest": min,
 }
 MET, MISSED, REPORTED, ABSENT = "met", "missed", "reported", "no number"
+UNASKED = "not asked for"  # the verdict on a row whose cell the run left out
 SKIPPED = "skipped"  # the status of what this machine lacks the means for
 ERRORS = ("error", "drift", "nmse", "gap", "growth", "residual", "rmse")  # of which less is better
 
@@ -90,7 +91,7 @@ class Verdict:
         row: what was asked.
         values: by seed, of those with a number.
         value: the seeds joined; ``None`` without a number.
-        verdict: met, missed, reported, or ``no number``.
+        verdict: met, missed, reported, ``no number``, or ``not asked for``.
         why: what stands where the number should, or what happened to some seeds.
         remark: what is known of why a bar is missed, from ``remarks.toml``.
         lost: (lost, of how many) episodes by seed, where some gave no finite number; the seed's

@@ -31,6 +31,7 @@ from vidphys.experiments.pixels.broken import (
 from vidphys.experiments.pixels.pixel_cell import TWINS, PixelCell, Scored
 from vidphys.experiments.pixels.seen import Perceived, pixel_scene
 from vidphys.perception.catalogue import RUNGS
+from vidphys.progress import Progress
 from vidphys.runs.records import Recorder
 from vidphys.scenes.strikes import strikes
 from vidphys.seeding import derive
@@ -59,8 +60,9 @@ class SurpriseCell(PixelCell):
     ) -> None:
         g, asked = self.grounding, partial(_watched, task, perceived, seed, self.breaks)
         watched = task.kept.once("watched", (g.name, seed), asked)
+        progress = task.stage("surprise")
         for one in scored:
-            score_surprise(one.recorder, one.head, perceived, watched)
+            score_surprise(one.recorder, one.head, perceived, watched, progress)
         if head == self.heads[0]:
             scene = perceived.seen.asked.scene
             floor = task.recorder(seed, scene, STRAIGHT, STRAIGHT, g.name, g.encoder, g.binder)
@@ -94,7 +96,13 @@ def _seen(perceived: Perceived, made: Broken) -> dict[str, Tracks]:
     return {name: perceived.perception.tracks(clips) for name, clips in made.clips.items()}
 
 
-def score_surprise(recorder: Recorder, head: Head, perceived: Perceived, watched: Watched) -> None:
+def score_surprise(
+    recorder: Recorder,
+    head: Head,
+    perceived: Perceived,
+    watched: Watched,
+    progress: Progress | None = None,
+) -> None:
     """Of each way to break the law and each context: how surely surprise tells it.
 
     ``surprise_auroc`` is over all clips; ``surprise_pairs`` is the share of broken clips that
@@ -105,14 +113,17 @@ def score_surprise(recorder: Recorder, head: Head, perceived: Perceived, watched
         head: trained on the tracks of ``perceived``.
         perceived: its training clips say how far the head is trusted.
         watched: tracks of the clips.
+        progress: called for each context and kind of clip.
     """
     train = perceived.seen.train
     slack = choose_slack(head, perceived.train, train.params, train.interval)
-    for context in CONTEXTS:
-        found = {
-            name: surprise(head, tracks, watched.params, train.interval, context, slack)
-            for name, tracks in watched.tracks.items()
-        }
+    asked = len(CONTEXTS) * len(watched.tracks)
+    for place, context in enumerate(CONTEXTS):
+        found: dict[str, Tensor] = {}
+        for name, tracks in watched.tracks.items():
+            found[name] = surprise(head, tracks, watched.params, train.interval, context, slack)
+            if progress:
+                progress(place * len(watched.tracks) + len(found), asked, 0.0)
         lawful = found.pop(LAWFUL)
         twice = lawful.repeat(len(found))
         for name, values in {**found, "all": torch.cat([*found.values()])}.items():
