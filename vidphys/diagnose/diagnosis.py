@@ -58,6 +58,8 @@ class Diagnosis:
         """Whether the answer is told without a doubt: these terms, or none of the menu's."""
         if self.explained or not self.inferences:
             return self.sure
+        if self.mended is not None and self.mended.swaps:
+            return False  # one that was missed looks like a force that the menu lacks
         one = self.motion.bodies == 1 or not np.allclose(self.motion.mass, 1.0)
         return one and any(x.leftover.certain and resolved(x) for x in self.inferences)
 
@@ -111,7 +113,7 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     found = weigh(motion, found.inference, settle, partial(ranked, angles=angles)) or found
     motion, inference, power = found.motion, found.inference, found.power
     noise = measure_noise(motion)
-    switch = None if inference.sure else find_switch(motion, inference)
+    switch = None if inference.stands else find_switch(motion, inference)
     if switch is not None:
         parts = _parts(motion, switch, angles)
         if parts and all(part.leftover.explained for part in parts):

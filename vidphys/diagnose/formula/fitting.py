@@ -7,6 +7,7 @@ projection, Golub and Pereyra 1973).
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -42,12 +43,12 @@ def fitted(
     low, high = float(samples.x.min()), float(samples.x.max())
     spans = [bounds(term, low, high) for term in terms]
     lows, highs = (np.array([v for span in spans for v in span[k]]) for k in (0, 1))
-    cuts = np.cumsum([len(term.constants) for term in terms])[:-1]
+    ends = np.cumsum([0, *(len(term.constants) for term in terms)]).tolist()
     numbers = sum(term.numbers for term in terms)
     price = numbers / 2 * np.log(samples.count) + sum(term.price for term in terms)
 
     def parts(flat: np.ndarray) -> list[tuple[float, ...]]:
-        return [tuple(piece) for piece in np.split(flat, cuts)]
+        return [tuple(flat[begin:end]) for begin, end in pairwise(ends)]
 
     def solve(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         a = samples.white @ design(terms, parts(flat), samples.x)
@@ -70,8 +71,8 @@ def fitted(
     sizes = np.abs(c) * np.sqrt(np.mean(design(terms, parts(flat), samples.x) ** 2, 0))
     if at_edge or not np.isfinite(misfit) or sizes.max() > CANCEL * samples.size:
         return None
-    ends = np.cumsum([len(term.columns) for term in terms])[:-1]
-    coefficients = tuple(tuple(piece) for piece in np.split(c, ends))
+    cuts = np.cumsum([len(term.columns) for term in terms])[:-1]
+    coefficients = tuple(tuple(piece) for piece in np.split(c, cuts))
     return Sum(terms, tuple(parts(flat)), coefficients, misfit, float(misfit / 2 + price))
 
 

@@ -7,6 +7,8 @@ stepped beside it.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 
@@ -14,8 +16,10 @@ from loops import kernel, uncounted
 
 SPEEDS = ("v", "v |v|", "sgn(v)", "v^3")  # words of the speed, by their number below
 
+part = partial(uncounted, inline=True)  # a call would take as long as what it does
 
-@uncounted
+
+@part
 def _looked_up(
     table: np.ndarray,
     low: float,
@@ -55,7 +59,7 @@ def _looked_up(
     return slope / step
 
 
-@uncounted
+@part
 def _word(
     code: int,
     v: float,
@@ -70,7 +74,7 @@ def _word(
     return v * v * v, 3 * v * v
 
 
-@uncounted
+@part
 def _accelerate(
     state: np.ndarray,
     law: tuple,
@@ -95,7 +99,7 @@ def _accelerate(
         out[1, k] = slope * state[0, k] + rate * state[1, k] + forced
 
 
-@uncounted
+@part
 def _moved(
     state: np.ndarray,
     rate: np.ndarray,

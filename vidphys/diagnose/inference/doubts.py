@@ -9,12 +9,13 @@ from vidphys.diagnose.inference.linearised import resolved
 from vidphys.diagnose.recordings.motion import Motion
 
 
-def doubts(motion: Motion, inference: Inference) -> list[str]:
+def doubts(motion: Motion, inference: Inference, swaps: int = 0) -> list[str]:
     """A sentence for each doubt, with the experiment that would end it.
 
     Args:
         motion: that was looked at.
         inference: of it.
+        swaps: of names, that were mended before.
     """
     said, rest = [], inference.leftover
     if rest.explained and not rest.even:
@@ -27,7 +28,23 @@ def doubts(motion: Motion, inference: Inference) -> list[str]:
             "Not told as sure: other terms fit as well and lose by their number alone; start the "
             "bodies elsewhere and faster, or record longer."
         )
-    if not rest.explained and not (rest.certain and resolved(inference)):
+    if rest.explained and inference.smoothly:
+        said.append(
+            "Not told as sure: a force that the menu lacks explains about as much as random kicks; "
+            "record more often, and longer."
+        )
+    if rest.explained and inference.alone:
+        kinds = " and ".join(sorted(inference.alone))
+        said.append(
+            f"Not told as sure: one stretch alone speaks for {kinds}; record more of what happens "
+            "there."
+        )
+    if not rest.explained and swaps:
+        said.append(
+            "Nor is it sure that the menu lacks a force: names were swapped, and one swap that was "
+            "missed looks like a force; look at what is followed."
+        )
+    elif not rest.explained and not (rest.certain and resolved(inference)):
         several = motion.bodies > 1 and np.allclose(motion.mass, 1.0)
         why = "give the masses, or " if several else ""
         said.append(

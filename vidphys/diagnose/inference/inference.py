@@ -8,7 +8,7 @@ import numpy as np
 
 from vidphys.diagnose.inference.menu import FRICTION, Term
 from vidphys.diagnose.inference.refine import Fitted
-from vidphys.diagnose.inference.residual import Leftover, friction_rate
+from vidphys.diagnose.inference.residual import CERTAIN, Leftover, friction_rate
 from vidphys.diagnose.inference.structures import Structure, chance
 from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.weak.windows import Windows
@@ -32,6 +32,7 @@ class Inference:
         kicks_gain: of log likelihood, by the kicks.
         leftover: what is not explained.
         structures: all that were tried, best first.
+        alone: kinds for which one stretch of the recording alone speaks.
     """
 
     fitted: Fitted
@@ -42,6 +43,7 @@ class Inference:
     kicks_gain: float
     leftover: Leftover
     structures: tuple[Structure, ...]
+    alone: frozenset[str] = frozenset()
 
     @property
     def structure(self) -> Structure:
@@ -76,9 +78,20 @@ class Inference:
 
     @property
     def sure(self) -> bool:
+        """Whether the answer stands, and nothing says that it may do so by accident."""
+        return self.stands and not self.smoothly and not self.alone
+
+    @property
+    def stands(self) -> bool:
         """Whether the alternatives are unlikely and nothing is left unexplained, anywhere."""
         likely = self.probability.get(self.structure.kinds, 0.0) >= UNSURE
         return likely and self.leftover.explained and self.leftover.even and not self.rivalled
+
+    @property
+    def smoothly(self) -> bool:
+        """Whether a force that changes smoothly explains about as much as the random kicks."""
+        rest = self.leftover
+        return self.bathed and rest.kicks_gain - rest.smooth_gain < CERTAIN
 
     @property
     def rivalled(self) -> bool:

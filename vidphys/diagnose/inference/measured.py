@@ -69,7 +69,7 @@ def _looked_at(
 ) -> Settled:
     inference, power = infer(motion)
     for _ in range(LOOKS):
-        seen = None if inference.sure and not inference.kicks else remeasured(motion, inference)
+        seen = None if inference.stands and not inference.kicks else remeasured(motion, inference)
         if seen is None:
             break
         motion = seen

@@ -29,6 +29,7 @@ from vidphys.diagnose.inference.menu import (
 )
 from vidphys.diagnose.inference.refine import Fitted, refine, unrefined
 from vidphys.diagnose.inference.residual import leftover, random_kicks
+from vidphys.diagnose.inference.stretches import of_one_stretch
 from vidphys.diagnose.inference.structures import Menu, Structure, all_structures, posterior
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
@@ -257,4 +258,5 @@ class _Search:
             rest.kicks_gain if kicks else 0.0,
             rest,
             tuple(again.structures),
+            of_one_stretch(again.menu, again.rows, again.structures, again.ratio),
         )

@@ -12,6 +12,8 @@ Runge-Kutta; the step with a collision, a bounce off a wall or a halt ends there
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 
@@ -21,8 +23,10 @@ HALVINGS = 45
 MOST = 32  # events in a step
 TINY = 1e-9  # of the speeds: bodies that approach so slowly touch
 
+part = partial(uncounted, inline=True)  # a call would take as long as what it does
 
-@uncounted
+
+@part
 def _accelerate(
     v: np.ndarray, force: np.ndarray, friction: np.ndarray, still: np.ndarray, out: np.ndarray
 ) -> None:
@@ -38,7 +42,7 @@ def _accelerate(
             out[b, i] = 0.0 if still[b] else force[i] - rate * v[b, i]
 
 
-@uncounted
+@part
 def _ahead(v: np.ndarray, h: float, a: np.ndarray, out: np.ndarray) -> None:
     for b in range(len(v)):
         for i in range(v.shape[1]):

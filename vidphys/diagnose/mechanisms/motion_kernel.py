@@ -24,6 +24,8 @@ Steps are fourth-order Runge-Kutta; the step that meets a wall ends there, by Ne
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 
@@ -36,8 +38,10 @@ NONE = np.empty(0)
 CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that pulls stays finite
 SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
 
+part = partial(uncounted, inline=True)  # a call would take as long as what it does
 
-@uncounted
+
+@part
 def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
     """Acceleration away from a fixed place, over the distance."""
     size, squared = len(s), 0.0
@@ -48,7 +52,7 @@ def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
     return strength / near * far ** (-power - 1.0)
 
 
-@uncounted
+@part
 def _stretched(one: float, two: float, apart: float) -> float:
     """By how much a spring between the ends of two pendulums is longer than their pivots are apart.
 
@@ -59,7 +63,7 @@ def _stretched(one: float, two: float, apart: float) -> float:
     return (1.0 - abs(apart) / far) * (across * np.cos(one) + up * np.sin(one))
 
 
-@uncounted
+@part
 def _pull(
     i: int,
     s: np.ndarray,
@@ -78,7 +82,7 @@ def _pull(
     return total
 
 
-@uncounted
+@part
 def _accelerate(
     s: np.ndarray,
     v: np.ndarray,
@@ -146,7 +150,7 @@ def _holds(
     return pull - max(into, 0.0) ** 2 <= dry * dry
 
 
-@uncounted
+@part
 def _step(
     s: np.ndarray,
     v: np.ndarray,

@@ -1,0 +1,51 @@
+"""Kinds of terms for which one stretch of the recording alone speaks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vidphys.diagnose.inference.structures import Menu, Structure
+from vidphys.diagnose.weak.regression import Rows
+
+LEAST = 5.0  # gain of log likelihood, that a kind must have where it has not its most
+
+
+def of_one_stretch(
+    menu: Menu, rows: Rows, structures: Sequence[Structure], ratio: float
+) -> frozenset[str]:
+    """Kinds of the best structure that few would miss if one window had not been recorded.
+
+    Each is held against the best structure without it. What a false find or a swapped name leaves
+    looks like a force in one window.
+
+    Args:
+        menu: whose terms the structures have.
+        rows: of the menu's columns.
+        structures: best first.
+        ratio: of random kicks, see :class:`vidphys.diagnose.inference.residual.Kicks`.
+    """
+    best = structures[0]
+    weight = 1 / (1 + ratio * rows.kicks)
+    least = _squares(menu, rows, best) * weight
+    unit = 2 * max(float(least.mean()), np.finfo(float).tiny)
+    found = set()
+    for kind in best.kinds:
+        without = next((other for other in structures if kind not in other.kinds), None)
+        if without is not None:
+            gain = (_squares(menu, rows, without) * weight - least) / unit
+            by_window = np.bincount(rows.window, gain)
+            if by_window.sum() - by_window.max() < LEAST:
+                found.add(kind)
+    return frozenset(found)
+
+
+def _squares(menu: Menu, rows: Rows, structure: Structure) -> np.ndarray:
+    """Squared residuals, ``(r,)``."""
+    if not structure.terms:
+        return rows.y**2
+    places = [menu.places[menu.terms.index(term)] for term in structure.terms]
+    chosen = [place for each in places for place in each]
+    left: np.ndarray = (rows.y - rows.x[:, chosen] @ structure.coefficients) ** 2
+    return left
