@@ -10,6 +10,7 @@ from scipy import special
 
 from vidphys.coupling_verdict import PowerVerdict
 from vidphys.diagnose.inference.changes import Switch, find_switch
+from vidphys.diagnose.inference.doubts import mistaken
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import resolved
 from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
@@ -58,10 +59,16 @@ class Diagnosis:
         """Whether the answer is told without a doubt: these terms, or none of the menu's."""
         if self.explained or not self.inferences:
             return self.sure
-        if self.mended is not None and self.mended.swaps:
-            return False  # one that was missed looks like a force that the menu lacks
         one = self.motion.bodies == 1 or not np.allclose(self.motion.mass, 1.0)
-        return one and any(x.leftover.certain and resolved(x) for x in self.inferences)
+        return one and any(
+            x.leftover.certain and resolved(x) and not mistaken(x, self.swaps)
+            for x in self.inferences
+        )
+
+    @property
+    def swaps(self) -> int:
+        """How often names were swapped, before that was mended."""
+        return 0 if self.mended is None else self.mended.swaps
 
     @property
     def inferences(self) -> tuple[Inference, ...]:

@@ -1,12 +1,13 @@
 """A term for which one stretch alone speaks is not told as sure."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from vidphys.diagnose.diagnosis import diagnose_motion
-from vidphys.diagnose.inference.doubts import doubts
+from vidphys.diagnose.inference.doubts import doubts, mistaken
 from vidphys.diagnose.inference.menu import FRICTIONS
 from vidphys.diagnose.inference.stretches import of_one_stretch
 from vidphys.diagnose.inference.structures import Menu, Structure
@@ -63,4 +64,11 @@ def test_what_one_stretch_asks_for_and_what_swaps_may_have_left_is_not_told():
     assert unknown.told
     mended = replace(unknown, mended=replace(unknown.mended, swaps=1))
     assert not mended.told
-    assert "names were swapped" in doubts(found.motion, unknown.inference, 1)[0]
+    assert "a swap of names" in doubts(found.motion, unknown.inference, 1)[0]
+
+
+def test_what_dry_friction_stops_beside_kicks_may_be_taken_for_a_force_off_the_menu():
+    found = SimpleNamespace(kicks=1e-3, kinds={"bath", "dry"})
+    assert "dry friction" in mistaken(found, 0) and "swap" in mistaken(found, 1)
+    assert not mistaken(SimpleNamespace(kicks=0.0, kinds={"dry"}), 0)
+    assert not mistaken(SimpleNamespace(kicks=1e-3, kinds={"bath"}), 0)

@@ -166,8 +166,8 @@ class ByMenu(Explanation):
         lines += [PASSES] if self.passes else []
         lines += [UNTURNED] if self.unturned else []
         lines += [] if found.mended is None else found.mended.said
-        swaps = found.mended.swaps if found.mended is not None else 0
-        lines += [line for part in found.inferences for line in doubts(found.motion, part, swaps)]
+        for part in found.inferences:
+            lines += doubts(found.motion, part, found.swaps)
         if found.power is not None:
             lines.append(f"Power of the coupling: {found.power.why}.")
         return lines

@@ -9,6 +9,20 @@ from vidphys.diagnose.inference.linearised import resolved
 from vidphys.diagnose.recordings.motion import Motion
 
 
+def mistaken(inference: Inference, swaps: int) -> str:
+    """What else looks like a force that the menu lacks, and what to do; empty if nothing does.
+
+    Args:
+        inference: of a motion.
+        swaps: of names, that were mended before.
+    """
+    if swaps:
+        return "a swap of names that was missed looks like one: look at what is followed"
+    if inference.kicks and "dry" in inference.kinds:
+        return "a body that dry friction stops looks like one: record more often"
+    return ""
+
+
 def doubts(motion: Motion, inference: Inference, swaps: int = 0) -> list[str]:
     """A sentence for each doubt, with the experiment that would end it.
 
@@ -39,11 +53,9 @@ def doubts(motion: Motion, inference: Inference, swaps: int = 0) -> list[str]:
             f"Not told as sure: one stretch alone speaks for {kinds}; record more of what happens "
             "there."
         )
-    if not rest.explained and swaps:
-        said.append(
-            "Nor is it sure that the menu lacks a force: names were swapped, and one swap that was "
-            "missed looks like a force; look at what is followed."
-        )
+    other = mistaken(inference, swaps)
+    if not rest.explained and other:
+        said.append(f"Nor is it sure that the menu lacks a force: {other}.")
     elif not rest.explained and not (rest.certain and resolved(inference)):
         several = motion.bodies > 1 and np.allclose(motion.mass, 1.0)
         why = "give the masses, or " if several else ""
