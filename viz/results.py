@@ -16,12 +16,13 @@ from viz.roles import DEVELOPMENT, first, role_of, roles
 from viz.summary import one_sided_p
 from viz.sweeps import sweep_figure
 
+UNASKED = "not asked for"  # counted, and not listed
 TONES = {
     "met": "good",
     "missed": "bad",
     "reported": "dull",
     "no number": "bad",
-    "not asked for": "dull",
+    UNASKED: "dull",
 }
 MISSES = ("missed", "no number")
 HELD = ("met", *MISSES)  # the verdicts on what was asked for and has a bar
@@ -134,7 +135,8 @@ def _table(
         told = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
         seeds = f" on seeds of {role}" if role else ""
         held += f" Of the rows with a bar{seeds}: {told}." if told else ""
-        groups.append({"role": role, "grey": role == DEVELOPMENT, "rows": list(map(_row, rows))})
+        shown = [_row(row) for row in rows if row["verdict"] != UNASKED]
+        groups.append({"role": role, "grey": role == DEVELOPMENT, "rows": shown})
     return {
         "anchor": _anchor(name),
         "title": table["title"],
@@ -158,7 +160,7 @@ def _figures(
     for position, sweep in enumerate(table["sweeps"], start=1):
         found[f"sweep-{position}"] = sweep_figure(sweep, rows)
         captions[f"sweep-{position}"] = f"{sweep['caption']} {MARKS}"
-    asked = [row for row in first(table["rows"]) if row["verdict"] != "not asked for"]
+    asked = [row for row in first(table["rows"]) if row["verdict"] != UNASKED]
     found["margins"] = margin_figure(asked)
     if source not in drawn:
         drawn.add(source)
