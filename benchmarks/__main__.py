@@ -13,7 +13,7 @@ import tyro
 from benchmarks.benchmark import CARD_ROWS, ROWS, run_benchmark
 from benchmarks.match import table
 from vidphys.cli.console import Console
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 from vidphys.runs.atomic import write_json
 from vidphys.runs.code import code_version
@@ -55,7 +55,7 @@ def run(config: BenchmarkConfig) -> None:
         InputError: an unknown row, no threads, no card, or rows in the folder that were measured in
             other surroundings.
     """
-    check_cuda(config.device)
+    prepare_device(config.device)
     rows_there = CARD_ROWS if config.device == "cuda" else ROWS
     for row in config.rows:
         if row not in rows_there:

@@ -1,11 +1,11 @@
-"""Whether a device that was asked for is there, what it is, and how exactly it computes."""
+"""A device that was asked for: whether it is there, what it is, and how exactly it computes."""
 
 from __future__ import annotations
 
 from vidphys.errors import InputError
 
 
-def check_cuda(device: str) -> None:
+def prepare_device(device: str) -> None:
     """Refuse CUDA where there is none, and keep it from rounding what goes into a convolution.
 
     Left alone, torch convolves on a card with ten bits of each number (TF32), which what learns to

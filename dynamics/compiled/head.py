@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import os
 from dataclasses import replace
-from functools import lru_cache
-from importlib.util import find_spec
 from typing import Any, Literal
 
 import torch
@@ -20,6 +18,7 @@ from dynamics.integrators import YOSHIDA_WEIGHTS, leapfrog, yoshida4
 from dynamics.kinetic import FixedKinetic
 from dynamics.potentials import DisplacementPotential, RadialPotential
 from dynamics.state import Parameters, PhaseState
+from loops import has_numba, has_triton
 
 Backend = Literal["torch", "numba", "triton"]
 PARTS = {leapfrog.name: (1.0,), yoshida4.name: YOSHIDA_WEIGHTS}  # of a step, each a leapfrog step
@@ -132,7 +131,7 @@ def refusal(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
     wanted = "cpu" if backend == "numba" else "cuda"
     if states.device.type != wanted and not (backend == "triton" and interpreted()):
         return f"needs states on {wanted}, these are on {states.device.type}"
-    if not installed(backend):
+    if not (has_triton() if backend == "triton" else has_numba()):
         return f"is not installed; install {backend}"
     return None
 
@@ -155,12 +154,6 @@ def unfused(head: Hamiltonian, backend: str, states: Tensor) -> str | None:
 def fastest(device: torch.device) -> Backend:
     """The backend whose loops run where states lie."""
     return "triton" if device.type == "cuda" else "numba"
-
-
-@lru_cache
-def installed(package: str) -> bool:
-    """Whether a package can be imported."""
-    return find_spec(package) is not None
 
 
 def interpreted() -> bool:

@@ -14,7 +14,7 @@ from renderers import Camera, disks, gaussians, reused
 from tests.shared.graphs import goes_through
 from tests.shared.recorded_steps import asking_and_plain, head_to_roll, recorded_and_plain
 from tests.shared.small_studies import TINY
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.ladder import ALL_HEADS
@@ -39,7 +39,7 @@ RUNGS = (
 
 
 def rows(cell, device, folder):
-    check_cuda(device)
+    prepare_device(device)
     pixel = replace(TINY.pixel, frames=8)  # which every encoder's feature frames divide
     task = CellTask("ladder", cell, (0,), TINY.oracle, pixel, device, folder)
     TABLES["ladder"].cells[cell](task)

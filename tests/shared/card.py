@@ -300,7 +300,7 @@ def a_card() -> Iterator[None]:
     with (
         mock.patch("torch.cuda.is_available", lambda: True),
         mock.patch("torch.cuda.get_device_name", lambda *_: "a card that is none"),
-        mock.patch("dynamics.compiled.head.installed", lambda package: package != "triton"),
+        mock.patch("dynamics.compiled.head.has_triton", lambda: False),
         mock.patch("renderers.reused.has_triton", lambda: False),
         mock.patch("dynamics.engines.has_triton", lambda: False),
         mock.patch("torch.cuda.synchronize", lambda *_: None),

@@ -12,7 +12,7 @@ from vidphys.cli.console import Console
 from vidphys.cli.options import given_columns, refuse
 from vidphys.cli.units import EngineOptions, run_units
 from vidphys.data.video import ClipSelection
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _check(config: AtlasConfig) -> None:
         TARGETS[target]
     for encoder in config.encoders:
         ENCODERS[encoder]
-    check_cuda(config.device)
+    prepare_device(config.device)
     config.check_workers()
 
 

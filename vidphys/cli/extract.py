@@ -17,7 +17,7 @@ from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
 from vidphys.data.listed import listed_clips
 from vidphys.data.video import Video, open_video
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def frozen_encoder(config: ExtractConfig) -> tuple[LayeredEncoder, tuple[str, ..
     """
     from encoders.frozen import load_encoder
 
-    check_cuda(config.device)
+    prepare_device(config.device)
     encoder = load_encoder(config.encoder, _options(config), config.weights, config.device)
     if config.layers == ALL:
         return encoder, encoder.layers

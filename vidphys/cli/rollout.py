@@ -12,7 +12,7 @@ from vidphys.cli.console import Console
 from vidphys.cli.options import refuse
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.pushes import OPTIONS, aim_of, named, told_push
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
     from vidphys.runs.folder import RunFolder
     from viz.told import write_told
 
-    check_cuda(config.device)
+    prepare_device(config.device)
     refuse(config, ("columns",), "a training rolls clips, not tables")
     factors = factors_of(config.law)
     if config.input is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from vidphys.cli.units import SKIPPED, EngineOptions, compile_loops, run_units
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 from vidphys.presets import Preset, preset
 
@@ -56,7 +56,7 @@ class StudyOptions(EngineOptions):
         Raises:
             InputError: no worker or seed, or a device that is not there.
         """
-        check_cuda(self.device)
+        prepare_device(self.device)
         self.check_workers()
         sizes = preset(self.preset)
         seeds = sizes.seeds if self.seeds is None else self.seeds

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from vidphys.cli.console import Console
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def _measure(config: TradeConfig) -> int:
     from vidphys.trade.session import choose, measure_fronts, surroundings
     from viz.trade import write_trade
 
-    check_cuda(config.device)
+    prepare_device(config.device)
     if config.threads < 1:
         raise InputError(f"--threads {config.threads}: at least one is needed")
     torch.set_num_threads(config.threads)

@@ -14,7 +14,7 @@ from vidphys.cli.options import MOTION, given_columns, make_binder, option, refu
 from vidphys.cli.profiles import with_profile
 from vidphys.cli.seeing import SeeingOptions
 from vidphys.cli.who import WhoOptions
-from vidphys.devices import check_cuda, device_name
+from vidphys.devices import device_name, prepare_device
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def train(config: TrainConfig) -> int:
 
     _check(config)
     binder = make_binder(config.binder, config.bodies, config.shadow, config)
-    check_cuda(config.device)
+    prepare_device(config.device)
     dataset = find_dataset(config.data, given_columns(config.columns))
     if dataset.labelled:
         why = f"the tables of {config.data} tell the positions"

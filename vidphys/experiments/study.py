@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from registry import unknown
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core.bars import (
     ABSENT,
@@ -139,7 +139,7 @@ def run_unit(path: Path, unit: Unit, preset: Preset, device: str, report: Report
         device: where to train and roll.
         report: called as ``(stage, step, steps)``.
     """
-    check_cuda(device)  # again: a worker is a process of its own
+    prepare_device(device)  # again: a worker is a process of its own
     run, table, kept = RunFolder(path), TABLES[unit.table], Kept()
     asked = asked_of(run.manifest()["settings"])
     for cell, part in zip(unit.cells, unit.parts, strict=True):

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import torch
 import tyro
 
-from vidphys.devices import check_cuda
+from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 from vidphys.pretraining.clips import Signs
 from vidphys.pretraining.run import RECORD, SHIPPED, TOY, pretrain
@@ -55,7 +55,7 @@ def main() -> int:
     config = tyro.cli(PretrainConfig, prog="python -m vidphys.pretraining")
     torch.set_num_threads(1)
     try:
-        check_cuda(config.device)
+        prepare_device(config.device)
         settings = SHIPPED[config.name] if config.preset == "shipped" else TOY
         if config.steps is not None:
             settings = replace(settings, steps=config.steps)

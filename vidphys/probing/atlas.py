@@ -23,7 +23,7 @@ from encoders.frozen.base import FrozenEncoder
 from encoders.frozen.untrained import untrained
 from encoders.identity import LayeredEncoder
 from encoders.store import FeatureStore
-from vidphys.devices import check_cuda, device_name
+from vidphys.devices import device_name, prepare_device
 from vidphys.points.point import CPU_CLOCK, WALL_CLOCK
 from vidphys.probing.controls import RANDOM
 from vidphys.probing.examples import PLAIN, VIEWS
@@ -123,7 +123,7 @@ def run_unit(path: Path, unit: AtlasUnit, settings: AtlasSettings, report: Any) 
     Raises:
         ValueError: an encoder that cannot be had, or nothing that can be learned.
     """
-    check_cuda(settings.device)  # again: a worker is a process of its own
+    prepare_device(settings.device)  # again: a worker is a process of its own
     run = RunFolder(path)
     if run.is_done(unit.part):
         return
