@@ -41,6 +41,15 @@ def test_a_kind_that_one_window_asks_for_is_found(share, found):
     assert asked(share) == found
 
 
+@pytest.mark.parametrize("frames", [40, 100])
+def test_a_recording_that_is_one_stretch_is_told_as_sure_as_ever(frames):
+    t = STEP * np.arange(frames)
+    fall = np.stack([t, 2 * t - 0.5 * 9.81 * t**2], -1)[None, :, None]
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(fall.shape)
+    found = diagnose_motion(motion_of(fall + noise, STEP))
+    assert found.kinds == {"uniform"} and found.told
+
+
 def test_a_bath_is_not_sure_where_a_smooth_force_explains_as_much():
     found = diagnose_motion(filmed(LISTED["langevin"], "white", 113).motion)
     assert found.told and "bath" in found.kinds and not doubts(found.motion, found.inference)

@@ -10,6 +10,7 @@ from vidphys.diagnose.inference.structures import Menu, Structure
 from vidphys.diagnose.weak.regression import Rows
 
 LEAST = 5.0  # gain of log likelihood, that a kind must have where it has not its most
+FEWEST = 8  # windows; of fewer, one may well be what speaks for a term that is there
 
 
 def of_one_stretch(
@@ -18,7 +19,7 @@ def of_one_stretch(
     """Kinds of the best structure that few would miss if one window had not been recorded.
 
     Each is held against the best structure without it. What a false find or a swapped name leaves
-    looks like a force in one window.
+    looks like a force in one window. A recording of few windows is not asked.
 
     Args:
         menu: whose terms the structures have.
@@ -27,6 +28,8 @@ def of_one_stretch(
         ratio: of random kicks, see :class:`vidphys.diagnose.inference.residual.Kicks`.
     """
     best = structures[0]
+    if len(np.unique(rows.window)) < FEWEST:
+        return frozenset()
     weight = 1 / (1 + ratio * rows.kicks)
     least = _squares(menu, rows, best) * weight
     unit = 2 * max(float(least.mean()), np.finfo(float).tiny)
