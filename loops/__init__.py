@@ -11,6 +11,7 @@ from registry import lazily
 if TYPE_CHECKING:
     from loops.kernels import inlined as inlined
     from loops.kernels import kernel as kernel
+    from loops.kernels import part as part
     from loops.kernels import summing as summing
     from loops.kernels import uncounted as uncounted
     from loops.streams import streaming as streaming
@@ -21,6 +22,7 @@ HOMES = {
     "held_to": "loops.threads",
     "in_threads": "loops.threads",
     "inlined": "loops.kernels",
+    "part": "loops.kernels",
     "kernel": "loops.kernels",
     "streaming": "loops.streams",
     "summing": "loops.kernels",

@@ -86,6 +86,11 @@ def uncounted(function: Callable[..., Any], inline: bool = False) -> Any:
     return _compiled(function, nogil=True, pipeline_class=_Apart, forceinline=inline, _nrt=False)
 
 
+def part(function: Callable[..., Any]) -> Any:
+    """The same, compiled into its callers: where a call would take as long as what it does."""
+    return uncounted(function, inline=True)
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function into its callers."""
     return _compiled(function, forceinline=True, pipeline_class=_Alone)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from dynamics.compiled.lanes import PART, TILE, Array, Transposed, Weights, inpu
 from dynamics.compiled.octaves import coarse_polynomials, fine_polynomials
 from dynamics.compiled.spline import DEGREE
 from dynamics.potentials import REACH, SPREAD, RadialPotential
-from loops.kernels import inlined, uncounted
+from loops.kernels import inlined, part, uncounted
 
 LANES = TILE  # episodes side by side: a pair of each is one tile of the network
 # Rows of a pair's work: displacement, gradient, square of the soft length; of a radial law, the
@@ -42,7 +41,7 @@ class PairFunction(NamedTuple):
     back: Transposed
 
 
-@partial(uncounted, inline=True)
+@part
 def radial_spline(fineness: int, table: Array, work: Array, pair: int) -> None:
     """Force along the line of a :class:`dynamics.compiled.spline.RadialSpline` at a pair's lanes.
 

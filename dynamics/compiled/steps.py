@@ -6,7 +6,6 @@ block's state never leaves the first-level cache, and each stored state is writt
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,11 +27,10 @@ from dynamics.compiled.pairs import (
     radial_spline,
 )
 from dynamics.potentials import CORE
-from loops.kernels import uncounted
+from loops.kernels import part, uncounted
 from loops.streams import CACHED, streaming
 
 stream = streaming(TILE)
-part = partial(uncounted, inline=True)
 
 
 @part

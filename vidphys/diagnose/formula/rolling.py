@@ -7,16 +7,12 @@ stepped beside it.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from jaxtyping import Float
 
-from loops import kernel, uncounted
+from loops import kernel, part
 
 SPEEDS = ("v", "v |v|", "sgn(v)", "v^3")  # words of the speed, by their number below
-
-part = partial(uncounted, inline=True)  # a call would take as long as what it does
 
 
 @part

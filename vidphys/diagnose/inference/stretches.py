@@ -46,9 +46,7 @@ def of_one_stretch(
 
 def _squares(menu: Menu, rows: Rows, structure: Structure) -> np.ndarray:
     """Squared residuals, ``(r,)``."""
-    if not structure.terms:
-        return rows.y**2
-    places = [menu.places[menu.terms.index(term)] for term in structure.terms]
-    chosen = [place for each in places for place in each]
+    places = menu.places
+    chosen = [place for term in structure.terms for place in places[menu.terms.index(term)]]
     left: np.ndarray = (rows.y - rows.x[:, chosen] @ structure.coefficients) ** 2
     return left

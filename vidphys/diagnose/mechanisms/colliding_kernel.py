@@ -12,18 +12,14 @@ Runge-Kutta; the step with a collision, a bounce off a wall or a halt ends there
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from jaxtyping import Float
 
-from loops import kernel, uncounted
+from loops import kernel, part, uncounted
 
 HALVINGS = 45
 MOST = 32  # events in a step
 TINY = 1e-9  # of the speeds: bodies that approach so slowly touch
-
-part = partial(uncounted, inline=True)  # a call would take as long as what it does
 
 
 @part

@@ -24,12 +24,10 @@ Steps are fourth-order Runge-Kutta; the step that meets a wall ends there, by Ne
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from jaxtyping import Float
 
-from loops import kernel, uncounted
+from loops import kernel, part, uncounted
 
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
 BOUNCES = 6  # in a step, at most
@@ -37,8 +35,6 @@ MEETING, TIGHT = 40, 1e-13  # tries at most to find when a step meets a wall; of
 NONE = np.empty(0)
 CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that pulls stays finite
 SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
-
-part = partial(uncounted, inline=True)  # a call would take as long as what it does
 
 
 @part
