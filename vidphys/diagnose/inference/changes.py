@@ -11,7 +11,7 @@ from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, Term, field_of
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.search import NUMERICAL
-from vidphys.diagnose.inference.structures import PRICE, Structure
+from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.weak.paths import Paths, integrated, smooth
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
@@ -173,10 +173,10 @@ def _exact_gain(
         everything = range(len(both.moment))
         values = both.solve(everything)
         apart = both.log_likelihood(both.misfit(everything, values), floor) - start
-        price = PRICE * 0.5 * np.log(whole.count) * (len(columns) + 1)
         later = values[:count].copy()
         later[columns] += values[count:]
-        found.append((float(apart - price), values[:count], later))
+        gain = apart - price(whole.count, len(columns) + 1)
+        found.append((float(gain), values[:count], later))
     return max(found, key=lambda f: f[0])
 
 

@@ -53,6 +53,12 @@ def doubts(motion: Motion, inference: Inference, swaps: int = 0) -> list[str]:
             f"Not told as sure: one stretch alone speaks for {kinds}; record more of what happens "
             "there."
         )
+    if rest.explained and inference.slight:
+        kinds = " or ".join(sorted(inference.slight))
+        said.append(
+            f"Not told as sure: {kinds} may be there too, and explains more than chance does, but "
+            "too little to be told; record longer, or with less noise."
+        )
     other = mistaken(inference, swaps)
     if not rest.explained and other:
         said.append(f"Nor is it sure that the menu lacks a force: {other}.")

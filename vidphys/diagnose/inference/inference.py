@@ -5,16 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtrc
 
 from vidphys.diagnose.inference.menu import FRICTION, Term
 from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.inference.residual import CERTAIN, Leftover, friction_rate
-from vidphys.diagnose.inference.structures import Structure, chance
+from vidphys.diagnose.inference.structures import Structure, chance, price
 from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.weak.windows import Windows
 from vidphys.statistics import NORMAL_95
 
 LENIENT = 0.75  # of the price of a number, given back to rivals
+BY_CHANCE = 1e-3  # that a term gains as much where it is not there, below which it may be there
 UNSURE = 0.9  # probability of a structure under which the diagnosis says that it is not sure
 
 
@@ -79,7 +81,7 @@ class Inference:
     @property
     def sure(self) -> bool:
         """Whether the answer stands, and nothing says that it may do so by accident."""
-        return self.stands and not self.smoothly and not self.alone
+        return self.stands and not (self.smoothly or self.alone or self.slight)
 
     @property
     def stands(self) -> bool:
@@ -97,15 +99,28 @@ class Inference:
     def rivalled(self) -> bool:
         """Whether other terms fit better and lose by the price of their numbers alone.
 
-        Terms beside the winner's are no rivals: to be spared such is what the price is for.
+        Terms beside the winner's are no rivals: of such see ``slight``.
         """
         best = self.structures[0]
-        price = LENIENT * 0.5 * np.log(max(self.fitted.freedom, 2))
+        given_back = LENIENT * 0.5 * np.log(max(self.fitted.freedom, 2))
 
         def worth(structure: Structure) -> float:
-            return structure.score + price * sum(term.size for term in structure.terms)
+            return structure.score + given_back * structure.numbers
 
         return any(worth(s) > worth(best) for s in self.structures if not s.kinds >= best.kinds)
+
+    @property
+    def slight(self) -> frozenset[str]:
+        """Kinds beside the winner's that explain more than chance, and less than they cost."""
+        best, rows = self.structures[0], max(self.fitted.freedom, 2)
+        found: set[str] = set()
+        for other in self.structures:
+            numbers = other.numbers - best.numbers
+            if other.kinds > best.kinds and numbers > 0:
+                gain = other.score - best.score + price(rows, numbers)
+                if chdtrc(numbers, 2 * max(gain, 0.0)) < BY_CHANCE:
+                    found |= other.kinds - best.kinds
+        return frozenset(found)
 
     def chance(self, kind: str) -> float:
         """Probability that a kind of term is there."""

@@ -15,7 +15,7 @@ import numpy as np
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, Term, external_terms, of_each_body
 from vidphys.diagnose.inference.refine import Fitted, refine
-from vidphys.diagnose.inference.structures import PRICE, Structure
+from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.windows import FEW, Windows, cut_windows
@@ -48,8 +48,9 @@ class LongFit:
     def score(self) -> float:
         """Log likelihood less the price of the numbers, comparable in equal windows."""
         rows = self.windows.seen.sum() * self.windows.frames.shape[-1]
-        price = PRICE * 0.5 * np.log(rows) * len(self.fitted.values)
-        return float(-0.5 * self.fitted.freedom * np.log(self.fitted.variance) - price)
+        return float(-0.5 * self.fitted.freedom * np.log(self.fitted.variance)) - price(
+            rows, len(self.fitted.values)
+        )
 
 
 def last_look(motion: Motion, inference: Inference) -> LongFit | None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.inference.menu import PAIR, Field, Term, pair_terms
-from vidphys.diagnose.inference.structures import PRICE, Structure
+from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
 
@@ -108,8 +108,7 @@ def probe_gains(
     without = log_likelihood(chosen)
     gains = {}
     for name, extra in places.items():
-        price = PRICE * 0.5 * np.log(normal.count) * len(extra)
-        gain = log_likelihood(chosen + extra) - without - price
+        gain = log_likelihood(chosen + extra) - without - price(normal.count, len(extra))
         # Below the floor it is the integrals' own error that has such a shape.
         if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
             gains[name] = float(gain)

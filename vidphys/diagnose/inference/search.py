@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynamics.powers import COUPLINGS
+from vidphys.diagnose.inference.hearing import Heard, heard, key_of, reweighed
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import (
     FRICTIONS,
@@ -126,8 +127,14 @@ class _Search:
         """The whole search from first windows of this many frames."""
         found = self.round(size, None)
         found = self.round(found.windows.frames.shape[1], found)
-        found = self.kicked(self.refined(found)[1])
-        return self.conclude(self.grown(found), noise)
+        found = self.settled(self.grown(self.kicked(self.refined(found)[1])))
+        fits = self.heard(found)
+        if fits and fits[0].key != key_of(found.best):
+            # Windows may be longer, and kicks none, with terms that fit better.
+            other = self.along(found, fits[0].fitted)
+            found = self.settled(self.grown(self.kicked(replace(other, ratio=0.0))))
+            fits = self.heard(found)
+        return self.conclude(found, fits, noise)
 
     def first_size(self) -> int:
         """Frames of the first windows: about the time in which velocities change."""
@@ -182,9 +189,13 @@ class _Search:
         """All combinations, best first; kicks come with the linear friction that balances them."""
         if not ratio:
             return all_structures(menu, normal_equations(rows), self.floor, self.floor)
-        found = all_structures(menu, normal_equations(rows, ratio), self.floor)
+        found = all_structures(menu, normal_equations(rows, ratio), self.least(rows, ratio))
         bath = [s for s in found if "linear" in s.kinds]
         return bath or found
+
+    def least(self, rows: Rows, ratio: float) -> float:
+        """What noise may be beside kicks: rows that these move are not numerical error."""
+        return self.floor / float(np.sqrt(1 + ratio * rows.kicks.mean()))
 
     def refined(self, found: _Round) -> tuple[Fitted, _Round]:
         """The winner's numbers, and every combination once more along the paths that they give."""
@@ -192,12 +203,15 @@ class _Search:
             fitted = refine(found.windows, found.paths, found.best, found.ratio)
         except (FloatingPointError, np.linalg.LinAlgError):
             fitted = unrefined(found.windows, found.paths, found.best)
+        return fitted, self.along(found, fitted)
+
+    def along(self, found: _Round, fitted: Fitted) -> _Round:
+        """Every combination once more, along the paths of a fit."""
+        paths = fitted.paths
         if found.ratio:
-            kicked = with_kicks(found.windows, fitted.paths, found.ratio)
-            fitted = replace(fitted, paths=kicked)
+            paths = with_kicks(found.windows, paths, found.ratio)
         last = [fitted.structure, *found.structures]
-        again = self.tried(found.windows, fitted.paths, last, found.ratio)
-        return fitted, again
+        return self.tried(found.windows, paths, last, found.ratio)
 
     def kicked(self, found: _Round) -> _Round:
         """With random kicks, if they are believed.
@@ -242,21 +256,37 @@ class _Search:
         frames = self.frames_of(field.v, found.best.accelerations(field), FARTHEST)
         return int(min(frames, self.motion.positions.shape[1]))
 
-    def conclude(self, found: _Round, noise: Noise) -> Inference:
-        """Fit the winner's numbers; where the combinations then rank differently, once more."""
+    def settled(self, found: _Round) -> _Round:
+        """Every combination along the winner's paths; once more, where another wins there."""
         fitted, again = self.refined(found)
         if again.best.kinds != fitted.structure.kinds:
-            fitted, again = self.refined(again)
+            again = self.refined(again)[1]
+        return again
+
+    def heard(self, found: _Round) -> list[Heard]:
+        """The likeliest combinations along their own paths, best first."""
+        least = self.least(found.rows, found.ratio)
+        return heard(found.windows, found.paths, found.structures, found.ratio, least)
+
+    def conclude(self, found: _Round, fits: Sequence[Heard], noise: Noise) -> Inference:
+        """What is told of the best fit, and of every combination beside it."""
+        if fits:
+            fitted, structures = fits[0].fitted, reweighed(found.structures, fits)
+        else:
+            fitted, structures = self.refined(found)[0], found.structures
+        if found.ratio:
+            kicked = with_kicks(found.windows, fitted.paths, found.ratio)
+            fitted = replace(fitted, paths=kicked)
         rest = leftover(found.windows, fitted, found.ratio, self.sigma, self.floor)
         kicks = found.ratio * fitted.variance
         return Inference(
             fitted,
             found.windows,
             noise,
-            posterior(again.structures),
+            posterior(structures),
             kicks,
             rest.kicks_gain if kicks else 0.0,
             rest,
-            tuple(again.structures),
-            of_one_stretch(again.menu, again.rows, again.structures, again.ratio),
+            tuple(structures),
+            of_one_stretch(found.menu, found.rows, structures, found.ratio),
         )

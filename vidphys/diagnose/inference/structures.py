@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -38,6 +38,11 @@ class Structure:
             for term in self.terms
             for kind in term.kinds
         )
+
+    @property
+    def numbers(self) -> int:
+        """How many were fitted."""
+        return sum(term.size for term in self.terms)
 
     def of(self, term: Term) -> np.ndarray:
         """Coefficients of one of the terms."""
@@ -113,14 +118,22 @@ def _fit(
     columns = [i for place in places for i in place]
     coefficients = normal.solve(columns)
     misfit = normal.misfit(columns, coefficients)
-    price = PRICE * 0.5 * np.log(normal.count) * sum(term.size for term in terms)
-    score = normal.log_likelihood(misfit, floor) - price
-    structure = Structure(tuple(terms), coefficients, score, misfit / normal.count)
-    wrong = any(
+    structure = Structure(tuple(terms), coefficients, 0.0, misfit / normal.count)
+    score = normal.log_likelihood(misfit, floor) - price(normal.count, structure.numbers)
+    return None if is_wrong(structure) else replace(structure, score=score)
+
+
+def price(rows: int, numbers: int) -> float:
+    """What so many numbers that are fitted to so many rows cost, of log likelihood."""
+    return float(PRICE * 0.5 * np.log(rows) * numbers)
+
+
+def is_wrong(structure: Structure) -> bool:
+    """Whether a number has a sign with which its term would not be what its name says."""
+    return any(
         term.positive and (structure.of(term)[: max(1, len(term.parts))] <= 0).any()
-        for term in terms
+        for term in structure.terms
     )
-    return None if wrong else structure
 
 
 def _shows(structure: Structure, places: Sequence[list[int]], normal: Normal, least: float) -> bool:

@@ -18,6 +18,10 @@ class Paths:
     v: np.ndarray
     a: np.ndarray
 
+    def only(self, kept: np.ndarray) -> Paths:
+        """Those through some windows, by their numbers ``(k,)``."""
+        return Paths(self.q[kept], self.v[kept], self.a[kept])
+
 
 def smooth(windows: Windows, sigma: float) -> Paths:
     """Polynomials of the lowest degree that leave no more than the noise.

@@ -59,6 +59,20 @@ class Windows:
     def __len__(self) -> int:
         return len(self.frames)
 
+    def only(self, kept: np.ndarray) -> Windows:
+        """Some of the windows, by their numbers ``(k,)``."""
+        return Windows(
+            self.frames[kept],
+            self.seen[kept],
+            self.times[kept],
+            self.begin[kept],
+            self.clip[kept],
+            self.first[kept],
+            self.mass[kept],
+            None if self.coupling is None else self.coupling[kept],
+            self.colour,
+        )
+
     @property
     def length(self) -> np.ndarray:
         """Seconds, ``(w,)``."""
