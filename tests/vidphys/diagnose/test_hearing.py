@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.hearing import Heard, heard, key_of, reweighed
 from vidphys.diagnose.inference.menu import field_of, pair_term
-from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.weak.paths import integrated, smooth
 from vidphys.diagnose.weak.windows import cut_windows
 from vidphys.experiments.confusion.storms.scenes import LISTED, filmed
@@ -63,3 +64,16 @@ def test_a_wrong_shape_that_led_along_its_own_paths_is_not_told(gravity):
     found = diagnose_motion(gravity)
     assert found.told and found.kinds == {"pair"}
     assert found.inference.structure.term("pair").shape == "inverse-square"
+
+
+@pytest.mark.parametrize(("gain", "sure"), [(5.0, True), (9.0, False)])  # chances 2e-2 and 4e-4
+def test_a_term_that_explains_more_than_chance_is_not_told_as_absent(gravity, gain, sure):
+    found = diagnose_motion(gravity).inference
+    best, other = found.structures[0], next(x for x in found.structures if "trap" in x.kinds)
+    trapped = replace(other, terms=(*best.terms, other.term("external")))
+    assert trapped.numbers == best.numbers + 3  # chances by chi-square of three numbers
+    score = best.score + gain - price(found.fitted.freedom, 3)
+    also = replace(found, structures=(best, replace(trapped, score=score)))
+    assert also.stands and also.sure == sure and also.slight == (frozenset() if sure else {"trap"})
+    told = [said for said in doubts(gravity, also) if "trap may be there too" in said]
+    assert len(told) == (not sure)

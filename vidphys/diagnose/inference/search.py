@@ -127,14 +127,17 @@ class _Search:
         """The whole search from first windows of this many frames."""
         found = self.round(size, None)
         found = self.round(found.windows.frames.shape[1], found)
-        found = self.settled(self.grown(self.kicked(self.refined(found)[1])))
+        fitted, found = self.settled(self.grown(self.kicked(self.refined(found)[1])))
         fits = self.heard(found)
         if fits and fits[0].key != key_of(found.best):
             # Windows may be longer, and kicks none, with terms that fit better.
-            other = self.along(found, fits[0].fitted)
-            found = self.settled(self.grown(self.kicked(replace(other, ratio=0.0))))
+            other = self.along(found, self.pushed(found, fits[0].fitted))
+            fitted, found = self.settled(self.grown(self.kicked(replace(other, ratio=0.0))))
             fits = self.heard(found)
-        return self.conclude(found, fits, noise)
+        if fits and fits[0].key != key_of(fitted.structure):
+            fitted = self.pushed(found, fits[0].fitted)
+        structures = reweighed(found.structures, fits) if fits else found.structures
+        return self.conclude(fitted, replace(found, structures=structures), noise)
 
     def first_size(self) -> int:
         """Frames of the first windows: about the time in which velocities change."""
@@ -203,15 +206,19 @@ class _Search:
             fitted = refine(found.windows, found.paths, found.best, found.ratio)
         except (FloatingPointError, np.linalg.LinAlgError):
             fitted = unrefined(found.windows, found.paths, found.best)
+        fitted = self.pushed(found, fitted)
         return fitted, self.along(found, fitted)
+
+    def pushed(self, found: _Round, fitted: Fitted) -> Fitted:
+        """A fit whose paths follow the random kicks too, where there are any."""
+        if not found.ratio:
+            return fitted
+        return replace(fitted, paths=with_kicks(found.windows, fitted.paths, found.ratio))
 
     def along(self, found: _Round, fitted: Fitted) -> _Round:
         """Every combination once more, along the paths of a fit."""
-        paths = fitted.paths
-        if found.ratio:
-            paths = with_kicks(found.windows, paths, found.ratio)
         last = [fitted.structure, *found.structures]
-        return self.tried(found.windows, paths, last, found.ratio)
+        return self.tried(found.windows, fitted.paths, last, found.ratio)
 
     def kicked(self, found: _Round) -> _Round:
         """With random kicks, if they are believed.
@@ -256,37 +263,30 @@ class _Search:
         frames = self.frames_of(field.v, found.best.accelerations(field), FARTHEST)
         return int(min(frames, self.motion.positions.shape[1]))
 
-    def settled(self, found: _Round) -> _Round:
-        """Every combination along the winner's paths; once more, where another wins there."""
+    def settled(self, found: _Round) -> tuple[Fitted, _Round]:
+        """The winner's numbers; where the combinations then rank differently, once more."""
         fitted, again = self.refined(found)
         if again.best.kinds != fitted.structure.kinds:
-            again = self.refined(again)[1]
-        return again
+            fitted, again = self.refined(again)
+        return fitted, again
 
     def heard(self, found: _Round) -> list[Heard]:
         """The likeliest combinations along their own paths, best first."""
         least = self.least(found.rows, found.ratio)
         return heard(found.windows, found.paths, found.structures, found.ratio, least)
 
-    def conclude(self, found: _Round, fits: Sequence[Heard], noise: Noise) -> Inference:
+    def conclude(self, fitted: Fitted, found: _Round, noise: Noise) -> Inference:
         """What is told of the best fit, and of every combination beside it."""
-        if fits:
-            fitted, structures = fits[0].fitted, reweighed(found.structures, fits)
-        else:
-            fitted, structures = self.refined(found)[0], found.structures
-        if found.ratio:
-            kicked = with_kicks(found.windows, fitted.paths, found.ratio)
-            fitted = replace(fitted, paths=kicked)
         rest = leftover(found.windows, fitted, found.ratio, self.sigma, self.floor)
         kicks = found.ratio * fitted.variance
         return Inference(
             fitted,
             found.windows,
             noise,
-            posterior(structures),
+            posterior(found.structures),
             kicks,
             rest.kicks_gain if kicks else 0.0,
             rest,
-            tuple(structures),
-            of_one_stretch(found.menu, found.rows, structures, found.ratio),
+            tuple(found.structures),
+            of_one_stretch(found.menu, found.rows, found.structures, found.ratio),
         )
