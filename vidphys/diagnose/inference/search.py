@@ -5,7 +5,8 @@
 3. Look for random kicks; where there are any, weigh the rows by them.
 4. Lengthen the windows while the model explains them as well as the short ones.
 5. Fit the numbers of the winner without approximation, and try every combination once more.
-6. Ask whether anything is left that noise and kicks do not explain.
+6. Fit its rivals too, each along its own paths; where one is likelier, go on from there once.
+7. Ask whether anything is left that noise and kicks do not explain.
 """
 
 from __future__ import annotations
