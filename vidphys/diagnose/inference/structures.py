@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -118,9 +118,10 @@ def _fit(
     columns = [i for place in places for i in place]
     coefficients = normal.solve(columns)
     misfit = normal.misfit(columns, coefficients)
-    structure = Structure(tuple(terms), coefficients, 0.0, misfit / normal.count)
-    score = normal.log_likelihood(misfit, floor) - price(normal.count, structure.numbers)
-    return None if is_wrong(structure) else replace(structure, score=score)
+    numbers = sum(term.size for term in terms)
+    score = normal.log_likelihood(misfit, floor) - price(normal.count, numbers)
+    structure = Structure(tuple(terms), coefficients, score, misfit / normal.count)
+    return None if is_wrong(structure) else structure
 
 
 def price(rows: int, numbers: int) -> float:
