@@ -44,15 +44,14 @@ SIZES = OracleSizes(2, 2, 8, (5e-3,), 2)
 PIXEL = replace(TINY.pixel, clips=3, frames=8, image=32, perception_steps=1, held_out=1)
 
 
-def both(numbers, loosely=()):
-    """What is computed on the CPU, and on a card that is none; some of it but for a tenth."""
+def both(numbers):
+    """What is computed on the CPU, and on a card that is none."""
     here = numbers("cpu")
     with a_card():
         there = numbers("cuda")
     assert here.keys() == there.keys() and here
     for name, value in here.items():
-        near = 0.1 if name in loosely else 1e-3
-        assert there[name] == pytest.approx(value, rel=near, abs=1e-5), name
+        assert there[name] == pytest.approx(value, rel=1e-3, abs=1e-5), name
 
 
 def examples(scene, _trajectories, seed):
@@ -142,15 +141,16 @@ def test_a_start_is_found_there_and_what_follows_foretold():
     head = scene.build(HEADS["factored-radial"])
 
     def numbers(device):
-        model = head.to(device)
+        model = head.to(device, torch.float32)
         slack = choose_slack(model, tracks, law, 0.04, replace(settings, worse=1))
         found = by_shooting(model, tracks, law, 0.04, 0.1, settings)
         assert found.p.device.type == "cpu"
-        off = missed(model, tracks, law, 0.04, 3)
+        # An untrained head explains no path. Its fits stop before their end, and slopes from
+        # differences in float32 decide where; followed to the end, both places agree to 1e-4.
+        off = missed(model.double(), tracks, law, 0.04, 3)
         return {"slack": slack, "p": found.p.flatten().tolist(), "missed": off.tolist()}
 
-    # Starts agree; what they foretell differs by 3 % on some processors, why is not known yet.
-    both(numbers, loosely={"missed"})
+    both(numbers)
 
 
 def test_a_training_goes_on_there_from_its_checkpoint(tmp_path):
