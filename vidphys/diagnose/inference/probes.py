@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
-from vidphys.diagnose.inference.menu import PAIR, Field, Term, pair_terms
+from vidphys.diagnose.inference.menu import PAIR, Field, Term, axes, pair_terms
 from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
 
+WAVES = 8  # half periods in a recording of the fastest push that is asked for
 DISTINCT = 1e-4  # share of the largest singular value, from which shapes of a force differ
 
 
@@ -41,21 +43,38 @@ def _in_time(field: Field, structure: Structure) -> np.ndarray:
     return np.stack(shapes, -1)
 
 
-def _bodies_differ(field: Field, structure: Structure) -> np.ndarray:
+def _push(field: Field, structure: Structure) -> np.ndarray:
+    since = (field.t - field.t.min()) / max(np.ptp(field.t), np.finfo(float).tiny)
+    waves = [np.cos(np.pi * k * since) for k in range(1, WAVES + 1)]
+    each = [wave[:, :, None, None, None] * axes(field) for wave in waves]
+    return np.concatenate(each, -1) / field.inertia
+
+
+def _pair_force(field: Field, structure: Structure) -> np.ndarray:
     pair = structure.term(PAIR)
-    bodies = field.q.shape[2]
-    if pair is not None:
-        force = pair.columns(field) @ structure.of(pair)
-    else:
-        force = structure.accelerations(field)
-    own = np.eye(bodies)[None, None, :, None, :-1]
+    assert pair is not None
+    return pair.columns(field) @ structure.of(pair)
+
+
+def _pairs_differ(field: Field, structure: Structure) -> np.ndarray:
+    columns = []
+    for one, other in list(combinations(range(field.q.shape[2]), 2))[:-1]:
+        alone = replace(field, q=field.q[:, :, [one, other]], mass=field.mass[:, [one, other]])
+        force = np.zeros_like(field.q)
+        force[:, :, [one, other]] = _pair_force(alone, structure)
+        columns.append(force)
+    return np.stack(columns, -1)
+
+
+def _bodies_differ(field: Field, structure: Structure) -> np.ndarray:
+    of_pairs = structure.term(PAIR) is not None
+    force = _pair_force(field, structure) if of_pairs else structure.accelerations(field)
+    own = np.eye(field.q.shape[2])[None, None, :, None, :-1]
     return force[..., None] * own
 
 
 def _company(field: Field, structure: Structure) -> np.ndarray:
-    pair = structure.term(PAIR)
-    assert pair is not None
-    force = pair.columns(field) @ structure.of(pair)
+    force = _pair_force(field, structure)
     reach = np.median(field.distance[np.isfinite(field.distance)]) / 1.5
     near = np.exp(-0.5 * (field.distance / reach) ** 2).sum(-1)[..., None]
     return np.stack([force * near, force * near**2], -1)
@@ -69,7 +88,9 @@ PROBES: dict[str, tuple[int, int, bool, Probe]] = {
     "a force that turns about a point": (2, 1, False, _turned_place),
     "a trap that differs between directions": (2, 1, False, _uneven_trap),
     "strengths that change with time": (1, 1, False, _in_time),
+    "a push that changes with time": (1, 1, False, _push),
     "bodies that answer differently": (1, 2, False, _bodies_differ),
+    "pairs that differ": (1, 3, True, _pairs_differ),
     "pair forces that depend on who else is near": (1, 3, True, _company),
 }
 

@@ -46,6 +46,11 @@ def resisted_unevenly(rates: tuple[float, float]) -> Law:
     return lambda q, v, t: -np.array(rates) * v
 
 
+def pushed(way: np.ndarray, when: float, lasting: float) -> Law:
+    """The same push on all bodies, which comes and goes about a time."""
+    return lambda q, v, t: np.broadcast_to(way * np.exp(-(((t - when) / lasting) ** 2)), q.shape)
+
+
 def across(strength: float) -> Law:
     """A force across the velocity."""
     return lambda q, v, t: strength * np.stack([v[..., 1], -v[..., 0]], -1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -202,6 +203,17 @@ def _one_sided(d: Draw) -> Law:
     return forces.between(pull, np.tile(signs, (len(bodies), 1)))
 
 
+def _pairs_differ(d: Draw) -> Law:
+    strengths = np.zeros((len(d.mass), len(d.mass)))
+    for one, other in combinations(range(len(d.mass)), 2):
+        strengths[one, other] = strengths[other, one] = d.rng.choice([-1, 1]) * d.strength(1.0)
+    return forces.between(forces.powered(1.0, d.length(0.3), 2.0), strengths)
+
+
+def _pushed(d: Draw) -> Law:
+    return total(_trap(d), forces.pushed(2 * d.field(), d.length(1.2), d.length(0.5)))
+
+
 def _bath(d: Draw, *laws: Law) -> Made:
     rate = d.strength(1.0)
     return Made(total(*laws, forces.resisted(rate, 1)), rate)
@@ -263,6 +275,8 @@ LISTED = {
         Class("outside-triple", lambda d: forces.three_together(d.strength(1.0)), None, SOME),
         Class("outside-one-sided", _one_sided, None, MANY),
         Class("outside-uneven-trap", _uneven_trap, None),
+        Class("outside-pairs-differ", _pairs_differ, None, SOME),
+        Class("outside-pushed", _pushed, None),
         Class("outside-hidden", _gravity, None, MANY, unseen=1),
         Class("outside-walls", lambda d: forces.walled(d.length(1.0)), None, speed=1.0),
         Class(
