@@ -12,7 +12,7 @@ Paths are kept at Chebyshev nodes, where integrals are as exact as the path is s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -61,16 +61,9 @@ class Windows:
 
     def only(self, kept: np.ndarray) -> Windows:
         """Some of the windows, by their numbers ``(k,)``."""
-        return Windows(
-            self.frames[kept],
-            self.seen[kept],
-            self.times[kept],
-            self.begin[kept],
-            self.clip[kept],
-            self.first[kept],
-            self.mass[kept],
-            None if self.coupling is None else self.coupling[kept],
-            self.colour,
+        each = {field.name: getattr(self, field.name) for field in fields(self)}
+        return replace(
+            self, **{name: x[kept] for name, x in each.items() if isinstance(x, np.ndarray)}
         )
 
     @property
