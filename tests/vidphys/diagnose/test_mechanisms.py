@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.stats import multivariate_normal
 
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
@@ -18,7 +19,7 @@ from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
 from vidphys.diagnose.mechanisms.law import Law
-from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, likeliest_errors
+from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, Shapes
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
@@ -195,9 +196,14 @@ def test_errors_that_last_are_told_from_noise():
     for i in range(1, 400):
         smooth[i] = keep * smooth[i - 1] + 2 * np.sqrt(1 - keep**2) * rng.standard_normal()
     white = 0.3 * rng.standard_normal(400)
-    found, _ = likeliest_errors(frames[0].stretches, [(smooth + white)[:, None]], 1e-9)
+    shapes, both = Shapes(frames[0].stretches), smooth + white
+    found, likely = shapes.likeliest([both[:, None]], 1e-9)
     assert found.white == pytest.approx(0.3, rel=0.25) and found.smooth > 1.2
-    found, _ = likeliest_errors(frames[0].stretches, [white[:, None]], 1e-9)
+    times = frames[0].stretches[0].times
+    lasting = found.smooth**2 * np.exp(-np.abs(times[:, None] - times) / found.memory)
+    whole = multivariate_normal(cov=lasting + found.white**2 * np.eye(400))
+    assert likely == pytest.approx(whole.logpdf(both), rel=1e-9)
+    found, _ = shapes.likeliest([white[:, None]], 1e-9)
     assert found.white == pytest.approx(0.3, rel=0.1) and found.smooth < 0.1
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from vidphys.statistics import ROBUST
 
@@ -76,7 +76,10 @@ class Covariance:
         bands[1, :-1] += kept**2 / fresh
         bands[0, 1:] = -kept / fresh
         bands[1] += self.precision
-        self.factor = cholesky_banded(bands)
+        # LAPACK itself: scipy's checks take longer than a few hundred frames do.
+        self.factor, failed = dpbtrf(bands)
+        if failed:
+            raise np.linalg.LinAlgError("Covariance: the errors' precision is not positive")
         self.log_size += 2 * float(np.log(self.factor[1]).sum())
         self.log_size += float(np.log(fresh).sum() + np.log(errors.smooth**2))
 
@@ -85,45 +88,38 @@ class Covariance:
         weighed = self.precision[:, None] * x
         if self.factor is None:
             return weighed
-        smooth = cho_solve_banded((self.factor, False), weighed)
+        smooth, _ = dpbtrs(self.factor, weighed)
         return weighed - self.precision[:, None] * smooth
 
 
-def log_likelihood(
-    stretches: Sequence[Stretch], residuals: Sequence[np.ndarray], errors: Errors
-) -> float:
-    """Of residuals ``(t, d)`` under errors of these sizes."""
-    total = 0.0
-    for stretch, residual in zip(stretches, residuals, strict=True):
-        covariance = Covariance(stretch.times, stretch.trust, errors)
-        quadratic = float((residual * covariance.solve(residual)).sum())
-        space = residual.shape[1]
-        constant = residual.size * np.log(2 * np.pi)
-        total -= 0.5 * (quadratic + space * covariance.log_size + constant)
-    return total
+class Shapes:
+    """The errors that are tried of some stretches, in units of their white noise."""
 
+    def __init__(self, stretches: Sequence[Stretch]) -> None:
+        self.tried = [
+            (unit, [Covariance(s.times, s.trust, unit) for s in stretches])
+            for unit in unit_errors(stretches)
+        ]
 
-def likeliest_errors(
-    stretches: Sequence[Stretch], residuals: Sequence[np.ndarray], least: float
-) -> tuple[Errors, float]:
-    """The sizes of the errors under which residuals are likeliest, and their log likelihood.
+    def likeliest(self, residuals: Sequence[np.ndarray], least: float) -> tuple[Errors, float]:
+        """The errors under which residuals ``(t, d)`` are likeliest, and their log likelihood.
 
-    Args:
-        least: white noise that there is in any case, unit of the positions.
-    """
-    count = sum(r.size for r in residuals)
-    best: tuple[Errors, float] | None = None
-    for unit in unit_errors(stretches):
-        square = 0.0
-        for stretch, r in zip(stretches, residuals, strict=True):
-            square += float((r * Covariance(stretch.times, stretch.trust, unit).solve(r)).sum())
-        white = max(float(np.sqrt(square / count)), least)
-        errors = Errors(white, white * unit.smooth, unit.memory)
-        likely = log_likelihood(stretches, residuals, errors)
-        if best is None or likely > best[1]:
-            best = errors, likely
-    assert best is not None
-    return best
+        Args:
+            residuals: of each stretch.
+            least: white noise that there is in any case, unit of the positions.
+        """
+        count = sum(r.size for r in residuals)
+        best: tuple[Errors, float] | None = None
+        for unit, covariances in self.tried:
+            each = list(zip(residuals, covariances, strict=True))
+            square = sum(float((r * c.solve(r)).sum()) for r, c in each)
+            white = max(float(np.sqrt(square / count)), least)
+            size = sum(r.shape[1] * c.log_size for r, c in each) + 2 * count * np.log(white)
+            likely = -0.5 * (square / white**2 + size + count * np.log(2 * np.pi))
+            if best is None or likely > best[1]:
+                best = Errors(white, white * unit.smooth, unit.memory), float(likely)
+        assert best is not None
+        return best
 
 
 def unit_errors(stretches: Sequence[Stretch]) -> list[Errors]:

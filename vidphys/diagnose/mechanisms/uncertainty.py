@@ -14,8 +14,8 @@ from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.measurement import (
     Covariance,
     Errors,
+    Shapes,
     Stretch,
-    likeliest_errors,
     trusted,
     unit_errors,
 )
@@ -47,7 +47,8 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
     clips = _retrusted(clips, stretches)
     joint = np.concatenate([values, *geometry])
     least = 1e-9 * scale
-    errors, likely = likeliest_errors(stretches, residuals, least)
+    shapes = Shapes(stretches)
+    errors, likely = shapes.likeliest(residuals, least)
     prior = _prior(model, len(joint))
     likely -= 0.5 * float(prior @ joint**2)
     covariance = np.eye(len(joint))
@@ -70,7 +71,7 @@ def with_errors(clips: list[Frames], model: Model, values: np.ndarray, scale: fl
             left = _missed(clips, model, trial)
             if not _near(left, scale):
                 continue
-            sizes, found = likeliest_errors(stretches, left, least)
+            sizes, found = shapes.likeliest(left, least)
             found -= 0.5 * float(prior @ trial**2)
             if found >= likely:
                 joint, errors, likely, residuals = trial, sizes, found, left

@@ -8,6 +8,7 @@ pendulum has a rate of its own: something moves with it that was not followed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.measurement import (
     Covariance,
     Errors,
+    Shapes,
     Stretch,
-    likeliest_errors,
     trusted,
 )
 
@@ -62,9 +63,14 @@ class _Swing:
     def seconds(self) -> float:
         return float(self.stretch.times[-1] - self.stretch.times[0])
 
+    @cached_property
+    def shapes(self) -> Shapes:
+        """Of errors that are tried."""
+        return Shapes([self.stretch])
+
     def likeliest(self, left: np.ndarray, spread: float) -> tuple[Errors, float]:
         """Of what is left ``(t, d)``."""
-        return likeliest_errors([self.stretch], [left], LEAST * spread)
+        return self.shapes.likeliest([left], LEAST * spread)
 
     def without(self, columns: np.ndarray, errors: Errors) -> np.ndarray:
         """What is missed, less what columns ``(t, m)`` have of it."""
