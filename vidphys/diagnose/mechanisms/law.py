@@ -180,7 +180,9 @@ class Law:
         numbers = dict(zip(self.names, values.tolist(), strict=True))
         force, stiffness, swing, friction = self._forces(numbers)
         # The usual interval: a gap is stepped over as finely as frames in a row.
-        interval = float(np.partition(np.diff(times), (len(times) - 1) // 2)[(len(times) - 1) // 2])
+        gaps, middle = times[1:] - times[:-1], (len(times) - 1) // 2
+        gaps.partition(middle)
+        interval = float(gaps[middle])
         steps = min(max(np.ceil(self.rate(numbers) * interval / FINE), STEPS[0]), STEPS[1])
         with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
             out = rolled(

@@ -396,7 +396,8 @@ def rolled(
     """
     out = np.empty((len(times), *start.shape))
     steady, ramp, floor = force.copy(), np.zeros(len(force)), np.zeros(len(force))
-    lossy = np.append(friction, 0.0)
+    lossy = np.zeros(4)
+    lossy[:3] = friction
     law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung, floor)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
     spins = np.empty(0) if spin is None else np.array([spin])
