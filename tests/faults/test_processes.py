@@ -150,7 +150,7 @@ def always(folder: Path, name: str, report) -> None:
 
 
 def deaf(folder: Path, name: str, _report) -> None:
-    if name == "a" and not (folder / name).exists():
+    if not (folder / name).exists():
         (folder / name).touch()
         os.kill(os.getpid(), signal.SIGSTOP)
 
