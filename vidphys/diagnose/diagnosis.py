@@ -123,7 +123,7 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     switch = None if inference.stands else find_switch(motion, inference)
     if switch is not None:
         parts = _parts(motion, switch, angles)
-        if parts and all(part.leftover.explained for part in parts):
+        if parts:
             return Diagnosis(motion, noise, "", inference, switch, parts, power, mended=mended)
     look = last_look(motion, inference)
     if look is not None:
@@ -132,13 +132,16 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
 
 
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:
-    """What is inferred before and after a switch; nothing where too little is seen of either."""
-    try:
-        return tuple(
-            infer(half, angles) for half in (motion.cut(0, switch.frame), motion.cut(switch.frame))
-        )
-    except Unseen:
-        return ()
+    """What explains the motion before a switch and after it; nothing where either is left open."""
+    parts: list[Inference] = []
+    for half in (motion.cut(0, switch.frame), motion.cut(switch.frame)):
+        try:
+            parts.append(infer(half, angles))
+        except Unseen:
+            return ()
+        if not parts[-1].leftover.explained:
+            return ()
+    return tuple(parts)
 
 
 def nothing_to_see(motion: Motion) -> str:

@@ -51,15 +51,17 @@ def settled(
     """Find the terms, look what they leave, and find them again where that tells something.
 
     Where nothing explains the motion, noise with a memory may hide behind wrong terms: one is
-    supposed, and believed if terms that then explain all leave noise that has it.
+    supposed, and believed if terms that then explain all leave noise that has it. It is not where a
+    force off the menu is certain: no noise looks like one.
     """
     found = _looked_at(motion, infer)
-    if found.inference.leftover.explained or found.motion.colour is not None:
+    rest = found.inference.leftover
+    if rest.explained or rest.certain or found.motion.colour is not None:
         return found
     for correlation in SUPPOSED:
         other = _looked_at(_supposed(motion, correlation), infer)
-        rest = other.inference
-        if rest.leftover.explained and not rest.kicks and _residual_colour(other) is not None:
+        told = other.inference
+        if told.leftover.explained and not told.kicks and _residual_colour(other) is not None:
             return other
     return found
 

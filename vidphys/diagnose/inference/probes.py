@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -13,7 +14,7 @@ from vidphys.diagnose.inference.structures import Structure, price
 from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
 
-WAVES = 8  # half periods in a recording of the fastest push that is asked for
+SLOW, FAST = 2, 8  # half periods in a recording of the fastest change in time that is asked for
 DISTINCT = 1e-4  # share of the largest singular value, from which shapes of a force differ
 
 
@@ -36,17 +37,19 @@ def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
     return np.stack([field.q * np.array([1.0, -1.0]), field.q[..., [1, 0]]], -1)
 
 
-def _in_time(field: Field, structure: Structure) -> np.ndarray:
-    t = (field.t - field.t.mean()) / max(field.t.std(), np.finfo(float).tiny)
-    force = structure.accelerations(field)
-    shapes = [force * x[:, :, None, None] for x in (t, t**2, t**3)]
-    return np.stack(shapes, -1)
-
-
-def _push(field: Field, structure: Structure) -> np.ndarray:
+def _waves(field: Field, most: int) -> list[np.ndarray]:
+    """One half period over all that was recorded, two, and so on, each ``(w, m)``."""
     since = (field.t - field.t.min()) / max(np.ptp(field.t), np.finfo(float).tiny)
-    waves = [np.cos(np.pi * k * since) for k in range(1, WAVES + 1)]
-    each = [wave[:, :, None, None, None] * axes(field) for wave in waves]
+    return [np.cos(np.pi * k * since) for k in range(1, most + 1)]
+
+
+def _in_time(field: Field, structure: Structure, most: int) -> np.ndarray:
+    force = structure.accelerations(field)
+    return np.stack([force * wave[:, :, None, None] for wave in _waves(field, most)], -1)
+
+
+def _push(field: Field, structure: Structure, most: int) -> np.ndarray:
+    each = [wave[:, :, None, None, None] * axes(field) for wave in _waves(field, most)]
     return np.concatenate(each, -1) / field.inertia
 
 
@@ -87,8 +90,10 @@ PROBES: dict[str, tuple[int, int, bool, Probe]] = {
     "friction that differs between directions": (2, 1, False, _uneven_drag),
     "a force that turns about a point": (2, 1, False, _turned_place),
     "a trap that differs between directions": (2, 1, False, _uneven_trap),
-    "strengths that change with time": (1, 1, False, _in_time),
-    "a push that changes with time": (1, 1, False, _push),
+    "strengths that change slowly with time": (1, 1, False, partial(_in_time, most=SLOW)),
+    "strengths that change with time": (1, 1, False, partial(_in_time, most=FAST)),
+    "a push that changes slowly with time": (1, 1, False, partial(_push, most=SLOW)),
+    "a push that changes with time": (1, 1, False, partial(_push, most=FAST)),
     "bodies that answer differently": (1, 2, False, _bodies_differ),
     "pairs that differ": (1, 3, True, _pairs_differ),
     "pair forces that depend on who else is near": (1, 3, True, _company),

@@ -164,10 +164,10 @@ def _linearised(windows: Windows, paths: Paths, structure: Structure) -> _Linear
     known = a.reshape(count, nodes, size, 1) - told
     started = by_q @ start_q + by_v @ start_v
     right = np.concatenate([known, started, by_values], -1).reshape(count, flat, -1)
-    solved = np.linalg.solve(system, right)
-    columns = solved.reshape(count, nodes, size, -1)
-    v = np.einsum("wml,wlik->wmik", once, columns)
-    q = np.einsum("wml,wlik->wmik", twice, columns)
+    columns = np.linalg.solve(system, right).reshape(count, nodes, size, -1)
+    solved = columns.reshape(count, nodes, -1)
+    v = (once @ solved).reshape(columns.shape)
+    q = (twice @ solved).reshape(columns.shape)
     q[..., 1 : 1 + 2 * size] += start_q
     v[..., 1 : 1 + 2 * size] += start_v
     return _Linear(columns, q, v)
@@ -213,6 +213,13 @@ def _by_values(field: Field, structure: Structure) -> np.ndarray:
     return joined.reshape(count, nodes, bodies * space, -1)
 
 
+def _whitened(whiten: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """``(w, n, f, f)`` times ``(w, f, n, d, k)``."""
+    by_body = x.transpose(0, 2, 1, 3, 4)
+    flat = by_body.reshape(*by_body.shape[:3], -1)
+    return (whiten @ flat).reshape(by_body.shape).transpose(0, 2, 1, 3, 4)
+
+
 @dataclass(frozen=True)
 class _Step:
     change: np.ndarray
@@ -226,11 +233,11 @@ class _Step:
 def _least_squares(windows: Windows, linear: _Linear, whiten: np.ndarray, numbers: int) -> _Step:
     count, frames, bodies, space = windows.frames.shape
     size = bodies * space
-    seen_at = np.einsum("wfm,wmik->wfik", windows.to_frames, linear.q)
+    seen_at = windows.to_frames @ linear.q.reshape(*linear.q.shape[:2], -1)
     seen_at = seen_at.reshape(count, frames, bodies, space, -1)
     seen_at[..., 0] -= windows.frames
     seen_at = seen_at * windows.seen[..., None, None]
-    white = np.einsum("wnfg,wgndk->wfndk", whiten, seen_at).reshape(count, frames * size, -1)
+    white = _whitened(whiten, seen_at).reshape(count, frames * size, -1)
     miss, start, slope = white[..., 0], white[..., 1 : 1 + 2 * size], white[..., 1 + 2 * size :]
     basis = np.linalg.qr(start)[0]
 
@@ -238,9 +245,9 @@ def _least_squares(windows: Windows, linear: _Linear, whiten: np.ndarray, number
         return x - basis @ (basis.transpose(0, 2, 1) @ x)
 
     clean, left = without_start(slope), without_start(miss[..., None])
-    gram = np.einsum("wrp,wrk->pk", clean, clean)
-    inverse = gram_inverse(gram)
-    change = -inverse @ np.einsum("wrp,wr->p", clean, left[..., 0])
+    rows = clean.reshape(count * frames * size, numbers)
+    inverse = gram_inverse(rows.T @ rows)
+    change = -inverse @ (rows.T @ left.ravel())
     after = left[..., 0] + clean @ change
     freedom = int(windows.seen.sum() * space - count * 2 * size - numbers)
     variance = float((after**2).sum() / max(freedom, 1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -100,28 +100,36 @@ def all_structures(menu: Menu, normal: Normal, floor: float, least: float = 0.0)
         [None, *(i for i, term in enumerate(menu.terms) if term.family == family)]
         for family in FAMILIES
     ]
+    by_size: dict[int, list[list[int]]] = {}
     places = menu.places
-    found = []
     for combination in product(*families):
         chosen = [i for i in combination if i is not None]
-        structure = _fit(
-            [menu.terms[i] for i in chosen], [places[i] for i in chosen], normal, floor
-        )
-        if structure is not None and _shows(structure, [places[i] for i in chosen], normal, least):
-            found.append(structure)
+        by_size.setdefault(sum(len(places[i]) for i in chosen), []).append(chosen)
+    found = [
+        structure
+        for alike in by_size.values()
+        for structure in _fits(menu, alike, normal, floor, least)
+    ]
     return sorted(found, key=lambda s: -s.score)
 
 
-def _fit(
-    terms: Sequence[Term], places: Sequence[list[int]], normal: Normal, floor: float
-) -> Structure | None:
-    columns = [i for place in places for i in place]
-    coefficients = normal.solve(columns)
-    misfit = normal.misfit(columns, coefficients)
-    numbers = sum(term.size for term in terms)
-    score = normal.log_likelihood(misfit, floor) - price(normal.count, numbers)
-    structure = Structure(tuple(terms), coefficients, score, misfit / normal.count)
-    return None if is_wrong(structure) else structure
+def _fits(
+    menu: Menu, combinations: list[list[int]], normal: Normal, floor: float, least: float
+) -> Iterator[Structure]:
+    """Combinations that have equally many columns, fitted together; those that stand."""
+    places = menu.places
+    columns = np.array([[k for i in chosen for k in places[i]] for chosen in combinations], int)
+    solved = normal.solve_each(columns)
+    misfits = normal.misfit_each(columns, solved)
+    for chosen, coefficients, misfit in zip(combinations, solved, misfits, strict=True):
+        terms = tuple(menu.terms[i] for i in chosen)
+        score = normal.log_likelihood(float(misfit), floor)
+        score -= price(normal.count, sum(term.size for term in terms))
+        structure = Structure(terms, coefficients, score, float(misfit) / normal.count)
+        if not is_wrong(structure) and _shows(
+            structure, [places[i] for i in chosen], normal, least
+        ):
+            yield structure
 
 
 def price(rows: int, numbers: int) -> float:

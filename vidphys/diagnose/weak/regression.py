@@ -61,20 +61,26 @@ class Normal:
 
     def solve(self, chosen: Sequence[int]) -> np.ndarray:
         """Coefficients of some columns."""
-        if not len(chosen):
-            return np.zeros(0)
-        index = np.asarray(chosen)
-        gram = self.gram[np.ix_(index, index)]
-        size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-        scaled = gram / np.outer(size, size) + RIDGE * np.eye(len(index))
-        return np.linalg.solve(scaled, self.moment[index] / size) / size
+        return self.solve_each(np.asarray(chosen, int)[None])[0]
 
     def misfit(self, chosen: Sequence[int], coefficients: np.ndarray) -> float:
         """Weighted sum of squared residuals."""
-        index = np.asarray(chosen, int)
-        gram = self.gram[np.ix_(index, index)]
-        left = self.power - 2 * coefficients @ self.moment[index]
-        return float(max(left + coefficients @ gram @ coefficients, np.finfo(float).tiny))
+        return float(self.misfit_each(np.asarray(chosen, int)[None], coefficients[None])[0])
+
+    def solve_each(self, chosen: np.ndarray) -> np.ndarray:
+        """Coefficients ``(k, c)`` of each of so many choices of columns, ``(k, c)``."""
+        gram = self.gram[chosen[:, :, None], chosen[:, None, :]]
+        size = np.sqrt(np.maximum(self.gram[chosen, chosen], np.finfo(float).tiny))
+        scaled = gram / (size[:, :, None] * size[:, None, :]) + RIDGE * np.eye(chosen.shape[1])
+        moment = self.moment[chosen] / size
+        return np.linalg.solve(scaled, moment[..., None])[..., 0] / size
+
+    def misfit_each(self, chosen: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Weighted sums of squared residuals ``(k,)`` of each."""
+        gram = self.gram[chosen[:, :, None], chosen[:, None, :]]
+        told = (gram @ coefficients[..., None])[..., 0] - 2 * self.moment[chosen]
+        left = self.power + (coefficients * told).sum(-1)
+        return np.maximum(left, np.finfo(float).tiny)
 
     def log_likelihood(self, misfit: float, floor: float = 0.0) -> float:
         """Of the best variance, which is at least ``floor`` squared."""

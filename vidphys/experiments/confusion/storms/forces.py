@@ -46,6 +46,11 @@ def resisted_unevenly(rates: tuple[float, float]) -> Law:
     return lambda q, v, t: -np.array(rates) * v
 
 
+def carried(rate: float, gradient: np.ndarray) -> Law:
+    """Linear friction against air that flows, with a speed that is linear in the place."""
+    return lambda q, v, t: -rate * (v - q @ gradient.T)
+
+
 def pushed(way: np.ndarray, when: float, lasting: float) -> Law:
     """The same push on all bodies, which comes and goes about a time."""
     return lambda q, v, t: np.broadcast_to(way * np.exp(-(((t - when) / lasting) ** 2)), q.shape)

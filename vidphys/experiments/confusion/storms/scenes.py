@@ -214,6 +214,11 @@ def _pushed(d: Draw) -> Law:
     return total(_trap(d), forces.pushed(2 * d.field(), d.length(1.2), d.length(0.5)))
 
 
+def _flow(d: Draw) -> Law:
+    gradient = d.strength(0.8) * d.rng.standard_normal((2, 2)) / np.sqrt(2)
+    return forces.carried(d.strength(0.6), gradient)
+
+
 def _bath(d: Draw, *laws: Law) -> Made:
     rate = d.strength(1.0)
     return Made(total(*laws, forces.resisted(rate, 1)), rate)
@@ -277,6 +282,7 @@ LISTED = {
         Class("outside-uneven-trap", _uneven_trap, None),
         Class("outside-pairs-differ", _pairs_differ, None, SOME),
         Class("outside-pushed", _pushed, None),
+        Class("outside-flow", _flow, None),
         Class("outside-hidden", _gravity, None, MANY, unseen=1),
         Class("outside-walls", lambda d: forces.walled(d.length(1.0)), None, speed=1.0),
         Class(
