@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from vidphys.diagnose.inference.longer import LongFit, last_look, looked_again
 from vidphys.diagnose.inference.measured import settled
 from vidphys.diagnose.inference.power import infer_with_power
 from vidphys.diagnose.inference.search import infer, ranked
-from vidphys.diagnose.inference.weigh import weigh
+from vidphys.diagnose.inference.weigh import BELIEVED, weigh
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.mending import Mended, mend
@@ -42,6 +42,7 @@ class Diagnosis:
         power: which powers of the coupling are possible, where couplings are known.
         look: the fit to the longest windows, of long recordings.
         mended: what was done to the tracks before anything was fitted.
+        weighed: whether the masses were found, not given.
     """
 
     motion: Motion
@@ -53,6 +54,7 @@ class Diagnosis:
     power: PowerVerdict | None = None
     look: LongFit | None = None
     mended: Mended | None = None
+    weighed: bool = False
 
     @property
     def told(self) -> bool:
@@ -88,7 +90,14 @@ class Diagnosis:
     @property
     def sure(self) -> bool:
         """Whether the answer stands alone."""
-        return bool(self.inferences) and all(x.sure for x in self.inferences)
+        return (
+            not self.outweighed and bool(self.inferences) and all(x.sure for x in self.inferences)
+        )
+
+    @property
+    def outweighed(self) -> bool:
+        """Whether masses were found that differ so much that the heavy ones' hardly show."""
+        return self.weighed and float(self.motion.mass.max() / self.motion.mass.min()) > BELIEVED
 
 
 def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
@@ -116,19 +125,28 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
     if refused:
         return Diagnosis(motion, noise, refused)
     settle = partial(settled, infer=partial(infer_with_power, angles=angles))
-    found = settle(motion)
-    found = weigh(motion, found.inference, settle, partial(ranked, angles=angles)) or found
-    motion, inference, power = found.motion, found.inference, found.power
-    noise = measure_noise(motion)
+    first = settle(motion)
+    weighed = weigh(motion, first.inference, settle, partial(ranked, angles=angles))
+    best = weighed or first
+    motion, inference = best.motion, best.inference
+    found = Diagnosis(
+        motion,
+        measure_noise(motion),
+        "",
+        inference,
+        power=best.power,
+        mended=mended,
+        weighed=weighed is not None,
+    )
     switch = None if inference.stands else find_switch(motion, inference)
     if switch is not None:
         parts = _parts(motion, switch, angles)
         if parts:
-            return Diagnosis(motion, noise, "", inference, switch, parts, power, mended=mended)
+            return replace(found, switch=switch, parts=parts)
     look = last_look(motion, inference)
-    if look is not None:
-        inference = looked_again(inference, look)
-    return Diagnosis(motion, noise, "", inference, power=power, look=look, mended=mended)
+    if look is None:
+        return found
+    return replace(found, inference=looked_again(inference, look), look=look)
 
 
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:

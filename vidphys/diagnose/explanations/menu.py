@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
-from vidphys.diagnose.explanations.doubts import PASSES, UNTURNED
+from vidphys.diagnose.explanations.doubts import OUTWEIGHED, PASSES, UNTURNED
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import (
     SAMPLES,
@@ -154,6 +154,7 @@ class ByMenu(Explanation):
             ratio = found.motion.mass[0] / found.motion.mass[0, 0]
             masses = " : ".join(f"{x:.3g}" for x in ratio)
             lines.append(f"Masses as {masses}; motion shows only their ratios.")
+        lines += [OUTWEIGHED] if found.outweighed else []
         if self.strays:
             lines.append("Not explained: rolled on over the frames held out, these terms diverge.")
         if not found.explained:

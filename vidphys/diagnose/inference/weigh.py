@@ -18,12 +18,13 @@ from vidphys.diagnose.weak.paths import smooth
 from vidphys.diagnose.weak.windows import cut_windows
 
 FEW = 3  # bodies, up to which each one's mass is looked for
-SWEEPS = 3
-FARTHEST = 10.0  # ratio of two masses
+SWEEPS = 2
+FARTHEST, BELIEVED = 10.0, 30.0  # ratios of two masses: that are tried at first; told as sure
 ROUGH = np.linspace(-np.log(FARTHEST), np.log(FARTHEST), 7)  # logarithms of a ratio
 FRAMES = (12, 24)  # of the windows in which masses are tried
 STEP = float(ROUGH[1] - ROUGH[0])
 ENOUGH = {"xatol": 0.01, "fatol": 0.5, "maxfev": 80}  # of a logarithm, and of log likelihood
+CLOSELY = {"xatol": 1e-4}  # of a logarithm
 LOST = 1e30  # left under masses with which nothing fits; finite, as the search subtracts it
 HELPS = 3.0  # gain of log likelihood by each mass, from which to go on
 
@@ -48,13 +49,15 @@ def weigh(
     logs = _likeliest(motion, inference, ranked)
     if logs is None:
         return None
+    found = infer(_with(motion, logs))
     for _ in range(SWEEPS):
-        # Nearer masses may show terms that stood for others under wrong ones.
-        found = infer(_with(motion, logs))
-        if found.inference.leftover.explained:
-            return found
         for body in range(1, motion.bodies):
             logs[body] = _near(found, logs, body)
+        # Under wrong masses terms stand for others, or for what is wrong with the masses.
+        nearer = infer(_with(motion, logs))
+        if nearer.inference.leftover.explained or found.inference.leftover.explained:
+            return nearer if nearer.inference.leftover.explained else found
+        found = nearer
     return None
 
 
@@ -89,7 +92,7 @@ def _near(found: Settled, logs: np.ndarray, body: int) -> float:
         return _residual(_with(found.motion, trial), found.inference)
 
     bounds = (logs[body] - STEP / 2, logs[body] + STEP / 2)
-    return float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
+    return float(minimize_scalar(left, bounds=bounds, method="bounded", options=CLOSELY).x)
 
 
 def _residual(motion: Motion, inference: Inference) -> float:
