@@ -22,7 +22,10 @@ RESTED = 0.02  # of its usual speed, that what has come to rest has at most
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "In doubt: nothing acts on it, as on something that passes by. Look at what is followed."
 SLOWS = "In doubt: dry friction would slow it alike. Film it until it rests, or comes back."
-OUTWEIGHED = "Not told as sure: masses so unlike show in the lighter bodies alone; give the masses."
+OUTWEIGHED = (
+    "Not told as sure: one body is at least {ratio:.0f} times as heavy as another, and how much "
+    "heavier does not show. Give the masses."
+)
 UNTURNED = "In doubt: it does not turn round; a lens bends a straight way alike. Film for longer."
 SETTLES = "In doubt: it comes to rest without a swing, as a hand does. Look at what is followed."
 UNRESTED = "In doubt: it does not rest, and what goes away slows alike. Film for longer."

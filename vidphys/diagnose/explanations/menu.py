@@ -35,6 +35,7 @@ from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
 from vidphys.diagnose.inference.longer import LongFit
 from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
 from vidphys.diagnose.inference.refine import refine
+from vidphys.diagnose.inference.weigh import BELIEVED
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
@@ -150,11 +151,12 @@ class ByMenu(Explanation):
             lines.append(f"The motion shows {named(self.inference)}.")
         lines += [f"  {line}" for part in found.inferences for line in _numbers(part)]
         lines += [] if found.parts else _uncertain(self.inference)
-        if not np.allclose(found.motion.mass, 1.0):
+        if found.outweighed:
+            lines.append(OUTWEIGHED.format(ratio=BELIEVED))
+        elif not np.allclose(found.motion.mass, 1.0):
             ratio = found.motion.mass[0] / found.motion.mass[0, 0]
             masses = " : ".join(f"{x:.3g}" for x in ratio)
             lines.append(f"Masses as {masses}; motion shows only their ratios.")
-        lines += [OUTWEIGHED] if found.outweighed else []
         if self.strays:
             lines.append("Not explained: rolled on over the frames held out, these terms diverge.")
         if not found.explained:

@@ -19,7 +19,7 @@ from vidphys.diagnose.weak.windows import cut_windows
 
 FEW = 3  # bodies, up to which each one's mass is looked for
 SWEEPS = 2
-FARTHEST, BELIEVED = 10.0, 30.0  # ratios of two masses: that are tried at first; told as sure
+FARTHEST, BELIEVED, MOST = 10.0, 30.0, 1e3  # ratios of masses: tried first; told; tried at all
 ROUGH = np.linspace(-np.log(FARTHEST), np.log(FARTHEST), 7)  # logarithms of a ratio
 FRAMES = (12, 24)  # of the windows in which masses are tried
 STEP = float(ROUGH[1] - ROUGH[0])
@@ -72,8 +72,13 @@ def _likeliest(
 
     rough = np.array(max(product(ROUGH, repeat=motion.bodies - 1), key=score))
     simplex = rough + STEP / 2 * np.vstack([np.zeros(len(rough)), np.eye(len(rough))])
-    options = {"initial_simplex": simplex, **ENOUGH}
-    found = minimize(lambda rest: -score(rest), rough, method="Nelder-Mead", options=options)
+    found = minimize(
+        lambda rest: -score(rest),
+        rough,
+        method="Nelder-Mead",
+        bounds=[(-np.log(MOST), np.log(MOST))] * len(rough),
+        options={"initial_simplex": simplex, **ENOUGH},
+    )
     gain = -found.fun - score(np.zeros(len(rough)))
     return np.array([0.0, *found.x]) if gain > HELPS * len(rough) else None
 
@@ -91,7 +96,8 @@ def _near(found: Settled, logs: np.ndarray, body: int) -> float:
         trial[body] = log
         return _residual(_with(found.motion, trial), found.inference)
 
-    bounds = (logs[body] - STEP / 2, logs[body] + STEP / 2)
+    about = np.array([logs[body] - STEP / 2, logs[body] + STEP / 2])
+    bounds = np.clip(about, -np.log(MOST), np.log(MOST))
     return float(minimize_scalar(left, bounds=bounds, method="bounded", options=CLOSELY).x)
 
 
