@@ -195,6 +195,7 @@ def test_kicks_move_heavy_bodies_less():
 
 INVERSE_SQUARE = forces.powered(1.0, 0.3, 2.0)
 OPPOSITES = np.array([[0.0, 1.0, -1.0], [1.0, 0.0, -1.0], [-1.0, -1.0, 0.0]])
+WANING = forces.varying(forces.between(INVERSE_SQUARE), 0.3)
 SHOVED = forces.pushed(np.array([1.0, 0.5]), 1.0, 0.4)
 
 
@@ -205,6 +206,7 @@ SHOVED = forces.pushed(np.array([1.0, 0.5]), 1.0, 0.4)
         (forces.three_together(1.0), "pair forces that depend on who else is near"),
         (forces.between(INVERSE_SQUARE, OPPOSITES), "pairs that differ"),
         (total(forces.held(1.5, (0.1, 0.0)), SHOVED), "a push that changes with time"),
+        (WANING, "strengths that change slowly with time"),
     ],
 )
 def test_a_force_that_the_menu_lacks_is_called_by_what_it_does(law, lacking):
