@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from vidphys.coupling_verdict import PowerVerdict
-from vidphys.diagnose.inference.changes import Switch, find_switch
+from vidphys.diagnose.inference.changes import AROUND, Switch, find_switch
 from vidphys.diagnose.inference.doubts import mistaken
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import resolved
@@ -152,7 +152,8 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:
     """What explains the motion before a switch and after it; nothing where either is left open."""
     parts: list[Inference] = []
-    for half in (motion.cut(0, switch.frame), motion.cut(switch.frame)):
+    # When it was is known to a few frames.
+    for half in (motion.cut(0, switch.frame - AROUND), motion.cut(switch.frame + AROUND)):
         try:
             parts.append(infer(half, angles))
         except Unseen:
