@@ -22,7 +22,9 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.weak.mending import Mended, mend
 
-SMOOTH = 2  # degree of the polynomials by which motion is told from noise
+# Frames and degree of the polynomials by which motion is told from noise: slow motion that noise
+# nearly hides, and fast swings, of six frames and more.
+SMOOTH = ((2 * LEAST_FRAMES, 2), (LEAST_FRAMES, 3))
 STILL = 1e-12  # of the size of the positions, below which a change is rounding
 SHUFFLES = 100  # orders of the frames that motion is compared with
 SURE = 1e-6  # chance that frames in any order look as smooth as this
@@ -166,31 +168,40 @@ def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...
 def nothing_to_see(motion: Motion) -> str:
     """Why there is no motion to diagnose, or an empty string.
 
-    Motion is smooth, and no other order of its frames is as smooth: where slow polynomials explain
-    no more of the positions in stretches of the clips than they would of the same frames mixed up,
-    nothing moves, or the frames are out of order already. All clips are mixed up alike, because
-    clips that were put out of order together are one accident, not many.
+    Motion is smooth, and no other order of its frames is as smooth: where polynomials explain no
+    more of the positions in stretches of the clips than they would of the same frames mixed up,
+    nothing moves, or the frames are out of order already.
     """
-    frames = motion.positions.shape[1]
-    size = min(frames, 2 * LEAST_FRAMES)
     spread = np.nanmax(np.nanstd(motion.positions, axis=1))
     if not spread > STILL * np.nanmax(np.abs(motion.positions)):
         return "nothing moves"
-    stretches = _stretches(motion, size)
-    if not stretches:
-        return f"no body is seen in {size} frames in a row; a force cannot show"
+    for frames, degree in SMOOTH:
+        size = min(motion.positions.shape[1], frames)
+        stretches = _stretches(motion, size)
+        if not stretches:
+            return f"no body is seen in {size} frames in a row; a force cannot show"
+        if _by_chance(stretches, degree) < SURE:
+            return ""
+    return (
+        "nothing above the noise moves smoothly: the bodies are at rest, the noise hides them, the "
+        "frames are out of order, or a swing lasts less than six of them"
+    )
+
+
+def _by_chance(stretches: list[np.ndarray], degree: int) -> float:
+    """Chance that stretches ``(rows, frames)`` look as smooth as they do with frames in any order.
+
+    All are mixed up alike, because clips that were put out of order together are one accident, not
+    many.
+    """
     rng = np.random.default_rng(0)
-    slow = np.linalg.qr(np.vander(np.linspace(-1, 1, size), SMOOTH + 1, increasing=True))[0]
+    size = stretches[0].shape[1]
+    slow = np.linalg.qr(np.vander(np.linspace(-1, 1, size), degree + 1, increasing=True))[0]
     mixed = [
         _smoothness([x[:, rng.permutation(size)] for x in stretches], slow) for _ in range(SHUFFLES)
     ]
     beyond = (_smoothness(stretches, slow) - np.mean(mixed)) / max(float(np.std(mixed)), STILL)
-    if special.ndtr(-beyond) > SURE:
-        return (
-            "nothing above the noise moves smoothly: the bodies are at rest, the noise hides "
-            "them, or the frames are out of order"
-        )
-    return ""
+    return float(special.ndtr(-beyond))
 
 
 def _stretches(motion: Motion, size: int) -> list[np.ndarray]:

@@ -202,6 +202,16 @@ def test_nothing_is_said_of_noise_rest_or_frames_out_of_order():
     assert not nothing_to_see(seen("trap"))
 
 
+@pytest.mark.parametrize("period, kinds", [(12, {"trap"}), (6, {"trap"}), (5, set())])
+def test_a_swing_of_six_frames_and_more_is_seen(period, kinds):
+    turn = 2 * np.pi * np.arange(64) / period
+    path = np.stack([np.sin(turn), 0.5 * np.cos(turn)], -1)[None, :, None]
+    noise = 0.01 * np.random.default_rng(0).standard_normal(path.shape)
+    found = diagnose_motion(motion_of(path + noise, STEP))
+    assert found.kinds == kinds and found.explained == bool(kinds)
+    assert kinds or "six" in found.refused
+
+
 def test_clips_put_out_of_order_together_are_one_accident():
     """Of one in a few such orders, many clips that share it seem to agree that they are smooth."""
     rng = np.random.default_rng(0)
