@@ -98,7 +98,7 @@ class Diagnosis:
 
     @property
     def outweighed(self) -> bool:
-        """Whether masses were found that differ so much that the heavy ones' hardly show."""
+        """Whether masses were found of which the largest hardly shows beside the smallest."""
         return self.weighed and float(self.motion.mass.max() / self.motion.mass.min()) > BELIEVED
 
 
@@ -154,7 +154,7 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:
     """What explains the motion before a switch and after it; nothing where either is left open."""
     parts: list[Inference] = []
-    # When it was is known to a few frames.
+    # The moment is known to a few frames only.
     for half in (motion.cut(0, switch.frame - AROUND), motion.cut(switch.frame + AROUND)):
         try:
             parts.append(infer(half, angles))
