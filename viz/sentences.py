@@ -23,10 +23,12 @@ def _signed(value: float) -> str:
 
 def asked(records: Records, about: Mapping[str, Any]) -> str:
     """Of what, and how much."""
-    rungs = {line.grounding for line in records.lines}
-    cells = {(line.grounding, line.head) for line in records.lines}
-    wanted = len((about.get("settings") or {}).get("asked") or {})
-    of = f" of {wanted}" if wanted > len(cells) else ""
+    cells = {f"{line.grounding}/{line.head}" for line in records.lines}
+    wanted = {key.partition("/")[2] for key in (about.get("settings") or {}).get("asked") or {}}
+    # A head that was trained with its perception is a row of its cell, and no cell of its own.
+    cells = cells & wanted or cells
+    rungs = {cell.partition("/")[0] for cell in cells}
+    of = f" of {len(wanted)}" if len(wanted) > len(cells) else ""
     seeds = named(records)
     return (
         f"Models that saw G = 1 only were asked how the bodies move under {law(records.coupling)}: "
