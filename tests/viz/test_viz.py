@@ -31,7 +31,7 @@ from PIL import Image
 from vidphys.cli.recordings import told_law
 from vidphys.cli.view import ViewConfig, view
 from vidphys.errors import InputError
-from viz import figures, viewer
+from viz import figures, sentences, viewer
 from viz.cells import number
 from viz.overlay import BODY_COLOURS, contact_sheet, energy_range, world_to_pixel
 from viz.recording import write_overlay_recording, write_recording
@@ -454,6 +454,16 @@ def test_a_small_drift_is_drawn_on_a_wide_axis():
     panel = next(a for part in sheet.subfigs for a in part.axes if a.get_title() == "Energy")
     low, high = panel.get_ylim()
     assert high - low >= 0.19 * 5
+
+
+def test_a_head_scored_as_it_was_trained_is_no_cell_of_its_own():
+    rows = make_rows(1)
+    joint = [{**row, "grounding": "oracle-joint"} for row in rows if row["grounding"] == "oracle"]
+    planned = {(row["grounding"], row["head"]) for row in rows} | {("hiera", "factored")}
+    about = {"settings": {"asked": {f"ladder/{rung}/{head}": [0] for rung, head in planned}}}
+    told = sentences.asked(Records(rows + joint), about)
+    rungs = len({rung for rung, _ in planned}) - 1
+    assert f"{len(planned) - 1} of {len(planned)} cells on {rungs} rungs" in told
 
 
 def test_beside_a_recording_stands_what_was_asked_and_how_it_went(tmp_path):
