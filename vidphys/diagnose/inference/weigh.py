@@ -55,8 +55,9 @@ def weigh(
             logs[body] = _near(found, logs, body)
         # Under wrong masses terms stand for others, or for what is wrong with the masses.
         nearer = infer(_with(motion, logs))
-        if nearer.inference.leftover.explained or found.inference.leftover.explained:
-            return nearer if nearer.inference.leftover.explained else found
+        for each in (nearer, found):
+            if each.inference.leftover.explained:
+                return each
         found = nearer
     return None
 
@@ -96,7 +97,7 @@ def _near(found: Settled, logs: np.ndarray, body: int) -> float:
         trial[body] = log
         return _residual(_with(found.motion, trial), found.inference)
 
-    about = np.array([logs[body] - STEP / 2, logs[body] + STEP / 2])
+    about = logs[body] + STEP / 2 * np.array([-1, 1])
     bounds = np.clip(about, -np.log(MOST), np.log(MOST))
     return float(minimize_scalar(left, bounds=bounds, method="bounded", options=CLOSELY).x)
 
