@@ -217,6 +217,17 @@ def test_a_force_that_the_menu_lacks_is_called_by_what_it_does(law, lacking):
     assert lacking or not rest.certain
 
 
+def test_a_force_that_would_not_show_leaves_the_answer_unsure():
+    path = paths("drag", 1, 0)
+    noise = np.random.default_rng(0).standard_normal(path.shape)
+    clear, dim = (infer(motion_of(path + size * noise, STEP)) for size in (0.001, 0.04))
+    assert clear.kinds == dim.kinds == {"linear"} and clear.stands and dim.stands
+    assert clear.sure and not clear.leftover.unseen and not dim.sure
+    for name, size in clear.leftover.hidden.items():
+        assert dim.leftover.hidden[name] == pytest.approx(40 * size, rel=0.1)
+    assert "would not show" in doubts(motion_of(path, STEP), dim)[0]
+
+
 def test_what_acts_faster_than_frames_follow_is_not_told_to_be_off_the_menu():
     motion = measured("trap", "white", 1)
     found = infer(motion)

@@ -59,6 +59,12 @@ def doubts(motion: Motion, inference: Inference, swaps: int = 0) -> list[str]:
             f"Not told as sure: {kinds} may be there too, and explains more than chance does, but "
             "too little to be told; record longer, or with less noise."
         )
+    if rest.explained and rest.unseen:
+        share = f"{2 * rest.hidden[rest.unseen]:.0%}"
+        said.append(
+            f"Not told as sure: {rest.unseen} may be there, up to {share} of what was found, and "
+            "would not show; record longer, or with less noise."
+        )
     other = mistaken(inference, swaps)
     if not rest.explained and other:
         said.append(f"Nor is it sure that the menu lacks a force: {other}.")

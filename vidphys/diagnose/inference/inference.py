@@ -81,7 +81,8 @@ class Inference:
     @property
     def sure(self) -> bool:
         """Whether the answer stands, and nothing says that it may do so by accident."""
-        return self.stands and not (self.smoothly or self.alone or self.slight)
+        doubted = self.smoothly or self.alone or self.slight or self.leftover.unseen
+        return self.stands and not doubted
 
     @property
     def stands(self) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from vidphys.diagnose.inference.menu import PAIR, Field, Term, axes, pair_terms
 from vidphys.diagnose.inference.structures import Structure, price
-from vidphys.diagnose.weak.regression import Normal, Rows, normal_equations, rows_of
+from vidphys.diagnose.weak.regression import Normal, Rows, gram_inverse, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
 
 SLOW, FAST = 2, 8  # half periods in a recording of the fastest change in time that is asked for
@@ -98,6 +98,7 @@ PROBES: dict[str, tuple[int, int, bool, Probe]] = {
     "pairs that differ": (1, 3, True, _pairs_differ),
     "pair forces that depend on who else is near": (1, 3, True, _company),
 }
+QUICK = ("strengths that change with time", "a push that changes with time")
 
 
 def probes_of(field: Field, structure: Structure) -> dict[str, np.ndarray]:
@@ -139,6 +140,39 @@ def probe_gains(
         if gain > 0 and (ratio or _moved(normal, chosen, extra) > floor):
             gains[name] = float(gain)
     return gains
+
+
+def hidden(
+    normal: Normal,
+    chosen: list[int],
+    places: dict[str, list[int]],
+    forces: dict[str, np.ndarray],
+    floor: float,
+) -> dict[str, float]:
+    """How large each force may be and not show: a standard error, as a mean acceleration.
+
+    What was found is held as it is, so that this is what noise hides. A force that hides behind
+    other numbers of what was found is not meant: no single throw tells a friction along one axis
+    from a wind, and no circle a trap from a force across the velocity. Nor is a change as fast as
+    ``FAST``, which few recordings exclude.
+
+    Args:
+        normal: of all columns.
+        chosen: columns that stand in the model.
+        places: columns of each force.
+        forces: these columns, ``(w, m, n, d, p)``.
+        floor: see :func:`vidphys.diagnose.inference.structures.all_structures`.
+    """
+    variance = max(normal.misfit(chosen, normal.solve(chosen)) / normal.count, floor**2)
+    found = {}
+    for name, extra in places.items():
+        if name not in QUICK:
+            unknown = gram_inverse(normal.gram[np.ix_(extra, extra)])
+            x = forces[name].reshape(-1, len(extra))
+            bodies = len(x) / forces[name].shape[3]
+            power = np.sum(unknown * (x.T @ x)) / bodies / len(extra)
+            found[name] = float(np.sqrt(variance * power))
+    return found
 
 
 def with_any_shape(

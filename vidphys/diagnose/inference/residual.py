@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc
 
 from vidphys.diagnose.inference.menu import FRICTION, FRICTIONS, PAIR, Field, field_of
-from vidphys.diagnose.inference.probes import probe_gains, probes_of, with_any_shape
+from vidphys.diagnose.inference.probes import hidden, probe_gains, probes_of, with_any_shape
 from vidphys.diagnose.inference.refine import Fitted
 from vidphys.diagnose.weak.regression import Rows, normal_equations, rows_of
 from vidphys.diagnose.weak.windows import Windows
@@ -20,6 +20,7 @@ SPREADS = 5.0  # and standard deviations of a mean square
 BALANCE = 8.0  # factor within which the temperatures of kicks and of motion must agree
 ESTIMATED = 1.35  # times that, where the noise's memory was estimated from the residual itself
 UNEVEN, SLACK = 1e-4, 1.3  # chance; share by which a window's own noise may exceed the average
+HIDES = 0.04  # of the forces that were found: a standard error from which a hidden one counts
 CERTAIN = 30.0  # gain of log likelihood by a force off the menu, from which it surely is there
 # Frames that a speed must last against friction or a drive to be told; beside random kicks, which
 # the smoothing of paths takes for noise where they fade sooner, so that a temperature is too low.
@@ -110,6 +111,8 @@ class Leftover:
         why: one sentence.
         uneven: how unlikely it is that noise alone left so much more in some windows than in
             others; the chance, by chi-square, of the worst window and body.
+        hidden: how large forces that the menu lacks may be and not show, by their names: a standard
+            error, over the forces that were found.
     """
 
     excess: float
@@ -119,7 +122,14 @@ class Leftover:
     probes: dict[str, float]
     explained: bool
     why: str
-    uneven: float = 1.0
+    uneven: float
+    hidden: dict[str, float]
+
+    @property
+    def unseen(self) -> str:
+        """The force that the menu lacks and that would show least; empty if all would show."""
+        least = max(self.hidden, key=self.hidden.__getitem__, default="")
+        return least if least and self.hidden[least] > HIDES else ""
 
     @property
     def even(self) -> bool:
@@ -155,7 +165,8 @@ def leftover(
         columns.append(FRICTIONS["linear"].columns(field))
     base = sum(c.shape[-1] for c in columns)
     places, at = {}, base
-    for name, probe in probes_of(field, structure).items():
+    forces = probes_of(field, structure)
+    for name, probe in forces.items():
         columns.append(probe)
         places[name] = list(range(at, at + probe.shape[-1]))
         at += probe.shape[-1]
@@ -178,8 +189,20 @@ def leftover(
         doubt = "random kicks and friction do not belong to one temperature"
     elif not _lasts(fitted, LASTING_BESIDE_KICKS if ratio else LASTING, windows):
         doubt = "speeds change faster than frames show: record more often, or the tracks jump"
-    found = _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
-    return replace(found, uneven=_unevenness(windows, fitted, ratio, floor))
+    why = _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
+    sizes = hidden(normal_equations(rows, ratio), chosen, places, forces, floor)
+    size = float(np.sqrt((structure.accelerations(field) ** 2).sum(-1).mean()))
+    return Leftover(
+        excess,
+        allowed,
+        kicks.gain,
+        smooth,
+        probes,
+        not why,
+        why or "nothing above the noise is left over",
+        _unevenness(windows, fitted, ratio, floor),
+        {name: least / size for name, least in sizes.items()},
+    )
 
 
 def _unevenness(windows: Windows, fitted: Fitted, ratio: float, floor: float) -> float:
@@ -231,18 +254,13 @@ def _judged(
     probes: dict[str, float],
     ratio: float,
     doubt: str,
-) -> Leftover:
+) -> str:
+    """What says that the menu does not explain the motion; empty if nothing does."""
     if probes:
         likeliest = max(probes, key=lambda name: probes[name])
-        why = f"what is left over looks like {likeliest}"
-    elif ratio and smooth > kicks:
-        why = "what is left over changes smoothly: a force, not random kicks"
-    elif doubt:
-        why = doubt
-    elif not ratio and excess > allowed:
-        why = f"the residual is {np.sqrt(excess):.2f} times the noise"
-    else:
-        return Leftover(
-            excess, allowed, kicks, smooth, probes, True, "nothing above the noise is left over"
-        )
-    return Leftover(excess, allowed, kicks, smooth, probes, False, why)
+        return f"what is left over looks like {likeliest}"
+    if ratio and smooth > kicks:
+        return "what is left over changes smoothly: a force, not random kicks"
+    if not doubt and not ratio and excess > allowed:
+        return f"the residual is {np.sqrt(excess):.2f} times the noise"
+    return doubt
