@@ -3,6 +3,10 @@
 
 PYTHON ?= python3
 VENV := .venv
+
+# Where this is set, as images of containers do, every process compiles anew all that it imports.
+export PYTHONDONTWRITEBYTECODE =
+
 READY := $(VENV)/.ready
 
 .PHONY: ladder paper test test-gpu check docs docs-run picture tiny hostile lock locked audit sbom mutate faults setup
