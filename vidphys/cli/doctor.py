@@ -8,6 +8,8 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.machinery import ModuleSpec
+from pathlib import Path
 
 PACKAGES = (
     "torch",
@@ -67,7 +69,18 @@ def _machine() -> dict[str, str]:
         "cores": f"{os.cpu_count()} (torch uses {torch.get_num_threads()})",
         "cuda": torch.cuda.get_device_name() if torch.cuda.is_available() else "none",
         "weights from": os.environ.get("VIDPHYS_WEIGHTS", "VIDPHYS_WEIGHTS is not set"),
+        "bytecode": _bytecode(torch.__spec__),
     }
+
+
+def _bytecode(imported: ModuleSpec | None) -> str:
+    """Whether Python kept what it compiled of an imported module, or must do so each time."""
+    if imported is None or imported.cached is None or Path(imported.cached).exists():
+        return "kept"
+    return (
+        "not kept, so every command takes seconds longer: unset PYTHONDONTWRITEBYTECODE, or run "
+        "`python -m compileall` over what is installed"
+    )
 
 
 def _installation(taken: Mapping[str, Sequence[str]], altered: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import fields
 from types import SimpleNamespace
 
 import pytest
+import torch
 
 from vidphys.cli import VERBS, in_options, main
 from vidphys.cli.console import Console
@@ -163,6 +164,16 @@ def test_arguments_are_said_as_the_verb_s_options():
     text = "`run`: holds another; give `beyond`, or `bodies` by `vidphys render`"
     said = in_options(text, RolloutConfig)
     assert said == "run: holds another; give --beyond, or `bodies` by `vidphys render`"
+
+
+def test_doctor_says_whether_bytecode_is_kept(tmp_path, monkeypatch, capsys):
+    kept = tmp_path / "torch.pyc"
+    monkeypatch.setattr(torch.__spec__, "cached", str(kept))
+    main(["doctor"])
+    assert "PYTHONDONTWRITEBYTECODE" in capsys.readouterr().out
+    kept.touch()
+    main(["doctor"])
+    assert "PYTHONDONTWRITEBYTECODE" not in capsys.readouterr().out
 
 
 def test_doctor_tells_versions(capsys):
