@@ -50,6 +50,11 @@ def test_a_recording_that_is_one_stretch_is_told_as_sure_as_ever(frames):
     assert found.kinds == {"uniform"} and found.told
 
 
+def test_a_trap_far_away_is_no_motion_without_a_uniform_field():
+    found = diagnose_motion(filmed(LISTED["projectile"], "white", 122).motion)
+    assert found.kinds == {"uniform"} and found.told
+
+
 def test_a_bath_is_not_sure_where_a_smooth_force_explains_as_much():
     found = diagnose_motion(filmed(LISTED["langevin"], "white", 113).motion)
     assert found.told and "bath" in found.kinds and not doubts(found.motion, found.inference)

@@ -18,8 +18,9 @@ def of_one_stretch(
 ) -> frozenset[str]:
     """Kinds of the best structure that few would miss if one window had not been recorded.
 
-    Each is held against the best structure without it. What a false find or a swapped name leaves
-    looks like a force in one window. A recording of few windows is not asked.
+    Each is held against the best structure without it that has no more numbers: a trap far away is
+    a uniform field, with one more. What a false find or a swapped name leaves looks like a force in
+    one window. A recording of few windows is not asked.
 
     Args:
         menu: whose terms the structures have.
@@ -33,9 +34,10 @@ def of_one_stretch(
     weight = 1 / (1 + ratio * rows.kicks)
     least = _squares(menu, rows, best) * weight
     unit = 2 * max(float(least.mean()), np.finfo(float).tiny)
+    simple = [s for s in structures if len(s.coefficients) <= len(best.coefficients)]
     found = set()
     for kind in best.kinds:
-        without = next((other for other in structures if kind not in other.kinds), None)
+        without = next((other for other in simple if kind not in other.kinds), None)
         if without is not None:
             gain = (_squares(menu, rows, without) * weight - least) / unit
             by_window = np.bincount(rows.window, gain)
