@@ -78,6 +78,22 @@ def test_what_the_frames_cannot_tell_apart_has_no_small_error():
     assert untold.values[3:].sum() == pytest.approx(told.values[3], rel=1e-3)
 
 
+def test_bodies_that_are_solved_for_one_by_one_keep_their_places_gaps_and_masses():
+    t = STEP * np.arange(30)
+    path = np.exp(-0.5 * t)[None, :, None, None] * np.arange(1.0, 7.0).reshape(1, 1, 3, 2)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((2, *path.shape[1:]))
+    path = path + noise
+    path[1, 4:9, 1] = np.nan
+    windows = cut_windows(motion_of(path, STEP, np.tile([1.0, 2.0, 4.0], (2, 1))), 15)
+    friction = Structure((FRICTIONS["linear"],), np.zeros(1), 0.0, 0.0)
+    found = refine(windows, smooth(windows, 1e-3), friction)
+    at_frames = np.einsum("wfm,wmnd->wfnd", windows.to_frames, found.paths.q)
+    seen_at = windows.seen[..., None]
+    np.testing.assert_allclose(found.residual, (at_frames - windows.frames) * seen_at, atol=1e-12)
+    rates = found.values[0] / windows.mass[:, None, :, None]
+    np.testing.assert_allclose(found.paths.a, -rates * found.paths.v, atol=1e-9)
+
+
 def test_test_functions_are_orthonormal_and_skip_frames_that_were_not_seen():
     q = np.random.default_rng(0).standard_normal((1, 10, 2, 1))
     q[0, 3, 0] = np.nan

@@ -30,6 +30,16 @@ UNSEEN = 1e9  # variance of a frame in which a body was not seen, over that of t
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
 
 
+def apart(x: np.ndarray) -> np.ndarray:
+    """What is told of each body of each window, ``(w, k, n, ...) -> (w n, k, 1, ...)``."""
+    return np.swapaxes(x, 1, 2).reshape(-1, x.shape[1], 1, *x.shape[3:])
+
+
+def together(x: np.ndarray, bodies: int) -> np.ndarray:
+    """The way back, ``(w n, k, 1, ...) -> (w, k, n, ...)``."""
+    return np.swapaxes(x.reshape(-1, bodies, x.shape[1], *x.shape[3:]), 1, 2)
+
+
 @dataclass(frozen=True)
 class Windows:
     """Windows of a recording, all of one number of frames.
@@ -64,6 +74,20 @@ class Windows:
         each = {field.name: getattr(self, field.name) for field in fields(self)}
         return replace(
             self, **{name: x[kept] for name, x in each.items() if isinstance(x, np.ndarray)}
+        )
+
+    def apart(self) -> Windows:
+        """The same with a window for each body."""
+        bodies = self.seen.shape[2]
+        each = {name: getattr(self, name) for name in ("times", "begin", "clip", "first")}
+        coupling = None if self.coupling is None else np.repeat(self.coupling, bodies)
+        return replace(
+            self,
+            frames=apart(self.frames),
+            seen=apart(self.seen),
+            mass=self.mass.reshape(-1, 1),
+            coupling=coupling,
+            **{name: np.repeat(x, bodies, axis=0) for name, x in each.items()},
         )
 
     @property
