@@ -51,6 +51,13 @@ def test_a_term_whose_number_has_the_wrong_sign_is_not_heard(gravity):
     assert not heard(windows, paths, [pair("contact", 1.5)], 0.0, FLOOR)  # they attract
 
 
+@pytest.mark.parametrize(("behind", "count"), [(300.0, 2), (1e3, 1)])  # of 700 coordinates
+def test_what_is_hopelessly_behind_is_not_heard(gravity, behind, count):
+    windows = cut_windows(gravity, 16).only(np.arange(8))
+    right, rival = pair("inverse-square", 0.3), replace(pair("inverse-cube", 0.6), score=-behind)
+    assert len(heard(windows, smooth(windows, SIGMA), [right, rival], 0.0, FLOOR)) == count
+
+
 def test_scores_of_those_heard_move_and_others_stay():
     wrong, right, none = pair("inverse-cube", 0.6), pair("inverse-square", 0.3), pair("spring", 1.0)
     ranked = [replace(s, score=x) for s, x in ((wrong, 5.0), (none, 2.0), (right, 1.0))]

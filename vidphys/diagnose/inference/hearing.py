@@ -20,6 +20,7 @@ from vidphys.diagnose.weak.windows import Windows
 
 HEARD = 6  # structures, of different terms or shapes, beside the best of each shape
 FEW, LEAST = 128, 4  # frames and windows, about and at least, that are tried before all of them
+HOPELESS = 1.0  # of log likelihood behind for each coordinate; own paths make good a fifth at most
 NEAR = 15.0  # of log likelihood behind the best in these, up to which a structure stays
 
 Key = tuple[frozenset[str], str]
@@ -58,7 +59,8 @@ def heard(
         ratio: variance of random kicks per second over that of the noise.
         floor: standard deviation below which a residual is numerical, world units.
     """
-    asked = _asked(structures)
+    behind = HOPELESS * windows.seen.sum() * windows.frames.shape[-1]
+    asked = _asked([s for s in structures if s.score > structures[0].score - behind])
     enough = max(LEAST, FEW // windows.frames.shape[1])
     few = np.arange(0, len(windows), max(1, len(windows) // enough))
     if len(few) < len(windows):
