@@ -154,8 +154,10 @@ def diagnose_motion(motion: Motion, angles: bool = False) -> Diagnosis:
 def _parts(motion: Motion, switch: Switch, angles: bool) -> tuple[Inference, ...]:
     """What explains the motion before a switch and after it; nothing where either is left open."""
     parts: list[Inference] = []
-    # The moment is known to a few frames only.
-    for half in (motion.cut(0, switch.frame - AROUND), motion.cut(switch.frame + AROUND)):
+    # The moment is known to a few frames only; the parts need some.
+    before = max(switch.frame - AROUND, LEAST_FRAMES)
+    after = min(switch.frame + AROUND, motion.positions.shape[1] - LEAST_FRAMES)
+    for half in (motion.cut(0, before), motion.cut(after)):
         try:
             parts.append(infer(half, angles))
         except Unseen:

@@ -69,6 +69,13 @@ def test_a_switch_one_side_of_which_shows_too_little_is_none(monkeypatch):
     assert found.switch is None and found.kinds == {"trap"}
 
 
+@pytest.mark.parametrize("frame", [8, 9, -9, -8])
+def test_a_switch_near_an_end_leaves_each_part_frames_enough(frame):
+    motion = seen("trap", 0.002)
+    at = frame % motion.positions.shape[1]
+    diagnosis._parts(motion, Switch(at, at * STEP, 9.0, {}, {}), angles=False)
+
+
 def test_tracks_with_hardly_a_frame_in_a_row_are_refused_in_words():
     positions = np.full((1, 40, 1, 2), np.nan)
     positions[:, ::4] = np.random.default_rng(0).standard_normal((1, 10, 1, 2))
