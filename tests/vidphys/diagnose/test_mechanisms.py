@@ -1,6 +1,7 @@
 """Laws fitted to whole recordings: found with their numbers, and not where there are none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
-from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms import bodies, view
 from vidphys.diagnose.mechanisms.bodies import _released, of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.choose import fits_of, pictured, roughly
@@ -713,6 +714,18 @@ def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
     assert (given.specification is None) == (order == (1, 0))
     ordered, _ = of_lawful_bodies(noisy(places, 5e-4))
     assert ordered.positions[0, 0, 0] == pytest.approx(first[0], abs=0.01)
+
+
+@pytest.mark.parametrize(("left", "chained"), [(1e-4, True), (0.05, False)])
+def test_what_swings_better_by_itself_is_no_link_of_a_chain(monkeypatch, left, chained):
+    angle = 0.5 * np.cos(6 * STEP * np.arange(120))
+    ball = 0.3 * np.stack([np.sin(angle), -np.cos(angle)], -1)
+    waving = 0.05 * np.random.default_rng(1).standard_normal((120, 2)).cumsum(0) - 1.0
+    rods = SimpleNamespace(left=left, spread=1.0, rods=SimpleNamespace(order=(0, 1)))
+    monkeypatch.setattr(bodies, "rods_in_picture", lambda motion: rods)
+    monkeypatch.setattr(bodies, "linked", lambda rods, angles: True)
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, waving], 1), 5e-4))
+    assert looked_at.bodies == (2 if chained else 1)
 
 
 def test_a_body_that_leaves_faster_than_it_came_met_no_wall():

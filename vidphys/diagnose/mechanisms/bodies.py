@@ -72,13 +72,22 @@ def _chain(motion: Motion) -> list[int]:
     """The ends of two rods, from the pivot on, if there are such.
 
     In its slow swing one weight of a double pendulum moves in proportion to the other, as a shadow
-    does, but a shadow pulls at nothing.
+    does, but a shadow pulls at nothing. Of two rods neither weight swings better by itself.
     """
     for pair in _pairs(motion):
         rods = rods_in_picture(_of(motion, pair))
         if rods is not None and linked(rods, angles=False):
-            return [pair[end] for end in rods.rods.order]
+            share = rods.left / rods.spread
+            if all(_least_left(motion, body) > share for body in pair):
+                return [pair[end] for end in rods.rods.order]
     return []
+
+
+def _least_left(motion: Motion, body: int) -> float:
+    """What the best law of a body by itself leaves, as a share of its spread."""
+    clips = _clips(motion, [body])
+    laws = roughly(clips, angles=False) if len(clips[0].times) >= LEAST_FRAMES else []
+    return min((law.left / law.spread for law in laws), default=np.inf)
 
 
 def _without_passers(motion: Motion) -> list[int]:
