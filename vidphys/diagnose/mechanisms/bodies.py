@@ -26,6 +26,7 @@ STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends ar
 JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
 SELDOM = 0.6  # of another body's frames
 MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them leave
+FAR_LESS = 0.3  # of what two rods leave, that a law of one weight by itself leaves
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 MOSTLY = 0.85  # of the frames from its first on, in which one is seen that a hand let go
 RELEASED = 0.6  # of the frames, after which a hand has let go
@@ -72,13 +73,13 @@ def _chain(motion: Motion) -> list[int]:
     """The ends of two rods, from the pivot on, if there are such.
 
     In its slow swing one weight of a double pendulum moves in proportion to the other, as a shadow
-    does, but a shadow pulls at nothing. Of two rods neither weight swings better by itself.
+    does, but a shadow pulls at nothing. No weight swings far better by itself than on two rods.
     """
     for pair in _pairs(motion):
         rods = rods_in_picture(_of(motion, pair))
         if rods is not None and linked(rods, angles=False):
-            share = rods.left / rods.spread
-            if all(_least_left(motion, body) > share for body in pair):
+            most = FAR_LESS * rods.left / rods.spread
+            if all(_least_left(motion, body) > most for body in pair):
                 return [pair[end] for end in rods.rods.order]
     return []
 
