@@ -78,16 +78,12 @@ class Windows:
 
     def apart(self) -> Windows:
         """The same with a window for each body."""
-        bodies = self.seen.shape[2]
-        each = {name: getattr(self, name) for name in ("times", "begin", "clip", "first")}
-        coupling = None if self.coupling is None else np.repeat(self.coupling, bodies)
+        each = np.repeat(np.arange(len(self)), self.seen.shape[2])
         return replace(
-            self,
+            self.only(each),
             frames=apart(self.frames),
             seen=apart(self.seen),
             mass=self.mass.reshape(-1, 1),
-            coupling=coupling,
-            **{name: np.repeat(x, bodies, axis=0) for name, x in each.items()},
         )
 
     @property
