@@ -6,6 +6,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import sysconfig
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.machinery import ModuleSpec
@@ -79,7 +80,7 @@ def _bytecode(imported: ModuleSpec | None) -> str:
         return "kept"
     return (
         "not kept, so every command takes seconds longer: unset PYTHONDONTWRITEBYTECODE, or run "
-        "`python -m compileall` over what is installed"
+        f"python -m compileall -q {sysconfig.get_path('purelib')}"
     )
 
 

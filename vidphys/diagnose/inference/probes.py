@@ -169,8 +169,8 @@ def hidden(
         if name not in QUICK:
             unknown = gram_inverse(normal.gram[np.ix_(extra, extra)])
             x = forces[name].reshape(-1, len(extra))
-            bodies = len(x) / forces[name].shape[3]
-            power = np.sum(unknown * (x.T @ x)) / bodies / len(extra)
+            points = len(x) / forces[name].shape[3]
+            power = np.sum(unknown * (x.T @ x)) / points / len(extra)
             found[name] = float(np.sqrt(variance * power))
     return found
 

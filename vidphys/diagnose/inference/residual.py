@@ -201,7 +201,7 @@ def leftover(
         not why,
         why or "nothing above the noise is left over",
         _unevenness(windows, fitted, ratio, floor),
-        {name: least / size for name, least in sizes.items()},
+        {name: least / max(size, np.finfo(float).tiny) for name, least in sizes.items()},
     )
 
 

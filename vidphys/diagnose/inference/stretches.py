@@ -34,7 +34,7 @@ def of_one_stretch(
     weight = 1 / (1 + ratio * rows.kicks)
     least = _squares(menu, rows, best) * weight
     unit = 2 * max(float(least.mean()), np.finfo(float).tiny)
-    simple = [s for s in structures if len(s.coefficients) <= len(best.coefficients)]
+    simple = [s for s in structures if s.numbers <= best.numbers]
     found = set()
     for kind in best.kinds:
         without = next((other for other in simple if kind not in other.kinds), None)
