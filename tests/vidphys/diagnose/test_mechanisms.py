@@ -694,6 +694,19 @@ def test_where_no_law_moves_the_likeliest_things_the_others_are_asked(held):
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
 
 
+@pytest.mark.parametrize(("reach", "let_go"), [(0.2, []), (0.5, [1])])
+def test_what_comes_to_rest_and_goes_far_less_than_another_was_not_let_go(
+    monkeypatch, reach, let_go
+):
+    times = np.arange(90)
+    bouncing = np.abs(np.sin(0.1 * times))
+    settles = reach * np.exp(-0.1 * times)
+    both = np.stack([bouncing, settles], 1)[..., None] * [0.6, 0.8]
+    monkeypatch.setattr(bodies, "_laws_once_free", lambda motion, body: [])
+    monkeypatch.setattr(bodies, "_lawful_later", lambda motion, body: body == 1)
+    assert _released(noisy(both, 5e-4), []) == let_go
+
+
 def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():
     places = double_pendulum(0.25, 0.2, 0.4, (0.7, -0.4))
     places[11::25, 1] = np.nan

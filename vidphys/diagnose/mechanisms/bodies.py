@@ -30,6 +30,7 @@ FAR_LESS = 0.3  # of what two rods leave, that a law of one weight by itself lea
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 MOSTLY = 0.85  # of the frames from its first on, in which one is seen that a hand let go
 RELEASED = 0.6  # of the frames, after which a hand has let go
+LITTLE = 0.3  # of another's extent: what goes less and comes to rest was not let go
 RESTS = 0.1  # of the extent of all of its motion, that it has at most from then on if it rests
 
 
@@ -172,7 +173,8 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
 
     A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
     that rests at the end is asked last, and only where a law moves no other. Or it stays in view:
-    where the likeliest flies, only what flies was let go. What hardly moves is a spot of noise.
+    where the likeliest flies, only what flies was let go. What hardly moves is a spot of noise,
+    and what comes to rest and goes far less than another is the hand.
 
     Args:
         lawful: what a law moves already: asked are bodies that are likelier than these, or of the
@@ -196,7 +198,8 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     found = flying if flying[:1] == found[:1] else found
     if found or any(_stays_on(motion, x) and not _rests(motion, x) for x in lawful):
         return found
-    moving = _not_at_rest(motion, staying)
+    far = _not_at_rest(motion, staying, LITTLE)
+    moving = [x for x in _not_at_rest(motion, staying) if x in far or x not in resting]
     return list(islice((x for x in moving if _lawful_later(motion, x)), 1))
 
 
@@ -229,11 +232,11 @@ def _rests(motion: Motion, body: int) -> bool:
     return _extent(late) < RESTS * _extent(path)
 
 
-def _not_at_rest(motion: Motion, bodies: list[int]) -> list[int]:
-    """Those that move at all, beside the one that goes farthest."""
+def _not_at_rest(motion: Motion, bodies: list[int], share: float = RESTS) -> list[int]:
+    """Those that go at least such a share as far as the one that goes farthest."""
     extents = {body: _extent(motion.positions[0, :, body]) for body in bodies}
     most = max(extents.values(), default=0.0)
-    return [body for body in bodies if extents[body] >= RESTS * most]
+    return [body for body in bodies if extents[body] >= share * most]
 
 
 def _extent(path: np.ndarray) -> float:
