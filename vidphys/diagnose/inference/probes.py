@@ -11,7 +11,7 @@ import numpy as np
 
 from vidphys.diagnose.inference.menu import PAIR, Field, Term, axes, pair_terms
 from vidphys.diagnose.inference.structures import Structure, price
-from vidphys.diagnose.weak.regression import Normal, Rows, gram_inverse, normal_equations, rows_of
+from vidphys.diagnose.weak.regression import Normal, Rows, gram_inverse, rows_of
 from vidphys.diagnose.weak.windows import Windows
 
 SLOW, FAST = 2, 8  # half periods in a recording of the fastest change in time that is asked for
@@ -115,18 +115,17 @@ def probes_of(field: Field, structure: Structure) -> dict[str, np.ndarray]:
 
 
 def probe_gains(
-    rows: Rows, chosen: list[int], places: dict[str, list[int]], ratio: float, floor: float
+    normal: Normal, chosen: list[int], places: dict[str, list[int]], ratio: float, floor: float
 ) -> dict[str, float]:
     """Gain of log likelihood by each force that the data ask for, less its price.
 
     Args:
-        rows: of all columns.
+        normal: of all columns.
         chosen: columns that stand in the model.
         places: columns of each force.
         ratio: of random kicks in the model, 0 if none.
         floor: see :func:`vidphys.diagnose.inference.structures.all_structures`.
     """
-    normal = normal_equations(rows, ratio)
 
     def log_likelihood(columns: list[int]) -> float:
         misfit = normal.misfit(columns, normal.solve(columns))

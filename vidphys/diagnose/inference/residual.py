@@ -174,11 +174,13 @@ def leftover(
     chosen = list(range(base))
     kicks = random_kicks(rows, chosen, floor)
     smooth = smooth_force_gain(windows, rows, chosen, floor) if kicks.gain > 0 else 0.0
-    probes = probe_gains(rows, chosen, places, ratio, floor)
+    normal = normal_equations(rows, ratio)
+    probes = probe_gains(normal, chosen, places, ratio, floor)
     pair = structure.term(PAIR)
     if probes and pair is not None:
         shaped, free = with_any_shape(rows, windows, field, pair)
-        gains = probe_gains(shaped, chosen + free, places, ratio, floor)
+        beside = normal_equations(shaped, ratio)
+        gains = probe_gains(beside, chosen + free, places, ratio, floor)
         probes = {name: min(gain, gains[name]) for name, gain in probes.items() if name in gains}
     allowed = 1 + max(EXCESS, SPREADS * float(np.sqrt(2 / fitted.freedom)))
     if windows.colour is not None:
@@ -190,7 +192,7 @@ def leftover(
     elif not _lasts(fitted, LASTING_BESIDE_KICKS if ratio else LASTING, windows):
         doubt = "speeds change faster than frames show: record more often, or the tracks jump"
     why = _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
-    sizes = hidden(normal_equations(rows, ratio), chosen, places, forces, floor)
+    sizes = hidden(normal, chosen, places, forces, floor)
     size = float(np.sqrt((structure.accelerations(field) ** 2).sum(-1).mean()))
     return Leftover(
         excess,
@@ -261,6 +263,8 @@ def _judged(
         return f"what is left over looks like {likeliest}"
     if ratio and smooth > kicks:
         return "what is left over changes smoothly: a force, not random kicks"
-    if not doubt and not ratio and excess > allowed:
+    if doubt:
+        return doubt
+    if not ratio and excess > allowed:
         return f"the residual is {np.sqrt(excess):.2f} times the noise"
-    return doubt
+    return ""
