@@ -68,6 +68,14 @@ class Camera:
         row = torch.arange(self.height, dtype=dtype, device=device)
         return ((self.height - 1) / 2 - row) * self.units_per_pixel
 
+    def offsets(
+        self, centres: Float[Tensor, "*b 2"]
+    ) -> tuple[Float[Tensor, "*b W"], Float[Tensor, "*b H"]]:
+        """World units from centres to columns and to rows; NaN for a centre that is not finite."""
+        known = centres.nan_to_num(math.nan, math.nan, math.nan)
+        across, down = (side(centres.dtype, centres.device) for side in (self.xs, self.ys))
+        return across - known[..., 0:1], down - known[..., 1:2]
+
     def to_pixel(self, positions: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 2"]:
         """World (x, y) to pixel (column, row)."""
         x, y = positions.unbind(-1)

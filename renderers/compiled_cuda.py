@@ -78,7 +78,8 @@ def _offset(halves, centre, half, scale, far):  # noqa: ANN001, ANN202
     real: tl.constexpr = centre.dtype
     most = tl.full([], far, real)
     offset = (halves.to(real) * tl.full([], half, real) - centre) * tl.full([], scale, real)
-    return tl.minimum(tl.maximum(offset, -most), most)
+    offset = tl.maximum(offset, -most, propagate_nan=tl.PropagateNan.ALL)
+    return tl.minimum(offset, most, propagate_nan=tl.PropagateNan.ALL)
 
 
 @triton.jit
@@ -96,6 +97,7 @@ def _block(centres, height, width, half, scale, far, R: tl.constexpr, C: tl.cons
     at = first + (r[:, None] * width + c[None, :])
     inside = (row < height)[:, None] & (column < width)[None, :]
     x, y = tl.load(centres + 2 * picture), tl.load(centres + 2 * picture + 1)
+    x, y = x + (x - x), y + (y - y)  # infinitely far away there is no light, which would be silent
     dx = _offset(2 * column - (width - 1), x, half, scale, far)
     dy = _offset((height - 1) - 2 * row, y, half, scale, far)
     return at, inside, dx[None, :], dy[:, None]

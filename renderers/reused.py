@@ -14,7 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch.autograd import Function
+from torch.autograd.forward_ad import unpack_dual
 from torch.autograd.function import once_differentiable
+from torch.autograd.graph import increment_version
 
 from loops import has_numba, has_triton
 from renderers.camera import Camera
@@ -26,7 +28,7 @@ FAR = 80.0**0.5  # e^(d^2) farther off leaves it too; e^-(80 - 40) is no light i
 def draw_gaussians(centres: Tensor, camera: Camera, sigma: float, out: Tensor) -> Tensor:
     """:func:`renderers.gaussians` into ``out``."""
     _check("gaussians", centres, camera, out)
-    return _Splats.apply(centres, camera, 0.5**0.5 / sigma, None, out.detach())
+    return _drawn(centres, camera, 0.5**0.5 / sigma, None, out.detach())
 
 
 def draw_disks(
@@ -47,25 +49,30 @@ def draw_disks(
             f"into out (at least {radius / (2 * SHARPEST):g}); leave out away"
         )
     scale = (2 * radius * softness) ** -0.5
-    return _Splats.apply(centres, camera, scale, (radius * scale) ** 2, out.detach())
+    return _drawn(centres, camera, scale, (radius * scale) ** 2, out.detach())
+
+
+def _drawn(
+    centres: Tensor, camera: Camera, scale: float, edge: float | None, out: Tensor
+) -> Tensor:
+    """exp(-d^2) of the distance in units of 1 / ``scale``, or with an edge sigmoid(edge - d^2)."""
+    derived = centres.requires_grad and torch.is_grad_enabled()
+    if derived or unpack_dual(centres).tangent is not None:  # the latter is refused there
+        return _Splats.apply(centres, camera, scale, edge, out)
+    _draw(centres, camera, scale, edge, out)  # asking torch for a gradient costs as much again
+    increment_version(out)
+    return out
 
 
 class _Splats(Function):
-    """exp(-d^2) of the distance in units of 1 / ``scale``, or with an edge sigmoid(edge - d^2)."""
+    """What :func:`_draw` draws, with its gradient."""
 
     @staticmethod
     def forward(
         ctx: Any, centres: Tensor, camera: Camera, scale: float, edge: float | None, out: Tensor
     ) -> Tensor:
         ctx.given = camera, scale, edge
-        if loops := _loops(out):
-            flat, images = centres.detach().flatten(0, -2), out.flatten(0, -3)
-            loops.draw(flat, camera, scale, edge, FAR, images)
-        else:
-            (_, across), (_, down) = _profiles(centres, camera, scale, edge)
-            torch.mul(down.unsqueeze(-1), across.unsqueeze(-2), out=out)
-            if edge is not None:
-                out.add_(1).reciprocal_()
+        _draw(centres, camera, scale, edge, out)
         ctx.mark_dirty(out)
         ctx.save_for_backward(centres, None if edge is None else out)
         return out
@@ -88,14 +95,23 @@ class _Splats(Function):
         return 2 * scale * torch.stack([x, y], -1), None, None, None, None
 
 
+def _draw(centres: Tensor, camera: Camera, scale: float, edge: float | None, out: Tensor) -> None:
+    """Draw by compiled loops, or by torch's operations."""
+    if loops := _loops(out):
+        flat, images = centres.detach().flatten(0, -2), out.flatten(0, -3)
+        loops.draw(flat, camera, scale, edge, FAR, images)
+        return
+    (_, across), (_, down) = _profiles(centres, camera, scale, edge)
+    torch.mul(down.unsqueeze(-1), across.unsqueeze(-2), out=out)
+    if edge is not None:
+        out.add_(1).reciprocal_()
+
+
 def _profiles(
     centres: Tensor, camera: Camera, scale: float, edge: float | None
 ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
     """Offsets dx ``(..., n, W)`` and dy ``(..., n, H)``, each with its factor of the picture."""
-    sides = (f(centres.dtype, centres.device) for f in (camera.xs, camera.ys))
-    dx, dy = (
-        ((side - centres[..., i, None]) * scale).clamp(-FAR, FAR) for i, side in enumerate(sides)
-    )
+    dx, dy = ((offset * scale).clamp(-FAR, FAR) for offset in camera.offsets(centres))
     sign = -1 if edge is None else 1
     across, down = (sign * dx.square()).exp(), (sign * dy.square() - (edge or 0)).exp()
     return (dx, across), (dy, down)

@@ -50,6 +50,11 @@ def compare_all() -> None:
             empty = torch.zeros(0, 3, 2, dtype=dtype, requires_grad=True)
             none = DRAW[name](empty, camera, empty.new_empty(0, 3, camera.height, camera.width))
             assert torch.autograd.grad(none.sum(), empty)[0].shape == empty.shape
+    camera, places = Camera(2.0, 9, 13), [[0.0, 0.0], [torch.nan, 0.0], [0.0, -torch.inf]]
+    for edge in (None, 2.0):
+        light = torch.zeros(3, 9, 13)
+        compiled_cuda.draw(torch.tensor(places), camera, 2.0, edge, 9.0, light)
+        assert light[0].isfinite().all() and light[1:].isnan().all()
 
 
 @pytest.mark.skipif(not has_triton(), reason="triton is not installed")

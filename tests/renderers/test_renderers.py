@@ -23,6 +23,7 @@ from renderers import (
     gaussians,
     supersampled,
 )
+from tests.shared.card import a_card
 
 SMALL = Camera(half_extent=1.5, height=5, width=7)
 coordinate = st.floats(-3.0, 3.0, allow_nan=False, width=32)
@@ -201,6 +202,22 @@ def test_a_position_that_is_not_finite_is_named(name, bad):
     q[1, 2, 0] = bad
     with pytest.raises(ValueError, match=r"body 2 at batch index \(1,\) is not finite"):
         world_of(name, SMALL)(q)
+
+
+@pytest.mark.parametrize("draw", [gaussians, disks, gaussian_sum])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_on_a_card_a_position_that_is_not_finite_is_seen_and_not_waited_for(draw, bad):
+    """Asking for a number of the card would wait for all that it is still computing."""
+    q = torch.zeros(2, 3, 2)
+    q[1, 2, 0] = bad
+    sizes = {gaussians: (0.5,), disks: (0.5, 0.1), gaussian_sum: (0.5,)}[draw]
+    with a_card():
+        weights = [torch.ones(2, 3, device="cuda")] if draw is gaussian_sum else []
+        q, graph = q.to("cuda"), torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            frames = draw(q, *weights, SMALL, *sizes)
+        wrong = frames.isnan().flatten(frames.dim() - 2).any(-1).nonzero().cpu().tolist()
+    assert wrong == ([[1]] if draw is gaussian_sum else [[1, 2]])
 
 
 @pytest.mark.parametrize("name", WORLDS)

@@ -124,11 +124,13 @@ def test_gaussians_far_away_have_neither_light_nor_gradient(far, way):
     assert slopes(drawn, q).abs().max() < 1e-3
 
 
-def test_a_gradient_through_a_picture_that_was_drawn_over_is_refused():
+@pytest.mark.parametrize("followed", [True, False])
+def test_a_gradient_through_a_picture_that_was_drawn_over_is_refused(followed, way):
     q = torch.zeros(1, 2, dtype=torch.float64, requires_grad=True)
     out = memory(q)
     first = disks(q, CAMERA, 0.7, 0.1, out)
-    disks(q + 1, CAMERA, 0.7, 0.1, out)
+    again = disks(q + 1 if followed else q.detach() + 1, CAMERA, 0.7, 0.1, out)
+    assert again.requires_grad == followed
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         first.sum().backward()
 

@@ -86,8 +86,7 @@ class BlobWorld:
 
     def __call__(self, q: Tensor) -> Tensor:
         """Frames of blobs at ``q`` (world units), ``(..., n, 2)`` to ``(..., 1, H, W)``."""
-        dx = self.camera.xs(q.dtype, q.device) - q[..., 0:1]
-        dy = self.camera.ys(q.dtype, q.device) - q[..., 1:2]
+        dx, dy = self.camera.offsets(q)
         squared = dy.square().unsqueeze(-1) + dx.square().unsqueeze(-2)
         return 1 - (1 - self.coverage(squared)).prod(-3, keepdim=True)
 
