@@ -10,10 +10,11 @@ from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import State, beside_simple, inner_ends, last_seen
 from vidphys.diagnose.explanations.mechanism import ByMechanism
-from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, judge
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, judge
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.telling.answers import answer
+from vidphys.diagnose.telling.report import _verdict
 
 FRAMES, END = 40, 24
 
@@ -78,6 +79,21 @@ def test_what_a_law_moves_is_foretold_by_it_also_where_it_comes_to_rest(path):
     law, _ = by_law(noisy(path[:, None], 2e-3, 1 / 30))
     assert not law.stays and law.verdict.status != NOT
     assert law.forecast().errors == law.rolled_on().errors
+
+
+@pytest.mark.parametrize(("status", "is_then"), [(EXPLAINED, MOSTLY), (MOSTLY, MOSTLY), (NOT, NOT)])
+def test_a_law_is_judged_by_what_was_held_out_also_where_it_is_not_what_is_foretold(
+    status, is_then, monkeypatch
+):
+    law, _ = by_law(noisy(swing(6.0)[:, None], 2e-3, 1 / 30))
+    judged = replace(law.judged(law.tail), status=status)
+    monkeypatch.setattr(ByMechanism, "judged", lambda *_: judged)
+    vars(law)["stays"] = True  # by what a rehearsal would say
+    assert law.verdict.status == is_then and law.verdict.stays
+    said = _verdict(law.verdict, 1)
+    assert ("would have foretold 0.133 s of the 0.5 s held out, but" in said) is (is_then == MOSTLY)
+    assert ("but does not foretell it" in said) is (is_then == NOT)
+    assert said.endswith("So the forecast is that it stays where last seen.")
 
 
 @dataclass(frozen=True)

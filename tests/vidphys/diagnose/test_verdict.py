@@ -70,6 +70,38 @@ def test_a_law_that_is_off_for_a_few_frames_and_comes_back_is_mostly_right(off, 
 
 
 @pytest.mark.parametrize(
+    ("miss", "moves", "status"),
+    [
+        (0.05, True, MOSTLY),  # near all the time, though going straight on is nearer
+        (0.25, True, NOT),
+        (0.05, False, NOT),  # so is a body that stays where it was
+    ],
+)
+def test_what_goes_straight_on_in_the_end_is_no_word_against_a_law_that_foretells_it(
+    miss: float, moves: bool, status: str
+) -> None:
+    held = tail(miss)
+    if not moves:
+        seen = np.zeros_like(held.seen)
+        forecasts = {name: path - held.seen for name, path in held.forecasts.items()}
+        held = replace(held, seen=seen, last=seen[0], forecasts=forecasts)
+    held.forecasts["constant velocity"] = held.seen
+    held.errors["constant velocity"] = 0.0
+    assert judge(0.9999, 0.001, 1.0, held).status == status
+
+
+def test_the_error_of_a_short_flight_is_taken_frame_by_frame() -> None:
+    """It doubles within the frames over which that of a long one is averaged."""
+    long, short = tail(0.0), np.arange(8.0)
+    off = np.minimum(0.003 * 4 ** np.arange(8.0), 0.8)
+    model = long.seen[:8] + off[:, None, None] * [1.0, 0.0]
+    forecasts = {name: path[:8] for name, path in long.forecasts.items()} | {"model": model}
+    errors = {**long.errors, "model": float(np.sqrt((off**2).mean()))}
+    held = replace(long, times=short, seen=long.seen[:8], forecasts=forecasts, errors=errors)
+    assert judge(0.9999, 0.001, 1.0, held).horizon == 3.0
+
+
+@pytest.mark.parametrize(
     ("kinds", "miss", "sought", "status"),
     [
         ({"centre"}, 0.02, False, EXPLAINED),
@@ -101,7 +133,8 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
 
 
 @pytest.mark.parametrize(
-    ("kinds", "status"), [({"dry"}, EXPLAINED), ({"uniform"}, EXPLAINED), ({"dry", "trap"}, NOT)]
+    ("kinds", "status"),
+    [({"dry"}, EXPLAINED), ({"uniform"}, EXPLAINED), ({"dry", "trap"}, MOSTLY)],
 )
 def test_dry_friction_or_a_pull_alone_is_not_beaten_by_a_constant_force(kinds, status) -> None:
     held = tail(0.02)

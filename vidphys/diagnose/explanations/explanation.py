@@ -10,7 +10,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from vidphys.diagnose.explanations.forecast import Validation
-from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, Verdict
 from vidphys.diagnose.recordings.noise import Noise
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.weak.spectrum import Mode
@@ -52,7 +52,7 @@ class Explanation(Protocol):
         judged = self.judged(self.tail)
         if judged is None or not self.stays:
             return judged
-        return replace(judged, status=NOT, stays=True)
+        return replace(judged, status=NOT if judged.status == NOT else MOSTLY, stays=True)
 
     @property
     def sure(self) -> bool:

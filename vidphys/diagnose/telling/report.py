@@ -62,21 +62,26 @@ def _verdict(verdict: Verdict, bodies: int) -> str:
         return text + "; nothing was held out that it could foretell."
     if verdict.stays:
         it, stay = ("it", "stays") if bodies == 1 else ("they", "stay")
+        would = f" and would have foretold {_foretold(verdict)}, but"
+        text += ", but does not foretell it:" if verdict.status == NOT else would
         return text + (
-            f", but does not foretell it: over the last frames that were fitted, {it} might as "
-            f"well have stayed in place. So the forecast is that {it} {stay} where last seen."
+            f" over the last frames that were fitted, {it} might as well have stayed in place. So "
+            f"the forecast is that {it} {stay} where last seen."
         )
-    if verdict.horizon >= verdict.held_out:
-        return text + f" and foretells all of the {verdict.held_out:.3g} s held out."
     again = verdict.status == MOSTLY and verdict.missed < 1 - FOUND_AGAIN
     if again and verdict.horizon < LONG * verdict.held_out:
         return text + (
             f" and foretells {1 - verdict.missed:.0%} of the {verdict.held_out:.3g} s held out; it "
             f"is off for a while after {verdict.horizon:.3g} s."
         )
-    return text + (
-        f" and foretells {verdict.horizon:.3g} s of the {verdict.held_out:.3g} s held out."
-    )
+    return text + f" and foretells {_foretold(verdict)}."
+
+
+def _foretold(verdict: Verdict) -> str:
+    """How much of what was held out."""
+    assert verdict.horizon is not None
+    part = "all" if verdict.horizon >= verdict.held_out else f"{verdict.horizon:.3g} s"
+    return f"{part} of the {verdict.held_out:.3g} s held out"
 
 
 def _noise(noise: Noise, units: Units) -> str:
