@@ -207,6 +207,7 @@ SHOVED = forces.pushed(np.array([1.0, 0.5]), 1.0, 0.4)
         (forces.between(INVERSE_SQUARE, OPPOSITES), "pairs that differ"),
         (total(forces.held(1.5, (0.1, 0.0)), SHOVED), "a push that changes with time"),
         (WANING, "strengths that change slowly with time"),
+        (forces.following(0.3, 1.0), "friction between bodies"),
     ],
 )
 def test_a_force_that_the_menu_lacks_is_called_by_what_it_does(law, lacking):
@@ -226,6 +227,20 @@ def test_a_force_that_would_not_show_leaves_the_answer_unsure():
     for name, size in clear.leftover.hidden.items():
         assert dim.leftover.hidden[name] == pytest.approx(40 * size, rel=0.1)
     assert "would not show" in doubts(motion_of(path, STEP), dim)[0]
+
+
+def test_a_force_that_the_menu_lacks_is_asked_for_also_where_no_other_is_found():
+    """Bodies that nearly go straight on: what tells them from free ones, or hides it."""
+    noise = 0.002 * np.random.default_rng(0).standard_normal((8, 64, 2, 2))
+    slight, free = forces.following(0.02, 1.0), forces.following(0.0, 1.0)
+    found = {}
+    for law in (slight, free):
+        path = path_of(Kind("law", law, None, speed=0.7), Setting(0.0, STEP, 2, 1))
+        found[law] = infer(motion_of(path + noise, STEP))
+        assert not found[law].kinds
+    assert found[slight].leftover.probes.keys() == {"friction between bodies"}
+    assert found[free].sure and not found[free].leftover.unseen
+    assert 0 < max(found[free].leftover.hidden.values()) < 0.04
 
 
 def test_what_acts_faster_than_frames_follow_is_not_told_to_be_off_the_menu():

@@ -76,27 +76,39 @@ def _bodies_differ(field: Field, structure: Structure) -> np.ndarray:
     return force[..., None] * own
 
 
-def _company(field: Field, structure: Structure) -> np.ndarray:
-    force = _pair_force(field, structure)
+def _nearness(field: Field) -> np.ndarray:
+    """Of each body to each other, ``(w, m, n, n)``: about one within their usual distance."""
     reach = np.median(field.distance[np.isfinite(field.distance)]) / 1.5
-    near = np.exp(-0.5 * (field.distance / reach) ** 2).sum(-1)[..., None]
+    return np.exp(-0.5 * (field.distance / reach) ** 2)
+
+
+def _company(field: Field, structure: Structure) -> np.ndarray:
+    force, near = _pair_force(field, structure), _nearness(field).sum(-1)[..., None]
     return np.stack([force * near, force * near**2], -1)
 
 
+def _mutual_friction(field: Field, structure: Structure) -> np.ndarray:
+    between = field.v[:, :, None] - field.v[:, :, :, None]
+    near = _nearness(field)[..., None] * between
+    return np.stack([between.sum(3), near.sum(3)], -1) / field.inertia
+
+
 Probe = Callable[[Field, Structure], np.ndarray]
-PROBES: dict[str, tuple[int, int, bool, Probe]] = {
-    # name: least dimensions, least bodies, needs a pair force, columns
-    "a force across the velocity": (2, 1, False, _across),
-    "friction that differs between directions": (2, 1, False, _uneven_drag),
-    "a force that turns about a point": (2, 1, False, _turned_place),
-    "a trap that differs between directions": (2, 1, False, _uneven_trap),
-    "strengths that change slowly with time": (1, 1, False, partial(_in_time, most=SLOW)),
-    "strengths that change with time": (1, 1, False, partial(_in_time, most=FAST)),
-    "a push that changes slowly with time": (1, 1, False, partial(_push, most=SLOW)),
-    "a push that changes with time": (1, 1, False, partial(_push, most=FAST)),
-    "bodies that answer differently": (1, 2, False, _bodies_differ),
-    "pairs that differ": (1, 3, True, _pairs_differ),
-    "pair forces that depend on who else is near": (1, 3, True, _company),
+NOTHING, ANY, OF_PAIRS = range(3)  # what a law must have before something else is asked for beside it
+PROBES: dict[str, tuple[int, int, int, Probe]] = {
+    # name: least dimensions, least bodies, what forces are found, columns
+    "a force across the velocity": (2, 1, NOTHING, _across),
+    "friction that differs between directions": (2, 1, NOTHING, _uneven_drag),
+    "a force that turns about a point": (2, 1, NOTHING, _turned_place),
+    "a trap that differs between directions": (2, 1, NOTHING, _uneven_trap),
+    "strengths that change slowly with time": (1, 1, ANY, partial(_in_time, most=SLOW)),
+    "strengths that change with time": (1, 1, ANY, partial(_in_time, most=FAST)),
+    "a push that changes slowly with time": (1, 1, NOTHING, partial(_push, most=SLOW)),
+    "a push that changes with time": (1, 1, NOTHING, partial(_push, most=FAST)),
+    "bodies that answer differently": (1, 2, ANY, _bodies_differ),
+    "friction between bodies": (1, 2, NOTHING, _mutual_friction),
+    "pairs that differ": (1, 3, OF_PAIRS, _pairs_differ),
+    "pair forces that depend on who else is near": (1, 3, OF_PAIRS, _company),
 }
 QUICK = ("strengths that change with time", "a push that changes with time")
 
@@ -104,13 +116,11 @@ QUICK = ("strengths that change with time", "a push that changes with time")
 def probes_of(field: Field, structure: Structure) -> dict[str, np.ndarray]:
     """The columns of each that bodies like these may feel beside a structure, by name."""
     space, bodies = field.q.shape[-1], field.q.shape[2]
-    if not structure.terms:
-        return {}
-    pairs = structure.term(PAIR) is not None
+    found = OF_PAIRS if structure.term(PAIR) is not None else ANY if structure.terms else NOTHING
     return {
         name: probe(field, structure)
-        for name, (least_space, least_bodies, of_pairs, probe) in PROBES.items()
-        if space >= least_space and bodies >= least_bodies and (pairs or not of_pairs)
+        for name, (least_space, least_bodies, least, probe) in PROBES.items()
+        if space >= least_space and bodies >= least_bodies and found >= least
     }
 
 

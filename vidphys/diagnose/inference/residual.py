@@ -112,7 +112,8 @@ class Leftover:
         uneven: how unlikely it is that noise alone left so much more in some windows than in
             others; the chance, by chi-square, of the worst window and body.
         hidden: how large forces that the menu lacks may be and not show, by their names: a standard
-            error, over the forces that were found.
+            error, over the forces that were found; where there are none, over one that would stop
+            the bodies within the recording.
     """
 
     excess: float
@@ -193,7 +194,8 @@ def leftover(
         doubt = "speeds change faster than frames show: record more often, or the tracks jump"
     why = _judged(excess, allowed, kicks.gain, smooth, probes, ratio, doubt)
     sizes = hidden(normal, chosen, places, forces, floor)
-    size = float(np.sqrt((structure.accelerations(field) ** 2).sum(-1).mean()))
+    moved = structure.accelerations(field) if structure.terms else field.v / np.ptp(field.t)
+    size = float(np.sqrt((moved**2).sum(-1).mean()))
     return Leftover(
         excess,
         allowed,

