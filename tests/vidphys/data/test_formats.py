@@ -115,9 +115,11 @@ def test_bodies_are_told_by_labels_words_and_blocks(tmp_path):
 
 def test_columns_before_and_after_the_named_ones(tmp_path):
     trial = np.repeat([0, 1], 20)
-    found = read(tmp_path, "% o1 w1\n" + rows(trial, T, X, VX, Y, Y, between=" "), "m.txt")
-    assert found.positions.shape == (2, 20, 1, 1) and found.unit == "angles"
-    assert "2 columns after them left out" in found.notes[0]
+    for between in " \t":  # between the names there are blanks
+        table = "% o1 w1\n" + rows(trial, T, X, VX, Y, Y, between=between)
+        found = read(tmp_path, table, "m.txt")
+        assert found.positions.shape == (2, 20, 1, 1) and found.unit == "angles"
+        assert "2 columns after them left out" in found.notes[0]
     with pytest.raises(InputError, match="4 columns, but 2 names: a, b"):
         read(tmp_path, "a,b\n" + rows(X, Y, X, Y))
 

@@ -20,6 +20,7 @@ from vidphys.data.formats.wrapped import unwrapped
 from vidphys.errors import InputError
 
 COMMENTS = ("#", "%", "//")
+SYMBOL = re.compile(r"[^\W\d]\w{0,2}")  # such as x, y1 or θ2
 MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "?", "inf", "-inf"})
 SAMPLE = 200  # lines that the delimiter is told from
 LEAST = 0.5  # share of numbers in a row of data, or in a column of numbers
@@ -238,7 +239,9 @@ def _header_cells(line: str, dialect: Dialect, width: int) -> list[str]:
     joined = re.sub(r"(?<!\s)\s+(?=[\[(])", "_", text.strip())
     ways.append([cell.replace("_", " ") if "[" in cell else cell for cell in joined.split()])
     ways = [_trimmed(way) for way in ways]
-    return next((way for way in ways if len(way) == width), ways[0])
+    symbols = text.split()  # of some columns, with blanks between them where the numbers have tabs
+    apart = len(ways[0]) == 1 < len(symbols) <= width and all(map(SYMBOL.fullmatch, symbols))
+    return next((way for way in ways if len(way) == width), symbols if apart else ways[0])
 
 
 def _trimmed(cells: list[str]) -> list[str]:
