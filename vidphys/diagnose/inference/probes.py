@@ -94,7 +94,7 @@ def _mutual_friction(field: Field, structure: Structure) -> np.ndarray:
 
 
 Probe = Callable[[Field, Structure], np.ndarray]
-NOTHING, ANY, OF_PAIRS = range(3)  # what a law must have before something else is asked for beside it
+NOTHING, ANY, OF_PAIRS = range(3)  # what is found before something else is asked for beside it
 PROBES: dict[str, tuple[int, int, int, Probe]] = {
     # name: least dimensions, least bodies, what forces are found, columns
     "a force across the velocity": (2, 1, NOTHING, _across),
