@@ -31,7 +31,7 @@ test-gpu: $(READY)
 	$(VENV)/bin/python -m pytest tests/gpu -m gpu -rs
 
 test: $(READY)
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 3
 
 check: $(READY)
 	$(VENV)/bin/ruff check .
