@@ -21,7 +21,7 @@ FOUND_AGAIN = 0.9  # or more of those frames, with the last ones: beside a bounc
 MISSED = 1.5  # times the noise, beyond which more than noise is left
 SLIGHT = 0.005  # of the spread, that it must be as well
 AVERAGED = 5  # frames, over which a forecast's error is taken, at most
-SHARE = 8  # of the frames held out; the error of a short flight doubles within a few
+BESIDE = 16  # frames held out, for each on either side; a short flight's error doubles within a few
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def _rms(miss: np.ndarray) -> float:
 def _averaged(miss: np.ndarray) -> np.ndarray:
     """The same, averaged over neighbouring frames; frames that show nothing are left out."""
     seen = np.isfinite(miss)
-    width = np.ones(min(AVERAGED, 1 + 2 * (len(miss) // (2 * SHARE))))
+    width = np.ones(min(AVERAGED, 1 + 2 * (len(miss) // BESIDE)))
     total = np.convolve(np.where(seen, miss, 0.0), width, mode="same")
     count = np.convolve(seen.astype(float), width, mode="same")
     return total / np.maximum(count, 1.0)
