@@ -91,6 +91,7 @@ class Term:
             them, where it has parts.
         parts: two terms of one family that stand together, one for each coefficient.
         remade: the same with another length.
+        apart: each body has a number of its own.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Term:
     source: str = ""
     parts: tuple[Term, ...] = ()
     remade: Callable[[float], Term] | None = None
+    apart: bool = False
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -238,6 +240,7 @@ def of_each_body(friction: Term, bodies: int) -> Term:
         name=f"{friction.name} of each body",
         coefficients=tuple(f"rate {body}" for body in range(1, bodies + 1)),
         columns=columns,
+        apart=True,
     )
 
 

@@ -64,7 +64,8 @@ class Fitted:
 def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 0.0) -> Fitted:
     """Fit a structure's numbers, and its pair force's length, to the frames.
 
-    Bodies that do not act on one another are solved for one by one, which costs far less.
+    Bodies that feel the same and do not act on one another are solved for one by one, which costs
+    far less.
 
     Args:
         windows: what was recorded.
@@ -76,7 +77,8 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
         FloatingPointError: the fit diverged.
     """
     bodies = paths.q.shape[2]
-    if bodies > 1 and structure.term(PAIR) is None:
+    alike = structure.term(PAIR) is None and not any(term.apart for term in structure.terms)
+    if bodies > 1 and alike:
         each = Paths(*(apart(x) for x in (paths.q, paths.v, paths.a)))
         fitted = refine(windows.apart(), each, structure, ratio)
         found = (fitted.paths.q, fitted.paths.v, fitted.paths.a, fitted.residual)

@@ -1,0 +1,32 @@
+"""Several bodies looked at over long windows: by one friction, or each by its own."""
+
+import numpy as np
+import pytest
+
+from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.recordings.motion import motion_of
+
+TIMES = np.arange(400) * 0.05
+STIFFNESS = 4.0
+
+
+def swinging(*rates: float) -> np.ndarray:
+    """Bodies that a spring pulls to one place, ``(1, t, n, 2)``, with a rate of friction each."""
+    bodies = []
+    for number, rate in enumerate(rates):
+        swing = np.sqrt(STIFFNESS - rate**2 / 4)
+        fade = np.exp(-rate * TIMES / 2)
+        turn = swing * TIMES + number
+        bodies.append(np.stack([fade * np.cos(turn), 0.7 * fade * np.sin(turn + 0.4)], -1))
+    noise = 0.002 * np.random.default_rng(0).standard_normal((len(TIMES), len(rates), 2))
+    return (np.stack(bodies, 1) + noise)[None]
+
+
+@pytest.mark.parametrize("rates", [(0.1, 0.1), (0.09, 0.11)])
+def test_bodies_with_frictions_of_their_own_are_told_from_bodies_with_one(rates):
+    look = diagnose_motion(motion_of(swinging(*rates), 0.05)).look
+    assert look is not None
+    friction = look.fitted.structure.term("friction")
+    assert friction.apart == (rates[0] != rates[1])
+    found = look.fitted.structure.of(friction)
+    np.testing.assert_allclose(np.broadcast_to(found, 2), rates, rtol=0.05)
