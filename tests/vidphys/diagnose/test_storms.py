@@ -8,6 +8,7 @@ import pytest
 from vidphys.diagnose.diagnosis import Diagnosis, diagnose_motion
 from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.measured import remeasured
+from vidphys.diagnose.inference.probes import _turned, _uneven
 from vidphys.diagnose.inference.search import infer
 from vidphys.diagnose.recordings.colour import Colour
 from vidphys.diagnose.recordings.motion import motion_of
@@ -302,3 +303,24 @@ def test_what_is_said_surely_and_is_wrong_counts_a_false_alarm_too():
     assert found["exact_structure"] == [True, False, False, False, False, True]
     assert found["sure_and_wrong"] == [False, True, False, True, True, False]
     assert found["not_told"] == [False, False, True, False, False, False]
+
+
+def test_bodies_in_space_are_asked_for_what_the_menu_lacks():
+    start, t = np.random.default_rng(1).standard_normal((2, 3)), 0.025 * np.arange(84)
+    path = start / 0.5 * (1 - np.exp(-0.5 * t))[:, None, None]
+    noise = 0.002 * np.random.default_rng(0).standard_normal(path.shape)
+    found = infer(motion_of((path + noise)[None], 0.025))
+    assert found.kinds == {"linear"} and found.leftover.explained
+    assert "a force across the velocity" in found.leftover.hidden
+
+
+@pytest.mark.parametrize("space", [2, 3])
+def test_what_is_turned_stands_across_and_what_is_uneven_has_no_part_that_is_even(space):
+    x = np.random.default_rng(0).standard_normal((5, space))
+    across, uneven = _turned(x), _uneven(x)
+    assert across.shape[-1] == space * (space - 1) // 2
+    np.testing.assert_allclose((x[..., None] * across).sum(-2), 0, atol=1e-12)
+    axes = _uneven(np.eye(space))  # a matrix for each column
+    assert uneven.shape[-1] == np.linalg.matrix_rank(axes.reshape(-1, axes.shape[-1]))
+    np.testing.assert_allclose(axes, axes.swapaxes(0, 1))
+    np.testing.assert_allclose(np.trace(axes), 0)

@@ -18,23 +18,42 @@ SLOW, FAST = 2, 8  # half periods in a recording of the fastest change in time t
 DISTINCT = 1e-4  # share of the largest singular value, from which shapes of a force differ
 
 
+def _turned(x: np.ndarray) -> np.ndarray:
+    """``(…, d)`` turned by a right angle in each plane of two axes, ``(…, d, p)``."""
+    columns = []
+    for i, j in combinations(range(x.shape[-1]), 2):
+        turned = np.zeros_like(x)
+        turned[..., i], turned[..., j] = -x[..., j], x[..., i]
+        columns.append(turned)
+    return np.stack(columns, -1)
+
+
+def _uneven(x: np.ndarray) -> np.ndarray:
+    """``(…, d)`` stretched along the first axis and not another, or sheared, ``(…, d, p)``."""
+    stretched, sheared = [], []
+    for i, j in combinations(range(x.shape[-1]), 2):
+        one, other = np.zeros_like(x), np.zeros_like(x)
+        one[..., i], one[..., j] = x[..., i], -x[..., j]
+        other[..., i], other[..., j] = x[..., j], x[..., i]
+        stretched += [one] if i == 0 else []
+        sheared.append(other)
+    return np.stack(stretched + sheared, -1)
+
+
 def _across(field: Field, structure: Structure) -> np.ndarray:
-    turned = np.stack([-field.v[..., 1], field.v[..., 0]], -1)
-    return turned[..., None]
+    return _turned(field.v)
 
 
 def _uneven_drag(field: Field, structure: Structure) -> np.ndarray:
-    flipped = field.v * np.array([1.0, -1.0, 0.0][: field.v.shape[-1]])
-    swapped = field.v[..., [1, 0, *range(2, field.v.shape[-1])]]
-    return np.stack([flipped, swapped], -1)
+    return _uneven(field.v)
 
 
 def _turned_place(field: Field, structure: Structure) -> np.ndarray:
-    return np.stack([-field.q[..., 1], field.q[..., 0]], -1)[..., None]
+    return _turned(field.q)
 
 
 def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
-    return np.stack([field.q * np.array([1.0, -1.0]), field.q[..., [1, 0]]], -1)
+    return _uneven(field.q)
 
 
 def _waves(field: Field, most: int) -> list[np.ndarray]:
