@@ -40,22 +40,6 @@ def _uneven(x: np.ndarray) -> np.ndarray:
     return np.stack(stretched + sheared, -1)
 
 
-def _across(field: Field, structure: Structure) -> np.ndarray:
-    return _turned(field.v)
-
-
-def _uneven_drag(field: Field, structure: Structure) -> np.ndarray:
-    return _uneven(field.v)
-
-
-def _turned_place(field: Field, structure: Structure) -> np.ndarray:
-    return _turned(field.q)
-
-
-def _uneven_trap(field: Field, structure: Structure) -> np.ndarray:
-    return _uneven(field.q)
-
-
 def _waves(field: Field, most: int) -> list[np.ndarray]:
     """One half period over all that was recorded, two, and so on, each ``(w, m)``."""
     since = (field.t - field.t.min()) / max(np.ptp(field.t), np.finfo(float).tiny)
@@ -113,23 +97,24 @@ def _mutual_friction(field: Field, structure: Structure) -> np.ndarray:
 
 
 Probe = Callable[[Field, Structure], np.ndarray]
+STRENGTHS, PUSH = "strengths that change with time", "a push that changes with time"
 NOTHING, ANY, OF_PAIRS = range(3)  # what is found before something else is asked for beside it
 PROBES: dict[str, tuple[int, int, int, Probe]] = {
     # name: least dimensions, least bodies, what forces are found, columns
-    "a force across the velocity": (2, 1, NOTHING, _across),
-    "friction that differs between directions": (2, 1, NOTHING, _uneven_drag),
-    "a force that turns about a point": (2, 1, NOTHING, _turned_place),
-    "a trap that differs between directions": (2, 1, NOTHING, _uneven_trap),
+    "a force across the velocity": (2, 1, NOTHING, lambda field, _: _turned(field.v)),
+    "friction that differs between directions": (2, 1, NOTHING, lambda field, _: _uneven(field.v)),
+    "a force that turns about a point": (2, 1, NOTHING, lambda field, _: _turned(field.q)),
+    "a trap that differs between directions": (2, 1, NOTHING, lambda field, _: _uneven(field.q)),
     "strengths that change slowly with time": (1, 1, ANY, partial(_in_time, most=SLOW)),
-    "strengths that change with time": (1, 1, ANY, partial(_in_time, most=FAST)),
+    STRENGTHS: (1, 1, ANY, partial(_in_time, most=FAST)),
     "a push that changes slowly with time": (1, 1, NOTHING, partial(_push, most=SLOW)),
-    "a push that changes with time": (1, 1, NOTHING, partial(_push, most=FAST)),
+    PUSH: (1, 1, NOTHING, partial(_push, most=FAST)),
     "bodies that answer differently": (1, 2, ANY, _bodies_differ),
     "friction between bodies": (1, 2, NOTHING, _mutual_friction),
     "pairs that differ": (1, 3, OF_PAIRS, _pairs_differ),
     "pair forces that depend on who else is near": (1, 3, OF_PAIRS, _company),
 }
-QUICK = ("strengths that change with time", "a push that changes with time")
+QUICK = STRENGTHS, PUSH
 
 
 def probes_of(field: Field, structure: Structure) -> dict[str, np.ndarray]:
