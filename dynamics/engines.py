@@ -9,6 +9,7 @@ engines are what stands here, above the physics and the loops.
 | a residual map | :mod:`dynamics.compiled.maps` | :mod:`dynamics.compiled.unrolled` |
 | any other step on a card | :mod:`dynamics.compiled.graphs` | torch |
 | rows of a tanh network | :mod:`dynamics.compiled.gradient`, ``network_cuda`` | the same |
+| pairs of a law of displacements | :mod:`dynamics.compiled.disk_cuda`, on a card | the same |
 | a compiled model | by its backend: torch, ``cpu`` or ``cuda`` | the same, with no way back |
 
 The loops need numba, or Triton: they are imported here alone, when they are first run.
@@ -137,14 +138,25 @@ def network_gradient(network: MLP, rows: Tensor) -> Tensor | None:
     return loops.input_gradient(rows, *weights)
 
 
+def pair_gradient(law: DisplacementPotential, displacement: Tensor) -> Tensor | None:
+    """Of pairs on a card, with a way back; see :data:`dynamics.potentials.Engine`."""
+    mapped = torch._C._functorch.peek_interpreter_stack() is not None
+    # What all models share has no way back through what is mapped over them.
+    shared = mapped and not torch._C._functorch.is_batchedtensor(displacement)
+    if shared or not _in_triton(displacement):
+        return None
+    from dynamics.compiled import disk_cuda
+
+    return disk_cuda.pair_gradient(law.phi.gradient, displacement)
+
+
 def _gradient_loops(network: MLP, rows: Tensor) -> Any:
     """Where the loops over such rows are; ``None`` where none know them."""
     if _differentiable(rows):
         from dynamics.compiled import gradient
 
         return gradient
-    fits = rows.shape[1] == 2 and network.split()[1].in_features <= max(WIDEST)
-    if rows.device.type == "cuda" and fits and _mapped_once(rows) and has_triton():
+    if _in_triton(rows) and network.split()[1].in_features <= max(WIDEST):
         from dynamics.compiled import network_cuda
 
         return network_cuda
@@ -174,6 +186,15 @@ def _ways_back(states: Tensor, like: Tensor, fewest: int) -> bool:
 def _differentiable(x: Tensor) -> bool:
     """Whether loops with a way back know it: single, on the CPU, mapped over at most once."""
     return x.device.type == "cpu" and _mapped_once(x) and has_numba()
+
+
+def _in_triton(x: Tensor) -> bool:
+    """Whether loops with a way back know it: rows of two, on a card, mapped over at most once."""
+    return x.shape[-1] == 2 and x.numel() > 0 and _on_card(x) and _mapped_once(x)
+
+
+def _on_card(x: Tensor) -> bool:
+    return x.device.type == "cuda" and has_triton()
 
 
 def _mapped_once(x: Tensor) -> bool:
@@ -269,3 +290,4 @@ def kernels_of(backend: str) -> Any:
 Head.engine = recorded_steps
 Hamiltonian.engine, ResidualMap.engine, CompiledHead.engine = pair_law, residual_map, compiled_model
 MLP.output_engine, MLP.gradient_engine = network_output, network_gradient
+DisplacementPotential.gradient_engine = pair_gradient

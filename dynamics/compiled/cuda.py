@@ -21,36 +21,27 @@ import triton.language as tl
 from torch import Tensor
 
 from dynamics.compiled import network_cuda
+from dynamics.compiled.disk_kernel import CORE2, WIDE, squashed, turned
 from dynamics.compiled.episodes import Episodes
 from dynamics.compiled.network_cuda import BLOCKS, LEAST, largest_block
 from dynamics.compiled.network_kernel import slopes
 from dynamics.compiled.spline import MANTISSA, OCTAVE_DEGREE, OCTAVES, PairSpline, RadialSpline
 from dynamics.pairs import pair_indices
-from dynamics.potentials import CORE, REACH, SPREAD, DisplacementPotential, PairPotential
+from dynamics.potentials import SPREAD, DisplacementPotential, PairPotential
 
 EPISODES = 32  # of a spline, that a program rolls
 ROWS = LEAST, 32  # of a network, in a program: the fewest, and the most
 NETWORK = {"num_warps": 8, "num_stages": 2}  # the fastest of ten tried
-CORE2, SHORT, WIDE = tl.constexpr(CORE**2), tl.constexpr(REACH), tl.constexpr(SPREAD)
 HALF = tl.constexpr(SPREAD / 2)
 PIECES, HIGHEST = tl.constexpr(OCTAVES), tl.constexpr(OCTAVE_DEGREE)
 
 
 @triton.jit
 @no_type_check
-def _turned(x, y, r, to_u, to_v):  # noqa: ANN001, ANN202
-    """See :func:`dynamics.potentials.unsquashed`."""
-    shrink = 1 / (SHORT + r)
-    inward = (x * to_u + y * to_v) * shrink * shrink / r
-    return to_u * shrink - x * inward, to_v * shrink - y * inward
-
-
-@triton.jit
-@no_type_check
 def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr):  # noqa: ANN001, ANN202, N803
     """Gradient of the spline; where ``inside`` is false, any."""
-    s = x * x + y * y + CORE2
     if BITS > 0:
+        s = x * x + y * y + CORE2
         shift: tl.constexpr = BITS - RESOLUTION
         named = s.to(tl.int32 if BITS == 23 else tl.int64, bitcast=True) >> shift
         left = (named << shift).to(x.dtype, bitcast=True)
@@ -62,10 +53,9 @@ def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr): 
             force = force * t + tl.load(at + k * pieces)
         gx, gy = force * x, force * y
     else:
-        r = tl.sqrt(s)
-        shrink = 1 / (SHORT + r)
         sign = tl.where(y < 0, -0.5, 0.5).to(x.dtype) * RESOLUTION
-        u, v = x * shrink * sign, y * shrink * sign
+        u, v = squashed(x, y)
+        u, v = u * sign, v * sign
         left, low = tl.floor(u), tl.floor(v)
         a, b = u - left, v - low
         cell = (left.to(tl.int32) + RESOLUTION // 2) * (RESOLUTION // 2) + low.to(tl.int32)
@@ -79,7 +69,7 @@ def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr): 
             along = along * a + value
             value = value * a + row
             across = across * a + slope
-        gx, gy = _turned(x, y, r, along * sign, across * sign)
+        gx, gy = turned(x, y, along * sign, across * sign)
     return gx, gy
 
 
@@ -87,15 +77,15 @@ def _spline(x, y, table, inside, RESOLUTION: tl.constexpr, BITS: tl.constexpr): 
 @no_type_check
 def _network(x, y, table, matrix, WIDTH: tl.constexpr, BLOCK: tl.constexpr):  # noqa: ANN001, ANN202, N803
     """See :meth:`dynamics.potentials.DisplacementPotential.pair_gradient`; u and -u are rows."""
-    r = tl.sqrt(x * x + y * y + CORE2)
-    u, v = x / (SHORT + r) * WIDE, y / (SHORT + r) * WIDE
+    u, v = squashed(x, y)
+    u, v = u * WIDE, v * WIDE
     rows: tl.constexpr = 2 * x.shape[0] * x.shape[1]
     u, v = tl.reshape(tl.join(u, -u), [rows])[:, None], tl.reshape(tl.join(v, -v), [rows])[:, None]
     to_u, to_v = slopes(u, v, table, matrix, table, 0, True, WIDTH, BLOCK)
     u_here, u_there = tl.split(tl.reshape(to_u, [x.shape[0], x.shape[1], 2]))
     v_here, v_there = tl.split(tl.reshape(to_v, [x.shape[0], x.shape[1], 2]))
     size = tl.load(table + 5 * WIDTH) * HALF
-    return _turned(x, y, r, (u_here - u_there) * size, (v_here - v_there) * size)
+    return turned(x, y, (u_here - u_there) * size, (v_here - v_there) * size)
 
 
 @triton.jit
