@@ -166,6 +166,20 @@ def test_masses_that_nobody_told_are_found_also_between_those_first_tried(ratio,
     assert told[1] / told[0] == pytest.approx(ratio, rel=0.03)
 
 
+@pytest.mark.parametrize("space, seed", [(1, 1000), (2, 1003)])
+def test_bodies_that_air_slows_differently_have_other_masses_not_more_forces(space, seed):
+    """As two bodies of one mass they would show a pair force, and another friction."""
+    rng = np.random.default_rng(seed)
+    place, speed = rng.standard_normal((2, 1, 2, space))
+    rates, times = np.array([[0.1], [0.6]]), np.linspace(0.0, 3.0, 120)
+    path = place + speed / rates * -np.expm1(-rates * times[:, None, None])
+    path += 0.002 * rng.standard_normal(path.shape)
+    found = diagnose_motion(motion_of(path[None], times[1]))
+    assert found.kinds == {"linear"} and found.sure and found.weighed
+    told = found.motion.mass[0]
+    assert told[0] / told[1] == pytest.approx(6.0, rel=0.05)
+
+
 # terms that stand together
 
 

@@ -37,41 +37,56 @@ def weigh(
 ) -> Settled | None:
     """Masses under which the menu explains the motion, of mean one in the logarithm, if any do.
 
+    Bodies that are alike may explain by chance what others do with fewer numbers, the masses among
+    them; those are told then.
+
     Args:
         motion: of two or three bodies whose masses are not known.
-        inference: with all masses alike, which left something unexplained.
+        inference: with all masses alike.
         infer: finds the terms once masses are set.
         ranked: every combination of terms in windows of so many frames, best first.
     """
     unknown = np.allclose(motion.mass, 1.0) and 2 <= motion.bodies <= FEW
-    if not unknown or inference.leftover.explained or not inference.structure.terms:
+    most = np.inf  # numbers of an answer, the masses among them
+    if inference.leftover.explained:
+        most = inference.structure.numbers - 1
+    if not unknown or not inference.structure.terms or most < motion.bodies:
         return None
-    logs = _likeliest(motion, inference, ranked)
-    if logs is None:
+    likeliest = _likeliest(motion, inference, ranked)
+    if likeliest is None:
         return None
+    logs, structure = likeliest
     found = infer(_with(motion, logs))
     for _ in range(SWEEPS):
+        # In long windows terms make up for masses that are slightly wrong: those of short ones do
+        # not, so they come first.
         for body in range(1, motion.bodies):
-            logs[body] = _near(found, logs, body)
+            logs[body] = _near(found, structure, logs, body)
         # Under wrong masses terms stand for others, or for what is wrong with the masses.
         nearer = infer(_with(motion, logs))
         for each in (nearer, found):
-            if each.inference.leftover.explained:
+            numbers = each.inference.structure.numbers + motion.bodies - 1
+            if each.inference.leftover.explained and numbers <= most:
                 return each
-        found = nearer
+        found, structure = nearer, nearer.inference.structure
     return None
 
 
 def _likeliest(
     motion: Motion, inference: Inference, ranked: Callable[[Motion, int], Sequence[Structure]]
-) -> np.ndarray | None:
+) -> tuple[np.ndarray, Structure] | None:
     """Logarithms of the masses under which some terms are likeliest; ``None`` if all are alike."""
     size = int(np.clip(inference.windows.frames.shape[1], *FRAMES))
 
+    def best(rest: Sequence[float] | np.ndarray) -> Structure:
+        return ranked(_with(motion, np.array([0.0, *rest])), size)[0]
+
     def score(rest: Sequence[float] | np.ndarray) -> float:
-        return ranked(_with(motion, np.array([0.0, *rest])), size)[0].score
+        return best(rest).score
 
     rough = np.array(max(product(ROUGH, repeat=motion.bodies - 1), key=score))
+    if inference.leftover.explained and not rough.any():
+        return None
     simplex = rough + STEP / 2 * np.vstack([np.zeros(len(rough)), np.eye(len(rough))])
     found = minimize(
         lambda rest: -score(rest),
@@ -81,7 +96,9 @@ def _likeliest(
         options={"initial_simplex": simplex, **ENOUGH},
     )
     gain = -found.fun - score(np.zeros(len(rough)))
-    return np.array([0.0, *found.x]) if gain > HELPS * len(rough) else None
+    if gain <= HELPS * len(rough):
+        return None
+    return np.array([0.0, *found.x]), best(found.x)
 
 
 def _with(motion: Motion, logs: np.ndarray) -> Motion:
@@ -89,23 +106,23 @@ def _with(motion: Motion, logs: np.ndarray) -> Motion:
     return replace(motion, mass=np.tile(mass, (motion.clips, 1)))
 
 
-def _near(found: Settled, logs: np.ndarray, body: int) -> float:
-    """The logarithm of one mass with which the same terms leave least."""
+def _near(found: Settled, structure: Structure, logs: np.ndarray, body: int) -> float:
+    """The logarithm of one mass with which these terms leave least."""
 
     def left(log: float) -> float:
         trial = logs.copy()
         trial[body] = log
-        return _residual(_with(found.motion, trial), found.inference)
+        return _residual(_with(found.motion, trial), found.inference, structure)
 
     about = logs[body] + STEP / 2 * np.array([-1, 1])
     bounds = np.clip(about, -np.log(MOST), np.log(MOST))
     return float(minimize_scalar(left, bounds=bounds, method="bounded", options=CLOSELY).x)
 
 
-def _residual(motion: Motion, inference: Inference) -> float:
+def _residual(motion: Motion, inference: Inference, structure: Structure) -> float:
     windows = cut_windows(motion, inference.windows.frames.shape[1])
     paths = smooth(windows, inference.noise.sigma)
     try:
-        return refine(windows, paths, inference.structure).variance
+        return refine(windows, paths, structure).variance
     except (FloatingPointError, np.linalg.LinAlgError):
         return LOST
