@@ -9,6 +9,7 @@ import torch
 from dynamics import HEADS, Parameters, PhaseState, build, engines, rollout, terms
 from dynamics.compiled import compile_head
 from dynamics.mlp import MLP
+from dynamics.potentials import DisplacementPotential
 from encoders import load_encoder
 from renderers import Camera, disks, gaussians, reused
 from tests.shared.graphs import goes_through
@@ -121,6 +122,25 @@ def test_the_input_gradient_of_a_network_is_the_network_s(rows, width):
         found[device] = [out.detach(), *back]
     for one, other in zip(found["cpu"], found["cuda"], strict=True):
         assert (other.cpu() - one).abs().max() < 3e-6 * one.abs().max()
+
+
+@pytest.mark.parametrize(("pairs", "width"), [(3072, 256), (1, 64)])
+def test_the_gradient_of_a_pair_law_is_the_law_s(pairs, width):
+    """As of a network; slopes at both of its inputs nearly cancel, also in torch's own."""
+    torch.manual_seed(0)
+    law = DisplacementPotential(2, width, "tanh")
+    x, upstream = torch.randn(2, pairs, 2)
+    found = {}
+    for device, dtype in (("cpu", torch.float64), ("cuda", torch.float32)):
+        model, at = copy.deepcopy(law).to(device, dtype), moved(x, device, dtype)
+        at.requires_grad_()
+        out = model.pair_gradient(at)
+        assert device == "cpu" or goes_through(out, "_Turned")
+        weights = list(model.parameters())[:-1]
+        back = torch.autograd.grad(out, [at, *weights], moved(upstream, device, dtype))
+        found[device] = [out.detach(), *back]
+    for one, other in zip(found["cpu"], found["cuda"], strict=True):
+        assert (other.cpu() - one).abs().max() < 1e-5 * one.abs().max()
 
 
 def test_a_recorded_training_step_is_the_same_step():

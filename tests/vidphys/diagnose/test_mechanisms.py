@@ -287,6 +287,17 @@ def test_impacts_are_found_between_the_right_frames_and_share_a_wall():
     assert wall.restitution == pytest.approx(0.8, abs=0.05)
 
 
+@pytest.mark.parametrize(("after", "known"), [(-4, False), (12, True)])
+def test_a_law_with_a_wall_is_not_told_again_by_frames_before_the_first_bounce(after, known):
+    """They say nothing of the wall, so what they foretell is no word against the law."""
+    motion = thrown()
+    bounce = next(BALL.flights(120 * STEP))[1]
+    frame = round(bounce / STEP)
+    found = find_mechanism(motion.cut(0, round(1.4 * frame) + 12), camera=True)
+    assert "wall" in found.kinds
+    assert (found.by_frames_before(motion.times[:, frame + after]) is not None) == known
+
+
 def test_a_bounce_that_speeds_a_ball_up_along_the_wall_costs(monkeypatch):
     """A tracker's slips at the floor look so, and what is foretold from them flies off."""
     times = np.arange(26) * STEP
@@ -692,6 +703,31 @@ def test_where_no_law_moves_the_likeliest_things_the_others_are_asked(held):
     looked_at, _ = of_lawful_bodies(noisy(np.concatenate([smooth, places], 1), 5e-4))
     assert looked_at.bodies == 1
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
+
+
+def test_what_a_hand_leaves_in_its_place_and_nothing_moves_is_no_body():
+    times = np.arange(120) / 30
+    walks = np.random.default_rng(5).standard_normal((120, 2)).cumsum(0)
+    walks = np.stack([np.convolve(x, np.ones(9) / 90, "same") for x in walks.T], -1)
+    ghost = np.where(times[:, None] < 0.4, 0.4 * times[:, None] * [1.0, 0.5], [-0.5, -0.4])
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([walks, ghost], 1), 1e-6))
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], walks, atol=1e-4)
+
+
+@pytest.mark.parametrize(("drifts", "followed"), [(0.1, 0), (0.5, 1)])
+def test_what_only_drifts_does_not_win_over_a_likelier_body_that_a_law_nearly_moves(
+    drifts, followed
+):
+    """As a ball whose bounces are blurred: beside what sways, all of whose motion a law has."""
+    times = np.arange(150) / 30
+    ball = hung(swing(20.0, 0.1, 0.9, 150), 0.5)
+    wrong = np.random.default_rng(2).standard_normal((150, 2)).cumsum(0)
+    wrong = np.stack([np.convolve(x, np.ones(25) / 25, "same") for x in wrong.T], -1)
+    ball += 0.03 * wrong / wrong.std()
+    sways = drifts * np.stack([times / 5, (times / 5) ** 2], -1) - 0.6
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, sways], 1), 5e-4))
+    assert looked_at.bodies == 1
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], [ball, sways][followed], atol=3e-3)
 
 
 @pytest.mark.parametrize(("reach", "let_go"), [(0.2, []), (0.5, [1])])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.vidphys.stress.test_flights import STEP, TRUE, stepped
 from vidphys.diagnose.mechanisms import mechanism
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
-from vidphys.diagnose.mechanisms.mechanism import find_mechanism, first_lawful, lawful_later
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism, first_lawful, lawful_from
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.parted import parted
 from vidphys.diagnose.recordings.release import free_frames, held_until, held_within
@@ -213,6 +213,6 @@ def test_of_a_short_clip_only_frames_that_leave_enough_are_tried(frames):
 def test_whether_a_law_holds_later_is_told_by_the_latest_frame_that_shows_it(monkeypatch):
     motion, tried, holding = motion_of(thrown()[None, 20:, :1], 1 / 30), [], mechanism._holding
     monkeypatch.setattr(mechanism, "_holding", lambda *x: tried.append(x) or holding(*x))
-    assert lawful_later(motion, angles=False)
+    assert next(lawful_from(motion, angles=False), None) is not None
     assert len(tried) == 1
     assert first_lawful(motion, angles=False) > 0

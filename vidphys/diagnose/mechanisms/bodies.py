@@ -13,7 +13,7 @@ from vidphys.diagnose.mechanisms.choose import pictured, roughly
 from vidphys.diagnose.mechanisms.coupled import coupled
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
-from vidphys.diagnose.mechanisms.mechanism import lawful_later, meeting, thinned
+from vidphys.diagnose.mechanisms.mechanism import lawful_from, meeting, thinned
 from vidphys.diagnose.mechanisms.passers import passes_by, turns_back
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
 from vidphys.diagnose.mechanisms.shadows import without_shadows
@@ -112,9 +112,9 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
     laws, lawful = _laws(motion, met)
     staying = {body: laws[body] for body in _stay(followed, list(laws)[:MOST_TRIED])}
-    lawful = sorted({*lawful, *_tied(motion, staying, lawful)})
+    lawful = _or_likelier(motion, sorted({*lawful, *_tied(motion, staying, lawful)}), laws)
     if not met and not _stay(motion, lawful):
-        let_go = _released(followed, lawful)
+        let_go = _or_likelier(followed, _released(followed, lawful), laws)
         if let_go:
             return followed, let_go
     found = met + _seen_enough(motion, lawful)
@@ -143,6 +143,17 @@ def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[in
             laws[body] = roughly(clips, angles=False)
             lawful += [body] if _lawful(clips, laws[body]) else []
     return laws, _not_at_rest(motion, lawful)
+
+
+def _or_likelier(motion: Motion, found: list[int], laws: Mapping[int, Sequence[Fit]]) -> list[int]:
+    """Bodies, or a likelier one that a law nearly moves and that goes far farther than they do.
+
+    Some law fits whatever only drifts.
+    """
+    for body in (body for body in laws if body < min(found, default=0) and _nearly(laws[body])):
+        if _not_at_rest(motion, [body, *found], LITTLE) == [body]:
+            return [body]
+    return found
 
 
 def _needs_no_mending(followed: Motion, motion: Motion, found: list[int]) -> bool:
@@ -214,9 +225,12 @@ def _laws_once_free(motion: Motion, body: int) -> list[Fit]:
 
 
 def _lawful_later(motion: Motion, body: int) -> bool:
-    """Whether a law moves it from a later frame on."""
+    """Whether a law moves it from a later frame on, from which it does not only rest."""
     alone = _of(motion, [body])
-    return lawful_later(alone.cut(*alone.shown()), angles=False)
+    alone = alone.cut(*alone.shown())
+    path = alone.positions[0, :, 0]
+    least = RESTS * _extent(path)
+    return any(_extent(path[first:]) > least for first, _ in lawful_from(alone, angles=False))
 
 
 def _stays_on(motion: Motion, body: int) -> bool:
@@ -287,11 +301,15 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
 
 def _lawful(clips: Sequence[Frames], fits: Sequence[Fit]) -> bool:
     """Whether a law moves a body in a picture, also where the camera sees it slightly askew."""
-    fits = [fit for fit in fits if not fit.settles]
-    if any(fit.holds and fit.left < JUMPY * fit.spread for fit in fits):
+    if any(fit.holds and fit.left < JUMPY * fit.spread for fit in fits if not fit.settles):
         return True
-    askew = [pictured(clips, fit) for fit in fits if fit.left < ASKEW * fit.spread]
+    askew = [pictured(clips, fit) for fit in _nearly(fits)]
     return any(fit.left < STRAIGHTENED * fit.spread for fit in askew)
+
+
+def _nearly(fits: Sequence[Fit]) -> list[Fit]:
+    """Laws that leave little of a motion, which may be a camera's that stands askew."""
+    return [fit for fit in fits if not fit.settles and fit.left < ASKEW * fit.spread]
 
 
 def _seen_enough(motion: Motion, bodies: list[int]) -> list[int]:

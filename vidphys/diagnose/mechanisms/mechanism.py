@@ -99,10 +99,11 @@ class Mechanism:
     def by_frames_before(self, times: np.ndarray) -> Mechanism | None:
         """The same laws with numbers from the frames before a time of each clip ``(e,)``.
 
-        ``None`` where these are too few, or hardly half of those that the laws were fitted to.
+        ``None`` where these are too few, or hardly half of those that the laws were fitted to, or
+        show none of a body's bounces.
         """
         since = (times[-1] if self.windowed else times) - self.begin
-        kept = np.all([_enough(group.fit.clips, since) for group in self.groups], axis=0)
+        kept = np.all([_enough(group.fit, since) for group in self.groups], axis=0)
         if not (kept.any() if self.windowed else kept.all()):
             return None
         fits = [_again(group.fit, since, kept) for group in self.groups]
@@ -124,16 +125,24 @@ def _before(clips: Sequence[Frames], since: np.ndarray) -> list[Frames]:
     return [clip.upto(int(np.searchsorted(clip.times, seconds))) for clip, seconds in each]
 
 
-def _enough(clips: Sequence[Frames], since: np.ndarray) -> list[bool]:
+def _enough(found: Fit, since: np.ndarray) -> list[bool]:
     """Whether so many seconds of each clip are enough of it to tell its law again."""
-    pairs = [
-        zip(few.stretches, whole.stretches, strict=True)
-        for few, whole in zip(_before(clips, since), clips, strict=True)
-    ]
+    pairs = [*zip(_before(found.clips, since), found.clips, strict=True)]
+    bounces = bool(found.model.law.walls) and len(found.model.charts) == 1
     return [
-        all(len(x.times) >= max(LEAST_FRAMES, ENOUGH * len(y.times)) for x, y in pair)
-        for pair in pairs
+        all(
+            len(x.times) >= max(LEAST_FRAMES, ENOUGH * len(y.times))
+            for x, y in zip(few.stretches, whole.stretches, strict=True)
+        )
+        and not (bounces and _bounces_later(few, whole))
+        for few, whole in pairs
     ]
+
+
+def _bounces_later(few: Frames, whole: Frames) -> bool:
+    """Whether a body bounces only after the first few of its frames, or at their very end."""
+    ends = [impact.frame + impact.side for impact in whole.impacts]
+    return bool(ends) and min(ends) >= len(few.stretches[0].times)
 
 
 def _again(found: Fit, since: np.ndarray, kept: np.ndarray) -> Fit | None:
@@ -240,18 +249,16 @@ def first_lawful(motion: Motion, angles: bool) -> int:
         motion: one clip of few bodies; of others no such frame is sought.
         angles: whether the coordinates are angles in radians.
     """
-    tried = list(_lawful_from(motion, angles))
+    tried = list(lawful_from(motion, angles))
     least = min((left for _, left in tried), default=np.inf)
     return min((first for first, left in tried if left <= NEAR_BEST * least), default=0)
 
 
-def lawful_later(motion: Motion, angles: bool) -> bool:
-    """Whether there is a first lawful frame; which one it is takes far longer to tell."""
-    return any(True for _ in _lawful_from(motion, angles))
+def lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
+    """Frames from which a law holds for each body, the latest first, and what the laws leave.
 
-
-def _lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
-    """Frames from which a law holds for each body, the latest first, and what the laws leave."""
+    Which of them is the first lawful one takes far longer to tell.
+    """
     if motion.clips > 1 or motion.bodies > MOST_BODIES:
         return
     stride, motion = _stride(motion), thinned(motion)
