@@ -290,10 +290,10 @@ def test_impacts_are_found_between_the_right_frames_and_share_a_wall():
 @pytest.mark.parametrize(("after", "known"), [(-4, False), (12, True)])
 def test_a_law_with_a_wall_is_not_told_again_by_frames_before_the_first_bounce(after, known):
     """They say nothing of the wall, so what they foretell is no word against the law."""
-    motion = thrown()
-    bounce = next(BALL.flights(120 * STEP))[1]
-    frame = round(bounce / STEP)
-    found = find_mechanism(motion.cut(0, round(1.4 * frame) + 12), camera=True)
+    ball = replace(BALL, start=-4.0)
+    frame = round(next(ball.flights(120 * STEP))[1] / STEP)
+    motion = thrown(ball).cut(0, frame + 14)
+    found = find_mechanism(motion, camera=True)
     assert "wall" in found.kinds
     assert (found.by_frames_before(motion.times[:, frame + after]) is not None) == known
 
