@@ -750,6 +750,27 @@ def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_fram
     assert rods is not None and rods.left < 0.02 * rods.spread
 
 
+def test_a_double_pendulum_is_found_though_noise_was_likelier_than_a_weight():
+    """As a white weight before a white wall; on the other rod it goes as nothing else does."""
+    places = double_pendulum(0.25, 0.2, 0.4, (0.7, -0.4))
+    noise = np.random.default_rng(4).standard_normal((len(places), 3, 2))
+    upper, lower = places[:, :1], places[:, 1:]
+    looked_at, said = of_lawful_bodies(noisy(np.concatenate([lower, noise, upper], 1), 5e-4))
+    assert looked_at.bodies == 2 and said
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], upper[:, 0], atol=3e-3)
+
+
+def test_where_laws_only_nearly_move_bodies_all_such_are_looked_at():
+    """As two pendulums of a clip in which frames are missing; what jumps about is none."""
+    times = np.arange(150) / 30
+    late = times + 0.1 * (times > 4.0)
+    pair = [hung(0.6 * np.sin(4 * late), 0.4), hung(0.6 * np.sin(4.6 * late), 0.4) + [0.9, 0.0]]
+    jumps = np.round(np.random.default_rng(1).random((len(times), 2)))
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([pair[0], jumps, pair[1]], 1), 5e-4))
+    assert looked_at.bodies == 2
+    np.testing.assert_allclose(looked_at.positions[0].transpose(1, 0, 2), pair, atol=3e-3)
+
+
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_a_double_pendulum_is_found_by_the_places_of_its_weights(order):
     upper, lower, share = 0.25, 0.2, 0.4  # metres; of both masses, that the lower one has

@@ -24,6 +24,7 @@ MOST_TRIED = 3  # bodies of a clip, of which it is asked whether a law moves the
 ASKEW = 0.15  # of the spread: the same before the camera's view is set right
 STRAIGHTENED = 0.05  # of the spread: the same after it, of a body whose ends are often cut
 JUMPY = 0.2  # of the spread: noise, beyond which no law is seen to move a body
+BADLY = 0.5  # the same, of what is followed badly but by a law
 SELDOM = 0.6  # of another body's frames
 MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them leave
 FAR_LESS = 0.3  # of what two rods leave, that a law of one weight by itself leaves
@@ -54,20 +55,25 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     motion = _of(motion, alone)
     going = _without_passers(motion)
     if len(going) < motion.bodies:
-        kept, found = _lawful_of(_of(motion, going))
+        kept, found, _ = _lawful_of(_of(motion, going))
         if found:
             return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
-    kept, found = _lawful_of(motion)
+    kept, found, nearly = _lawful_of(motion)
     both = motion.bodies == 2 and len(_seen_enough(motion, _not_at_rest(motion, [0, 1]))) == 2
     if both and not found:
         return kept, shadows  # of two that no law moves alone, each may move the other
     found = [body for body in found if body in going or not turns_back(motion, body)]
-    found = found or _not_at_rest(motion, going)[:1]  # the binder's likeliest
+    found = found or nearly or _not_at_rest(motion, going)[:1]  # the binder's likeliest
     return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
 
 
 def _pairs(motion: Motion) -> list[list[int]]:
-    return [list(pair) for pair in combinations(range(min(motion.bodies, MOST_TRIED)), 2)]
+    """Of the likeliest bodies, and what goes as if a rod were between them."""
+    return [
+        list(pair)
+        for pair in combinations(range(motion.bodies), 2)
+        if max(pair) < MOST_TRIED or at_one_distance(_of(motion, pair))
+    ]
 
 
 def _chain(motion: Motion) -> list[int]:
@@ -103,10 +109,11 @@ def _without_passers(motion: Motion) -> list[int]:
     return going or list(range(motion.bodies))
 
 
-def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
-    """The bodies that a law moves, of things of which none is another's shadow; and the motion.
+def _lawful_of(motion: Motion) -> tuple[Motion, list[int], list[int]]:
+    """The bodies that a law moves, of things of which none is another's shadow.
 
-    The motion is mended where they touch.
+    Returns:
+        The motion, mended where they touch; the bodies; and those that a law nearly moves.
     """
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
@@ -116,13 +123,17 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int]]:
     if not met and not _stay(motion, lawful):
         let_go = _or_likelier(followed, _released(followed, lawful), laws)
         if let_go:
-            return followed, let_go
+            return followed, let_go, []
     found = met + _seen_enough(motion, lawful)
     for pair in _pairs(motion):
         if set(pair) & set(found) and at_one_distance(_of(motion, pair)):
             found = [*found, *(set(pair) - set(found))]  # a rod may join them
     found = sorted(found)
-    return (followed if _needs_no_mending(followed, motion, found) else motion), found
+    nearly = [body for body in laws if _nearly(laws[body])]
+    nearly = _not_at_rest(motion, _seen_enough(motion, nearly))
+    if _needs_no_mending(followed, motion, found):
+        motion = followed
+    return motion, found, nearly
 
 
 def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[int]]:
@@ -225,12 +236,15 @@ def _laws_once_free(motion: Motion, body: int) -> list[Fit]:
 
 
 def _lawful_later(motion: Motion, body: int) -> bool:
-    """Whether a law moves it from a later frame on, from which it does not only rest."""
+    """Whether a law moves it from a later frame on, and it neither rests then nor jumps about."""
     alone = _of(motion, [body])
     alone = alone.cut(*alone.shown())
     path = alone.positions[0, :, 0]
     least = RESTS * _extent(path)
-    return any(_extent(path[first:]) > least for first, _ in lawful_from(alone, angles=False))
+    return any(
+        _extent(path[first:]) > least and left < BADLY * _spread(path[first:])
+        for first, left in lawful_from(alone, angles=False)
+    )
 
 
 def _stays_on(motion: Motion, body: int) -> bool:
@@ -259,8 +273,14 @@ def _extent(path: np.ndarray) -> float:
     return float(np.linalg.norm(np.subtract(high, low)))
 
 
-def _of(motion: Motion, bodies: list[int]) -> Motion:
-    return replace(motion, positions=motion.positions[:, :, bodies], mass=motion.mass[:, bodies])
+def _spread(path: np.ndarray) -> float:
+    """Root mean square distance of places ``(t, d)`` from their mean."""
+    return float(np.sqrt(np.nanvar(path, axis=0).sum()))
+
+
+def _of(motion: Motion, bodies: Sequence[int]) -> Motion:
+    some = list(bodies)
+    return replace(motion, positions=motion.positions[:, :, some], mass=motion.mass[:, some])
 
 
 def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:
