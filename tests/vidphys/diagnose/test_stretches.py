@@ -9,7 +9,7 @@ import pytest
 from vidphys.diagnose.diagnosis import diagnose_motion
 from vidphys.diagnose.inference.doubts import doubts, mistaken
 from vidphys.diagnose.inference.menu import FRICTIONS
-from vidphys.diagnose.inference.stretches import of_one_stretch
+from vidphys.diagnose.inference.stretches import MANY, of_one_stretch
 from vidphys.diagnose.inference.structures import Menu, Structure
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.weak.regression import Rows
@@ -20,12 +20,12 @@ LINEAR, SQUARE = FRICTIONS["linear"], FRICTIONS["square"]
 STEP = 0.05
 
 
-def asked(share, size=3.0):
+def asked(share, size=3.0, windows=WINDOWS):
     """What a second term that acts in a share of the windows is said to be."""
     rng = np.random.default_rng(0)
-    x = rng.standard_normal((WINDOWS * EACH, 2))
-    window = np.repeat(np.arange(WINDOWS), EACH)
-    y = x[:, 0] + size * x[:, 1] * (window < share * WINDOWS) + rng.standard_normal(len(x))
+    x = rng.standard_normal((windows * EACH, 2))
+    window = np.repeat(np.arange(windows), EACH)
+    y = x[:, 0] + size * x[:, 1] * (window < share * windows) + rng.standard_normal(len(x))
     rows = Rows(x, y, np.ones(len(x)), window)
 
     def fitted(*terms):
@@ -39,6 +39,12 @@ def asked(share, size=3.0):
 @pytest.mark.parametrize(("share", "found"), [(1 / WINDOWS, {"square"}), (0.5, set()), (1, set())])
 def test_a_kind_that_one_window_asks_for_is_found(share, found):
     assert asked(share) == found
+
+
+@pytest.mark.parametrize(("windows", "found"), [(MANY, {"square"}), (MANY - 1, set())])
+def test_a_moment_may_lie_in_neighbours_where_windows_are_many(windows, found):
+    assert asked(4 / windows, windows=windows) == found
+    assert asked(6 / windows, windows=windows) == set()
 
 
 @pytest.mark.parametrize("frames", [40, 100])

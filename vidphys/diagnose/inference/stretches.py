@@ -11,12 +11,15 @@ from vidphys.diagnose.weak.regression import Rows
 
 LEAST = 5.0  # gain of log likelihood, that a kind must have where it has not its most
 FEWEST = 8  # windows; of fewer, one may well be what speaks for a term that is there
+MANY = 24  # windows, from which one and those beside it are one stretch: a moment may lie in all
 
 
 def of_one_stretch(
     menu: Menu, rows: Rows, structures: Sequence[Structure], ratio: float
 ) -> frozenset[str]:
-    """Kinds of the best structure that few would miss if one window had not been recorded.
+    """Kinds of the best structure that few would miss if one stretch had not been recorded.
+
+    That is a window, where there are many with its neighbours.
 
     Each is held against the best structure without it that has no more numbers: a trap far away is
     a uniform field, with one more. What a false find or a swapped name leaves looks like a force in
@@ -28,8 +31,8 @@ def of_one_stretch(
         structures: best first.
         ratio: of random kicks, see :class:`vidphys.diagnose.inference.residual.Kicks`.
     """
-    best = structures[0]
-    if len(np.unique(rows.window)) < FEWEST:
+    best, count = structures[0], len(np.unique(rows.window))
+    if count < FEWEST:
         return frozenset()
     weight = 1 / (1 + ratio * rows.kicks)
     least = _squares(menu, rows, best) * weight
@@ -41,7 +44,8 @@ def of_one_stretch(
         if without is not None:
             gain = (_squares(menu, rows, without) * weight - least) / unit
             by_window = np.bincount(rows.window, gain)
-            if by_window.sum() - by_window.max() < LEAST:
+            by_stretch = np.convolve(by_window, np.ones(3 if count >= MANY else 1), "same")
+            if by_window.sum() - by_stretch.max() < LEAST:
                 found.add(kind)
     return frozenset(found)
 
