@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from binders.bars import without_bars
 from binders.base import Pictures
 from binders.camera import background_of, camera_drift, turned_by, undo_drift
 from binders.pan import through, turning, unturned
@@ -44,6 +45,7 @@ class Steadied:
         self.half = max(frames.shape[1:3]) / 2 / self.factor
         self._middle = np.array([frames.shape[2], frames.shape[1]]) / 2 / self.factor
         self.sample = _sample(len(small))
+        small = without_bars(small, self.sample)
         self._turns, self.drift = _moved(small, self.sample)
         if self._turns is None:
             self.still = _steady(small, self.drift)
@@ -73,7 +75,8 @@ class Steadied:
 def camera_path(frames: Pictures) -> Float[torch.Tensor, "t 2"]:
     """What the camera of a clip did, as in :class:`MotionTracks`, without following anything."""
     small, factor = _working_copy(frames)
-    _, drift = _moved(small, _sample(len(small)))
+    sample = _sample(len(small))
+    _, drift = _moved(without_bars(small, sample), sample)
     return _since_first(drift, max(frames.shape[1:3]) / 2 / factor)
 
 
