@@ -79,6 +79,32 @@ def test_two_that_coast_are_no_shadows_though_both_go_straight():
     assert "proportion" not in looked_at(*ways)[1]
 
 
+def tossed(sideways: float, size: float = 1.0, up: float = 4.0) -> np.ndarray:
+    """Places of one flight up and down, and where they are first, from as far away as it takes."""
+    free = TIMES[:25]
+    return size * np.stack([sideways * free - 0.3, up * free - 4.9 * free**2 - 0.5], -1)
+
+
+@pytest.mark.parametrize("sideways", [0.5, -0.4])
+def test_the_shadow_of_a_tossed_ball_is_left_out(sideways):
+    ball = tossed(sideways)
+    bodies, said = looked_at(ball, tossed(sideways, 0.7) + [0.1, -0.3])
+    assert bodies == 1 and "thing 2 moves in proportion to thing 1" in said
+
+
+@pytest.mark.parametrize(
+    "other",
+    [tossed(0.3), tossed(0.1, 0.7), tossed(-0.5, 0.7), tossed(0.5, 1.0), tossed(0.5, 0.7, 3.0)],
+)
+def test_what_is_tossed_at_the_same_time_is_no_shadow(other):
+    """Thrown otherwise sideways, also from farther away; thrown alike; and not as high."""
+    assert "proportion" not in looked_at(tossed(0.5), other + [0.2, -0.1])[1]
+
+
+def test_two_that_fall_straight_down_at_once_are_no_shadows():
+    assert "proportion" not in looked_at(tossed(0.0), tossed(0.0, 0.7) + [0.2, -0.1])[1]
+
+
 def test_what_is_seen_at_other_times_is_no_shadow():
     weight = pendulum(0.4, 0.5, -0.3)
     other = 0.8 * weight

@@ -14,6 +14,8 @@ APART = 0.04
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 AS_FAR = 0.7  # of a shadow's way, that the way of what casts it has: a piece of a string goes less
 SWINGS = 3  # times at least that it passes its middle: what does not come back tells nothing
+CURVED = 0.1  # of the length of a way, that it is wide which is no line
+RESIZED = 0.1  # that a shadow is smaller or larger by, at least, than what flies alike
 SELDOMER = 0.02  # of the frames, by which a part is seen less often than the body
 PART = "goes with {} wherever it goes, as a part of it does"
 SHADOW = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
@@ -61,7 +63,7 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
     main = [np.linalg.svd(here[:, i], full_matrices=False)[2][0] for i in range(2)]
     one, two = (here[:, i] @ main[i] for i in range(2))
     if np.count_nonzero(np.diff(np.sign(one))) < SWINGS:
-        return ""
+        return SHADOW if _flies_with(here) else ""
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
     if copied <= ALIKE:
         near = np.linalg.norm(middle[1] - middle[0]) < np.ptp(one)
@@ -71,6 +73,23 @@ def _goes_with(motion: Motion, body: int, other: int) -> str:
         return ""
     straight = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
     return SHADOW if straight < APART or _left_of_projection(here, main[1]) < APART else ""
+
+
+def _flies_with(here: np.ndarray) -> bool:
+    """Whether a way is another of one flight up and down, in another size.
+
+    All that is let go at once falls alike. But what is thrown sideways as well goes as far to the
+    side, for its fall, only if it is thrown alike, and then it is as large unless it is farther away.
+
+    Args:
+        here: places of both about their middles, ``(t, 2, 2)``.
+    """
+    one, two = here[:, 0], here[:, 1]
+    factor = float((one * two).sum() / (one**2).sum())
+    across, along = np.linalg.svd(one, compute_uv=False)[::-1]
+    turns = np.count_nonzero(np.diff(np.sign(one[:, 1]))) == SWINGS - 1
+    left = np.linalg.norm(two - factor * one) / np.linalg.norm(two)
+    return bool(turns and across > CURVED * along and abs(factor - 1) > RESIZED and left < APART)
 
 
 def _left_of_projection(here: np.ndarray, main: np.ndarray) -> float:
