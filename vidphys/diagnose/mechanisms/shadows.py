@@ -79,7 +79,8 @@ def _flies_with(here: np.ndarray) -> bool:
     """Whether a way is another of one flight up and down, in another size.
 
     All that is let go at once falls alike. But what is thrown sideways as well goes as far to the
-    side, for its fall, only if it is thrown alike, and then it is as large unless it is farther away.
+    side, for its fall, only if it is thrown alike; its way is then as large, unless it is farther
+    away.
 
     Args:
         here: places of both about their middles, ``(t, 2, 2)``.
