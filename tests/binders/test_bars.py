@@ -1,13 +1,15 @@
-"""Black bars beside a picture hold no camera still."""
+"""What is drawn on a picture, or beside it, holds no camera still."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from binders import MotionBinder
 from binders.bars import FEWEST, RIM, without_bars
 from binders.reel import filled
+from binders.steadied import camera_path
 from tests.binders.test_motion import HEIGHT, WIDTH, draw, swing, times, wobble
 
 
@@ -26,6 +28,15 @@ def test_a_hand_held_clip_is_followed_alike_with_bars(down: int, across: int) ->
     places = found.tracks.positions[0].numpy() * half * [1, -1] + middle
     error = np.linalg.norm(places - (path + drift[:, None]), axis=-1)
     assert np.median(error) < 0.5
+
+
+def test_a_hand_held_clip_is_followed_alike_with_a_clock_drawn_on_it() -> None:
+    path, drift = swing()[:, None], wobble()
+    frames = draw(path, drift)
+    for k, frame in enumerate(frames):
+        cv2.putText(frame, f"REC 12:{k:02}", (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255,) * 3)
+    camera = camera_path(frames).numpy() * [WIDTH / 2, -WIDTH / 2]
+    assert np.abs(camera - (drift - drift[0])).max() < 0.3
 
 
 def test_only_what_is_always_dark_on_both_sides_is_a_bar() -> None:
