@@ -3,7 +3,7 @@
 A camera that "stands still" in a user's hand moves by several pixels, and rolls about its axis.
 Each frame is registered to the background by Gauss-Newton on the brightness (Lucas & Kanade 1981)
 with robust weights; only pixels where the *background* has structure take part, so bodies that move
-do not pull.
+do not pull, nor does what is drawn on all frames.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from binders.drawn import drawn_on
 from binders.reel import Through
 
 ROUNDS = 4
@@ -21,14 +22,6 @@ LEAST_SLOPE = 1.0  # brightness levels a pixel; what noise leaves in a median is
 PIXELS = (20, 6000)
 REACH = 8.0
 ROLLS = 0.5  # pixels at the corners, root mean square, from which a camera rolls
-MOVES = (
-    0.6  # pixel, by which most of a picture's edges move to and fro of which some are drawn on it
-)
-DRAWN = 0.15  # of that, below which such a one stands
-CLEAR = 4.0, 2.0  # times the noise, and brightness levels: the least slope of edges that tell of it
-BLOCKS, TELLING = (6, 8), 12  # of the picture, and clear pixels of one that tell how it moves
-STEEPEST = 0.95  # of its pixels, that are not
-BESIDE = 7  # pixels, across what is left out for each: the next digit of a clock
 HIDDEN = 2.0  # times the usual scale of what is left, of a frame in which something hides much
 SEED = 0
 
@@ -47,7 +40,7 @@ def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndar
         has no structure to hold on to.
     """
     some = grey[sample]
-    drawn = _drawn_on(some)
+    drawn = drawn_on(some)
     background, drift = _registered(some, np.zeros((len(sample), 2)), drawn)
     rolled = _register(background, some, np.pad(drift, ((0, 0), (0, 1))), drawn)
     if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(background) > ROLLS:
@@ -55,40 +48,6 @@ def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndar
     guess = [np.interp(np.arange(len(grey)), sample, column) for column in drift.T]
     found = _register(background, grey, np.stack(guess, 1), drawn)
     return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
-
-
-def _drawn_on(grey: np.ndarray) -> np.ndarray:
-    """Where something is drawn on all frames, as a clock or a name, and what is next to it.
-
-    It stands while the background moves to and fro: its brightness changes little for its slope.
-
-    Args:
-        grey: a few frames ``(t, h, w)``.
-    """
-    import cv2
-
-    background = np.median(grey, axis=0)
-    changes = ndimage.gaussian_filter(np.median(np.abs(grey - background), axis=0), 1.0)
-    slope = np.hypot(*np.gradient(ndimage.gaussian_filter(background, 1.0)))
-    flat = slope < LEAST_SLOPE
-    noise = float(np.median(changes[flat] if flat.any() else changes))
-    clear = slope >= CLEAR[0] * noise + CLEAR[1]
-    moves = changes / np.maximum(slope, LEAST_SLOPE)
-    usual = [
-        np.median(x[k & (s >= np.quantile(s, STEEPEST))])
-        for x, k, s in zip(*map(_blocks, (moves, clear, slope)), strict=True)
-        if (k & (s >= np.quantile(s, STEEPEST))).sum() >= TELLING
-    ]
-    most = float(np.quantile(usual, 0.75)) if usual else 0.0
-    drawn = clear & (moves < DRAWN * most) & (most > MOVES)
-    return cv2.dilate(drawn.astype(np.uint8), np.ones((BESIDE, BESIDE), np.uint8)).astype(bool)
-
-
-def _blocks(image: np.ndarray) -> list[np.ndarray]:
-    """Parts of a picture, side by side."""
-    down, across = BLOCKS
-    rows = np.array_split(image, down)
-    return [block for row in rows for block in np.array_split(row, across, axis=1)]
 
 
 def _registered(
