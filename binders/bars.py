@@ -13,6 +13,9 @@ from binders.reel import Reel, filled
 DARK = 24  # brightness level, that nothing of a bar is above
 FEWEST = 4  # pixels, across a bar
 RIM = 2  # pixels beside it, that compression and shrinking mix with it
+LIT = (
+    0.5  # of the picture's edge beside a bar, that is not dark as a rule; a dark room ends nowhere
+)
 
 
 def without_bars(frames: Reel, sample: list[int]) -> Reel:
@@ -26,9 +29,10 @@ def without_bars(frames: Reel, sample: list[int]) -> Reel:
     """
     import cv2
 
-    dark = np.max([frames[k].max(-1) for k in sample], axis=0) <= DARK
-    top, bottom = _bars(dark.all(1))
-    left, right = _bars(dark.all(0))
+    brightest = np.stack([frames[k].max(-1) for k in sample])
+    dark, lit = (brightest <= DARK).all(0), np.median(brightest, axis=0) > DARK
+    top, bottom = _bars(dark.all(1), lit.mean(1))
+    left, right = _bars(dark.all(0), lit.mean(0))
     if not (top or left):
         return frames
     height, width = dark.shape
@@ -45,14 +49,17 @@ def without_bars(frames: Reel, sample: list[int]) -> Reel:
     )
 
 
-def _bars(dark: np.ndarray) -> tuple[int, int]:
-    """Pixels of the bars before and after the picture, along one side; none where it is all dark.
+def _bars(dark: np.ndarray, lit: np.ndarray) -> tuple[int, int]:
+    """Pixels of the bars before and after the picture, along one side; none where it has none.
 
     Args:
         dark: which rows or columns are.
+        lit: share of each that is not, as a rule.
     """
-    lit = np.flatnonzero(~dark)
-    if not len(lit):
+    shown = np.flatnonzero(~dark)
+    if len(shown) <= 2 * RIM:
         return 0, 0
-    before, after = int(lit[0]), int(len(dark) - 1 - lit[-1])
-    return (before + RIM, after + RIM) if min(before, after) >= FEWEST else (0, 0)
+    first, last = int(shown[0]) + RIM, int(shown[-1]) - RIM
+    before, after = first, len(dark) - 1 - last
+    ends = min(lit[first], lit[last]) > LIT * lit.max()
+    return (before, after) if ends and min(before, after) >= FEWEST + RIM else (0, 0)

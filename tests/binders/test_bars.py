@@ -45,7 +45,10 @@ def test_only_what_is_always_dark_on_both_sides_is_a_bar() -> None:
     sides[:, :, : FEWEST + 3] = sides[:, :, -FEWEST:] = 12
     once = sides.copy()
     once[2, 5, 0] = 90
-    for pictures in (frames, sides[:, :, :-1], once, 0 * frames):
+    dark_room = 0 * frames
+    for k, picture in enumerate(dark_room):
+        picture[8:12, 6 + 4 * k : 12 + 4 * k] = 200  # a body that goes to and fro in it
+    for pictures in (frames, sides[:, :, :-1], once, 0 * frames, dark_room):
         given = filled(iter(pictures))
         assert without_bars(given, [0, 1, 2, 3]) is given
     found = without_bars(filled(iter(sides)), [0, 1, 2, 3])

@@ -62,7 +62,10 @@ def of_lawful_bodies(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     both = motion.bodies == 2 and len(_seen_enough(motion, _not_at_rest(motion, [0, 1]))) == 2
     if both and not found:
         return kept, shadows  # of two that no law moves alone, each may move the other
-    found = [body for body in found if body in going or not turns_back(motion, body)]
+    found, nearly = (
+        [body for body in some if body in going or not turns_back(motion, body)]
+        for some in (found, nearly)
+    )
     found = found or nearly or _not_at_rest(motion, going)[:1]  # the binder's likeliest
     return _of(kept, found), (*shadows, *_said(motion.bodies, len(found)))
 
