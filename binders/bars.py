@@ -30,7 +30,8 @@ def without_bars(frames: Reel, sample: list[int]) -> Reel:
     import cv2
 
     brightest = np.stack([frames[k].max(-1) for k in sample])
-    dark, lit = (brightest <= DARK).all(0), np.median(brightest, axis=0) > DARK
+    dark: np.ndarray = brightest.max(0) <= DARK
+    lit = np.median(brightest, axis=0) > DARK
     top, bottom = _bars(dark.all(1), lit.mean(1))
     left, right = _bars(dark.all(0), lit.mean(0))
     if not (top or left):
