@@ -30,13 +30,12 @@ def without_bars(frames: Reel, sample: list[int]) -> Reel:
     import cv2
 
     brightest = np.stack([frames[k].max(-1) for k in sample])
-    dark: np.ndarray = brightest.max(0) <= DARK
-    lit = np.median(brightest, axis=0) > DARK
-    top, bottom = _bars(dark.all(1), lit.mean(1))
-    left, right = _bars(dark.all(0), lit.mean(0))
+    most, usual = brightest.max(0), np.median(brightest, axis=0) > DARK
+    top, bottom = _bars(most.max(1) <= DARK, usual.mean(1))
+    left, right = _bars(most.max(0) <= DARK, usual.mean(0))
     if not (top or left):
         return frames
-    height, width = dark.shape
+    height, width = most.shape
     return filled(
         cv2.copyMakeBorder(
             frame[top : height - bottom, left : width - right],
