@@ -21,7 +21,7 @@ from tests.shared.graphs import goes_through
 torch.manual_seed(0)
 
 def displacements(rows):  # of every size, from none to far beyond the reach
-    x = torch.randn(rows, 2) * 10.0 ** torch.linspace(-4, 5, rows)[:, None]
+    x = torch.randn(rows, 2) * 10.0 ** torch.linspace(-4, 4, rows)[:, None]
     x[0] = 0
     return x.requires_grad_()
 
