@@ -51,7 +51,7 @@ def test_the_map_and_its_way_back_are_the_twin_s_at_every_distance():
         + """
 def alike(found, wanted, size):
     wrong = (found - wanted).detach()
-    assert (wrong.abs() <= 2e-6 * size).all(), (wrong.abs() / size).nan_to_num().max()
+    assert (wrong.abs() <= 4e-6 * size).all(), (wrong.abs() / size).nan_to_num().max()
     return (wrong * at).sum(-1).abs(), (wanted * at).sum(-1).abs()
 
 x = displacements(300)
@@ -72,7 +72,7 @@ for one, upstream in ((i, j) for i in (along, across) for j in (along, across)):
     alike(back[0], true[0], shrink)
     ahead = alike(found, wanted, shrink), alike(back[1], true[1], shrink**2)
     if one is upstream is along:
-        assert all((wrong <= 2e-6 * size).all() for wrong, size in ahead)
+        assert all((wrong <= 4e-6 * size).all() for wrong, size in ahead)
     alike(inputs[0], torch.stack([u, -u]), at.abs() * shrink)
     (back,) = grad(inputs[0], x, slopes)
     (true,) = grad(torch.stack([u, -u]), at, sides, retain_graph=True)
