@@ -13,9 +13,7 @@ from binders.reel import Reel, filled
 DARK = 24  # brightness level, that nothing of a bar is above
 FEWEST = 4  # pixels, across a bar
 RIM = 2  # pixels beside it, that compression and shrinking mix with it
-LIT = (
-    0.5  # of the picture's edge beside a bar, that is not dark as a rule; a dark room ends nowhere
-)
+LIT = 0.5  # of the picture's edge beside a bar, that is not dark as a rule; a dark room has none
 
 
 def without_bars(frames: Reel, sample: list[int]) -> Reel:

@@ -12,13 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from binders.drawn import drawn_on
+from binders.drawn import LEAST_SLOPE, drawn_on
 from binders.reel import Through
 
 ROUNDS = 4
 STEPS = 15
 STRUCTURE = 0.97
-LEAST_SLOPE = 1.0  # brightness levels a pixel; what noise leaves in a median is below
 PIXELS = (20, 6000)
 REACH = 8.0
 ROLLS = 0.5  # pixels at the corners, root mean square, from which a camera rolls

@@ -5,7 +5,6 @@ Its edges are steeper than all else: what looks for the background would hold on
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
@@ -28,6 +27,8 @@ def drawn_on(grey: Float[np.ndarray, "t h w"]) -> Bool[np.ndarray, "h w"]:
     Args:
         grey: brightness of a few frames, 0 to 255.
     """
+    import cv2
+
     background = np.median(grey, axis=0)
     changes = ndimage.gaussian_filter(np.median(np.abs(grey - background), axis=0), 1.0)
     slope = np.hypot(*np.gradient(ndimage.gaussian_filter(background, 1.0)))

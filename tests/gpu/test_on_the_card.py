@@ -105,23 +105,36 @@ def test_the_kernel_of_a_network_is_the_network(bodies, width):
     assert (there.states.flat.cpu() - here.states.flat).abs().max() < 2e-5
 
 
+def close_to_double(model, gradient, through, count, tolerance):
+    """Hold a gradient at points of two coordinates, and its way back, to double precision's.
+
+    Args:
+        model: its last parameter, a bias, shifts no gradient.
+        gradient: of the model on a device, at points there.
+        through: the function by which it is on the card.
+        count: of points.
+        tolerance: of the largest number.
+    """
+    x, upstream = torch.randn(2, count, 2)
+    found = {}
+    for device, dtype in (("cpu", torch.float64), ("cuda", torch.float32)):
+        there, at = copy.deepcopy(model).to(device, dtype), moved(x, device, dtype)
+        at.requires_grad_()
+        out = gradient(there, at)
+        assert device == "cpu" or goes_through(out, through)
+        weights = list(there.parameters())[:-1]
+        back = torch.autograd.grad(out, [at, *weights], moved(upstream, device, dtype))
+        found[device] = [out.detach(), *back]
+    for one, other in zip(found["cpu"], found["cuda"], strict=True):
+        assert (other.cpu() - one).abs().max() < tolerance * one.abs().max()
+
+
 @pytest.mark.parametrize(("rows", "width"), [(6144, 256), (150, 48), (64, 512)])
 def test_the_input_gradient_of_a_network_is_the_network_s(rows, width):
     """It and its way back, to what single precision leaves of double."""
     torch.manual_seed(0)
     network = MLP((2, width, width, 1))
-    x, upstream = torch.randn(2, rows, 2)
-    found = {}
-    for device, dtype in (("cpu", torch.float64), ("cuda", torch.float32)):
-        model, at = copy.deepcopy(network).to(device, dtype), moved(x, device, dtype)
-        at.requires_grad_()
-        out = model.gradient(at)
-        assert device == "cpu" or goes_through(out, "_Gradient")
-        weights = list(model.parameters())[:-1]
-        back = torch.autograd.grad(out, [at, *weights], moved(upstream, device, dtype))
-        found[device] = [out.detach(), *back]
-    for one, other in zip(found["cpu"], found["cuda"], strict=True):
-        assert (other.cpu() - one).abs().max() < 3e-6 * one.abs().max()
+    close_to_double(network, MLP.gradient, "_Gradient", rows, 3e-6)
 
 
 @pytest.mark.parametrize(("pairs", "width"), [(3072, 256), (1, 64)])
@@ -129,18 +142,7 @@ def test_the_gradient_of_a_pair_law_is_the_law_s(pairs, width):
     """As of a network; slopes at both of its inputs nearly cancel, also in torch's own."""
     torch.manual_seed(0)
     law = DisplacementPotential(2, width, "tanh")
-    x, upstream = torch.randn(2, pairs, 2)
-    found = {}
-    for device, dtype in (("cpu", torch.float64), ("cuda", torch.float32)):
-        model, at = copy.deepcopy(law).to(device, dtype), moved(x, device, dtype)
-        at.requires_grad_()
-        out = model.pair_gradient(at)
-        assert device == "cpu" or goes_through(out, "_Turned")
-        weights = list(model.parameters())[:-1]
-        back = torch.autograd.grad(out, [at, *weights], moved(upstream, device, dtype))
-        found[device] = [out.detach(), *back]
-    for one, other in zip(found["cpu"], found["cuda"], strict=True):
-        assert (other.cpu() - one).abs().max() < 1e-5 * one.abs().max()
+    close_to_double(law, DisplacementPotential.pair_gradient, "_Turned", pairs, 1e-5)
 
 
 def test_a_recorded_training_step_is_the_same_step():
