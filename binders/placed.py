@@ -15,6 +15,7 @@ from jaxtyping import Float
 from binders.base import Pictures
 from binders.hypotheses import Hypothesis
 from binders.lawful import foretold, steadiness
+from binders.turned import turns
 
 ROUNDS = 3
 AROUND = 1.6  # of the body's mean radius, that is looked at
@@ -44,7 +45,7 @@ def placed(
     """The hypothesis at the places, of three ways to tell them, that are the most lawful.
 
     They are the middles of its blobs, those of its outline, and, unless it changes its looks as
-    what is seen from ever another side does, those of its picture.
+    what turns or is seen from ever another side does, those of its picture.
 
     Args:
         body: as blobs show it, pixels of the frames.
@@ -53,12 +54,29 @@ def placed(
         times: of each frame, in units of the usual interval.
     """
     best, most = body, foretold(body.positions, times) + BETTER
-    for pictured in (False, True) if steadiness(body) > STEADY else (False,):
-        places = _refined(body, frames, changed, pictured)
+    outlined = _refined(body, frames, changed, pictured=False)
+    ways = [outlined]
+    if steadiness(body) > STEADY and not _turns(body, frames, outlined):
+        ways.append(_refined(body, frames, changed, pictured=True))
+    for places in ways:
         told = foretold(places, times)
         if told > most:
             best, most = replace(body, positions=places), told + BETTER
     return best
+
+
+def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray) -> bool:
+    import cv2
+
+    half, seen = int(np.ceil(body.usual_size)), np.nonzero(body.seen)[0]
+    square = (2 * half + 1, 2 * half + 1)
+    exposed = _exposed(frames, seen)
+    some = range(0, len(seen), max(1, len(seen) // MODEL))
+    patches = [
+        cv2.getRectSubPix(frames[k].astype(np.float32) * exposed[n], square, places[k].tolist())
+        for n, k in ((n, seen[n]) for n in some)
+    ]
+    return turns(np.stack(patches), body.usual_size)
 
 
 def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bool) -> np.ndarray:

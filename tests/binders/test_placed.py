@@ -11,7 +11,7 @@ from binders.placed import placed
 
 FRAMES, SIDE, RADIUS = 60, 96, 7.0
 Y, X = np.mgrid[:SIDE, :SIDE]
-GREEN, GREY = (40, 160, 60), (90, 85, 80)
+GREEN, GREY, RED = (40, 160, 60), (90, 85, 80), (220, 60, 40)
 
 
 def swing() -> np.ndarray:
@@ -72,6 +72,21 @@ def test_a_body_that_shows_another_side_is_not_where_its_picture_was() -> None:
         return abs(float(off[:20].mean() - off[-20:].mean()))
 
     assert shift(4.0) < 0.5 * shift(0.0)
+
+
+def test_the_mark_of_a_puck_that_turns_does_not_draw_its_place_along() -> None:
+    t, rng = np.arange(FRAMES), np.random.default_rng(1)
+    path, turned = np.stack([14 + 1.1 * t, 30 + 0.6 * t], 1), 0.03 * t
+    seen = path + rng.normal(scale=0.3, size=path.shape)
+    frames = drawn(path, rod=0.0)
+    for image, (x, y), angle in zip(frames, path, turned, strict=True):
+        along = (X - x) * np.cos(angle) + (Y - y) * np.sin(angle)
+        image[(along > 0) & (np.hypot(X - x, Y - y) < RADIUS - 1)] = RED
+    changed = np.hypot(X - seen[:, 0, None, None], Y - seen[:, 1, None, None]) < RADIUS
+    ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    off = placed(blobs, frames, changed, t.astype(float)).positions - path
+    assert np.abs(off[:15].mean(0) - off[-15:].mean(0)).max() < 0.3
 
 
 def test_a_ball_stays_where_it_is_while_the_exposure_drifts() -> None:

@@ -27,6 +27,9 @@ def test_what_stands_elsewhere_for_a_while_is_left_out(noise):
     assert left_out(path) == list(range(20, 29))
     path[29:33] = np.nan  # and is lost before the body is found again
     assert left_out(path) == list(range(20, 29))
+    path[16:20] = np.nan  # a leap to where it is lost, and from where it is
+    path[29:33] = swing(noise)[29:33]
+    assert left_out(path) == list(range(20, 29))
 
 
 def test_a_body_itself_is_kept_however_it_moves():
@@ -35,6 +38,11 @@ def test_a_body_itself_is_kept_however_it_moves():
     assert left_out(np.stack([struck, 0 * struck], -1)[:, None]) == []
     bounced = np.abs(TIMES - 0.5)
     assert left_out(np.stack([TIMES, bounced], -1)[:, None]) == []
+    dropped = np.delete(TIMES, [20, 22])  # frames that are missing without a stamp, one beside one
+    assert (
+        left_out(np.pad(np.stack([dropped, 0 * dropped], -1), ((0, 2), (0, 0)), "edge")[:, None])
+        == []
+    )
     path = swing()
     path[30:] += 2.0  # something else from here on: nothing tells which of the two is the body
     assert left_out(path) == []

@@ -30,7 +30,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     and are alike, and then their ways are each other's copy. Light comes from above, so of two such
     things the upper one is the body; and a floor mirrors up and down, so what goes right whenever
     the other goes left is neither. Copies that are nearer to each other than they go are parts of
-    one body, as a cart's wheels are; the one that is seen less often is the part.
+    one body, as a cart's wheels are; the one that is seen less often is the part, or is the less
+    likely one.
 
     Args:
         motion: of one clip; the likeliest bodies come first.
@@ -44,9 +45,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
             continue
         how = _goes_with(motion, body, other)
         if how:
-            first = _seen_less(motion, body, other) if how == PART else None
-            first = _below(motion, body, other) if first is None else first
-            of, thing = (other, body) if first else (body, other)
+            less = _seen_less if how == PART else _below
+            of, thing = (other, body) if less(motion, body, other) else (body, other)
             cast[thing] = f"thing {thing + 1} {how.format(f'thing {of + 1}')}: it is left out"
     return [body for body in range(motion.bodies) if body not in cast], tuple(cast.values())
 
@@ -113,10 +113,10 @@ def _left_of_projection(here: np.ndarray, main: np.ndarray) -> float:
     return float(np.linalg.norm(way - projected @ main) / np.linalg.norm(way))
 
 
-def _seen_less(motion: Motion, body: int, other: int) -> bool | None:
-    """Whether one is seen less often than another; ``None`` where both are seen alike."""
+def _seen_less(motion: Motion, body: int, other: int) -> bool:
+    """Whether one is seen less often than another."""
     one, two = motion.seen[0][:, [body, other]].mean(0)
-    return None if abs(one - two) < SELDOMER else bool(one < two)
+    return bool(two - one >= SELDOMER)
 
 
 def _below(motion: Motion, body: int, other: int) -> bool:

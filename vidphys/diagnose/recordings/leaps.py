@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-LEAP = 4.0  # times the fastest step around, from which a step is no step of the body
+LEAP = 2.2  # times the fastest step around, from which a step is no step of the body
 AROUND = 8  # steps before and after, that tell how fast it goes
 FEWEST = 3  # of them, before as after
 ONWARD = 1.5  # times that step's speed, at which it may go from before to after what is left out
@@ -18,8 +18,9 @@ def without_leaps(
 ) -> Float[np.ndarray, "t n d"]:
     """Places without those that a body would have to leap to.
 
-    A few finds in a row are left out where a leap leads to them, a leap or a gap from them, and the
-    frames before and after go on without them about as fast as the body does there.
+    A few finds in a row are left out where a leap leads to them or from them, a leap or a gap is at
+    their other end, and the frames before and after go on without them about as fast as the body
+    does there.
 
     Args:
         positions: NaN where a body was not seen.
@@ -55,11 +56,11 @@ def _apart(path: np.ndarray, times: np.ndarray, speed: np.ndarray, first: int, s
     """Whether the finds from ``first`` up to ``stop`` are of something else."""
     around = [speed[max(first - 1 - AROUND, 0) : first - 1], speed[stop : stop + AROUND]]
     usual = float(np.concatenate(around).max())
-    gap = times[stop] - times[stop - 1] > GAP * np.median(np.diff(times))
-    ends = [first - 1, stop]
+    sides, ends = [first - 1, stop - 1], [first - 1, stop]
+    gaps = np.diff(times)[sides] > GAP * np.median(np.diff(times))
+    leaps = speed[sides] > LEAP * usual
     goes_on = _speeds(path[ends], times[ends])[0] <= ONWARD * usual
-    leaps = speed[[first - 1, stop - 1]] > LEAP * usual
-    return bool(goes_on and leaps[0] and (gap or leaps[1]))
+    return bool(goes_on and leaps.any() and (gaps | leaps).all())
 
 
 def _speeds(path: np.ndarray, times: np.ndarray) -> np.ndarray:
