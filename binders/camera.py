@@ -8,6 +8,9 @@ do not pull, nor does what is drawn on all frames.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
@@ -22,6 +25,9 @@ PIXELS = (20, 6000)
 REACH = 8.0
 ROLLS = 0.5  # pixels at the corners, root mean square, from which a camera rolls
 HIDDEN = 2.0  # times the usual scale of what is left, of a frame in which something hides much
+LED_ASTRAY = 3.0  # pixels, from which a drift may be that of somebody who hides what stands
+AGREE = 5.0  # levels, by which brightness may differ where the background is
+AS_ONE = 0.45  # agreement, from which edges move as one
 SEED = 0
 
 
@@ -39,27 +45,47 @@ def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndar
         has no structure to hold on to.
     """
     some = grey[sample]
-    drawn = drawn_on(some)
-    background, drift = _registered(some, np.zeros((len(sample), 2)), drawn)
-    rolled = _register(background, some, np.pad(drift, ((0, 0), (0, 1))), drawn)
-    if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(background) > ROLLS:
-        background, drift = _registered(some, rolled, drawn)
-    guess = [np.interp(np.arange(len(grey)), sample, column) for column in drift.T]
-    found = _register(background, grey, np.stack(guess, 1), drawn)
+    best, drawn = _likeliest(some)
+    rolled, _ = _register(best.background, some, np.pad(best.drift, ((0, 0), (0, 1))), drawn)
+    if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(best.background) > ROLLS:
+        best = max(best, _registered(some, rolled, drawn), key=lambda each: each.agreed)
+    guess = [np.interp(np.arange(len(grey)), sample, column) for column in best.drift.T]
+    found, _ = _register(best.background, grey, np.stack(guess, 1), drawn)
     return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
 
 
-def _registered(
-    grey: np.ndarray, drift: np.ndarray, drawn: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The background of a few frames, and their drift from it."""
-    background = grey[0]
+def _likeliest(grey: np.ndarray) -> tuple[_Registered, np.ndarray]:
+    """How a few frames lie on their background, and the pixels that were left out for it.
+
+    What stands while other edges move is drawn on all frames that a moving camera took. If the
+    other edges do not move as one, the camera stands, and somebody large walks before it.
+    """
+    drawn, still = drawn_on(grey), np.zeros((len(grey), 2))
+    found = _registered(grey, still, drawn)
+    if drawn.any() and found.agreed < AS_ONE:
+        standing = _registered(grey, still, np.zeros_like(drawn))
+        if standing.agreed > found.agreed:
+            return standing, np.zeros_like(drawn)
+    return found, drawn
+
+
+class _Registered(NamedTuple):
+    """The background of a few frames, their drift from it, and how well they agree with it."""
+
+    background: np.ndarray
+    drift: np.ndarray
+    agreed: float
+
+
+def _registered(grey: np.ndarray, drift: np.ndarray, drawn: np.ndarray) -> _Registered:
+    found = []
     for _ in range(ROUNDS):
         aligned = [undo_drift(each, d) for each, d in zip(grey, drift, strict=True)]
         background = np.median(aligned, axis=0)
-        drift = _register(background, grey, drift, drawn)
+        drift, agreed = _register(background, grey, drift, drawn)
         drift -= np.median(drift, axis=0)
-    return background, drift
+        found.append(_Registered(background, drift, agreed))
+    return max(found, key=lambda each: each.agreed)
 
 
 def _arm(image: np.ndarray) -> float:
@@ -127,12 +153,12 @@ def background_of(
 
 def _register(
     background: np.ndarray, frames: np.ndarray | Through, guess: np.ndarray, drawn: np.ndarray
-) -> np.ndarray:
+) -> tuple[np.ndarray, float]:
     smooth = ndimage.gaussian_filter(background, 1.0)
     slope_y, slope_x = np.gradient(smooth)
     ys, xs = _structure(np.where(drawn, 0.0, np.hypot(slope_x, slope_y)))
     if len(ys) == 0:
-        return np.zeros_like(guess)
+        return np.zeros_like(guess), 0.0
     from_middle = [(at - (n - 1) / 2) for at, n in zip((ys, xs), smooth.shape, strict=True)]
     across, down = slope_x[ys, xs], slope_y[ys, xs]
     turned = (down * from_middle[1] - across * from_middle[0]) / _arm(smooth)
@@ -141,20 +167,24 @@ def _register(
     arms = np.array(from_middle) / _arm(smooth)
     unit = np.array([1.0, 1.0, _arm(smooth)])[: guess.shape[1]]
 
-    def aligned(frame: np.ndarray, start: np.ndarray, most: float) -> tuple[np.ndarray, float]:
+    def aligned(frame: np.ndarray, start: np.ndarray, most: float) -> _Aligned:
         smooth = ndimage.gaussian_filter(frame, 1.0)
-        found, scale = _align(smooth, (ys, xs), arms, target, gradient, start * unit, most)
-        return found / unit, scale
+        still = np.zeros(len(unit))
+        found = _align(smooth, (ys, xs), arms, target, gradient, start * unit, most)
+        if np.abs(found.drift).max() > LED_ASTRAY:
+            again = _align(smooth, (ys, xs), arms, target, gradient, still, most)
+            found = max(found, again, key=lambda each: each.agreed)
+        return replace(found, drift=found.drift / unit)
 
     found = [aligned(*each, np.inf) for each in zip(frames, guess, strict=True)]
-    drift, scale = np.array([x[0] for x in found]), np.array([x[1] for x in found])
+    drift, scale = np.array([x.drift for x in found]), np.array([x.scale for x in found])
     usual = float(np.median(scale))
     hidden = np.flatnonzero(scale > HIDDEN * usual)
     clear = np.flatnonzero(scale <= HIDDEN * usual)
     for number in hidden:
         start = np.array([np.interp(number, clear, column) for column in drift[clear].T])
-        drift[number], _ = aligned(frames[number], start, usual)
-    return drift
+        found[number] = aligned(frames[number], start, usual)
+    return np.array([x.drift for x in found]), float(np.mean([x.agreed for x in found]))
 
 
 def _structure(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,6 +201,15 @@ def _structure(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (ys, xs) if len(ys) >= fewest else (ys[:0], xs[:0])
 
 
+@dataclass(frozen=True)
+class _Aligned:
+    """The drift as it was sought, the scale of what is left, and the share that agrees with it."""
+
+    drift: np.ndarray
+    scale: float
+    agreed: float
+
+
 def _align(
     frame: np.ndarray,
     pixels: tuple[np.ndarray, np.ndarray],
@@ -179,7 +218,7 @@ def _align(
     gradient: np.ndarray,
     start: np.ndarray,
     most: float,
-) -> tuple[np.ndarray, float]:
+) -> _Aligned:
     """Gauss-Newton on the drift; a weak pull to zero decides where nothing else does.
 
     Args:
@@ -187,18 +226,18 @@ def _align(
             corners.
         start: displacement, and what the turn displaces the corners by where it is sought, pixels.
         most: of the scale beyond which what differs is something else.
-
-    Returns:
-        The drift in the units of ``start``, and the scale.
     """
     ys, xs = pixels
     drift, scale = start.astype(float), most
     turn = np.array([1.0, -1.0])[:, None] * arms[::-1] if len(drift) > 2 else 0.0 * arms
-    for _ in range(STEPS):
+
+    def left(drift: np.ndarray) -> np.ndarray:
         down, right = drift[1::-1, None] + turn * drift[-1]
-        seen = ndimage.map_coordinates(frame, [ys + down, xs + right], order=1)
-        residual = seen - target
-        residual = residual - np.median(residual)
+        seen = ndimage.map_coordinates(frame, [ys + down, xs + right], order=1) - target
+        return np.asarray(seen - np.median(seen))
+
+    for _ in range(STEPS):
+        residual = left(drift)
         scale = min(most, 0.5 + 1.4826 * float(np.median(np.abs(residual))))
         weight = 1 / (1 + (residual / (2 * scale)) ** 2) ** 2
         pull = (scale / REACH) ** 2
@@ -207,4 +246,4 @@ def _align(
         drift = drift - step
         if np.abs(step).max() < 1e-3:
             break
-    return drift, scale
+    return _Aligned(drift, scale, float(np.mean(1 / (1 + (left(drift) / AGREE) ** 2))))

@@ -187,6 +187,20 @@ def test_what_hides_most_of_the_edges_is_no_drift() -> None:
     assert np.abs(camera_drift(grey, list(range(0, 40, 2)))).max() < 1.0
 
 
+def test_somebody_who_is_there_all_the_time_is_no_drift() -> None:
+    """Striped and close by, they have more edges than the shelf and the ruler behind them."""
+    rng, frames = np.random.default_rng(0), []
+    stripes = rng.uniform(20, 230, (120, 14)).repeat(6, 1)
+    for t in range(60):
+        wall = np.full((120, 180), 170.0) + rng.normal(scale=1.0, size=(120, 180))
+        wall[::8, 160:166] = wall[104:107] = wall[20:100, 12:15] = 90
+        left = round(48 + 30 * np.sin(t / 7))
+        wall[:100, left : left + 84] = stripes[:100]
+        frames.append(wall)
+    grey = np.array(frames, np.float32)
+    assert np.abs(camera_drift(grey, list(range(0, 60, 2)))).max() < 1.0
+
+
 def test_drift_is_undone() -> None:
     image = room()[:HEIGHT, :WIDTH].astype(np.float32)
     moved = ndimage.shift(image, (2, -3, 0), order=1, mode="nearest")
