@@ -14,6 +14,7 @@ from vidphys.experiments.filmed.film import clip_of, compose, pictures, read_at,
 from vidphys.experiments.filmed.folder import film_clip, film_folder
 from vidphys.experiments.filmed.nuisances import PARTS, Nuisances, nuisances, part_of
 from vidphys.experiments.filmed.props.bodies import body, extent
+from vidphys.experiments.filmed.props.room import room
 from vidphys.experiments.filmed.scenes.kinds import KINDS
 from vidphys.experiments.filmed.scenes.scene import Course, Look
 from vidphys.experiments.filmed.sensor import timing
@@ -226,3 +227,14 @@ def test_a_carts_wheels_are_parts_of_it():
         across, _, up = wheel.place
         assert np.hypot(across, up) + wheel.size[0] == pytest.approx(extent(look))
     assert np.hypot(frame.size[0], frame.size[2]) < extent(look)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_two_things_at_a_wall_show_their_faces_in_one_place(seed):
+    """They would flicker, as which of them is in front is decided by rounding."""
+    flat = [p for p in room(np.random.default_rng(seed), 0.0, 0.6)[2:] if p.shape == "box"]
+    for k, one in enumerate(flat):
+        for other in flat[:k]:
+            apart = np.abs(one.place - other.place) - one.size - other.size
+            faces = np.subtract(one.place[1] - one.size[1], other.place[1] - other.size[1])
+            assert apart[[0, 2]].max() > -1e-9 or np.abs(faces) > 1e-4

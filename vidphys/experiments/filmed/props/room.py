@@ -9,6 +9,7 @@ from vidphys.experiments.filmed.textures import FLOORS, WALLS
 
 Random = np.random.Generator
 STRETCH = 6.0  # metres on a side of floor and wall, half
+SPACED = 0.0017  # metres, by which one thing stands before another: two faces in one place flicker
 SLAB = (STRETCH, STRETCH, 0.05)  # a box: the shadows of planes have holes
 
 
@@ -53,9 +54,9 @@ def room(random: Random, floor: float, wall: float) -> list[Piece]:
         Piece("box", SLAB, "wall", np.array([0, wall + SLAB[2], floor]), back),
         box((2 * STRETCH, 0.012, 0.1), (0, wall - 0.006, floor + 0.05), "white"),
     ]
-    for _ in range(int(random.integers(2, 6))):
+    for k in range(int(random.integers(2, 6))):
         make = (_poster, _cabinet, _shelf, _plant, _door)[int(random.integers(5))]
-        pieces += make(random, random.uniform(-2.2, 2.2), floor, wall)
+        pieces += make(random, random.uniform(-2.2, 2.2), floor, wall - SPACED * k)
     return pieces
 
 
@@ -84,7 +85,7 @@ def _shelf(random: Random, x: float, floor: float, wall: float) -> list[Piece]:
     while at < x + long / 2 - 0.05:
         w, h = random.uniform(0.02, 0.06), random.uniform(0.15, 0.28)
         skin = f"paint{random.integers(4)}"
-        pieces.append(box((w, 0.15, h), (at, wall - 0.1, z + 0.0125 + h / 2), skin))
+        pieces.append(box((w, 0.15, h), (at + w / 2, wall - 0.1, z + 0.0125 + h / 2), skin))
         at += w + random.choice([0.003, 0.003, 0.09])
     return pieces
 
