@@ -27,7 +27,8 @@ ROLLS = 0.5  # pixels at the corners, root mean square, from which a camera roll
 HIDDEN = 2.0  # times the usual scale of what is left, of a frame in which something hides much
 LED_ASTRAY = 3.0  # pixels, from which a drift may be that of somebody who hides what stands
 AGREE = 5.0  # levels, by which brightness may differ where the background is
-AS_ONE = 0.45  # agreement, from which edges move as one
+AS_ONE = 0.6  # agreement, from which edges move as one
+STANDS = 0.7  # share of the frames, that show what stands and is not hidden often
 SEED = 0
 
 
@@ -46,9 +47,6 @@ def camera_drift(grey: np.ndarray | Through, sample: list[int]) -> Float[np.ndar
     """
     some = grey[sample]
     best, drawn = _likeliest(some)
-    rolled, _ = _register(best.background, some, np.pad(best.drift, ((0, 0), (0, 1))), drawn)
-    if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(best.background) > ROLLS:
-        best = max(best, _registered(some, rolled, drawn), key=lambda each: each.agreed)
     guess = [np.interp(np.arange(len(grey)), sample, column) for column in best.drift.T]
     found, _ = _register(best.background, grey, np.stack(guess, 1), drawn)
     return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
@@ -58,15 +56,22 @@ def _likeliest(grey: np.ndarray) -> tuple[_Registered, np.ndarray]:
     """How a few frames lie on their background, and the pixels that were left out for it.
 
     What stands while other edges move is drawn on all frames that a moving camera took. If the
-    other edges do not move as one, the camera stands, and somebody large walks before it.
+    other edges do not move as one, the camera stands, and somebody large is before it: they are
+    left out, or else what they seem to leave of the background.
     """
-    drawn, still = drawn_on(grey), np.zeros((len(grey), 2))
-    found = _registered(grey, still, drawn)
-    if drawn.any() and found.agreed < AS_ONE:
-        standing = _registered(grey, still, np.zeros_like(drawn))
-        if standing.agreed > found.agreed:
-            return standing, np.zeros_like(drawn)
-    return found, drawn
+    drawn = drawn_on(grey)
+    found = _laid(grey, drawn)
+    if found.agreed >= AS_ONE:
+        return found, drawn
+    others = drawn | _often_hidden(grey), np.zeros_like(drawn)
+    ways = [(found, drawn), *((_laid(grey, each), each) for each in others)]
+    return max(ways, key=lambda each: each[0].agreed)
+
+
+def _often_hidden(grey: np.ndarray) -> np.ndarray:
+    """Pixels that show something else in many frames, if the camera stands."""
+    seen = np.abs(grey - np.median(grey, axis=0)) < AGREE
+    return np.asarray(seen.mean(0) < STANDS)
 
 
 class _Registered(NamedTuple):
@@ -75,6 +80,15 @@ class _Registered(NamedTuple):
     background: np.ndarray
     drift: np.ndarray
     agreed: float
+
+
+def _laid(grey: np.ndarray, drawn: np.ndarray) -> _Registered:
+    """A few frames on their background, turned as well where the camera rolls."""
+    flat = _registered(grey, np.zeros((len(grey), 2)), drawn)
+    rolled, _ = _register(flat.background, grey, np.pad(flat.drift, ((0, 0), (0, 1))), drawn)
+    if np.sqrt(np.mean(rolled[:, 2] ** 2)) * _arm(flat.background) <= ROLLS:
+        return flat
+    return max(flat, _registered(grey, rolled, drawn), key=lambda each: each.agreed)
 
 
 def _registered(grey: np.ndarray, drift: np.ndarray, drawn: np.ndarray) -> _Registered:
