@@ -61,7 +61,11 @@ def _sure(group: Group) -> float:
 
 
 def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
-    """Whether something small goes as one or two larger ones do, as the coils of a spring."""
+    """Whether something small goes as one or two larger ones do, as the coils of a spring.
+
+    It goes the same share of their way whichever way they go. What is struck goes another way, as
+    another linear map of what strikes it.
+    """
     size = one.usual_size
     larger = [other for other in others if size < LESSER * other.usual_size]
     for k, first in enumerate(larger):
@@ -69,11 +73,11 @@ def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
             both = one.seen & first.seen & second.seen
             if both.sum() < 0.5 * one.seen.sum():
                 continue
-            design = np.ones((int(both.sum()), 5))
-            design[:, 0:2], design[:, 2:4] = first.positions[both], second.positions[both]
-            target = one.positions[both]
-            fit = np.linalg.lstsq(design, target, rcond=None)[0]
-            left = ((target - design @ fit) ** 2).sum()
-            if left < (1 - DRAWN) * ((target - target.mean(0)) ** 2).sum():
+            ways = [each.positions[both] - each.positions[both].mean(0) for each in (first, second)]
+            target = one.positions[both] - one.positions[both].mean(0)
+            design = np.stack([way.ravel() for way in ways], 1)
+            share = np.linalg.lstsq(design, target.ravel(), rcond=None)[0]
+            left = ((target.ravel() - design @ share) ** 2).sum()
+            if left < (1 - DRAWN) * (target**2).sum():
                 return True
     return False

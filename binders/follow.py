@@ -81,30 +81,41 @@ def ranked(candidates: list[Candidate]) -> list[Candidate]:
         ]
         if not known:
             kept.append(each)
-        elif all(_goes_on(each, kept[n]) for n in known):
+        elif all(_goes_on(each, kept[n], kept[:n]) for n in known):
             kept[known[0]] = each
             kept = [k for n, k in enumerate(kept) if n not in known[1:]]
     return kept
 
 
-def _goes_on(longer: Candidate, shorter: Candidate) -> bool:
-    """Whether one is nearly as likely, and follows the other to where that one was lost."""
+def _goes_on(longer: Candidate, shorter: Candidate, likelier: list[Candidate]) -> bool:
+    """Whether one is nearly as likely, and follows the other to where that one was lost.
+
+    One is lost, too, where it is followed on as a likelier body, as that which struck it.
+    """
+    alone = shorter.body
+    for each in likelier:
+        alone = replace(
+            alone, positions=np.where(_at_one_place(alone, each.body), np.nan, alone.positions)
+        )
+    exchanged = bool(alone.seen.sum() < HELD * shorter.body.seen.sum())
     return bool(
-        longer.judged.seen > LONGER * shorter.judged.seen
-        and abs(np.log(_size(longer) / _size(shorter))) < np.log(AS_LARGE[0])
+        longer.judged.seen > LONGER * alone.seen.mean()
+        and abs(np.log(_size(longer) / _size(shorter))) < np.log(AS_LARGE[exchanged])
         and longer.judged.score > GOES_ON * shorter.judged.score
-        and _same(shorter.body, longer.body) > HELD
+        and _same(alone, longer.body) > HELD
     )
+
+
+def _at_one_place(one: Hypothesis, other: Hypothesis) -> np.ndarray:
+    """Frames in which both are seen nearer to each other than the larger one's size, ``(t, 1)``."""
+    apart = np.linalg.norm(one.positions - other.positions, axis=-1)
+    near = apart < max(one.usual_size, other.usual_size)  # false where one is not seen
+    return np.asarray(near)[:, None]
 
 
 def _same(one: Hypothesis, other: Hypothesis) -> float:
     """Share of the frames that show one, in which it is where the other is."""
-    both = one.seen & other.seen
-    if not both.any():
-        return 0.0
-    apart = np.linalg.norm(one.positions[both] - other.positions[both], axis=-1)
-    near = apart < max(one.usual_size, other.usual_size)
-    return float(near.sum() / one.seen.sum())
+    return float(_at_one_place(one, other).sum() / max(one.seen.sum(), 1))
 
 
 def likely(candidates: list[Candidate]) -> list[Hypothesis]:
