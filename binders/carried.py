@@ -16,6 +16,7 @@ LIKELIEST = 10  # groups of corners that are looked at
 SHADOW = 0.9  # of it that changes in brightness alone
 FEW = 2.0  # corners that may go together by chance
 LESSER = 0.75  # of a body's size: what is smaller and goes as bodies do is what holds them
+HELD = 0.8  # of its frames, in which a part of a body is at it
 DRAWN = 0.98  # of its motion, that is explained by theirs
 
 
@@ -63,8 +64,8 @@ def _sure(group: Group) -> float:
 def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
     """Whether something small goes as one or two larger ones do, as the coils of a spring.
 
-    It goes the same share of their way whichever way they go. What is struck goes another way, as
-    another linear map of what strikes it.
+    It goes the same share of their way whichever way they go, or is at one of them all the time, as
+    a mark on it. What is struck goes another way, as another linear map of what strikes it.
     """
     size = one.usual_size
     larger = [other for other in others if size < LESSER * other.usual_size]
@@ -73,11 +74,27 @@ def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
             both = one.seen & first.seen & second.seen
             if both.sum() < 0.5 * one.seen.sum():
                 continue
-            ways = [each.positions[both] - each.positions[both].mean(0) for each in (first, second)]
-            target = one.positions[both] - one.positions[both].mean(0)
-            design = np.stack([way.ravel() for way in ways], 1)
-            share = np.linalg.lstsq(design, target.ravel(), rcond=None)[0]
-            left = ((target.ravel() - design @ share) ** 2).sum()
-            if left < (1 - DRAWN) * (target**2).sum():
+            target, *ways = (_way(each, both) for each in (one, first, second))
+            shares = np.stack([way.ravel() for way in ways], 1)
+            maps = np.hstack(ways)
+            at_one = max(_at(one, each) for each in (first, second)) > HELD
+            if _explains(shares, target.ravel()) or (at_one and _explains(maps, target)):
                 return True
     return False
+
+
+def _way(body: Hypothesis, seen: np.ndarray) -> np.ndarray:
+    """Its places about their middle."""
+    places = body.positions[seen]
+    return np.asarray(places - places.mean(0))
+
+
+def _at(one: Hypothesis, other: Hypothesis) -> float:
+    """Share of its frames in which one is within the size of another."""
+    apart = np.linalg.norm(one.positions - other.positions, axis=-1)
+    return float((apart < other.usual_size).sum() / max(one.seen.sum(), 1))
+
+
+def _explains(design: np.ndarray, target: np.ndarray) -> bool:
+    left = target - design @ np.linalg.lstsq(design, target, rcond=None)[0]
+    return bool((left**2).sum() < (1 - DRAWN) * (target**2).sum())

@@ -101,3 +101,14 @@ def test_what_bodies_draw_along_is_no_body() -> None:
     assert drawn_along(coil, bodies)
     assert not drawn_along(replace(coil, size=np.full(60, 9.0)), bodies)
     assert not drawn_along(hypothesis(np.stack([60 + 5 * np.cos(0.9 * T), 0 * T], 1), 4.0), bodies)
+
+
+def test_a_puck_that_another_strikes_is_a_body_and_the_mark_on_it_is_none() -> None:
+    before, after = np.minimum(T - 30, 0), np.maximum(T - 30, 0)
+    middle = np.array([60.0, 40.0])
+    striking = middle + np.outer(before, [2.0, 0.3]) + np.outer(after, [-0.5, -0.8])
+    struck = middle + [14, 6] + np.outer(before, [-0.5, 1.0]) + np.outer(after, [1.8, 0.6])
+    larger = hypothesis(striking, 10.0)
+    assert not drawn_along(hypothesis(struck, 6.0), [larger])
+    off = 0.3 * (striking - striking.mean(0))[:, ::-1]  # it turns as the puck goes
+    assert drawn_along(hypothesis(striking + off / np.abs(off).max() * 6, 3.0), [larger])

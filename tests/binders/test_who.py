@@ -184,6 +184,15 @@ def test_a_body_is_followed_as_long_as_it_is_seen() -> None:
     assert ranked([short, lost(60, 0.5)])[0] == short  # far less likely
 
 
+def test_what_is_followed_on_as_another_body_gives_way_to_what_is_not() -> None:
+    before = T[:, None] < 34
+    one, two = BALL, BALL + 50.0
+    first, stays = candidate(one, 1.0), candidate(two, 0.8, size=4.0)
+    exchanged = candidate(np.where(before, two, one), 0.9)
+    assert ranked([first, exchanged, stays]) == [first, stays]
+    assert ranked([first, exchanged, candidate(two, 0.5)])[:2] == [first, exchanged]
+
+
 def test_the_blades_of_a_fan_are_no_bodies() -> None:
     turns = 0.3 * T[:, None] + np.arange(3) * 2 * np.pi / 3
     blades = np.stack([30 + 12 * np.cos(turns), 40 + 12 * np.sin(turns)], -1)
