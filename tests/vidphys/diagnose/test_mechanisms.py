@@ -798,6 +798,18 @@ def test_what_swings_far_better_by_itself_is_no_link_of_a_chain(monkeypatch, lef
     assert looked_at.bodies == (2 if chained else 1)
 
 
+def test_a_weight_and_its_shadow_are_no_chain_where_it_swings_better_by_itself(monkeypatch):
+    angle = 0.5 * np.cos(6 * STEP * np.arange(120))
+    ball = 0.3 * np.stack([np.sin(angle), -np.cos(angle)], -1)
+    shadow = ball * [0.7, 0.1] - [0.0, 0.4]
+    rods = SimpleNamespace(left=0.01, spread=1.0, rods=SimpleNamespace(order=(0, 1)))
+    monkeypatch.setattr(bodies, "rods_in_picture", lambda motion: rods)
+    monkeypatch.setattr(bodies, "linked", lambda rods, angles: True)
+    looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, shadow], 1), 5e-4))
+    assert looked_at.bodies == 1
+    np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
+
+
 def test_a_body_that_leaves_faster_than_it_came_met_no_wall():
     motion = thrown()
     end = int(0.7 * motion.positions.shape[1])

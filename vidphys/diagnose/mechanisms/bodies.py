@@ -16,7 +16,7 @@ from vidphys.diagnose.mechanisms.frames import Frames, frames_of
 from vidphys.diagnose.mechanisms.mechanism import lawful_from, meeting, thinned
 from vidphys.diagnose.mechanisms.passers import passes_by, turns_back
 from vidphys.diagnose.mechanisms.rods import at_one_distance, rods_in_picture
-from vidphys.diagnose.mechanisms.shadows import without_shadows
+from vidphys.diagnose.mechanisms.shadows import goes_with, without_shadows
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.parted import parted
 
@@ -83,12 +83,14 @@ def _chain(motion: Motion) -> list[int]:
     """The ends of two rods, from the pivot on, if there are such.
 
     In its slow swing one weight of a double pendulum moves in proportion to the other, as a shadow
-    does, but a shadow pulls at nothing. No weight swings far better by itself than on two rods.
+    does, but a shadow pulls at nothing. No weight swings far better by itself than on two rods, and
+    none that moves so swings better at all.
     """
     for pair in _pairs(motion):
         rods = rods_in_picture(_of(motion, pair))
         if rods is not None and linked(rods, angles=False):
-            most = FAR_LESS * rods.left / rods.spread
+            share = 1.0 if goes_with(motion, *pair) else FAR_LESS
+            most = share * rods.left / rods.spread
             if all(_least_left(motion, body) > most for body in pair):
                 return [pair[end] for end in rods.rods.order]
     return []

@@ -43,7 +43,7 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     for body, other in combinations(range(motion.bodies), 2):
         if body in cast or other in cast:
             continue
-        how = _goes_with(motion, body, other)
+        how = goes_with(motion, body, other)
         if how:
             less = _seen_less if how == PART else _below
             of, thing = (other, body) if less(motion, body, other) else (body, other)
@@ -51,7 +51,7 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     return [body for body in range(motion.bodies) if body not in cast], tuple(cast.values())
 
 
-def _goes_with(motion: Motion, body: int, other: int) -> str:
+def goes_with(motion: Motion, body: int, other: int) -> str:
     """How one goes with another, in words; empty where it goes its own way."""
     places = motion.positions[0][:, [body, other]]
     seen = np.isfinite(places).all(-1)
