@@ -77,8 +77,10 @@ def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
             target, *ways = (_way(each, both) for each in (one, first, second))
             shares = np.stack([way.ravel() for way in ways], 1)
             maps = np.hstack(ways)
+            if _explains(shares, target.ravel()):
+                return True
             at_one = max(_at(one, each) for each in (first, second)) > HELD
-            if _explains(shares, target.ravel()) or (at_one and _explains(maps, target)):
+            if at_one and _explains(maps, target):
                 return True
     return False
 

@@ -54,10 +54,11 @@ def placed(
         times: of each frame, in units of the usual interval.
     """
     best, most = body, foretold(body.positions, times) + BETTER
-    outlined = _refined(body, frames, changed, pictured=False)
-    ways = [outlined]
-    if steadiness(body) > STEADY and not _turns(body, frames, outlined):
-        ways.append(_refined(body, frames, changed, pictured=True))
+    ways = [_refined(body, frames, changed, None)]
+    if steadiness(body) > STEADY:
+        exposed = _exposed(frames, np.nonzero(body.seen)[0])
+        if not _turns(body, frames, ways[0], exposed):
+            ways.append(_refined(body, frames, changed, exposed))
     for places in ways:
         told = foretold(places, times)
         if told > most:
@@ -65,12 +66,11 @@ def placed(
     return best
 
 
-def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray) -> bool:
+def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray, exposed: np.ndarray) -> bool:
     import cv2
 
     half, seen = int(np.ceil(body.usual_size)), np.nonzero(body.seen)[0]
     square = (2 * half + 1, 2 * half + 1)
-    exposed = _exposed(frames, seen)
     some = range(0, len(seen), max(1, len(seen) // MODEL))
     patches = [
         cv2.getRectSubPix(frames[k].astype(np.float32) * exposed[n], square, places[k].tolist())
@@ -79,7 +79,10 @@ def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray) -> bool:
     return turns(np.stack(patches), body.usual_size)
 
 
-def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bool) -> np.ndarray:
+def _refined(
+    body: Hypothesis, frames: Pictures, changed: Pictures, exposed: np.ndarray | None
+) -> np.ndarray:
+    """Its places by its picture, of frames made equally bright; or by its outline."""
     import cv2
 
     size, seen = body.usual_size, np.nonzero(body.seen)[0]
@@ -93,9 +96,9 @@ def _refined(body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bo
 
     def picture(n: int) -> np.ndarray:
         cut = _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
-        return cut * exposed[n]
+        return cut if exposed is None else cut * exposed[n]
 
-    exposed = _exposed(frames, seen) if pictured else np.empty(0)
+    pictured = exposed is not None
     shown = picture if pictured else outline
     within = body.positions[seen] - corners
     for reach in REACH:
