@@ -25,7 +25,8 @@ AGREED = 0.5  # of the frames, in which a pixel is the body's
 RIM = 2  # pixels around it that are not
 SOFT = 0.7  # pixels, by which an outline is smoothed
 STEADY = 0.6  # :func:`.lawful.steadiness`, below which it has not one picture
-BETTER = 0.05  # of the logarithm of how far off a law is, to leave a simpler way
+BETTER = 0.05  # of the logarithm of how far off a law is, to leave an earlier way for a later one
+OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,10 @@ def placed(
 ) -> Hypothesis:
     """The hypothesis at the places, of three ways to tell them, that are the most lawful.
 
-    They are the middles of its blobs, those of its outline, and, unless it changes its looks as
-    what turns or is seen from ever another side does, those of its picture.
+    They are the middles of its outline, those of its blobs, and, unless it changes its looks as
+    what turns or is seen from ever another side does, those of its picture. Where the other two
+    agree against the blobs, these do not count: what stands out of a body only before a white
+    board moves along the board, which is a law as well.
 
     Args:
         body: as blobs show it, pixels of the frames.
@@ -53,17 +56,30 @@ def placed(
         changed: what differs from the background in each.
         times: of each frame, in units of the usual interval.
     """
-    best, most = body, foretold(body.positions, times) + BETTER
     ways = [_refined(body, frames, changed, None)]
     if steadiness(body) > STEADY:
         exposed = _exposed(frames, np.nonzero(body.seen)[0])
         if not _turns(body, frames, ways[0], exposed):
             ways.append(_refined(body, frames, changed, exposed))
+    if len(ways) == 1 or not _agree(ways[0], ways[1], body.positions):
+        ways.insert(1, body.positions)
+    best, most = ways[0], -np.inf
     for places in ways:
         told = foretold(places, times)
         if told > most:
-            best, most = replace(body, positions=places), told + BETTER
-    return best
+            best, most = places, told + BETTER
+    return replace(body, positions=best)
+
+
+def _agree(one: np.ndarray, other: np.ndarray, third: np.ndarray) -> bool:
+    """Whether two ways tell one motion, from which a third is far off."""
+    return _apart(one, other) < OUTVOTED * min(_apart(one, third), _apart(other, third))
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Root mean square distance of places ``(t, 2)``, but for a usual one: of another point."""
+    off = one - other
+    return float(np.sqrt(np.nanmean((off - np.nanmedian(off, 0)) ** 2)))
 
 
 def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray, exposed: np.ndarray) -> bool:

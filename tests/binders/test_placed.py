@@ -137,3 +137,15 @@ def test_bodies_that_were_exchanged_where_they_met_are_told_by_their_size() -> N
     assert (first.size != 6).sum() <= 1 and (second.size != 9).sum() <= 1  # as they touch
     kept = told_apart([first, second])
     np.testing.assert_array_equal(kept[0].positions, first.positions)
+
+
+def test_what_stands_out_of_a_body_only_before_a_board_is_not_the_body() -> None:
+    """The middle of its lower part keeps to the board, which looks lawful: it goes to and fro."""
+    path, t = swing(), np.arange(FRAMES)
+    seen = np.stack([path[:, 0], np.full(FRAMES, path[:, 1].mean())], 1)
+    changed = np.hypot(X - path[:, 0, None, None], Y - path[:, 1, None, None]) < RADIUS
+    ones, size = np.ones(FRAMES), np.full(FRAMES, 5.0)
+    blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    found = placed(blobs, drawn(path, rod=0.0), changed, t.astype(float))
+    off = found.positions - path
+    assert np.abs(off - np.median(off, 0)).max() < 0.7
