@@ -5,20 +5,24 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from functools import cache
 from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
 from llvmlite import binding as llvm
 from numba import config, njit
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
 # Fused multiply-adds are allowed; infinities and NaN stay what they are.
 FAST = frozenset({"contract", "nsz"})
+LONG = 120.0  # seconds that a process waits for what another compiles
 
 
 class _Whole(JITCodeLibrary):
@@ -109,8 +113,24 @@ def _compiled(
     fast = njit(fastmath=set(fastmath), error_model="numpy", cache=True, **options)
     made: Any = fast(unwrap(function))
     if isinstance(made, Dispatcher):  # not where numba is told to compile nothing
-        _keep_apart(made._cache._cache_file, _folders(made.py_func))  # type: ignore[attr-defined]
+        kept: Any = made._cache  # type: ignore[attr-defined]
+        _keep_apart(kept._cache_file, _folders(made.py_func))
+        made.compile = _by_one(made.compile, kept)  # type: ignore[method-assign, assignment]
     return made
+
+
+def _by_one(compile_: Callable[[Any], Any], kept: Any) -> Callable[[Any], Any]:
+    """Of processes that start together one compiles, and the others wait and read what it keeps."""
+    lock = FileLock(Path(kept.cache_path) / f"{kept._impl.filename_base}.lock")
+
+    def compiled(signature: Any) -> Any:
+        with global_compiler_lock, ExitStack() as held:  # numba's first: its threads wait for it
+            with suppress(OSError, Timeout):
+                kept._impl.locator.ensure_cache_path()
+                held.enter_context(lock.acquire(timeout=LONG))
+            return compile_(signature)
+
+    return compiled
 
 
 def _folders(function: Any) -> frozenset[Path]:

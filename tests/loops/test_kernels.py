@@ -1,10 +1,14 @@
 """Kept machine code is dropped when any kernel's file has changed, not its own file alone."""
 
-import importlib.util
+import importlib
+import subprocess
+import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from loops import kernels
 
@@ -12,14 +16,13 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def total(tmp_path):
+def total(tmp_path, monkeypatch):
     """A function in a file of its own, as numba wants what it keeps."""
-    path = tmp_path / "total.py"
-    path.write_text("def total(x):\n    s = 0.0\n    for v in x:\n        s += v\n    return s\n")
-    spec = importlib.util.spec_from_file_location("total", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.total
+    body = "def total(x):\n    s = 0.0\n    for v in x:\n        s += v\n    return s\n"
+    (tmp_path / "total.py").write_text(body)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module("total").total
+    del sys.modules["total"]
 
 
 def hits(function):
@@ -43,6 +46,37 @@ def test_processes_do_not_write_into_one_file(total, tmp_path, monkeypatch):
         kernels.kernel(total)(np.arange(4.0, dtype=(np.float32, np.float64)[process - 1]))
     files = {path.name.split(".")[-2] for path in tmp_path.rglob("*.nbc")}
     assert files == {"1-1", "2-1"}
+
+
+OTHER = """
+import sys
+import numpy as np
+from loops import kernels
+sys.path.insert(0, sys.argv[1])
+from total import total
+compiled = kernels.kernel(total)
+print("asks", flush=True)
+compiled(np.arange(4.0))
+print(sum(compiled.stats.cache_hits.values()))
+"""
+
+
+def test_a_process_waits_for_what_another_compiles(total, tmp_path):
+    compiled = kernels.kernel(total)
+    kept = compiled._cache
+    kept._impl.locator.ensure_cache_path()
+    with FileLock(Path(kept.cache_path) / f"{kept._impl.filename_base}.lock"):
+        other = subprocess.Popen(
+            [sys.executable, "-c", OTHER, str(tmp_path)],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
+        assert other.stdout.readline() == "asks\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            other.wait(4)
+        type(compiled).compile(compiled, (numba.float64[::1],))  # with the lock, which is here
+    assert other.communicate(timeout=60)[0] == "1\n"
 
 
 def test_every_file_of_the_folders_counts(tmp_path):
