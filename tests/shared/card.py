@@ -17,7 +17,6 @@ from unittest import mock
 import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
-from torch.utils import _pytree as pytree
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from dynamics.pairs import pair_indices
@@ -99,9 +98,32 @@ class OnCard(Tensor):
         return run(function, args, kwargs or {})
 
 
+def leaves(given: Any) -> Iterator[Any]:
+    """What lies in tuples, lists and dictionaries; torch's own way is slow."""
+    if isinstance(given, (tuple, list)):
+        for each in given:
+            yield from leaves(each)
+    elif isinstance(given, dict):
+        for each in given.values():
+            yield from leaves(each)
+    else:
+        yield given
+
+
+def mapped(kind: type, change: Callable[[Any], Any], given: Any) -> Any:
+    """The same with what is of a kind changed."""
+    if isinstance(given, kind):
+        return change(given)
+    if isinstance(given, (tuple, list)):
+        return type(given)([mapped(kind, change, each) for each in given])
+    if isinstance(given, dict):
+        return {key: mapped(kind, change, each) for key, each in given.items()}
+    return given
+
+
 def run(function: Any, args: Any, kwargs: Any) -> Any:
     """An operation where its tensors are."""
-    flat = [x for x in pytree.tree_leaves((args, kwargs)) if isinstance(x, Tensor)]
+    flat = [x for x in leaves((args, kwargs)) if isinstance(x, Tensor)]
     if Graph.recording and _crosses(function, args, kwargs):
         BETWEEN.append(str(function))
     on_card = [x for x in flat if isinstance(x, OnCard)]
@@ -110,7 +132,7 @@ def run(function: Any, args: Any, kwargs: Any) -> Any:
         pass
     elif on_card:
         loose = args[1:2] if function in INDEXED else ()
-        free = {id(x) for x in pytree.tree_leaves(loose)}
+        free = {id(x) for x in leaves(loose)}
         for x in flat:
             if not isinstance(x, OnCard) and x.dim() and id(x) not in free:
                 raise RuntimeError(
@@ -137,7 +159,7 @@ def run(function: Any, args: Any, kwargs: Any) -> Any:
         result_on_card = False
     if function is aten._efficientzerotensor.default:  # of no memory, which nothing can stand for
         function = aten.zeros.default
-    held = pytree.tree_map_only(OnCard, lambda x: x.held, (args, kwargs))
+    held = mapped(OnCard, lambda x: x.held, (args, kwargs))
     if Graph.recording:
         Graph.recording.look(held)
     found = function(*held[0], **held[1])
@@ -150,7 +172,7 @@ def run(function: Any, args: Any, kwargs: Any) -> Any:
             return x.clone() if function is aten._to_copy.default else x
         return known.get(id(x)) if id(x) in known else OnCard(x)
 
-    return pytree.tree_map_only(Tensor, wrapped, found)
+    return mapped(Tensor, wrapped, found)
 
 
 class CardGenerator(torch.Generator):
@@ -194,14 +216,14 @@ class Graph:
 
     def look(self, given: Any) -> None:
         """Remember what lies in memory that is written to, maybe: a recording changes nothing."""
-        for x in pytree.tree_leaves(given):
+        for x in leaves(given):
             if isinstance(x, Tensor) and id(x) not in self.before:
                 self.before[id(x)] = x, x.clone()
 
     def replay(self) -> None:
         for function, args, kwargs, found in self.operations:
             again = function(*args, **kwargs)
-            for old, new in zip(*map(pytree.tree_leaves, (found, again)), strict=True):
+            for old, new in zip(leaves(found), leaves(again), strict=True):
                 if isinstance(old, Tensor) and old is not new and old.data_ptr() != new.data_ptr():
                     old.copy_(new)
 
@@ -253,7 +275,7 @@ class _Names(TorchFunctionMode):
         if name == "cuda":
             return args[0].to(torch.device("meta"))
         if name == "__getitem__":  # torch puts a list on the tensor's own device, which is meta
-            args = args[0], pytree.tree_map_only(list, torch.tensor, args[1], is_leaf=_is_list)
+            args = args[0], mapped(list, torch.tensor, args[1])
         if name == "cpu" and args:
             return args[0].to(CPU)
         kwargs = {key: value for key, value in kwargs.items() if key != "pin_memory"}
@@ -273,10 +295,6 @@ class _Names(TorchFunctionMode):
             args = (args[0], torch.device(args[1]), *args[2:])
         args = tuple(renamed(x) for x in args)
         return function(*args, **kwargs)
-
-
-def _is_list(x: Any) -> bool:
-    return isinstance(x, list)
 
 
 def _nothing(*_: Any) -> None:
