@@ -179,3 +179,19 @@ class RatioBar:
         if len(above) != len(below) or not len(above):
             raise ValueError(f"RatioBar: got {len(above)} and {len(below)} values")
         return all(a >= self.at_least * b for a, b in zip(above, below, strict=True))
+
+
+def with_error(value: float, error: float) -> str:
+    """A value and its error to the error's second digit; the value alone where none is known.
+
+    Example:
+        >>> with_error(2.203123, 0.000281), with_error(2276.2, 163.0)
+        ('2.20312 ± 0.00028', '2280 ± 160')
+    """
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(error))
+    if not -3 <= places <= 6:
+        return f"{value:.4g} ± {error:.2g}"
+    after = max(places, 0)
+    return f"{round(value, places):.{after}f} ± {round(error, places):.{after}f}"

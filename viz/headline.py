@@ -1,4 +1,8 @@
-"""The first figure of the ladder's report: each rung's head beside its twin, and the study."""
+"""The first figure of the ladder's report: each rung's head beside its twin, and the study.
+
+The study reads momentum by differencing; where another reading is shown, our head under that one
+stands beside it.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +30,8 @@ def headline(records: Records, references: Mapping[str, float]) -> dict[str, Any
         records: of a ladder.
         references: the study's errors by cell.
     """
-    pairs = [pair for pair in map(_pair, _rungs(records)) if pair]
-    found = [_row(records, head, twin, references) for head, twin in pairs]
+    shown = [(lines, pair) for lines in _rungs(records) if (pair := _pair(lines))]
+    found = [_row(records, *pair, _differenced(lines), references) for lines, pair in shown]
     values = [x for row in found for x in row["values"] if x > 0]
     if not values:
         return None
@@ -57,7 +61,7 @@ def headline(records: Records, references: Mapping[str, float]) -> dict[str, Any
         "whole": TOP + height * len(rows) + BOTTOM,
         "ticks": [(place(10.0**k), _power(k)) for k in range(low, high + 1, step)],
         "law": law(records.coupling),
-        "study": any(dot["kind"] == "study" for row in rows for dot in row["dots"]),
+        "kinds": {dot["kind"] for row in rows for dot in row["dots"]},
     }
 
 
@@ -82,11 +86,22 @@ def _pair(lines: Sequence[Line]) -> tuple[Line, Line | None] | None:
     return None
 
 
+def _differenced(lines: Sequence[Line]) -> Line | None:
+    """The head that reads momentum as the study does."""
+    return next((x for x in lines if (x.head, x.readout) == (HEAD, "differencing")), None)
+
+
 def _row(
-    records: Records, head: Line, twin: Line | None, references: Mapping[str, float]
+    records: Records,
+    head: Line,
+    twin: Line | None,
+    beside: Line | None,
+    references: Mapping[str, float],
 ) -> dict[str, Any]:
     dots, lost = [], ""
-    for line, kind in ((twin, "twin"), (head, "head")):
+    study = references.get(f"{head.grounding}/{head.head}")
+    beside = None if study is None or beside is head else beside
+    for line, kind in ((twin, "twin"), (beside, "beside"), (head, "head")):
         error = records.pick(line, "inversion_nmse", coupling=records.coupling) if line else None
         if line is None or error is None:
             continue
@@ -94,7 +109,6 @@ def _row(
             lost = f"{line.head}: {error.words}"
             continue
         dots.append(_dot(kind, line, error.mean, f"{line.rung}, {line.head}"))
-    study = references.get(f"{head.grounding}/{head.head}")
     if study is not None:
         dots.append(_dot("study", head, study, f"{head.grounding}, the study"))
     floor = records.pick(head, "ballistic_nmse", coupling=records.coupling)

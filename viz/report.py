@@ -81,7 +81,9 @@ def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
     """``run.json``, the records, and the per-episode inversion errors if there are any."""
     for name in ("run.json", "records.parquet"):
         if not (run / name).is_file():
-            raise ValueError(f"report: {run / name} is missing; give the folder of a run")
+            begun = name != "run.json" and (run / "run.json").is_file()
+            what = "its command again, no cell is finished" if begun else "the folder of a ladder"
+            raise ValueError(f"report: {run / name} is missing; give {what}")
     raw = run / "episodes.parquet"
     try:
         about = kept.words(run / "run.json")

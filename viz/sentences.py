@@ -31,7 +31,7 @@ def asked(records: Records, about: Mapping[str, Any]) -> str:
     of = f" of {len(wanted)}" if len(wanted) > len(cells) else ""
     seeds = named(records)
     return (
-        f"Models that saw G = 1 only were asked how the bodies move under {law(records.coupling)}: "
+        f"Models that saw G > 0 only were asked how the bodies move under {law(records.coupling)}: "
         f"{len(cells)}{of} cells on {_count(len(rungs), 'rung')}, "
         f"{_noun(seeds, 'seed')} {seeds}."
     )
@@ -59,6 +59,10 @@ def fails(records: Records, about: Mapping[str, Any]) -> str:
     if skipped:
         rungs = [name.removeprefix("ladder/").partition("/")[0] for name in skipped]
         parts.append(f"not run: {_listed(rungs)}")
+    cells = {f"{line.grounding}/{line.head}" for line in records.lines}
+    wanted = {key.partition("/")[2] for key in (about.get("settings") or {}).get("asked") or {}}
+    if wanted and len(wanted - cells) > len(skipped):
+        parts.append(f"not run yet: {_count(len(wanted - cells) - len(skipped), 'cell')}")
     if not parts:
         return "Nothing that was asked failed, and nothing was left out."
     text = "; ".join(parts) + "."

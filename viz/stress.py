@@ -21,6 +21,7 @@ TONES = {
     "skipped": "dull",
     "silently wrong": "bad",
     "met": "good",
+    "met in part": "dull",
     "missed": "bad",
     "not measured": "dull",
 }

@@ -37,6 +37,7 @@ WITHOUT_MODEL = {
     "clip/persistence": "standing still",
     "clip/constant-velocity": "going straight on",
 }
+FEW = 4  # entries of a setting, that the page shows
 KNOWN = ("experiment", "cells")  # settings that the title says
 STATIC = ("run.json", "records.parquet", "report.html", ".lock")
 
@@ -75,12 +76,19 @@ def write_told(run: Path) -> Path:
             and file.name not in STATIC
         ),
         "settings": {
-            name: ", ".join(map(str, value)) if isinstance(value, list) else value
+            name: _setting(value)
             for name, value in settings.items()
             if value not in (None, []) and name not in KNOWN
         },
     }
     return write_page(run, "told.html", told)
+
+
+def _setting(value: Any) -> Any:
+    """A value for a line of the table; of a mapping that fills pages how much it has."""
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    return f"{len(value)}, in run.json" if isinstance(value, dict) and len(value) > FEW else value
 
 
 def _summary(run: Path) -> list[str]:
@@ -189,7 +197,8 @@ def _value(found: Mapping[str, Any]) -> Cell:
     half = NORMAL_95 * error
     if not found.get("known", True):
         return Cell(f"not told, between {number(value - half)} and {number(value + half)}")
-    return Cell(f"{number(value)} ± {number(half)}", value)
+    places = max(0, 1 - int(np.floor(np.log10(half)))) if half > 0 else 3
+    return Cell(f"{value:.{places}f} ± {half:.{places}f}" if places < 7 else number(value), value)
 
 
 def _records(run: Path) -> list[dict[str, Any]]:

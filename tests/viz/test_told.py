@@ -108,5 +108,5 @@ def test_a_number_that_a_recording_does_not_tell_stands_there_by_its_limits(tmp_
     found = {"schema_version": 1, "mechanism": [group]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(found))
     page = write_told(tmp_path).read_text()
-    assert ">body 1<" in page and "2 ± 0.0196" in page
-    assert "not told, between -0.284 and 1.28" in page and "0.5 ±" not in page
+    assert ">body 1<" in page and "2.000 ± 0.020" in page
+    assert "not told, between -0.284 and 1.28" in page and "0.50 ±" not in page

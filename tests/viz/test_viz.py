@@ -777,6 +777,8 @@ class TestReport:
         first = page[page.index('<svg class="headline"') : page.index("</svg>")]
         for name, value in (("oracle", "0.067"), ("renderer", "0.12")):
             assert f"<title>{name}, the study: {value}</title>" in first
+        beside = re.findall(r"<title>(renderer[^<]*)</title>\s*<circle class=.beside.", first)
+        assert len(beside) == 1 and beside[0].startswith("renderer · differencing, factored")
         told = re.search(r'id="cells">(.*?)</table>', page, re.S)[1]
         shown = re.findall(r'data-value="(0\.067|0\.12)"', told)
         assert shown == ["0.067", "0.12"]  # not beside shooting, which the study does not have
@@ -1049,7 +1051,7 @@ class TestView:
         assert "wrote" in capsys.readouterr().out and target.stat().st_size > 10_000
         with pytest.raises(InputError, match="exists"):
             view(config)
-        with pytest.raises(InputError, match="keeps no arrays of oracle/factored"):
+        with pytest.raises(InputError, match="no showcase of oracle"):
             view(replace(config, cell=("oracle/factored",), movie=tmp_path / "other.png"))
 
     def test_a_skipped_cell_says_why(self, run_folder):

@@ -65,10 +65,12 @@ def _writer(run: Path) -> Callable[[Path], Path]:
     from viz import atlas, results, stress, told, trade
     from viz.report import write_report
 
+    if not (run / "run.json").is_file():
+        raise InputError(f"report: {run} is no folder of a run: it has no run.json")
     try:
         about = json.loads((run / "run.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"report: {run} is no folder of a run ({error})") from error
+        raise InputError(f"report: {run / 'run.json'} cannot be read ({error})") from error
     kinds: dict[str, Callable[[Path], Path]] = {
         "ladder": _ladder,
         "reproduce": results.write_results,

@@ -126,7 +126,11 @@ def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
     refuse(config, ("columns",), "a training rolls clips, not tables")
     factors = factors_of(config.law)
     if config.input is None:
-        raise InputError(f"{config.run}: a training rolls what it sees; give a clip")
+        if not (config.run / "run.json").is_file():
+            raise InputError(
+                f"{config.run}: no folder of `vidphys train` or `fit`: it has no run.json"
+            )
+        raise InputError(f"{config.run}: a training rolls what it sees; give a clip after it")
     file = clip_file(config.input)
     try:
         pipeline = load_pipeline(config.run, config.weights, config.device)

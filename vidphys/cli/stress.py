@@ -43,7 +43,7 @@ def stress(config: StressConfig) -> int:
     """
     from vidphys.runs.folder import RunFolder
     from vidphys.stress.case import SILENT
-    from vidphys.stress.figures import MET, NOT_MEASURED
+    from vidphys.stress.figures import MET, NOT_MEASURED, PARTLY
     from vidphys.stress.matrix import (
         PRESETS,
         families,
@@ -78,6 +78,7 @@ def stress(config: StressConfig) -> int:
         figures = [row["verdict"] for row in verdicts["figures"]]
         console.result(
             f"{len(outcomes)} cells: {counts}; figures A1-A30: {figures.count(MET)} met, "
-            f"{figures.count(NOT_MEASURED)} not measured; report: {report}"
+            f"{figures.count(PARTLY)} met in part, {figures.count(NOT_MEASURED)} not measured; "
+            f"report: {report}"
         )
     return 1 if failed or SILENT in verdicts["counts"] else 0

@@ -34,13 +34,16 @@ class EngineOptions:
     address: str | None = None
 
     def check_workers(self) -> None:
-        """See that somebody works.
+        """See that somebody works, before anything is written.
 
         Raises:
-            InputError: nobody does.
+            InputError: nobody does, or what the engine needs is not installed.
         """
+        from vidphys.runs.engine import engine_of
+
         if self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least one process is needed")
+        engine_of(self.engine, self.workers, self.address)
 
 
 def run_units(

@@ -112,8 +112,8 @@ def _film(config: ViewConfig, target: Path) -> None:
     source = config.run / "showcase" / f"{file.stem}.safetensors"
     if not source.is_file():
         raise InputError(
-            f"view: --movie: {config.run} keeps no arrays of {name}; `vidphys diagnose` and "
-            "`vidphys rollout` draw theirs over a clip by --video"
+            f"view: --movie draws a cell of a ladder, and {config.run} has no showcase of {name}; "
+            "`vidphys diagnose` and `vidphys rollout` draw theirs over a clip by --video"
         )
     try:
         arrays, meta = read_showcase(source)
@@ -147,6 +147,7 @@ def _choose(config: ViewConfig) -> dict[str, Path]:
         return {first: cells[first]}
     chosen = {}
     for name in config.cell:
+        name = name if name in cells else name.replace("/", "-")  # so in a run that was stopped
         if name not in cells:
             why = _skipped(config.run, name)
             if why:

@@ -214,7 +214,9 @@ def load_pipeline(run: Path, weights: Path | None = None, device: str = "cpu") -
     """
     path = run / "checkpoints" / FILE
     if not path.is_file():
-        raise InputError(f"{run}: no trained pipeline in it; give the folder of `vidphys train`")
+        begun = (run / "run.json").is_file()
+        what = "its command again, it goes on" if begun else "the folder of `vidphys train`"
+        raise InputError(f"{run}: no trained pipeline in it; give {what}")
     tensors, meta = checkpoint.load(path)
     about = meta["encoder"]
     encoder = load_encoder(about["name"], about["options"], weights, device)

@@ -40,7 +40,7 @@ PROMISES = {
     "A29": ("black, saturated, grey and noisy frames", "no confident position"),
     "A30": ("NaN or infinity in any input", "refused by name"),
 }
-MET, MISSED, NOT_MEASURED = "met", "missed", "not measured"
+MET, PARTLY, MISSED, NOT_MEASURED = "met", "met in part", "missed", "not measured"
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ class FigureRow:
         name, promise, bound: as in :data:`PROMISES`.
         measured: the worst cell, its error and bound, in words.
         cells: how many cells it has.
-        verdict: ``met``, ``missed`` or ``not measured``.
+        verdict: ``met``, ``met in part`` where cells were skipped, ``missed`` or ``not
+            measured``.
         why: the cells that miss it, or why it is not measured.
     """
 
@@ -79,7 +80,7 @@ def _row(name: str, cells: list[Outcome]) -> FigureRow:
     wrong = [cell for cell in run if not cell.allowed]
     notes = [f"{cell.case.name}: {cell.verdict} {_number(cell.error)}" for cell in wrong[:5]]
     notes += sorted({f"skipped: {cell.said}" for cell in cells if cell.verdict == SKIPPED})
-    verdict = MISSED if wrong else MET
+    verdict = MISSED if wrong else MET if len(run) == len(cells) else PARTLY
     return FigureRow(name, promise, bound, _measured(run), len(run), verdict, "; ".join(notes))
 
 

@@ -195,3 +195,26 @@ def test_a_strangers_package_is_named(monkeypatch, capsys, tmp_path):
         cwd=tmp_path,
     )
     assert done.returncode == 2 and "not vidphys' own package" in done.stderr
+
+
+def test_an_engine_that_is_not_installed_is_told_before_anything_is_written(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert main(["ladder", "--engine", "ray", "--out", str(tmp_path / "x")]) == 2
+    assert "pip install 'vidphys[ray]'" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_training_that_was_stopped_is_told_from_a_folder_that_is_none(tmp_path, capsys):
+    clip, out = tmp_path / "clip.avi", ["--out", str(tmp_path / "x")]
+    clip.touch()
+    assert main(["rollout", str(tmp_path), *out]) == 2
+    assert "no folder of `vidphys train` or `fit`" in capsys.readouterr().err
+    assert main(["rollout", str(tmp_path), str(clip), *out]) == 2
+    assert "give the folder of `vidphys train`" in capsys.readouterr().err
+    (tmp_path / "run.json").touch()
+    assert main(["rollout", str(tmp_path), *out]) == 2
+    assert "give a clip after it" in capsys.readouterr().err
+    assert main(["rollout", str(tmp_path), str(clip), *out]) == 2
+    assert "its command again" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 from tests.viz.test_viz import SCHEMA, make_run
 from vidphys.cli import main
 
-SUMMARY = """1 clip(s) of 40 frames, 1 bodies in 2 dimension(s), 0.1 s between frames
+SUMMARY = """1 clip of 40 frames, 1 body in 2 dimensions, 0.1 s between frames
 Frames 0 to 39 of 40 are used.
 Explained: the law has 99.9 % of the motion and foretells all of the 1.2 s held out.
 The body hangs from a pivot.

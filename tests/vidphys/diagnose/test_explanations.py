@@ -77,8 +77,8 @@ def test_what_is_said_of_an_oscillation_is_the_fit_with_interval_and_unit(monkey
     given = answer(thrown(), False, 0.3)
     (said,) = (line for line in given.lines if line.startswith("Oscillation"))
     assert said == (
-        "Oscillation 1, about its rest: 2 ± 0.004 radians per second, its amplitude decays by "
-        "0.25 ± 0.02 per second (95 %)."
+        "Oscillation 1, about its rest: 2.0000 ± 0.0039 radians per second, its amplitude decays "
+        "by 0.250 ± 0.020 per second (95 %)."
     )
     assert given.data["modes"][0]["spectrum_decay"] == 0.297
 
@@ -206,7 +206,7 @@ def test_terms_that_need_steps_far_shorter_than_a_frame_are_not_rolled_for_ever(
 @pytest.mark.parametrize(
     ("error", "said"),
     [
-        (0.02, "length 0.35 ± 0.039 m (95 %)"),
+        (0.02, "length 0.350 ± 0.039 m (95 %)"),
         (0.077, "length: not told by this recording, between 0.2 and 0.5 m (95 %)"),
     ],
 )

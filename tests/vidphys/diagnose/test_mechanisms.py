@@ -463,7 +463,7 @@ def test_a_ruler_beside_a_swing_that_is_seen_askew_is_in_another_scale():
         assert length["value"] == pytest.approx(0.6 * (1 + error), rel=0.02)
         assert abs(length["value"] - 0.6) < 2 * length["standard_error"]
         assert length["known"] is (known.ends is not None)
-    assert f"length {length['value']:.4g} ±" in "\n".join(told.lines)
+    assert f"length {length['value']:.3f} ±" in "\n".join(told.lines)
 
 
 def test_the_flat_places_of_a_pinhole_keep_lengths_in_a_turned_plane():

@@ -24,7 +24,7 @@ from vidphys.runs.tasks import WorkerLost
 from vidphys.stress import balance, baths, compiled, contacts, inputs, methods, orbits, pictures
 from vidphys.stress.bodies import Orbit, invariant_error
 from vidphys.stress.case import REFUSED, SILENT, SKIPPED, SOUND, WARNED, Case, Skip
-from vidphys.stress.figures import MET, MISSED, NOT_MEASURED, PROMISES, figure_rows
+from vidphys.stress.figures import MET, MISSED, NOT_MEASURED, PARTLY, PROMISES, figure_rows
 from vidphys.stress.matrix import PRESETS, families
 from vidphys.stress.verdict import judge
 
@@ -109,8 +109,11 @@ def test_figures_are_met_missed_or_not_measured() -> None:
     good = judge(cell(lambda: 0.5, figure="A1", must=(SOUND,)))
     bad = judge(cell(warned_of, figure="A2", must=(SOUND,)))
     skipped = judge(cell(no_means, figure="A24"))
-    rows = {row.name: row for row in figure_rows([good, bad, skipped])}
+    there = judge(cell(lambda: 0.5, figure="A3", must=(SOUND,)))
+    absent = judge(cell(no_means, figure="A3"))
+    rows = {row.name: row for row in figure_rows([good, bad, skipped, there, absent])}
     assert len(rows) == 30
+    assert rows["A3"].verdict == PARTLY and "no such device" in rows["A3"].why
     assert rows["A1"].verdict == MET
     assert rows["A2"].verdict == MISSED and "warned" in rows["A2"].why
     assert rows["A24"].verdict == NOT_MEASURED and "no such device" in rows["A24"].why

@@ -26,7 +26,7 @@ from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, noise_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.progress import Progress
-from vidphys.statistics import NORMAL_95
+from vidphys.statistics import NORMAL_95, with_error
 
 LETTERS = "kcbd"  # of the constants of a word
 RATE, PLACE = -1, 1  # powers of the length that constants count in
@@ -109,7 +109,7 @@ class ByFormula(Explanation):
 
     def _said(self, x: tuple[str, float, float, str]) -> str:
         name, value, error, unit = x
-        return f"{name} {value:.5g} ± {NORMAL_95 * error:.2g} {unit}".strip()
+        return f"{name} {with_error(value, NORMAL_95 * error)} {unit}".strip()
 
     def _words(self) -> list[tuple[str, list[tuple[str, float, float, str]]]]:
         """Each word, and its numbers: name, value, standard error, unit."""

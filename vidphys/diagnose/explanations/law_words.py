@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
 from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
 from vidphys.diagnose.recordings.units import GRAVITY, Units
-from vidphys.statistics import NORMAL_95
+from vidphys.statistics import NORMAL_95, with_error
 
 ON = {
     "plane": "moves freely",
@@ -102,7 +102,7 @@ def number(x: Quantity, units: Units) -> str:
     unit = units.named(x.length, x.seconds)
     ending = f"{f' {unit}' if unit else ''} (95 %)"
     if x.known:
-        return f"{x.name} {value:.4g} ± {error:.2g}{ending}"
+        return f"{x.name} {with_error(value, error)}{ending}"
     low, high = value - error, value + error
     return f"{x.name}: not told by this recording, between {low:.2g} and {high:.2g}{ending}"
 

@@ -40,7 +40,7 @@ from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
 from vidphys.diagnose.weak.windows import cut_windows
-from vidphys.statistics import NORMAL_95
+from vidphys.statistics import NORMAL_95, with_error
 
 ASKED = (
     "pair",
@@ -272,11 +272,11 @@ def _numbers(inference: Inference) -> list[str]:
     for term in inference.terms:
         at = fitted.place(term)
         values = [
-            f"{name} {fitted.values[k]:.4g} ± {NORMAL_95 * fitted.errors[k]:.2g}"
+            f"{name} {with_error(fitted.values[k], NORMAL_95 * fitted.errors[k])}"
             for k, name in enumerate(term.coefficients, at)
         ]
         if term.scale is not None:
-            values.append(f"length {fitted.values[-1]:.4g} ± {NORMAL_95 * fitted.errors[-1]:.2g}")
+            values.append(f"length {with_error(fitted.values[-1], NORMAL_95 * fitted.errors[-1])}")
         lines.append(f"{term.kind}: {', '.join(values)} (95 %)")
     if inference.bathed:
         lines.append(f"bath: temperature {temperature(inference):.3g} (unit masses, k_B = 1)")

@@ -64,5 +64,5 @@ def _said(motion: Motion, share: np.ndarray, crossings: int, jumps: int) -> str:
     if crossings:
         text += f"; in {crossings} frames two are nearer than a step: names may have been swapped"
     if jumps:
-        text += f"; it jumps {jumps} times" if motion.bodies == 1 else f"; there are {jumps} jumps"
+        text += f"; jumps: {jumps}"
     return text

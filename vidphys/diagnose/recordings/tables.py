@@ -76,8 +76,9 @@ def read_tracks(
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     shape = (
-        f"{motion.clips} clip(s) of {positions.shape[1]} frames, {motion.bodies} "
-        f"bodies in {motion.space} dimension(s), {motion.interval:.4g} s between frames"
+        f"{_count(motion.clips, 'clip')} of {positions.shape[1]} frames, "
+        f"{_count(motion.bodies, 'body', 'bodies')} in {_count(motion.space, 'dimension')}, "
+        f"{motion.interval:.4g} s between frames"
     )
     notes = (*found.notes, shape)
     if found.inputs is not None and not motion.inputs:
@@ -86,6 +87,10 @@ def read_tracks(
     angles = found.unit == "angles"
     motion, rigid = (motion, ()) if angles else as_rigid(motion, Units(found.length, 1.0))
     return Loaded(motion, angles, (*notes, *rigid), Units(found.length))
+
+
+def _count(number: int, one: str, many: str = "") -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def _inputs(found: Recording) -> tuple[Signal, ...]:

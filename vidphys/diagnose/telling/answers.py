@@ -28,7 +28,7 @@ from vidphys.diagnose.telling.sufficient import with_measured
 from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.points.point import Point
 from vidphys.progress import Progress
-from vidphys.statistics import NORMAL_95
+from vidphys.statistics import NORMAL_95, with_error
 
 FEWEST = 10  # frames that are fitted at least, where some are held out
 
@@ -334,7 +334,7 @@ def _sure_to(mode: Mode) -> str:
     """Frequency and decay, with their intervals where they are known."""
 
     def with_interval(value: float, error: float) -> str:
-        return f"{value:.4g}" + (f" ± {NORMAL_95 * error:.1g}" if np.isfinite(error) else "")
+        return with_error(value, NORMAL_95 * error)
 
     sure = " (95 %)" if np.isfinite(mode.error) else ""
     return (
