@@ -44,7 +44,7 @@ def test_a_diagnosis_says_what_holds_and_what_is_open(tmp_path, capsys):
     assert "swing.csv. Frames 0 to 39 of 40" in first[0][1]
     assert "foretells all" in first[1][1] and "hangs from a pivot" in first[1][1]
     assert first[2][1].startswith("Not certain")
-    assert "1.2 \u00b1 0.098" in page and "<td>m</td>" in page
+    assert "1.200 \u00b1 0.098" in page and "<td>m</td>" in page
     assert "vidphys fit TRACKS --specification" in page
 
 
