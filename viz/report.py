@@ -74,7 +74,10 @@ def write_report(run: Path) -> Path:
 
 
 EMPTY: dict[str, Any] = {"texts": [], "figure": None, "table": None, "grey": False, "sheets": []}
-PERCEIVED = "Errors of the perceived state at t = 0, before anything was rolled forward."
+PERCEIVED = (
+    "Errors of the perceived state at t = 0, before anything was rolled forward. Under shooting, a "
+    "head whose own start states foretell worse than the differences do starts from these."
+)
 
 
 def read_run(run: Path) -> tuple[dict[str, Any], Records, Records | None]:
