@@ -228,8 +228,14 @@ def _check(config: DiagnoseConfig) -> None:
         return
     require_file(config.input, "give a table of tracks or a clip")
     if not any(f.sniff(config.input) for f in FORMATS.values()):
-        known = ", ".join(suffix for f in FORMATS.values() for suffix in f.suffixes)
-        raise InputError(f"{config.input}: neither a table nor a clip that is known ({known})")
+        known = dict.fromkeys(suffix for f in FORMATS.values() for suffix in f.suffixes)
+        if (suffix := config.input.suffix.lower()) in known:
+            raise InputError(
+                f"{config.input}: is called {suffix}, but no table and no clip is in it"
+            )
+        raise InputError(
+            f"{config.input}: neither a table nor a clip that is known ({', '.join(known)})"
+        )
 
 
 def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames | None]:

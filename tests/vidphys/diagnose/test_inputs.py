@@ -178,10 +178,12 @@ def test_a_table_is_diagnosed_and_everything_is_written(tmp_path, capsys):
 
 
 def test_inputs_that_are_not_there_or_not_known(tmp_path, capsys):
-    (tmp_path / "a.doc").write_text("x")
+    for name in ("a.doc", "a.txt"):
+        (tmp_path / name).write_text("x")
     for arguments, said in (
         (["nowhere.csv"], "no such file"),
         ([str(tmp_path / "a.doc")], "neither a table nor a clip"),
+        ([str(tmp_path / "a.txt")], "is called .txt, but no table and no clip is in it"),
         (["nowhere.csv", "--hold-out", "1.5"], "--hold-out 1.5"),
         (["nowhere.csv", "--columns", "x"], "write ROLE=NAME"),
         (["nowhere.csv", "--bodies", "2"], "--bodies: would have no effect: nowhere.csv is not"),
