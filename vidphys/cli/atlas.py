@@ -168,6 +168,7 @@ def _check(config: AtlasConfig) -> None:
         ENCODERS[encoder]
     prepare_device(config.device)
     config.check_workers()
+    config.check_engine()
 
 
 def _settings(config: AtlasConfig) -> AtlasSettings:

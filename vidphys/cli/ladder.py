@@ -55,6 +55,7 @@ def ladder(config: LadderConfig) -> int:
     from vidphys.seeding import told
 
     sizes, seeds = config.sizes()
+    config.check_engine()
     for head in config.heads:
         with option(f"--heads {head}"):
             HEADS[head]

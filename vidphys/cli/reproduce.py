@@ -51,6 +51,7 @@ def reproduce(config: ReproduceConfig) -> int:
     if not config.tables:
         raise InputError("reproduce: name a table, or all; `vidphys reproduce --help` shows how")
     sizes, seeds = config.sizes()
+    config.check_engine()
     with option("reproduce"):
         tables = choose(config.tables)
     with option("--cells"):

@@ -56,6 +56,7 @@ def stress(config: StressConfig) -> int:
     from viz.stress import write_stress_report
 
     config.check_workers()
+    config.check_engine()
     settings = settings_of(config.preset, config.axes)
     with ExitStack() as stack:
         run = stack.enter_context(

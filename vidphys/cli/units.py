@@ -34,15 +34,22 @@ class EngineOptions:
     address: str | None = None
 
     def check_workers(self) -> None:
-        """See that somebody works, before anything is written.
+        """See that somebody works.
 
         Raises:
-            InputError: nobody does, or what the engine needs is not installed.
+            InputError: nobody does.
+        """
+        if self.workers < 1:
+            raise InputError(f"--workers {self.workers}: at least one process is needed")
+
+    def check_engine(self) -> None:
+        """See that the engine is there, before anything is written; a plan needs none.
+
+        Raises:
+            InputError: what it needs is not installed, or an address of another than ray.
         """
         from vidphys.runs.engine import engine_of
 
-        if self.workers < 1:
-            raise InputError(f"--workers {self.workers}: at least one process is needed")
         engine_of(self.engine, self.workers, self.address)
 
 

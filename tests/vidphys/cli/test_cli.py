@@ -204,6 +204,7 @@ def test_an_engine_that_is_not_installed_is_told_before_anything_is_written(
     assert main(["ladder", "--engine", "ray", "--out", str(tmp_path / "x")]) == 2
     assert "pip install 'vidphys[ray]'" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
+    assert main(["plan", "ladder", "--cells", "oracle/factored", "--engine", "ray"]) == 0
 
 
 def test_a_training_that_was_stopped_is_told_from_a_folder_that_is_none(tmp_path, capsys):
