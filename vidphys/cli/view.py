@@ -147,7 +147,8 @@ def _choose(config: ViewConfig) -> dict[str, Path]:
         return {first: cells[first]}
     chosen = {}
     for name in config.cell:
-        name = name if name in cells else name.replace("/", "-")  # so in a run that was stopped
+        dashed = name.replace("/", "-")  # so in a run that was stopped
+        name = dashed if dashed in cells else name
         if name not in cells:
             why = _skipped(config.run, name)
             if why:
