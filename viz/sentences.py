@@ -23,8 +23,7 @@ def _signed(value: float) -> str:
 
 def asked(records: Records, about: Mapping[str, Any]) -> str:
     """Of what, and how much."""
-    cells = {f"{line.grounding}/{line.head}" for line in records.lines}
-    wanted = {key.partition("/")[2] for key in (about.get("settings") or {}).get("asked") or {}}
+    cells, wanted = _cells(records, about)
     # A head that was trained with its perception is a row of its cell, and no cell of its own.
     cells = cells & wanted or cells
     rungs = {cell.partition("/")[0] for cell in cells}
@@ -59,14 +58,21 @@ def fails(records: Records, about: Mapping[str, Any]) -> str:
     if skipped:
         rungs = [name.removeprefix("ladder/").partition("/")[0] for name in skipped]
         parts.append(f"not run: {_listed(rungs)}")
-    cells = {f"{line.grounding}/{line.head}" for line in records.lines}
-    wanted = {key.partition("/")[2] for key in (about.get("settings") or {}).get("asked") or {}}
-    if wanted and len(wanted - cells) > len(skipped):
-        parts.append(f"not run yet: {_count(len(wanted - cells) - len(skipped), 'cell')}")
+    cells, wanted = _cells(records, about)
+    left = len(wanted - cells) - len(skipped)
+    if left > 0:
+        parts.append(f"not run yet: {_count(left, 'cell')}")
     if not parts:
         return "Nothing that was asked failed, and nothing was left out."
     text = "; ".join(parts) + "."
     return text[0].upper() + text[1:]
+
+
+def _cells(records: Records, about: Mapping[str, Any]) -> tuple[set[str], set[str]]:
+    """The cells that have records, and those that were asked for."""
+    cells = {f"{line.grounding}/{line.head}" for line in records.lines}
+    wanted = {key.partition("/")[2] for key in (about.get("settings") or {}).get("asked") or {}}
+    return cells, wanted
 
 
 def verdicts(records: Records) -> list[tuple[Line, str, str]]:

@@ -1051,7 +1051,7 @@ class TestView:
         assert "wrote" in capsys.readouterr().out and target.stat().st_size > 10_000
         with pytest.raises(InputError, match="exists"):
             view(config)
-        with pytest.raises(InputError, match="no showcase of oracle"):
+        with pytest.raises(InputError, match="no showcase of oracle/factored"):
             view(replace(config, cell=("oracle/factored",), movie=tmp_path / "other.png"))
 
     def test_a_skipped_cell_says_why(self, run_folder):
