@@ -50,14 +50,12 @@ def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
         times: of the frames that show it, seconds.
         s: coordinates ``(t, k)``.
     """
-    speed = float(np.sqrt(((np.diff(s, axis=0) / np.diff(times)[:, None]) ** 2).sum(-1).mean()))
-    found: list[Impact] = []
+    speed, found = _usual(times, s), list[Impact]()
     for side in SIDES:
         if len(times) < 2 * side + 2 or side > max(WITHIN * between_turns(s), SIDES[0]):
             break
         kinks = kinks_of(times, s, side)
-        hard = np.linalg.norm(kinks.change, axis=1)
-        clear = (kinks.gain > 1) & (hard > HARD * speed) & (hard > SURE * kinks.error)
+        hard, clear = kinks.hard, kinks.clear(speed)
         told, chosen = bool(found), [x.frame for x in found]
         for k in sorted(np.flatnonzero(clear), key=lambda k: -hard[k] * np.log1p(kinks.gain[k])):
             impact = kinks.impact(int(k))
@@ -67,6 +65,31 @@ def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
         if told:  # longer sides take a turn for a kink
             break
     return sorted(found, key=lambda x: x.frame)
+
+
+def impact_between(times: np.ndarray, s: np.ndarray, first: int, last: int) -> int | None:
+    """The last frame before the clearest impact of those after ``first`` and up to ``last``.
+
+    Where an impact is looked for, sides of any length may tell of it.
+
+    Args:
+        times, s: see `find_impacts`.
+    """
+    speed, best, found = _usual(times, s), 0.0, None
+    for side in SIDES:
+        if len(times) < 2 * side + 2:
+            break
+        kinks = kinks_of(times, s, side)
+        frames = np.arange(len(kinks.gain)) + side - 1
+        gain = np.where(kinks.clear(speed) & (first < frames) & (frames <= last), kinks.gain, 0.0)
+        if gain.max() > best:
+            best, found = float(gain.max()), int(frames[gain.argmax()])
+    return found
+
+
+def _usual(times: np.ndarray, s: np.ndarray) -> float:
+    """Root mean square speed."""
+    return float(np.sqrt(((np.diff(s, axis=0) / np.diff(times)[:, None]) ** 2).sum(-1).mean()))
 
 
 def seen_as(impacts: list[Impact], times: np.ndarray, s: np.ndarray) -> list[Impact]:
@@ -88,6 +111,15 @@ class Kinks:
     @property
     def change(self) -> np.ndarray:
         return self.numbers[:, 3]
+
+    @property
+    def hard(self) -> np.ndarray:
+        """By how much the speed changes, ``(w,)``."""
+        return np.linalg.norm(self.change, axis=1)
+
+    def clear(self, speed: float) -> np.ndarray:
+        """Which of them are impacts of a body of a usual speed, ``(w,)``."""
+        return (self.gain > 1) & (self.hard > HARD * speed) & (self.hard > SURE * self.error)
 
     def impact(self, window: int) -> Impact:
         place, before, _, change = self.numbers[window]

@@ -10,13 +10,10 @@ import numpy as np
 
 from vidphys.data.frames import Frames
 from vidphys.diagnose.diagnosis import Diagnosis
-from vidphys.diagnose.explanations.choice import understand
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
-from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
-from vidphys.diagnose.explanations.verdict import NOT
-from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, first_lawful
+from vidphys.diagnose.explanations.part import understood_part
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 from vidphys.diagnose.recordings.release import free_frames
@@ -29,8 +26,6 @@ from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.points.point import Point
 from vidphys.progress import Progress
 from vidphys.statistics import NORMAL_95, with_error
-
-FEWEST = 10  # frames that are fitted at least, where some are held out
 
 
 @dataclass(frozen=True)
@@ -141,18 +136,8 @@ def answer(
     recorded = motion = _longest_last(motion)
     begin, stop = free_frames(motion)
     used = used or Used(motion.positions.shape[1])
-    motion = motion.cut(begin, stop)
-    end, later = _fitted(motion, hold_out), 0
-    understood = understand(motion, end, angles, camera, units, progress)
-    if understood.status == NOT and (later := first_lawful(motion, angles)):
-        rest = motion.cut(later)
-        again = understand(rest, _fitted(rest, hold_out), angles, camera, units, progress)
-        if again.status == NOT or not isinstance(again.explanation, ByMechanism):
-            later = 0
-        else:
-            motion, end = rest, _fitted(rest, hold_out)
-            # What was held out had a say in which part it is.
-            understood = replace(again, explanation=replace(again.explanation, sought=True))
+    part = understood_part(motion.cut(begin, stop), hold_out, angles, camera, units, progress)
+    motion, understood, later = part.motion, part.understood, part.first
     explanation = understood.explanation
     found, identity = _later(understood.found, used.first + begin + later), check_identity(motion)
     advice = _advice(found, explanation, motion, points)
@@ -168,7 +153,8 @@ def answer(
     )
     said = about(found, identity, advice, answered.told_in)
     lawful = later + (0 if explanation is None else explanation.first)
-    _left_out(answered, recorded, used, (begin, stop), lawful)
+    struck = later + len(motion.times[0]) if part.struck else 0
+    _left_out(answered, recorded, used, (begin, stop), lawful, struck)
     if understood.no_formula:
         answered.data["no_formula"] = understood.no_formula
         answered.lines.append(f"{understood.no_formula[0].upper()}{understood.no_formula[1:]}.")
@@ -181,21 +167,13 @@ def answer(
         answered.numbers["residual_over_noise"] = float(np.sqrt(inference.leftover.excess))
     answered.data.update(explanation.data())
     answered.numbers.update(explanation.numbers())
-    _rolled_on(answered, explanation, motion.positions.shape[1] - end)
+    _rolled_on(answered, explanation, motion.positions.shape[1] - part.end)
     answered.lines.extend(said)
     answered = replace(answered, path=_path(answered, explanation))
     scene = explanation.specification()
     if scene is None:
         return answered
     return replace(answered, specification={"mass": found.motion.mass[0].tolist(), **scene})
-
-
-def _fitted(motion: Motion, hold_out: float) -> int:
-    """First frame that nothing is fitted to; all are where there would be too few."""
-    total = motion.positions.shape[1]
-    tail = max(int(hold_out * total), LEAST_FRAMES)
-    some = motion.clips <= MOST_CLIPS and hold_out > 0 and total - tail >= FEWEST
-    return total - tail if some else total
 
 
 def _longest_last(motion: Motion) -> Motion:
@@ -229,12 +207,14 @@ def _left_out(
     used: Used,
     free: tuple[int, int],
     lawful: int,
+    struck: int,
 ) -> None:
     """Say which frames are looked at, and why the others are not.
 
     Args:
         free: the first frame in which nothing holds a body, and the one after the last.
         lawful: frames after that first one, from which one law holds.
+        struck: frames after that first one, from which it does not any more; 0: it does.
     """
     (first, stop), (begin, end) = recorded.shown(), free
     last, why = recorded.positions.shape[1], []
@@ -253,8 +233,11 @@ def _left_out(
     if end < stop:
         why.append(f"something holds the {noun} from {used.first + end} on")
     if lawful:
-        begin += lawful
-        why.append(f"one law holds from {used.first + begin} on")
+        why.append(f"one law holds from {used.first + begin + lawful} on")
+    if struck:
+        end = begin + struck
+        why.append(f"after {used.first + end - 1} something outside this law strikes the {noun}")
+    begin += lawful
     answered.data["frames"] = used.data(begin, end)
     answered.lines.insert(0, used.line(begin, end, why))
 
