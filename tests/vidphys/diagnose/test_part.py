@@ -34,7 +34,7 @@ def test_a_law_is_told_up_to_an_impact_that_it_has_not(kick, struck):
     last = given.data["frames"]["last"]
     assert 110 <= last <= 114 if struck else last == FRAMES - 1
     assert (
-        given.lines[0].endswith(f"after {last} something outside this law strikes the body.")
+        given.lines[0].endswith(f"after {last} comes an impact that the law does not foretell.")
         is struck
     )
     found = given.data["mechanism"][0]["quantities"]

@@ -216,3 +216,15 @@ def test_whether_a_law_holds_later_is_told_by_the_latest_frame_that_shows_it(mon
     assert next(lawful_from(motion, angles=False), None) is not None
     assert len(tried) == 1
     assert first_lawful(motion, angles=False) > 0
+
+
+@pytest.mark.parametrize("shown", [2, 7, 9])
+def test_a_short_clip_with_what_is_hardly_seen_has_a_body(shown):
+    g, t = np.random.default_rng(3), np.arange(16) / 25
+    jumpy = np.array([0.1, 0.0]) + 0.04 * g.standard_normal((16, 2)).cumsum(0)
+    other = np.array([-0.4, 0.2]) + 0.05 * g.standard_normal((16, 2))
+    brief = np.stack([0.2 + 0.1 * t, 0.3 - 0.2 * t], -1)
+    brief[shown:] = np.nan
+    path = np.stack([jumpy, other, brief], 1)
+    motion, _ = of_lawful_bodies(motion_of(path[None], 1 / 25))
+    assert motion.bodies >= 1 and motion.positions.shape[1] == 16

@@ -98,8 +98,7 @@ def _chain(motion: Motion) -> list[int]:
 
 def _least_left(motion: Motion, body: int) -> float:
     """What the best law of a body by itself leaves, as a share of its spread."""
-    clips = _clips(motion, [body])
-    laws = roughly(clips, angles=False) if len(clips[0].times) >= LEAST_FRAMES else []
+    laws = roughly(_clips(motion, [body]), angles=False) if _shown_enough(motion, body) else []
     return min((law.left / law.spread for law in laws), default=np.inf)
 
 
@@ -154,8 +153,8 @@ def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[in
     for body in (body for body in range(motion.bodies) if body not in met):
         if len(laws) >= MOST_TRIED and (met or lawful):
             break
-        clips = _clips(motion, [body])
-        if len(clips[0].times) >= LEAST_FRAMES:
+        if _shown_enough(motion, body):
+            clips = _clips(motion, [body])
             laws[body] = roughly(clips, angles=False)
             lawful += [body] if _lawful(clips, laws[body]) else []
     return laws, _not_at_rest(motion, lawful)
@@ -232,11 +231,11 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
 
 def _laws_once_free(motion: Motion, body: int) -> list[Fit]:
     """Those that leave little of its way after a hand has let go; none where too little is seen."""
-    rest = _of(motion, [body]).cut(int(RELEASED * motion.positions.shape[1]))
-    first, last = rest.shown()
-    if last - first < LEAST_FRAMES + 2:
+    seen = np.flatnonzero(motion.seen[0, :, body])
+    seen = seen[seen >= int(RELEASED * motion.positions.shape[1])]
+    if len(seen) < LEAST_FRAMES + 2:
         return []
-    clips = frames_of(thinned(rest.cut(first, last)))
+    clips = frames_of(thinned(_of(motion, [body]).cut(seen[0], seen[-1] + 1)))
     return [x for x in roughly(clips, angles=False) if x.left < GOOD * x.spread]
 
 
@@ -286,6 +285,11 @@ def _spread(path: np.ndarray) -> float:
 def _of(motion: Motion, bodies: Sequence[int]) -> Motion:
     some = list(bodies)
     return replace(motion, positions=motion.positions[:, :, some], mass=motion.mass[:, some])
+
+
+def _shown_enough(motion: Motion, body: int) -> bool:
+    """Whether as many frames show a body as a force takes to be seen."""
+    return int(motion.seen[:, :, body].sum()) >= LEAST_FRAMES
 
 
 def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:

@@ -236,7 +236,7 @@ def _left_out(
         why.append(f"one law holds from {used.first + begin + lawful} on")
     if struck:
         end = begin + struck
-        why.append(f"after {used.first + end - 1} something outside this law strikes the {noun}")
+        why.append(f"after {used.first + end - 1} comes an impact that the law does not foretell")
     begin += lawful
     answered.data["frames"] = used.data(begin, end)
     answered.lines.insert(0, used.line(begin, end, why))
