@@ -71,6 +71,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
     if fit.numbers.get("strength", (0.0, 0.0))[0] < 0:
         how[0] = how[0].replace("pushes it away", "pulls it")
+    if law.restoring == "centre" and len(named) > 1:
+        how[0] = how[0].replace(" it", " them", 1)
     if isinstance(fit.model.charts[0], Turned):
         how[0] = f"{how[0]} along each of two directions"
     if fit.driven:

@@ -266,8 +266,8 @@ class ByMechanism(Explanation):
             pivot = chart.pivot(fit.geometry[0])
             held["pivot"] = [self.told_in.told(float(x), 1) for x in pivot]
         if fit.model.law.restoring == "centre":
-            place = [fit.numbers[f"centre {i + 1}"][0] for i in range(chart.size)]
-            held["centre"] = [self.told_in.told(x, 1) for x in fit.shown(np.array([place]))[0, 0]]
+            place = np.tile(fit.model.law.centre(fit.numbers), len(fit.model.charts))
+            held["centre"] = [self.told_in.told(x, 1) for x in fit.shown(place[None])[0, 0]]
         return held
 
     def numbers(self) -> dict[str, float]:

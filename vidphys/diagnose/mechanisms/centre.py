@@ -50,7 +50,7 @@ def told(found: Fit) -> bool:
         return True
     numbers, near = found.numbers, nearest(found)
     strength, error = numbers["strength"]
-    vague = max(numbers[f"centre {i + 1}"][1] for i in range(law.coordinates))
+    vague = max(error for name, (_, error) in numbers.items() if name.startswith("centre"))
     power = law.power({name: value for name, (value, _) in numbers.items()})
     return bool(
         error < VAGUE * abs(strength)
@@ -62,21 +62,21 @@ def told(found: Fit) -> bool:
 
 
 def nearest(found: Fit) -> float:
-    """Distance at which the body passes the fixed place."""
+    """Distance at which a body passes the fixed place."""
     return float(np.linalg.norm(_away(found), axis=-1).min())
 
 
 def _away(found: Fit) -> np.ndarray:
-    """From the fixed place to the body ``(t, k)``."""
-    k = found.model.law.coordinates
-    place = np.array([found.numbers[f"centre {i + 1}"][0] for i in range(k)])
-    return found.model.coordinates(found.values, found.clips)[0][:, 0] - place
+    """From the fixed place to each body ``(t, n, d)``."""
+    place = found.model.law.centre(found.numbers)
+    s = found.model.coordinates(found.values, found.clips)[0][:, 0]
+    return s.reshape(len(s), -1, len(place)) - place
 
 
 def _round(found: Fit) -> float:
-    """Radians through which the body is seen from the fixed place."""
+    """Radians through which a body is seen from the fixed place, the most."""
     away = _away(found)
-    return float(np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0]))))
+    return float(np.ptp(np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=0), axis=0).max())
 
 
 def _begun(times: np.ndarray, places: np.ndarray) -> list[tuple[Model, list[np.ndarray]]]:

@@ -52,14 +52,14 @@ class Law:
         coordinates: k.
         restoring: of :data:`RESTORING`; a uniform field, a trap about any centre, what an angle
             hangs in, two rods that hang end on end, by their angles, or a fixed place that pushes
-            or pulls by a power of the distance.
+            or pulls every body by a power of the distance.
         friction: of :data:`FRICTIONS`.
         apart: each coordinate has its own trap, or swing, and its own friction.
         coupled: springs between all pairs of coordinates, where they are apart.
         hung: of pendulums that are coupled, where each hangs along a level line, over their length.
         inputs: how many are known that push the one coordinate, each by a gain times its value.
         walls: that there are.
-        turned_at: where a fixed place that pushes or pulls has its strength, ``(k,)``.
+        turned_at: where a fixed place that pushes or pulls has its strength, ``(d,)``.
         spins: the body is a ball that walls may grip, in the plane; its spin at first is told as
             the speed of its surface over that of its middle.
         lift_fades: share a second by which a lift fades, as the body's spin does, that goes with
@@ -97,7 +97,7 @@ class Law:
         if self.restoring == "chain":
             names += ["link", "inertia"]
         if self.restoring == "centre":
-            names += ["strength", "steeper", *(f"centre {i + 1}" for i in range(k))]
+            names += ["strength", "steeper", *self._place]
         if self.coupled:
             names += [f"coupling {i + 1}" for i in range(k)]
         if self.friction != "none":
@@ -157,11 +157,20 @@ class Law:
         """Of the distance, by which a fixed place pushes less; its number counts from Coulomb's."""
         return COULOMB + numbers["steeper"]
 
+    @property
+    def _place(self) -> tuple[str, ...]:
+        """Names of the fixed place's coordinates."""
+        return tuple(f"centre {i + 1}" for i in range(len(self.turned_at)))
+
+    def centre(self, numbers: Mapping[str, tuple[float, float]]) -> np.ndarray:
+        """The fixed place ``(d,)``, of numbers with their errors."""
+        return np.array([numbers[name][0] for name in self._place])
+
     def _centre(self, numbers: Mapping[str, float]) -> np.ndarray:
         """As the kernel takes it; empty where there is none."""
         if self.restoring != "centre":
             return np.empty(0)
-        place = np.array([numbers[f"centre {i + 1}"] for i in range(self.coordinates)])
+        place = np.array([numbers[name] for name in self._place])
         near = max(float(np.linalg.norm(place - self.turned_at)), np.finfo(float).tiny)
         return np.array([*place, numbers["strength"], self.power(numbers), near])
 

@@ -10,10 +10,11 @@ import numpy as np
 from vidphys.diagnose.mechanisms.chain import chained, linked
 from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
-from vidphys.diagnose.mechanisms.coupled import coupled
+from vidphys.diagnose.mechanisms.coupled import CLEARLY, coupled
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
+from vidphys.diagnose.mechanisms.orbits import orbiting
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -214,6 +215,7 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
             return (Group((0, 1), rods),)
     groups = [] if angles else meeting(motion, camera)
     met = {body for group in groups for body in group.bodies}
+    around = [] if angles or met else orbiting(frames_of(motion), camera)
     for body in range(motion.bodies):
         if body in met:
             continue
@@ -222,14 +224,21 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
             return None
         fits = fits_of(frames, angles, camera)
         if not fits:
-            return None
+            return _all(motion, around)
         groups.append(Group((body,), fits[0], tuple(fits[1:])))
     if motion.bodies > 1 and not met:
         laws = [(group.fit, *group.others) for group in groups]
+        if around and around[0].score > sum(own[0].score for own in laws) + CLEARLY:
+            return _all(motion, around)
         joint = coupled(frames_of(motion), laws, camera)
         if joint:
-            return (Group(tuple(range(motion.bodies)), joint[0], tuple(joint[1:])),)
+            return _all(motion, joint)
     return tuple(groups)
+
+
+def _all(motion: Motion, fits: Sequence[Fit]) -> tuple[Group, ...] | None:
+    """All bodies by the first of some laws, if there are any."""
+    return (Group(tuple(range(motion.bodies)), fits[0], tuple(fits[1:])),) if fits else None
 
 
 def meeting(motion: Motion, camera: bool) -> list[Group]:

@@ -38,11 +38,13 @@ SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radiu
 
 
 @part
-def _from_centre(s: np.ndarray, centre: np.ndarray) -> float:
-    """Acceleration away from a fixed place, over the distance."""
-    size, squared = len(s), 0.0
+def _from_centre(s: np.ndarray, first: int, centre: np.ndarray) -> float:
+    """Acceleration away from a fixed place, over the distance, of the body whose coordinates begin
+    with the ``first``.
+    """
+    size, squared = len(centre) - 3, 0.0
     for i in range(size):
-        squared += (s[i] - centre[i]) ** 2
+        squared += (s[first + i] - centre[i]) ** 2
     strength, power, near = centre[size], centre[size + 1], centre[size + 2]
     far = np.sqrt(squared) / near + CLOSEST
     return strength / near * far ** (-power - 1.0)
@@ -110,9 +112,11 @@ def _accelerate(
         out[0] -= friction[3] * v[1]
         out[1] += friction[3] * v[0]
     if len(centre) > 0:
-        away = _from_centre(s, centre)
-        for i in range(size):
-            out[i] += away * (s[i] - centre[i])
+        each = len(centre) - 3
+        for first in range(0, size, each):
+            away = _from_centre(s, first, centre)
+            for i in range(each):
+                out[first + i] += away * (s[first + i] - centre[i])
     if rods[1] > 0.0:
         d = s[0] - s[1]
         across, link = np.sin(d) * rods[0], np.cos(d) * rods[0]
@@ -134,13 +138,13 @@ def _holds(
     floor: np.ndarray,
 ) -> bool:
     """Whether dry friction holds what stands at ``s``."""
-    pull, into, away = 0.0, 0.0, 0.0
-    if len(centre) > 0:
-        away = _from_centre(s, centre)
+    pull, into, away, each = 0.0, 0.0, 0.0, max(len(centre) - 3, 1)
     for i in range(len(s)):
         total = _pull(i, s, force, stiffness, swing, hung)
         if len(centre) > 0:
-            total += away * (s[i] - centre[i])
+            if i % each == 0:
+                away = _from_centre(s, i, centre)
+            total += away * (s[i] - centre[i % each])
         pull += total * total
         into += total * floor[i]
     return pull - max(into, 0.0) ** 2 <= dry * dry
@@ -386,8 +390,8 @@ def rolled(
         pushed: times in seconds, two or more, and what is known to push then, accelerations
             ``(u, k)``.
         spin: of a ball in the plane, the speed of its surface at the start; ``None``: none spins.
-        centre: a place that pushes, its strength, its power and the distance at which it has that
-            strength, ``(k + 3,)``; empty: there is none.
+        centre: a place that pushes each body, its strength, its power and the distance at which it
+            has that strength, ``(d + 3,)``; empty: there is none.
         hung: of pendulums that springs join, where each hangs along a level line, over their
             length, ``(k,)``; empty: springs join the coordinates.
         lift: across the way over the speed, per second, at time zero; and the share a second by

@@ -1,0 +1,76 @@
+"""Bodies that one fixed place pulls or pushes, all by one power of the distance, as a sun does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.centre import told
+from vidphys.diagnose.mechanisms.charts import Plane
+from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
+from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.guesses import HALVES, Local, local
+from vidphys.diagnose.mechanisms.law import COULOMB, Law
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES
+
+FEWEST = 3  # bodies: what pulls two of them to one place may be each other
+FLAT = 2  # dimensions of the plane
+AIMED = 0.9  # of the bodies' squared accelerations, that lies along the way to one place at least
+
+
+def orbiting(clips: Sequence[Frames], camera: bool) -> list[Fit]:
+    """Laws of bodies about one fixed place, best first; none where nothing speaks for one.
+
+    Where orbits are round one alone does not tell the power of the distance; several do, as they
+    are of different sizes (Kepler's third law).
+
+    Args:
+        clips: of all bodies.
+        camera: whether the places are in a picture.
+    """
+    stretches = clips[0].stretches
+    short = min(len(s.times) for s in stretches) < LEAST_FRAMES
+    flat = stretches[0].places.shape[1] == FLAT
+    if len(clips) > 1 or len(stretches) < FEWEST or short or not flat or clips[0].inputs:
+        return []
+    begun = [x for x in (_begun(clips[0], half) for half in HALVES[:2]) if x is not None]
+    best = max(race(clips, begun), key=lambda x: x.score, default=None) if begun else None
+    if best is None:
+        return []
+    best = pictured(clips, best) if camera else best
+    lossy = replace(best.model.law, friction="linear")
+    values = np.insert(best.values, lossy.names.index("linear"), 0.0)
+    both = (best, fit(clips, Model(lossy, best.model.charts), values))
+    return ranked([x for x in both if x is not None and told(x) and makes_sense(x)])
+
+
+def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
+    """A law and where its fits begin, by accelerations over so many frames on each side."""
+    each = [local(s.times, s.places, half) for s in clip.stretches]
+    s, a = (np.concatenate([getattr(x, name) for x in each]) for name in ("s", "a"))
+    normal = np.column_stack([a[:, 1], -a[:, 0]])
+    place = np.linalg.lstsq(normal, (normal * s).sum(1), rcond=None)[0]
+    r = np.linalg.norm(s - place, axis=1)
+    along = (a * (s - place)).sum(1) / np.maximum(r, np.finfo(float).tiny)
+    if (along**2).sum() < AIMED * (a**2).sum() or not (along < 0).all() | (along > 0).all():
+        return None
+    turned_at = s[int(np.abs(along).argmax())]
+    near = float(np.linalg.norm(turned_at - place))
+    power = -float(np.polyfit(np.log(r), np.log(np.abs(along)), 1)[0])
+    starts = np.stack([_start(x) for x in each], 1).reshape(2, -1)
+    guesses = []
+    for p in (power, COULOMB):
+        push = (near / r) ** p
+        strength = float((push @ along) / (push @ push))
+        guesses.append(np.array([strength, p - COULOMB, *place, *starts.ravel()]))
+    law = Law(FLAT * len(each), "centre", turned_at=tuple(turned_at.tolist()))
+    return Model(law, (Plane(FLAT),) * len(each)), guesses
+
+
+def _start(seen: Local) -> np.ndarray:
+    """Place and speed ``(2, d)`` at the clip's first frame."""
+    return np.stack([seen.s[0] - seen.v[0] * seen.times[0], seen.v[0]])
