@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -177,3 +178,28 @@ def test_real_clips() -> None:
     puck = open_video(Path(folder) / "puck_constant_force.avi", ClipSelection())
     assert len(puck.frames) == 26
     assert (np.diff(puck.times) > 0).all()
+
+
+def write_wide(path: Path, frames: np.ndarray, wide: Fraction) -> None:
+    """Write RGB ``frames (t, H, W, 3)`` whose pixels are so wide for their height."""
+    import av
+
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
+        stream.codec_context.sample_aspect_ratio = wide
+        for frame in frames:
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        out.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize("wide, size", [("4/3", (96, 160)), ("8/9", (108, 120)), ("1", (96, 120))])
+def test_a_ball_is_round_where_the_file_says_that_pixels_are_not_square(tmp_path, wide, size):
+    across, down = np.meshgrid(np.arange(120), np.arange(96))
+    ball = ((across - 60) * float(Fraction(wide))) ** 2 + (down - 48) ** 2 < 30**2
+    frames = np.repeat(255 * ball[None, ..., None].astype(np.uint8), 3, -1).repeat(3, 0)
+    write_wide(tmp_path / "a.mp4", frames, Fraction(wide))
+    video = open_video(tmp_path / "a.mp4", ClipSelection())
+    assert video.size == size
+    seen = video.frames[1][..., 0] > 127
+    assert abs(int(seen.any(0).sum()) - int(seen.any(1).sum())) <= 1

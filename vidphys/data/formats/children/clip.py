@@ -13,6 +13,7 @@ import sys
 from confined import FILE, HEAD, allow, confine, say, write
 
 CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,avi,matroska,webm,ogg"  # no playlist, no list of files
+ODDEST = 4.0  # times as wide as high, or the other way round, that a pixel is said to be in earnest
 OPTIONS = f"format_whitelist;{CONTAINERS}|protocol_whitelist;file"
 
 
@@ -33,17 +34,23 @@ def main(most_pixels: int, memory: int, seconds: int) -> None:
     if not capture.isOpened():
         say({"error": "not a video that OpenCV can read; convert it (mp4, avi, ogv)"})
         return
-    width, height, rate, count = (
+    width, height, rate, count, over, under, turned = (
         capture.get(what)
         for what in (
             cv2.CAP_PROP_FRAME_WIDTH,
             cv2.CAP_PROP_FRAME_HEIGHT,
             cv2.CAP_PROP_FPS,
             cv2.CAP_PROP_FRAME_COUNT,
+            cv2.CAP_PROP_SAR_NUM,
+            cv2.CAP_PROP_SAR_DEN,
+            cv2.CAP_PROP_ORIENTATION_META,
         )
     )
-    if width * height > most_pixels:
-        say({"error": f"frames of {width:.0f} x {height:.0f} pixels, more than {most_pixels}"})
+    stored = int(width), int(height)
+    wide = over / under if over > 0 and under > 0 else 1.0
+    shape = _square(*stored, 1 / wide if turned % 180 else wide)  # it is turned as it is decoded
+    if shape[0] * shape[1] > most_pixels:
+        say({"error": f"frames of {shape[0]} x {shape[1]} pixels, more than {most_pixels}"})
         return
     say({"rate": rate, "count": count})
     while True:
@@ -52,9 +59,22 @@ def main(most_pixels: int, memory: int, seconds: int) -> None:
         if not good:
             break
         stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        if shape != stored == frame.shape[1::-1]:
+            frame = cv2.resize(frame, shape, interpolation=cv2.INTER_CUBIC)
         write(HEAD.pack(stamp, *frame.shape[:2]))
         write(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB).data)
     write(HEAD.pack(0.0, 0, 0))
+
+
+def _square(width: int, height: int, wide: float) -> tuple[int, int]:
+    """Width and height of a picture in square pixels, as a player shows it.
+
+    A picture whose pixels are stored wide or narrow is made larger along one way: a circle in it
+    would be no circle, and a length not the same along both.
+    """
+    if not 1 / ODDEST < wide < ODDEST:
+        return width, height
+    return round(width * max(wide, 1.0)), round(height * max(1 / wide, 1.0))
 
 
 if __name__ == "__main__":
