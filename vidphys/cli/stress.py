@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from vidphys.cli.console import Console
-from vidphys.cli.units import EngineOptions, compile_loops, run_units
+from vidphys.cli.units import EngineOptions, run_units
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,6 @@ def stress(config: StressConfig) -> int:
         chosen = run.manifest()["settings"]["cells"]
         units = units_of(chosen, config.preset)
         console = stack.enter_context(Console(config.quiet, len(units), "stress"))
-        compile_loops(run, units, config.workers, console)
         failed = run_units(run, run_family, units, config, console)
         run.join()
         cells = {k: v for k, v in families(PRESETS[config.preset]).items() if run.is_done(k)}

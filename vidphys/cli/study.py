@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from vidphys.cli.units import SKIPPED, EngineOptions, compile_loops, run_units
+from vidphys.cli.units import SKIPPED, EngineOptions, run_units
 from vidphys.devices import prepare_device
 from vidphys.errors import InputError
 from vidphys.presets import Preset, preset
@@ -93,7 +93,6 @@ def run_study(
 
     work = work_units(run, units, sizes, config)
     _foretell(run, units, sizes, config, console)
-    compile_loops(run, work, config.workers, console)
     return run_units(run, run_unit, work, config, console)
 
 

@@ -104,15 +104,3 @@ def run_units(
         console.warn(f"{', '.join(subjects)} {SKIPPED}: {why}")
     run.unskip({cell for unit in units for cell in unit.parts.values()} - lost)
     return failed
-
-
-def compile_loops(
-    run: RunFolder, units: Sequence[WorkUnit], workers: int, console: Console
-) -> None:
-    """Compile once what several workers would compile each for itself."""
-    from dynamics.compiled.ahead import compile_ahead
-
-    if min(workers, sum(not unit.is_done(run) for unit in units)) > 1:
-        console.stage(("compiling", 0, 1))
-        compile_ahead()
-        console.stage(("compiling", 1, 1))
