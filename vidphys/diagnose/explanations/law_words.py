@@ -65,13 +65,13 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         alone: whether there is no other body.
     """
     fit, law = group.fit, group.fit.model.law
-    named = ["The body"] if alone else [f"Body {b + 1}" for b in group.bodies]
-    who = " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
-    moves = _where(fit) if len(named) == 1 else _plural(_where(fit))
+    who = "The body" if alone else _named(group.bodies)
+    several = len(group.bodies) > 1
+    moves = _plural(_where(fit)) if several else _where(fit)
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
     if fit.numbers.get("strength", (0.0, 0.0))[0] < 0:
         how[0] = how[0].replace("pushes it away", "pulls it")
-    if law.restoring == "centre" and len(named) > 1:
+    if law.restoring == "centre" and several:
         how[0] = how[0].replace(" it", " them", 1)
     if isinstance(fit.model.charts[0], Turned):
         how[0] = f"{how[0]} along each of two directions"
@@ -82,7 +82,7 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     if law.lift_fades is not None:
         how.append("a lift across its way goes with its spin and its speed")
     if law.walls:
-        it = "they bounce" if len(group.bodies) > 1 else "it bounces"
+        it = "they bounce" if several else "it bounces"
         how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")
         how += ["it spins, and is gripped there"] if law.spins else []
     if law.coupled:
@@ -96,6 +96,11 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         f"{who} {moves}: {'; '.join(how)}.",
         *(f"  {x}" for x in (*numbers, *_ruler(law, known, units))),
     ]
+
+
+def _named(bodies: Sequence[int]) -> str:
+    *first, last = (str(body + 1) for body in bodies)
+    return f"Bodies {', '.join(first)} and {last}" if first else f"Body {last}"
 
 
 def number(x: Quantity, units: Units) -> str:
