@@ -228,3 +228,14 @@ def test_a_short_clip_with_what_is_hardly_seen_has_a_body(shown):
     path = np.stack([jumpy, other, brief], 1)
     motion, _ = of_lawful_bodies(motion_of(path[None], 1 / 25))
     assert motion.bodies >= 1 and motion.positions.shape[1] == 16
+
+
+def test_what_moves_in_its_first_frames_and_then_stays_is_no_body_beside_one_that_goes_on():
+    g, t = np.random.default_rng(5), np.arange(26) / 25
+    pulled = np.stack([-0.7 + 0.2 * t + 1.3 * t**2, 0.2 + 0 * t], -1)
+    leaves = np.full((26, 2), [-0.9, 0.13])
+    leaves[:7], leaves[7], leaves[8] = np.nan, [-0.9, 0.6], [-0.9, 0.36]
+    path = np.stack([pulled, leaves], 1) + 5e-4 * g.standard_normal((26, 2, 2))
+    motion, said = of_lawful_bodies(motion_of(path[None], 1 / 25))
+    np.testing.assert_allclose(motion.positions[0, 9:, 0], path[9:, 0])
+    assert motion.bodies == 1 and "2 things move" in said[0]

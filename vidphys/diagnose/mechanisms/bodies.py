@@ -30,6 +30,7 @@ MUCH_LESS = 0.5  # of what two bodies' own laws leave, that springs between them
 FAR_LESS = 0.3  # of what two rods leave, that a law of one weight by itself leaves
 ALWAYS = 0.9  # of the frames, in which one is seen that does not come and go
 MOSTLY = 0.85  # of the frames from its first on, in which one is seen that a hand let go
+SETTLED = 0.3  # of the frames that show it, from which something stays that settles early
 RELEASED = 0.6  # of the frames, after which a hand has let go
 LITTLE = 0.3  # of another's extent: what goes less and comes to rest was not let go
 RESTS = 0.1  # of the extent of all of its motion, that it has at most from then on if it rests
@@ -157,7 +158,8 @@ def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[in
             clips = _clips(motion, [body])
             laws[body] = roughly(clips, angles=False)
             lawful += [body] if _lawful(clips, laws[body]) else []
-    return laws, _not_at_rest(motion, lawful)
+    moving = [body for body in lawful if not _settled(motion, body)]
+    return laws, _not_at_rest(motion, moving or lawful)
 
 
 def _or_likelier(motion: Motion, found: list[int], laws: Mapping[int, Sequence[Fit]]) -> list[int]:
@@ -262,6 +264,12 @@ def _rests(motion: Motion, body: int) -> bool:
     path = motion.positions[0, :, body]
     late = path[int(RELEASED * len(path)) :]
     return _extent(late) < RESTS * _extent(path)
+
+
+def _settled(motion: Motion, body: int) -> bool:
+    """Whether it moves in the first few of the frames that show it, and then stays."""
+    path = motion.positions[0, motion.seen[0, :, body], body]
+    return _extent(path[int(SETTLED * len(path)) :]) < RESTS * float(np.ptp(path, axis=0).max())
 
 
 def _not_at_rest(motion: Motion, bodies: list[int], share: float = RESTS) -> list[int]:
