@@ -66,3 +66,9 @@ def test_springs_to_one_place_and_two_bodies_are_no_orbits():
     path = np.stack([np.cos(3 * t + phase), 0.6 * np.sin(3 * t + phase)], -1) * 0.5
     assert answer(seen(path), False, 0.3).data["terms"] == ["trap"]
     assert orbiting(frames_of(seen(orbits(2.0)[:, :2])), camera=False) == []
+
+
+def test_bodies_on_one_circle_tell_no_power():
+    angle = 2 * np.arange(FRAMES)[:, None] * STEP + np.array([0.3, 2.0, 4.1])
+    path = 0.5 * np.stack([np.cos(angle), np.sin(angle)], -1)
+    assert orbiting(frames_of(seen(path, noise=1e-6)), camera=False) == []

@@ -12,7 +12,7 @@ from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.verdict import ALL, AVERAGED, NOT
 from vidphys.diagnose.mechanisms.impacts import impact_between
 from vidphys.diagnose.mechanisms.mechanism import MOST_CLIPS, first_lawful
-from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.units import Units
 from vidphys.progress import Progress
 
@@ -28,7 +28,7 @@ class Part:
         first: of all frames, the one that they begin with.
         end: of their own, the first that nothing was fitted to.
         understood: what they show.
-        struck: whether something strikes a body after the last of them that the law has not.
+        struck: whether they end before an impact that the law does not foretell.
     """
 
     motion: Motion
@@ -65,7 +65,10 @@ def understood_part(
     if whole.understood.status != NOT:
         return whole
     for first, stop in _lawful(whole, angles):
-        part = asked(first, stop)
+        try:
+            part = asked(first, stop)
+        except Unseen:  # too little of it is seen
+            continue
         told = part.understood.explanation
         if part.understood.status != NOT and isinstance(told, ByMechanism):
             understood = replace(part.understood, explanation=replace(told, sought=True))

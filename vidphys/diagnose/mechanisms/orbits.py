@@ -19,6 +19,7 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES
 
 FEWEST = 3  # bodies: what pulls two of them to one place may be each other
 FLAT = 2  # dimensions of the plane
+UNLIKE = 1.2  # times the least distance, that the largest is at least: others tell of no power
 AIMED = 0.9  # of the bodies' squared accelerations, that lies along the way to one place at least
 
 
@@ -34,8 +35,8 @@ def orbiting(clips: Sequence[Frames], camera: bool) -> list[Fit]:
     """
     stretches = clips[0].stretches
     short = min(len(s.times) for s in stretches) < LEAST_FRAMES
-    flat = stretches[0].places.shape[1] == FLAT
-    if len(clips) > 1 or len(stretches) < FEWEST or short or not flat or clips[0].inputs:
+    flat = stretches[0].places.shape[1] == FLAT and clips[0].inputs is None
+    if len(clips) > 1 or len(stretches) < FEWEST or short or not flat:
         return []
     begun = [x for x in (_begun(clips[0], half) for half in HALVES[:2]) if x is not None]
     best = max(race(clips, begun), key=lambda x: x.score, default=None) if begun else None
@@ -56,7 +57,8 @@ def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
     place = np.linalg.lstsq(normal, (normal * s).sum(1), rcond=None)[0]
     r = np.linalg.norm(s - place, axis=1)
     along = (a * (s - place)).sum(1) / np.maximum(r, np.finfo(float).tiny)
-    if (along**2).sum() < AIMED * (a**2).sum() or not (along < 0).all() | (along > 0).all():
+    one_way = bool((along < 0).all() or (along > 0).all())  # so nothing is at the place itself
+    if not one_way or (along**2).sum() < AIMED * (a**2).sum() or r.max() < UNLIKE * r.min():
         return None
     turned_at = s[int(np.abs(along).argmax())]
     near = float(np.linalg.norm(turned_at - place))
