@@ -180,13 +180,19 @@ def test_real_clips() -> None:
     assert (np.diff(puck.times) > 0).all()
 
 
-def write_wide(path: Path, frames: np.ndarray, wide: Fraction) -> None:
-    """Write RGB ``frames (t, H, W, 3)`` whose pixels are so wide for their height."""
+def write_with_av(
+    path: Path,
+    frames: np.ndarray,
+    codec: str = "libx264",
+    pixels: str = "yuv420p",
+    wide: Fraction = Fraction(1),
+) -> None:
+    """Write RGB ``frames (t, H, W, 3)``, 25 a second, whose pixels are so wide for their height."""
     import av
 
     with av.open(str(path), "w") as out:
-        stream = out.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
+        stream = out.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], pixels
         stream.codec_context.sample_aspect_ratio = wide
         for frame in frames:
             out.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
@@ -198,8 +204,31 @@ def test_a_ball_is_round_where_the_file_says_that_pixels_are_not_square(tmp_path
     across, down = np.meshgrid(np.arange(120), np.arange(96))
     ball = ((across - 60) * float(Fraction(wide))) ** 2 + (down - 48) ** 2 < 30**2
     frames = np.repeat(255 * ball[None, ..., None].astype(np.uint8), 3, -1).repeat(3, 0)
-    write_wide(tmp_path / "a.mp4", frames, Fraction(wide))
+    write_with_av(tmp_path / "a.mp4", frames, wide=Fraction(wide))
     video = open_video(tmp_path / "a.mp4", ClipSelection())
     assert video.size == size
     seen = video.frames[1][..., 0] > 127
     assert abs(int(seen.any(0).sum()) - int(seen.any(1).sum())) <= 1
+
+
+@pytest.mark.parametrize(
+    "suffix, codec, pixels",
+    [
+        ("gif", "gif", "rgb8"),
+        ("mpg", "mpeg1video", "yuv420p"),
+        ("wmv", "wmv2", "yuv420p"),
+        ("flv", "flv1", "yuv420p"),
+        ("3gp", "mpeg4", "yuv420p"),
+        ("ts", "mpeg2video", "yuv420p"),
+    ],
+)
+def test_the_clips_of_old_cameras_and_of_pages_are_read(tmp_path, suffix, codec, pixels):
+    across, down = np.meshgrid(np.arange(120), np.arange(96))
+    balls = [(across - 40 - 4 * k) ** 2 + (down - 48) ** 2 < 20**2 for k in range(8)]
+    frames = 255 * np.array(balls, np.uint8)[..., None].repeat(3, -1)
+    write_with_av(tmp_path / f"a.{suffix}", frames, codec, pixels)
+    video = open_video(tmp_path / f"a.{suffix}", ClipSelection())
+    np.testing.assert_allclose(video.times, np.arange(8) / 25, atol=1e-3)
+    for k in (0, 7):
+        seen = video.frames[k][..., 0] > 127
+        assert abs(across[seen].mean() - 40 - 4 * k) < 0.5
