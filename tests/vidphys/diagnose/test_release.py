@@ -218,13 +218,13 @@ def test_whether_a_law_holds_later_is_told_by_the_latest_frame_that_shows_it(mon
     assert first_lawful(motion, angles=False) > 0
 
 
-@pytest.mark.parametrize("shown", [2, 7, 9])
-def test_a_short_clip_with_what_is_hardly_seen_has_a_body(shown):
+@pytest.mark.parametrize("unseen", [slice(2, None), slice(7, None), slice(9, None), slice(-5)])
+def test_a_short_clip_with_what_is_hardly_seen_has_a_body(unseen):
     g, t = np.random.default_rng(3), np.arange(16) / 25
     jumpy = np.array([0.1, 0.0]) + 0.04 * g.standard_normal((16, 2)).cumsum(0)
     other = np.array([-0.4, 0.2]) + 0.05 * g.standard_normal((16, 2))
     brief = np.stack([0.2 + 0.1 * t, 0.3 - 0.2 * t], -1)
-    brief[shown:] = np.nan
+    brief[unseen] = np.nan
     path = np.stack([jumpy, other, brief], 1)
     motion, _ = of_lawful_bodies(motion_of(path[None], 1 / 25))
     assert motion.bodies >= 1 and motion.positions.shape[1] == 16
@@ -239,3 +239,12 @@ def test_what_moves_in_its_first_frames_and_then_stays_is_no_body_beside_one_tha
     motion, said = of_lawful_bodies(motion_of(path[None], 1 / 25))
     np.testing.assert_allclose(motion.positions[0, 9:, 0], path[9:, 0])
     assert motion.bodies == 1 and "2 things move" in said[0]
+
+
+def test_what_comes_into_view_in_the_last_frames_alone_was_not_let_go():
+    g, t = np.random.default_rng(11), np.arange(30) / 25
+    late = np.stack([0.5 * t, 0.3 - 2 * t**2], -1) + 0.02 * g.standard_normal((30, 2))
+    late[:25] = np.nan
+    path = np.stack([late, 0.05 * g.standard_normal((30, 2)).cumsum(0)], 1)
+    motion, _ = of_lawful_bodies(motion_of(path[None], 1 / 25))
+    np.testing.assert_allclose(motion.positions[0, :, -1], path[:, 1])

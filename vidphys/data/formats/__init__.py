@@ -29,8 +29,9 @@ from vidphys.data.formats.tapvid import is_tapvid, points_table, read_tapvid
 from vidphys.data.formats.text import holds_numbers
 from vidphys.data.formats.tracker import is_project, read_marks, read_project
 
-FILMS = ".mp4 .avi .mkv .mov .ogv .webm .m4v .gif .mpg .mpeg .wmv .flv .3gp .ts .mts"
-VIDEO = ClipFormat(tuple(FILMS.split()), read_clip)
+FILMS = (".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v")
+OLD_FILMS = (".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".3gp", ".ts", ".mts")
+VIDEO = ClipFormat((*FILMS, *OLD_FILMS), read_clip)
 TEXTS = (".txt", ".dat", ".tab", ".asc")  # where they hold numbers
 FORMATS.register("csv", TrackFormat((".csv", ".tsv"), read_text, table=text_table))
 BOOKS = (".xlsx", ".xlsm", ".xls", ".ods")

@@ -216,7 +216,7 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
         if body < min(lawful, default=motion.bodies)
         or (body < MOST_TRIED and most < SELDOM * seen[body])
     ]
-    staying = [body for body in asked if _stays_on(motion, body)]
+    staying = [b for b in asked if _shown_enough(motion, b) and _stays_on(motion, b)]
     resting = [body for body in staying if _rests(motion, body)]
     staying = [body for body in staying if body not in resting]
     staying += [] if lawful else resting

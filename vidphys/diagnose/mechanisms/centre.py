@@ -37,10 +37,15 @@ def centred(clips: Sequence[Frames]) -> list[Fit]:
     best = max((x for x in found if told(x)), key=lambda x: x.score, default=None)
     if best is None:
         return []
-    law = replace(best.model.law, friction="linear")
-    at = law.names.index("linear")
-    lossy = fit(clips, Model(law, best.model.charts), np.insert(best.values, at, 0.0))
-    return [best, *([lossy] if lossy is not None and told(lossy) else [])]
+    rubbed = lossy(clips, best)
+    return [best, *([rubbed] if rubbed is not None and told(rubbed) else [])]
+
+
+def lossy(clips: Sequence[Frames], found: Fit) -> Fit | None:
+    """The same law with a friction that goes with the speed."""
+    law = replace(found.model.law, friction="linear")
+    values = np.insert(found.values, law.names.index("linear"), 0.0)
+    return fit(clips, Model(law, found.model.charts), values)
 
 
 def told(found: Fit) -> bool:
@@ -87,7 +92,7 @@ def _begun(times: np.ndarray, places: np.ndarray) -> list[tuple[Model, list[np.n
             break
         seen = local(times, places, half)
         turned_at = seen.s[int(np.linalg.norm(seen.a, axis=1).argmax())]
-        start = [*(seen.s[0] - seen.v[0] * times[0]), *seen.v[0]]
+        start = start_of(seen).ravel()
         guesses = []
         for place in _places(seen, turned_at, extent):
             away = seen.s - place
@@ -95,8 +100,8 @@ def _begun(times: np.ndarray, places: np.ndarray) -> list[tuple[Model, list[np.n
             if r.min() < NEAREST * extent:
                 continue
             for steeper in STEEPER:
-                push = (near / r) ** (COULOMB + steeper)
-                strength = float((push @ ((seen.a * away).sum(1) / r)) / (push @ push))
+                along = (seen.a * away).sum(1) / r
+                strength = strength_of(along, (near / r) ** (COULOMB + steeper))
                 guesses.append(np.array([strength, steeper, *place, *start]))
         law = Law(FLAT, "centre", turned_at=tuple(turned_at.tolist()))
         out += [(Model(law, (Plane(FLAT),)), guesses)] if guesses else []
@@ -105,9 +110,23 @@ def _begun(times: np.ndarray, places: np.ndarray) -> list[tuple[Model, list[np.n
 
 def _places(seen: Local, turned_at: np.ndarray, extent: float) -> list[np.ndarray]:
     """Where accelerations point to or from, and off the place where the body turns most."""
-    normal = np.column_stack([seen.a[:, 1], -seen.a[:, 0]])
-    crossed = (normal * seen.s).sum(1)
-    found = [np.linalg.lstsq(normal, crossed, rcond=None)[0]]
+    found = [aimed_at(seen.s, seen.a)]
     way = seen.a[int(np.linalg.norm(seen.a, axis=1).argmax())]
     way = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
     return found + [turned_at - sign * x * extent * way for x in ASIDE for sign in (1.0, -1.0)]
+
+
+def aimed_at(s: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """The place ``(2,)`` to or from which accelerations ``(t, 2)`` at some places point."""
+    normal = np.column_stack([a[:, 1], -a[:, 0]])
+    return np.linalg.lstsq(normal, (normal * s).sum(1), rcond=None)[0]
+
+
+def strength_of(along: np.ndarray, push: np.ndarray) -> float:
+    """What a push ``(t,)`` of strength one must be multiplied by, by accelerations along it."""
+    return float((push @ along) / (push @ push))
+
+
+def start_of(seen: Local) -> np.ndarray:
+    """Place and speed ``(2, d)`` at the clip's first frame."""
+    return np.stack([seen.s[0] - seen.v[0] * seen.times[0], seen.v[0]])

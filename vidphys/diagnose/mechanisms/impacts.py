@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import special
@@ -112,7 +113,7 @@ class Kinks:
     def change(self) -> np.ndarray:
         return self.numbers[:, 3]
 
-    @property
+    @cached_property
     def hard(self) -> np.ndarray:
         """By how much the speed changes, ``(w,)``."""
         return np.linalg.norm(self.change, axis=1)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.centre import told
+from vidphys.diagnose.mechanisms.centre import FLAT, aimed_at, lossy, start_of, strength_of, told
 from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
-from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import HALVES, Local, local
+from vidphys.diagnose.mechanisms.guesses import HALVES, local
 from vidphys.diagnose.mechanisms.law import COULOMB, Law
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES
 
 FEWEST = 3  # bodies: what pulls two of them to one place may be each other
-FLAT = 2  # dimensions of the plane
 UNLIKE = 1.2  # times the least distance, that the largest is at least: others tell of no power
 AIMED = 0.9  # of the bodies' squared accelerations, that lies along the way to one place at least
 
@@ -43,9 +41,7 @@ def orbiting(clips: Sequence[Frames], camera: bool) -> list[Fit]:
     if best is None:
         return []
     best = pictured(clips, best) if camera else best
-    lossy = replace(best.model.law, friction="linear")
-    values = np.insert(best.values, lossy.names.index("linear"), 0.0)
-    both = (best, fit(clips, Model(lossy, best.model.charts), values))
+    both = best, lossy(clips, best)
     return ranked([x for x in both if x is not None and told(x) and makes_sense(x)])
 
 
@@ -53,8 +49,7 @@ def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
     """A law and where its fits begin, by accelerations over so many frames on each side."""
     each = [local(s.times, s.places, half) for s in clip.stretches]
     s, a = (np.concatenate([getattr(x, name) for x in each]) for name in ("s", "a"))
-    normal = np.column_stack([a[:, 1], -a[:, 0]])
-    place = np.linalg.lstsq(normal, (normal * s).sum(1), rcond=None)[0]
+    place = aimed_at(s, a)
     r = np.linalg.norm(s - place, axis=1)
     along = (a * (s - place)).sum(1) / np.maximum(r, np.finfo(float).tiny)
     one_way = bool((along < 0).all() or (along > 0).all())  # so nothing is at the place itself
@@ -63,16 +58,10 @@ def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
     turned_at = s[int(np.abs(along).argmax())]
     near = float(np.linalg.norm(turned_at - place))
     power = -float(np.polyfit(np.log(r), np.log(np.abs(along)), 1)[0])
-    starts = np.stack([_start(x) for x in each], 1).reshape(2, -1)
+    starts = np.stack([start_of(x) for x in each], 1).reshape(2, -1)
     guesses = []
     for p in (power, COULOMB):
-        push = (near / r) ** p
-        strength = float((push @ along) / (push @ push))
+        strength = strength_of(along, (near / r) ** p)
         guesses.append(np.array([strength, p - COULOMB, *place, *starts.ravel()]))
     law = Law(FLAT * len(each), "centre", turned_at=tuple(turned_at.tolist()))
     return Model(law, (Plane(FLAT),) * len(each)), guesses
-
-
-def _start(seen: Local) -> np.ndarray:
-    """Place and speed ``(2, d)`` at the clip's first frame."""
-    return np.stack([seen.s[0] - seen.v[0] * seen.times[0], seen.v[0]])
