@@ -153,12 +153,14 @@ def serve() -> None:
     os.dup2(2, 1)  # what a library prints is no answer
     import matplotlib.backends.backend_svg
     import matplotlib.figure  # noqa: F401
+    import pyarrow
     import rerun  # noqa: F401
 
     import viz.diagnosis
     import viz.figures
     import viz.recording  # noqa: F401
 
+    pyarrow.array([0.0])  # the first one loads pandas, where that is there
     sent = sys.stdin.buffer.read()
     if not sent:  # nothing is to be drawn after all
         return

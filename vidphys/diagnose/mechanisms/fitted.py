@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +16,10 @@ from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Errors
 
 GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
+KEPT = 3  # rolls of each clip: a fit's own, and those a step of a derivative up and down
 USUAL_SLANT = view.FAR * view.USUAL[0]  # tangent
+
+Latest = deque[tuple[bytes, Frames, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -46,10 +50,33 @@ class Model:
     def coordinates(self, values: np.ndarray, clips: Sequence[Frames]) -> list[np.ndarray]:
         """Coordinates and rates of every frame of each clip, ``(t, 2, k)``."""
         numbers, starts = self.split(values, len(clips))
-        return [
-            self.law.roll(numbers, start, clip.times, clip.inputs)
-            for start, clip in zip(starts, clips, strict=True)
-        ]
+        if len(clips) == 1:
+            return [self.law.roll(numbers, starts[0], clips[0].times, clips[0].inputs)]
+        each = zip(clips, starts, self._latest(len(clips)), strict=True)
+        return [self._rolled(clip, numbers, start, latest) for clip, start, latest in each]
+
+    def _rolled(
+        self, clip: Frames, numbers: np.ndarray, start: np.ndarray, latest: Latest
+    ) -> np.ndarray:
+        """One clip's; a derivative by the start of another asks for the same again."""
+        asked = numbers.tobytes() + start.tobytes()
+        for known, of, rolled in latest:
+            if known == asked and of is clip:
+                return rolled
+        rolled = self.law.roll(numbers, start, clip.times, clip.inputs)
+        rolled.flags.writeable = False
+        latest.appendleft((asked, clip, rolled))
+        return rolled
+
+    def _latest(self, clips: int) -> list[Latest]:
+        """What was rolled last of each clip."""
+        if len(self._kept) != clips:
+            self._kept[:] = [deque(maxlen=KEPT) for _ in range(clips)]
+        return self._kept
+
+    @cached_property
+    def _kept(self) -> list[Latest]:
+        return []
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,9 @@ def _pull(
     hung: np.ndarray,
 ) -> float:
     """Acceleration of a coordinate by what depends on all places alone."""
-    total = force[i] - swing[i] * np.sin(s[i])
+    total = force[i]
+    if swing[i] != 0.0:  # a sine costs more than all the rest
+        total -= swing[i] * np.sin(s[i])
     for j in range(len(s)):
         if len(hung) == 0:
             total -= stiffness[i, j] * s[j]
@@ -301,7 +303,8 @@ def _rolled(
             if stuck:
                 break
             left = h
-            friction[3] = lift[0] * np.exp(-lift[1] * (times[frame - 1] + (step + 0.5) * h))
+            if lift[0] != 0.0:
+                friction[3] = lift[0] * np.exp(-lift[1] * (times[frame - 1] + (step + 0.5) * h))
             if len(when) > 0:  # as it is when the step begins, and on along a straight line
                 for end in range(2):
                     now = times[frame - 1] + (step + end) * h
@@ -346,7 +349,8 @@ def _rolled(
             turned = 0.0  # by the step's last look ahead: friction that turns round hides the rest
             for i in range(size):
                 turned += v[i] * work[7, i]
-            s[:], v[:] = work[8], work[9]
+            for i in range(size):
+                s[i], v[i] = work[8, i], work[9, i]
             since += left
             if (
                 friction[2] > 0.0
@@ -355,7 +359,8 @@ def _rolled(
             ):
                 v[:] = 0.0
                 stuck = True
-        out[frame, 0], out[frame, 1] = s, v
+        for i in range(size):
+            out[frame, 0, i], out[frame, 1, i] = s[i], v[i]
 
 
 def rolled(
