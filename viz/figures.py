@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from viz.legend import named_handles
-from viz.summary import Line, Records, median
+from viz.summary import SKILL_BAR, Line, Records, median
 from viz.whole import whole
 
 if TYPE_CHECKING:
@@ -66,9 +66,10 @@ def ladder_figure(records: Records, references: Mapping[str, float] | None = Non
         values = [value for one in found if one for value in one.values]
         if values:
             ends = [levels[lines[0]] - 0.8, levels[lines[-1]] + 0.8]
-            _once(
-                axes, [sum(values) / len(values)] * 2, ends, "no force at all (skill = 1)", ls=":"
-            )
+            still = sum(values) / len(values)
+            _once(axes, [still] * 2, ends, "no force at all (skill = 1)", ls=":")
+            # as in the first figure of a report
+            _once(axes, [SKILL_BAR * still] * 2, ends, "half of that: left of it counts", ls="--")
     for line, level in levels.items():
         value = (references or {}).get(f"{line.grounding}/{line.head}")
         if value is not None and line.readout != "shooting":  # which the study does not have

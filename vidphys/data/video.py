@@ -239,7 +239,8 @@ def _times(path: Path, stamps: np.ndarray, rate: float | None) -> tuple[np.ndarr
 
 
 def _count_note(declared: int, decoded: int, ended: bool) -> list[str]:
-    if not ended or declared <= 0 or declared == decoded:
+    none = declared <= 1  # a container of MPEG has no count, and OpenCV says 1
+    if not ended or none or declared == decoded:
         return []
     return [f"the container declares {declared} frames, {decoded} were decoded"]
 
