@@ -229,6 +229,7 @@ def test_the_clips_of_old_cameras_and_of_pages_are_read(tmp_path, suffix, codec,
     write_with_av(tmp_path / f"a.{suffix}", frames, codec, pixels)
     video = open_video(tmp_path / f"a.{suffix}", ClipSelection())
     np.testing.assert_allclose(video.times, np.arange(8) / 25, atol=1e-3)
+    assert not any("declares" in note for note in video.notes)
     for k in (0, 7):
         seen = video.frames[k][..., 0] > 127
         assert abs(across[seen].mean() - 40 - 4 * k) < 0.5
