@@ -24,11 +24,11 @@ def aim_of(config: RolloutConfig) -> Aim | None:
     Raises:
         InputError: options of a push, but no place.
     """
-    from vidphys.reading.steering import SLOPES, Aim
-
     if not config.reach:
         refuse(config, OPTIONS[1:], "they are of a push; say where to with --reach")
         return None
+    from vidphys.reading.steering import SLOPES, Aim
+
     body = 1 if config.body is None else config.body
     return Aim(config.reach, body - 1, config.most, config.search or SLOPES)
 

@@ -102,6 +102,8 @@ def rollout(config: RolloutConfig) -> None:
     config = with_profile(config, "rollout")
     if not config.beyond > 0:
         raise InputError(f"--beyond {config.beyond}: must be above 0 seconds")
+    if not (config.run / "run.json").is_file():
+        raise InputError(f"{config.run}: no folder of `vidphys train` or `fit`: it has no run.json")
     aim = aim_of(config)
     if (config.run / "checkpoints" / "heads" / "specified.json").is_file():
         from vidphys.cli.fitted import roll_fitted
@@ -113,8 +115,13 @@ def rollout(config: RolloutConfig) -> None:
 
 def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
     """With a pipeline, which sees for itself."""
-    from vidphys.cli.recordings import record_rollout, told_law
     from vidphys.data.dataset import clip_file
+
+    refuse(config, ("columns",), "a training rolls clips, not tables")
+    if config.input is None:
+        raise InputError(f"{config.run}: a training rolls what it sees; give a clip after it")
+    file = clip_file(config.input)  # before anything slow is imported
+    from vidphys.cli.recordings import record_rollout, told_law
     from vidphys.data.video import ClipSelection, open_video, require_frames
     from vidphys.reading.clip_dynamics import FACTORED
     from vidphys.reading.laws import factors_of
@@ -123,15 +130,7 @@ def _roll_trained(config: RolloutConfig, aim: Aim | None) -> None:
     from viz.told import write_told
 
     prepare_device(config.device)
-    refuse(config, ("columns",), "a training rolls clips, not tables")
     factors = factors_of(config.law)
-    if config.input is None:
-        if not (config.run / "run.json").is_file():
-            raise InputError(
-                f"{config.run}: no folder of `vidphys train` or `fit`: it has no run.json"
-            )
-        raise InputError(f"{config.run}: a training rolls what it sees; give a clip after it")
-    file = clip_file(config.input)
     try:
         pipeline = load_pipeline(config.run, config.weights, config.device)
     except ValueError as error:

@@ -151,13 +151,14 @@ def train(config: TrainConfig) -> int:
     """
     config = with_atlas(with_profile(config, "train"))
     from vidphys.data.dataset import find_dataset
+
+    dataset = find_dataset(config.data, given_columns(config.columns))  # before slow imports
     from vidphys.reading.reader import load_layers
     from vidphys.runs.folder import RunFolder
 
     _check(config)
     binder = make_binder(config.binder, config.bodies, config.shadow, config)
     prepare_device(config.device)
-    dataset = find_dataset(config.data, given_columns(config.columns))
     if dataset.labelled:
         why = f"the tables of {config.data} tell the positions"
         refuse(config, (*config.given, "binder", "bodies", "shadow"), why)

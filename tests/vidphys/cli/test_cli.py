@@ -207,13 +207,34 @@ def test_an_engine_that_is_not_installed_is_told_before_anything_is_written(
     assert main(["plan", "ladder", "--cells", "oracle/factored", "--engine", "ray"]) == 0
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["train", "none"],
+        ["rollout", "none", "none.mp4"],
+        ["rollout", "run", "none.mp4"],
+        ["diagnose", "none.csv"],
+    ],
+)
+def test_what_is_not_there_is_told_before_slow_libraries_are_loaded(tmp_path, arguments):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").touch()
+    code = (
+        "import sys; from vidphys.cli import main; code = main(sys.argv[1:]); "
+        "print(code, 'torch' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.stdout.split() == ["2", "False"] and "none" in done.stderr
+
+
 def test_a_training_that_was_stopped_is_told_from_a_folder_that_is_none(tmp_path, capsys):
     clip, out = tmp_path / "clip.avi", ["--out", str(tmp_path / "x")]
     clip.touch()
-    assert main(["rollout", str(tmp_path), *out]) == 2
-    assert "no folder of `vidphys train` or `fit`" in capsys.readouterr().err
-    assert main(["rollout", str(tmp_path), str(clip), *out]) == 2
-    assert "give the folder of `vidphys train`" in capsys.readouterr().err
+    for given in ([], [str(clip)]):
+        assert main(["rollout", str(tmp_path), *given, *out]) == 2
+        assert "no folder of `vidphys train` or `fit`" in capsys.readouterr().err
     (tmp_path / "run.json").touch()
     assert main(["rollout", str(tmp_path), *out]) == 2
     assert "give a clip after it" in capsys.readouterr().err

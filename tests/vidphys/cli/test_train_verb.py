@@ -458,7 +458,7 @@ class TestRollout:
     ) -> None:
         run, clip = trained
         for arguments, words in (
-            ((tmp_path, clip), "no trained pipeline"),
+            ((tmp_path, clip), "no folder of `vidphys train`"),
             ((run, tmp_path / "none.avi"), "no such file"),
             ((run, clip, "--beyond", "0"), "must be above 0"),
             ((run, clip, "--stop", "4"), "start state needs three"),
