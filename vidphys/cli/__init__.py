@@ -100,8 +100,6 @@ def main(arguments: list[str] | None = None, ending: Ending | None = None) -> in
 
 
 def _run(verb: str, rest: list[str]) -> int:
-    import tyro
-
     from registry import RegistryError
     from vidphys.errors import InputError
 
@@ -112,9 +110,11 @@ def _run(verb: str, rest: list[str]) -> int:
 
         print(helped(verb, config_type))
         return OK
-    config = tyro.cli(config_type, args=rest, prog=f"vidphys {verb}")
+    from vidphys.cli.parsed import parsed
+
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
+        config = parsed(verb, config_type, rest)
         _require_values(config)
         return getattr(module, verb)(config) or OK
     except (InputError, RegistryError) as error:
