@@ -37,11 +37,15 @@ def test_a_wrong_option_is_one_line(arguments, words, columns, monkeypatch, caps
 
 
 def test_it_is_read_from_boxes_as_from_rules():
-    boxed = (
-        "╭─ Value error ───────────╮\n│ Error parsing --seeds: no type matching {None}|INT could │\n"
-        "│ be instantiated from ['two'].                            │\n│ ──────────── │\n"
-        "│ For full helptext, see x --help │\n╰─────────────╯\n"
+    lines = (
+        "╭─ Value error ─────────────────────────────────────────╮",
+        "│ Error parsing --seeds: no type matching {None}|INT    │",
+        "│ could be instantiated from ['two'].                   │",
+        "│ ───────────────────────────────────────────────────── │",
+        "│ For full helptext, see x --help                       │",
+        "╰───────────────────────────────────────────────────────╯",
     )
+    boxed = "\n".join(lines)
     assert in_a_line(boxed) == "--seeds 'two': must be INT"
 
 
