@@ -27,7 +27,7 @@ def parsed(verb: str, config: type, arguments: Sequence[str]) -> Any:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            found = tyro.cli(config, args=arguments, prog=f"vidphys {verb}")
+            found: Any = tyro.cli(config, args=arguments, prog=f"vidphys {verb}")
     except SystemExit as end:
         if not end.code:
             raise
