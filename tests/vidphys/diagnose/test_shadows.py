@@ -42,6 +42,18 @@ def test_a_piece_of_the_string_is_not_the_body_though_it_is_above():
     assert "thing 2 moves in proportion to thing 1" in looked_at(weight, piece)[1]
 
 
+def test_a_piece_just_above_the_weight_is_not_the_body_where_it_is_followed_less_surely():
+    weight, pivot = pendulum(0.4, 0.8, 0.0), np.array([0.0, 0.5])
+    rng = np.random.default_rng(0)
+    unsure = 1e-3 * rng.standard_normal(weight.shape)
+    piece = pivot + 0.85 * (weight - pivot)
+    assert "thing 2 moves in proportion to thing 1" in looked_at(weight, piece + unsure)[1]
+    # of two that are followed as surely, or that do not hang one by the other, the upper one is
+    assert "thing 1 moves in proportion to thing 2" in looked_at(weight, piece)[1]
+    aside = piece + unsure + [0.2, 0.0]
+    assert "thing 1 moves in proportion to thing 2" in looked_at(weight, aside)[1]
+
+
 @pytest.mark.parametrize("longer", [1.0, 1.1])
 def test_a_pendulum_that_swings_beside_another_is_no_shadow(longer):
     bodies, said = looked_at(pendulum(0.4, 0.5, -0.4), pendulum(0.4, 0.5 * longer, 0.4))

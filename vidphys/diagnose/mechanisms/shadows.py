@@ -13,6 +13,8 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 APART = 0.04
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 AS_FAR = 0.7  # of a shadow's way, that the way of what casts it has: a piece of a string goes less
+UPRIGHT = 0.05  # of its height above a body, by which a piece of what that hangs by is to its side
+ROUGHER = 1.2  # times a body's, that the noise of such a piece is at least: little of it shows
 SWINGS = 3  # times at least that it passes its middle: what does not come back tells nothing
 CURVED = 0.1  # of the length of a way, that it is wide which is no line
 RESIZED = 0.1  # that a shadow is smaller or larger by, at least, than what flies alike
@@ -28,7 +30,8 @@ def without_shadows(motion: Motion) -> tuple[list[int], tuple[str, ...]]:
     Along the way that it swings most, a shadow is where its body is, times a factor, or where a
     perspective picture of its plane puts it. Two bodies do that only if they are let go together
     and are alike, and then their ways are each other's copy. Light comes from above, so of two such
-    things the upper one is the body; and a floor mirrors up and down, so what goes right whenever
+    things the upper one is the body, unless it is a piece of the string or spring by which the
+    lower one hangs; and a floor mirrors up and down, so what goes right whenever
     the other goes left is neither. Copies that are nearer to each other than they go are parts of
     one body, as a cart's wheels are; the one that is seen less often is the part, or is the less
     likely one.
@@ -120,8 +123,17 @@ def _seen_less(motion: Motion, body: int, other: int) -> bool:
 
 
 def _below(motion: Motion, body: int, other: int) -> bool:
-    """Whether one keeps below another that goes nearly as far."""
+    """Whether one keeps below another that goes nearly as far, and does not hang by it."""
     places = motion.positions[0][:, [body, other]]
     places = places[np.isfinite(places).all((1, 2))]
     one, two = (np.linalg.norm(places[:, i].std(0)) for i in range(2))
-    return bool((places[:, 0, 1] < places[:, 1, 1]).all() and two > AS_FAR * one)
+    if not (places[:, 0, 1] < places[:, 1, 1]).all() or two <= AS_FAR * one:
+        return False
+    aside, above = places[:, 1].mean(0) - places[:, 0].mean(0)
+    return not (two < one and abs(aside) < UPRIGHT * above and _rougher(places))
+
+
+def _rougher(places: np.ndarray) -> bool:
+    """Whether the second of two ``(t, 2, 2)`` is followed less surely, by what does not last."""
+    one, two = np.median(np.linalg.norm(np.diff(places, 3, axis=0), axis=-1), 0)
+    return bool(two > ROUGHER * one)
