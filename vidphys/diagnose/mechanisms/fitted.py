@@ -19,8 +19,6 @@ GOOD = 0.03  # of the spread: what a law leaves at most that holds from the firs
 KEPT = 3  # rolls of each clip: a fit's own, and those a step of a derivative up and down
 USUAL_SLANT = view.FAR * view.USUAL[0]  # tangent
 
-Latest = deque[tuple[bytes, Frames, np.ndarray]]
-
 
 @dataclass(frozen=True)
 class Model:
@@ -52,13 +50,14 @@ class Model:
         numbers, starts = self.split(values, len(clips))
         if len(clips) == 1:
             return [self.law.roll(numbers, starts[0], clips[0].times, clips[0].inputs)]
-        each = zip(clips, starts, self._latest(len(clips)), strict=True)
-        return [self._rolled(clip, numbers, start, latest) for clip, start, latest in each]
+        each = enumerate(zip(clips, starts, strict=True))
+        return [self._rolled(number, clip, numbers, start) for number, (clip, start) in each]
 
     def _rolled(
-        self, clip: Frames, numbers: np.ndarray, start: np.ndarray, latest: Latest
+        self, number: int, clip: Frames, numbers: np.ndarray, start: np.ndarray
     ) -> np.ndarray:
         """One clip's; a derivative by the start of another asks for the same again."""
+        latest = self._kept.setdefault(number, deque(maxlen=KEPT))
         asked = numbers.tobytes() + start.tobytes()
         for known, of, rolled in latest:
             if known == asked and of is clip:
@@ -68,15 +67,10 @@ class Model:
         latest.appendleft((asked, clip, rolled))
         return rolled
 
-    def _latest(self, clips: int) -> list[Latest]:
-        """What was rolled last of each clip."""
-        if len(self._kept) != clips:
-            self._kept[:] = [deque(maxlen=KEPT) for _ in range(clips)]
-        return self._kept
-
     @cached_property
-    def _kept(self) -> list[Latest]:
-        return []
+    def _kept(self) -> dict[int, deque[tuple[bytes, Frames, np.ndarray]]]:
+        """What was rolled last of each clip."""
+        return {}
 
 
 @dataclass(frozen=True)

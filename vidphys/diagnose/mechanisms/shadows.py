@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from vidphys.diagnose.recordings.broken import noise_of
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
 # of its way: what two bodies leave of the proportion at least that move by themselves; a lens bends
@@ -130,10 +131,5 @@ def _below(motion: Motion, body: int, other: int) -> bool:
     if not (places[:, 0, 1] < places[:, 1, 1]).all() or two <= AS_FAR * one:
         return False
     aside, above = places[:, 1].mean(0) - places[:, 0].mean(0)
-    return not (two < one and abs(aside) < UPRIGHT * above and _rougher(places))
-
-
-def _rougher(places: np.ndarray) -> bool:
-    """Whether the second of two ``(t, 2, 2)`` is followed less surely, by what does not last."""
-    one, two = np.median(np.linalg.norm(np.diff(places, 3, axis=0), axis=-1), 0)
-    return bool(two > ROUGHER * one)
+    rougher = noise_of(places[:, 1]) > ROUGHER * noise_of(places[:, 0])
+    return not (two < one and abs(aside) < UPRIGHT * above and rougher)

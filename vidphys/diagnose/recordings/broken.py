@@ -59,7 +59,7 @@ def mend(
     A single frame keeps its time stamp, which is then a gap. After a pause from which bodies go on
     as slowly as they went before it, the clock goes on where it stopped.
     """
-    steps, noise, times = np.diff(positions, axis=0), _noise(positions), times.copy()
+    steps, noise, times = np.diff(positions, axis=0), noise_of(positions), times.copy()
     usual = float(np.median(np.diff(times)))
     doubled: list[int] = []
     paused: list[int] = []
@@ -84,7 +84,7 @@ def mend(
     return Mended(seen, times, tuple(doubled), tuple(paused), tuple(missing))
 
 
-def _noise(positions: np.ndarray) -> float:
+def noise_of(positions: np.ndarray) -> float:
     """Of a coordinate, from third differences; robust against what is broken."""
     third = np.diff(positions, 3, axis=0)
     third = third[np.isfinite(third)]
