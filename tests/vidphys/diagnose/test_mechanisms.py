@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
-from vidphys.diagnose.mechanisms import bodies, view
+from vidphys.diagnose.mechanisms import bodies, mechanism, view
 from vidphys.diagnose.mechanisms.bodies import _released, of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.choose import fits_of, pictured, roughly
@@ -21,7 +21,7 @@ from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, Shapes
-from vidphys.diagnose.mechanisms.mechanism import find_mechanism
+from vidphys.diagnose.mechanisms.mechanism import find_mechanism, meeting
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
@@ -573,7 +573,7 @@ def test_a_ball_is_told_from_the_hand_that_carries_and_throws_it():
     np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
 
 
-def beating(law, share=0.1, rate=5.0, frames=200):
+def beating(law, share=0.1, rate=5.0, frames=200, begins=0.3):
     """Places of two bodies that a spring ties, the first let go at rest, ``(t, 2, 2)``.
 
     Args:
@@ -587,7 +587,7 @@ def beating(law, share=0.1, rate=5.0, frames=200):
         return [*y[2:], -(rate**2) * own(y[0]) - pull, -(rate**2) * own(y[1]) + pull]
 
     times = np.arange(frames) * STEP
-    a, b = solve_ivp(slope, (0, times[-1]), [0.3, 0.0, 0, 0], t_eval=times, rtol=1e-9).y[:2]
+    a, b = solve_ivp(slope, (0, times[-1]), [begins, 0.0, 0, 0], t_eval=times, rtol=1e-9).y[:2]
     pivots, angles = np.array([[-0.3, 0.4], [0.2, 0.4]]), np.stack([a, b], -1)
     if law == "trap":
         return pivots + 0.4 * np.stack([angles, 0 * angles], -1)
@@ -612,12 +612,65 @@ def test_two_bodies_that_a_spring_ties_are_kept_though_neither_has_a_law_of_its_
 
 
 def test_two_bodies_that_a_spring_ties_are_kept_where_they_are_followed_badly():
-    steps = np.random.default_rng(3).standard_normal((260, 2, 2))
-    slips = np.stack([steps[k : k + 200] for k in range(60)]).mean(0)  # mistakes that last
-    places = beating("pendulum") + 0.003 * slips / slips.std()
+    places = beating("pendulum") + lasting(0.003)
     looked_at, said = of_lawful_bodies(noisy(np.concatenate([waving(), places], 1), 5e-4))
     assert looked_at.bodies == 2 and said[0].startswith("3 things move")
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
+
+
+def lasting(size, seed=3):
+    """Mistakes of a tracker that last, of two bodies, ``(200, 2, 2)``."""
+    steps = np.random.default_rng(seed).standard_normal((260, 2, 2))
+    slips = np.stack([steps[k : k + 200] for k in range(60)]).mean(0)
+    return size * slips / slips.std()
+
+
+@pytest.mark.parametrize(
+    ("left", "each", "lawful", "tied"),
+    [
+        (0.02, [0.02, 0.2], [0], True),  # as little as a law leaves that holds
+        (0.04, [0.03, 0.06], [0], True),  # far less than their own laws leave, 0.05 and 0.25
+        (0.04, [0.05, 0.12], [0], False),
+        (0.06, [0.03, 0.06], [0], False),
+        (0.06, [0.03, 0.06], [], True),
+        (0.16, [0.03, 0.06], [], False),
+        (0.02, [0.02, 0.02], [0, 1], False),  # each by itself
+    ],
+)
+def test_what_springs_may_leave_of_two_bodies(left, each, lawful, tied, monkeypatch):
+    own = {body: [SimpleNamespace(left=x)] for body, x in enumerate((0.05, 0.25))}
+    fit = SimpleNamespace(left=left, spread=1.0, left_each=each)
+    monkeypatch.setattr(bodies, "coupled", lambda clips, fits, camera: [fit])
+    motion = noisy(beating("trap", frames=20), 5e-4)
+    assert bodies._tied(motion, own, lawful) == ([0, 1] if tied else [])
+
+
+def test_what_a_law_leaves_of_each_body():
+    both = noisy(beating("trap") + [[0.0], [1.0]] * lasting(0.003), 5e-4)
+    fit = find_mechanism(both).groups[0].fit
+    both = np.sqrt(np.square(fit.left_each).mean())
+    assert fit.left_each[1] > 3 * fit.left_each[0] and both == pytest.approx(fit.left)
+
+
+def test_what_another_pulls_is_tried_on_as_long_a_string_though_nothing_of_an_arc_is_seen():
+    places = beating("pendulum", share=0.04, rate=4.0, frames=90, begins=0.7)
+    both = noisy(places, 2e-3)
+    alone = fits_of(frames_of(both, [1]), angles=False)
+    assert alone and not any("pendulum" in x.kinds for x in alone)
+    found = find_mechanism(both)
+    assert found.kinds == {"pendulum", "pair"}
+    fit = found.groups[0].fit
+    for chart, geometry in zip(fit.model.charts, fit.geometry, strict=True):
+        assert chart.length(geometry) == pytest.approx(0.4, rel=0.05)
+
+
+@pytest.mark.parametrize(("behind", "met"), [(2.0, True), (6.0, False)])
+def test_bodies_meet_where_a_law_that_is_nearly_as_likely_holds(behind, met, monkeypatch):
+    fits = [SimpleNamespace(holds=held, score=s) for held, s in ((False, 0.0), (True, -behind))]
+    monkeypatch.setattr(mechanism, "parties", lambda clips: [(0, 1)])
+    monkeypatch.setattr(mechanism, "colliding", lambda clips, camera: fits)
+    groups = meeting(noisy(beating("trap"), 5e-4), camera=True)
+    assert [group.fit for group in groups] == ([fits[0]] if met else [])
 
 
 def test_a_ball_that_a_hand_drops_and_that_comes_to_rest_is_told_from_the_hand():
@@ -728,6 +781,18 @@ def test_what_only_drifts_does_not_win_over_a_likelier_body_that_a_law_nearly_mo
     looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, sways], 1), 5e-4))
     assert looked_at.bodies == 1
     np.testing.assert_allclose(looked_at.positions[0, :, 0], [ball, sways][followed], atol=3e-3)
+
+
+def test_a_hand_that_comes_to_rest_as_a_law_has_it_is_left_for_a_ball_that_fell_far():
+    times = np.arange(140) / 30
+    free = np.clip(times - 1.0, 0, 1.6)  # then it lies
+    fall = replace(BALL, restitution=0.55, start=-0.6, speed=0.0)
+    ball = np.stack([0.05 * free, 0.6 + 0.01 * np.sin(5 * np.minimum(times, 1.0))], -1)
+    ball[30:, 1] = ball[29, 1] - 0.6 - fall.path(free)[30:]
+    settles = np.exp(-1.5 * times) * np.cos(6 * times)
+    hand = [0.1, 0.7] + 0.1 * settles[:, None] * [1.0, 0.5]
+    both = noisy(np.stack([ball, hand], 1), 5e-6)
+    assert bodies._laws_once_free(both, 1) and _released(both, []) == [0]
 
 
 @pytest.mark.parametrize(("reach", "let_go"), [(0.2, []), (0.5, [1])])

@@ -220,14 +220,15 @@ def _released(motion: Motion, lawful: list[int]) -> list[int]:
     resting = [body for body in staying if _rests(motion, body)]
     staying = [body for body in staying if body not in resting]
     staying += [] if lawful else resting
+    far = _not_at_rest(motion, staying, LITTLE)
+    staying = [body for body in staying if body in far or body not in resting]
     laws = {body: _laws_once_free(motion, body) for body in staying}
     found = [body for body in staying if laws[body]]
     flying = [b for b in found if any(x.model.law.restoring == "uniform" for x in laws[b])]
     found = flying if flying[:1] == found[:1] else found
     if found or any(_stays_on(motion, x) and not _rests(motion, x) for x in lawful):
         return found
-    far = _not_at_rest(motion, staying, LITTLE)
-    moving = [x for x in _not_at_rest(motion, staying) if x in far or x not in resting]
+    moving = _not_at_rest(motion, staying)
     return list(islice((x for x in moving if _lawful_later(motion, x)), 1))
 
 
@@ -310,9 +311,9 @@ def _clips(motion: Motion, bodies: list[int]) -> list[Frames]:
 def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[int]) -> list[int]:
     """The two that springs tie to each other best, of which not both have a law of their own.
 
-    Beside other things that move, whoever follows them errs more. Of two of which neither has a law
-    of its own, springs may leave as much as a camera that stands askew, if it is far less than
-    their own laws leave.
+    Beside other things that move, whoever follows them errs more. Springs may leave as much as a
+    camera that stands askew, if of each body it is far less than its own laws leave, in the
+    geometric mean; beside one that has a law of its own, as much as of a view that is set right.
 
     Args:
         laws: of each body that is seen in nearly all frames, before any mending.
@@ -326,11 +327,11 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
         both = coupled(_clips(motion, pair), fits, camera=True)
         if not both:
             continue
-        alone = np.sqrt(np.mean([min(x.left for x in each) ** 2 for each in fits]))
         best = both[0]
-        most = GOOD * best.spread
-        if not set(pair) & set(lawful):
-            most = max(most, min(ASKEW * best.spread, MUCH_LESS * float(alone)))
+        own = [min(fit.left for fit in each) for each in fits]
+        share = float(np.sqrt(np.prod(np.divide(best.left_each, own))))
+        askew = STRAIGHTENED if set(pair) & set(lawful) else ASKEW
+        most = (askew if share < MUCH_LESS else GOOD) * best.spread
         if best.left < most:
             tied.append((best.left / best.spread, pair))
     return min(tied, default=(0.0, []))[1]

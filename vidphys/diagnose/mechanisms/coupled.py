@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from vidphys.diagnose.mechanisms.charts import Arc, Chart
+from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart
 from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import Law
 
 # of log likelihood after its price, by which one law must beat a law for each, and what pushes
@@ -34,7 +35,13 @@ def coupled(
     """
     runners = []
     for restoring in ("trap", "pendulum"):
-        each = [next(filter(_pulled(restoring), fits), None) for fits in laws]
+        alike = _pulled(restoring)
+        each = [next((x for x in fits if alike(x.model.law)), None) for fits in laws]
+        one = next((x for x in each if x is not None), None)
+        if one is None:
+            continue
+        # A body that another one pulls may move by no such law alone.
+        each = [x or _like(clips, body, one) for body, x in enumerate(each)]
         known = [x for x in each if x is not None]
         if len(known) < len(laws):
             continue
@@ -51,6 +58,17 @@ def coupled(
     likely = ranked([x for x in (best, _without_friction(clips, best)) if x and makes_sense(x)])
     alone = sum(fits[0].score for fits in laws)
     return likely if likely and likely[0].score > alone + CLEARLY else []
+
+
+def _like(clips: Sequence[Frames], body: int, other: Fit) -> Fit | None:
+    """A law of one body by itself, of the kind of another's, and on as long a string."""
+    alone = [clip.of(body) for clip in clips]
+    chart, geometry = other.model.charts[0], other.geometry[0]
+    string = chart.vectors(geometry)[2] if isinstance(chart, Arc) else None
+    alike = _pulled(other.model.law.restoring)
+    started = guesses(alone, isinstance(chart, Angle), string)
+    runners = [(x.model, x.values) for x in started if alike(x.model.law)]
+    return max(race(alone, runners), key=lambda x: x.score, default=None) if runners else None
 
 
 def _usual(found: Fit) -> float:
@@ -81,9 +99,8 @@ def _without_friction(clips: Sequence[Frames], found: Fit) -> Fit | None:
     return fit(clips, model, np.delete(found.values, law.names.index("linear")))
 
 
-def _pulled(restoring: str) -> Callable[[Fit], bool]:
-    def holds(fit: Fit) -> bool:
-        law = fit.model.law
+def _pulled(restoring: str) -> Callable[[Law], bool]:
+    def holds(law: Law) -> bool:
         return law.restoring == restoring and law.coordinates == 1 and not law.walls
 
     return holds

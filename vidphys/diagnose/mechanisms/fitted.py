@@ -124,6 +124,12 @@ class Fit:
         return _rms(self.residuals)
 
     @property
+    def left_each(self) -> list[float]:
+        """The same of each body."""
+        bodies = len(self.model.charts)
+        return [_rms(self.residuals[body::bodies]) for body in range(bodies)]
+
+    @property
     def spread(self) -> float:
         """Root mean square distance of the bodies from their means."""
         places = [s.places - s.places.mean(0) for clip in self.clips for s in clip.stretches]

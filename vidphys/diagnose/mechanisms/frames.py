@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,10 @@ class Frames:
     def impacts(self) -> list[Impact]:
         """Of the first body."""
         return find_impacts(self.stretches[0].times, self.stretches[0].places)
+
+    def of(self, body: int) -> Frames:
+        """What was seen of one body alone."""
+        return replace(self, seen=(self.seen[body],), stretches=(self.stretches[body],))
 
     def upto(self, count: int) -> Frames:
         """The first frames."""

@@ -77,8 +77,16 @@ def _local(times: np.ndarray, s: np.ndarray, half: int) -> Local:
     return Local(times, found[:, 0], found[:, 1] / by, a)
 
 
-def guesses(clips: Sequence[Frames], angles: bool) -> Iterator[Guess]:
-    """All charts and restoring forces that one body may have, each with linear friction."""
+def guesses(
+    clips: Sequence[Frames], angles: bool, string: np.ndarray | None = None
+) -> Iterator[Guess]:
+    """All charts and restoring forces that one body may have, each with linear friction.
+
+    Args:
+        clips: of the body.
+        angles: whether its coordinate is an angle in radians.
+        string: from where the body rests to where it hangs, ``(2,)``, if that is known.
+    """
     places = np.concatenate([clip.stretches[0].places for clip in clips])
     space = places.shape[1]
     if angles:
@@ -87,7 +95,7 @@ def guesses(clips: Sequence[Frames], angles: bool) -> Iterator[Guess]:
     if space > 1:
         for restoring in ("none", "uniform", "trap"):
             yield _in(Plane(space), restoring, clips, lambda places: places)
-        yield from _arcs(clips, places)
+        yield from _arcs(clips, places, string)
     middle = places.mean(0)
     extents, axes = np.linalg.svd(places - middle, full_matrices=False)[1:]
     if space == 1 or extents[1] < THIN * extents[0]:
@@ -205,11 +213,13 @@ def _hanging(seen: Sequence[Local]) -> list[tuple[float, float, float, np.ndarra
     return [(swing, rest, float(found[2]), gains), (spectral * slow**2, middle, 0.0, gains)]
 
 
-def _arcs(clips: Sequence[Frames], places: np.ndarray) -> Iterator[Guess]:
+def _arcs(
+    clips: Sequence[Frames], places: np.ndarray, string: np.ndarray | None
+) -> Iterator[Guess]:
     """A circle through the places, if there is one, and the pendulum on it."""
     if places.shape[1] != 2:
         return
-    centre = circle_through(places)
+    centre = circle_through(places) if string is None else places.mean(0) + string
     if centre is None:
         return
     rest = _mean_direction(places - centre)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.chain import chained, linked
-from vidphys.diagnose.mechanisms.choose import fits_of, makes_sense, ranked, roughly
+from vidphys.diagnose.mechanisms.choose import LIKELIER, fits_of, makes_sense, ranked, roughly
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import CLEARLY, coupled
 from vidphys.diagnose.mechanisms.fit import fit
@@ -242,11 +242,15 @@ def _all(motion: Motion, fits: Sequence[Fit]) -> tuple[Group, ...] | None:
 
 
 def meeting(motion: Motion, camera: bool) -> list[Group]:
-    """Bodies that meet each other, and then go on by the law of collisions."""
+    """Bodies that meet each other, and then go on by the law of collisions.
+
+    Such a law holds, or one that is nearly as likely and has a term more: how much a law may leave
+    is a round figure.
+    """
     groups = []
     for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
         fits = colliding(frames_of(motion, party), camera)
-        if fits and fits[0].holds:
+        if any(x.holds for x in fits if x.score > fits[0].score - LIKELIER):
             groups.append(Group(party, fits[0], tuple(fits[1:])))
     return groups
 
