@@ -11,8 +11,8 @@ from scipy.stats import multivariate_normal
 
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
-from vidphys.diagnose.mechanisms import bodies, mechanism, view
-from vidphys.diagnose.mechanisms.bodies import _released, of_lawful_bodies
+from vidphys.diagnose.mechanisms import bodies, let_go, mechanism, view
+from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.choose import fits_of, pictured, roughly
 from vidphys.diagnose.mechanisms.fit import fit
@@ -20,6 +20,7 @@ from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.impacts import find_impacts, walls_of
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.let_go import released
 from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, Shapes
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism, meeting
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
@@ -696,8 +697,8 @@ def test_a_hand_that_rests_when_it_has_let_go_is_not_taken_for_the_ball():
     ball = held + np.stack([0.9 * free, 2.6 * free - 4.9 * free**2], -1)
     arm = held * [1.0, 0.6] - [0.1, 0.1]
     motion = noisy(np.stack([arm, ball], 1), 5e-4)
-    assert _released(motion, [1]) == []
-    assert _released(motion, []) == [1]
+    assert released(motion, [1]) == []
+    assert released(motion, []) == [1]
 
 
 def test_a_ball_that_flies_from_a_hand_is_not_left_for_a_hand_that_comes_to_rest():
@@ -707,8 +708,8 @@ def test_a_ball_that_flies_from_a_hand_is_not_left_for_a_hand_that_comes_to_rest
     ball[times < 1.1] = np.nan  # in the hand it is not seen
     hand = np.where(times < 1.2, 0.2 * np.sin(9 * times**2), 0.05 * np.exp(-6 * (times - 1.2)))
     hand = np.stack([hand, 0.5 * hand**2 - 0.3], -1)
-    assert _released(noisy(np.stack([hand, ball], 1), 5e-4), [1]) == []
-    assert _released(noisy(hand[:, None], 5e-4), []) == [0]  # but it may be what was let go
+    assert released(noisy(np.stack([hand, ball], 1), 5e-4), [1]) == []
+    assert released(noisy(hand[:, None], 5e-4), []) == [0]  # but it may be what was let go
 
 
 def test_a_ball_that_is_followed_badly_is_not_left_for_what_comes_to_rest():
@@ -721,8 +722,8 @@ def test_a_ball_that_is_followed_badly_is_not_left_for_what_comes_to_rest():
     ball += 0.02 * np.random.default_rng(3).standard_normal(ball.shape)
     slides = 0.4 - 0.4 * np.maximum(1 - times, 0)[:, None] ** 2 * [1.0, 0.3]
     both = noisy(np.stack([ball, slides], 1), 5e-4)
-    assert _released(both, [1]) == [0]
-    assert _released(both, []) == [0]
+    assert released(both, [1]) == [0]
+    assert released(both, []) == [0]
 
 
 @pytest.mark.parametrize(("first", "let_go"), [(0, [0]), (1, [0, 1])])
@@ -733,7 +734,7 @@ def test_where_the_likeliest_flies_a_hand_that_swings_on_was_not_let_go(first, l
     ball = way + np.stack([0.3 * free, 2.6 * free - 4.9 * free**2], -1)
     hand = way + 0.15 * np.sin(3.5 * free)[:, None] * [1.0, 0.4] - [0.1, 0.1]
     both = [ball, hand] if first == 0 else [hand, ball]
-    assert _released(noisy(np.stack(both, 1), 5e-4), []) == let_go
+    assert released(noisy(np.stack(both, 1), 5e-4), []) == let_go
 
 
 def test_a_hand_that_only_comes_to_rest_is_no_second_body():
@@ -792,20 +793,20 @@ def test_a_hand_that_comes_to_rest_as_a_law_has_it_is_left_for_a_ball_that_fell_
     settles = np.exp(-1.5 * times) * np.cos(6 * times)
     hand = [0.1, 0.7] + 0.1 * settles[:, None] * [1.0, 0.5]
     both = noisy(np.stack([ball, hand], 1), 5e-6)
-    assert bodies._laws_once_free(both, 1) and _released(both, []) == [0]
+    assert let_go._laws_once_free(both, 1) and released(both, []) == [0]
 
 
-@pytest.mark.parametrize(("reach", "let_go"), [(0.2, []), (0.5, [1])])
+@pytest.mark.parametrize(("reach", "freed"), [(0.2, []), (0.5, [1])])
 def test_what_comes_to_rest_and_goes_far_less_than_another_was_not_let_go(
-    monkeypatch, reach, let_go
+    monkeypatch, reach, freed
 ):
     times = np.arange(90)
     bouncing = np.abs(np.sin(0.1 * times))
     settles = reach * np.exp(-0.1 * times)
     both = np.stack([bouncing, settles], 1)[..., None] * [0.6, 0.8]
-    monkeypatch.setattr(bodies, "_laws_once_free", lambda motion, body: [])
-    monkeypatch.setattr(bodies, "_lawful_later", lambda motion, body: body == 1)
-    assert _released(noisy(both, 5e-4), []) == let_go
+    monkeypatch.setattr(let_go, "_laws_once_free", lambda motion, body: [])
+    monkeypatch.setattr(let_go, "lawful_later", lambda motion, body: body == 1)
+    assert released(noisy(both, 5e-4), []) == freed
 
 
 def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,6 +111,11 @@ class Motion:
         return replace(
             self, positions=self.positions[:, first:stop], times=self.times[:, first:stop]
         )
+
+    def of(self, bodies: Sequence[int]) -> Motion:
+        """Some of the bodies."""
+        some = list(bodies)
+        return replace(self, positions=self.positions[:, :, some], mass=self.mass[:, some])
 
     def take(self, clips: np.ndarray) -> Motion:
         """Some of the clips."""
