@@ -796,6 +796,23 @@ def test_a_hand_that_comes_to_rest_as_a_law_has_it_is_left_for_a_ball_that_fell_
     assert let_go._laws_once_free(both, 1) and released(both, []) == [0]
 
 
+@pytest.mark.parametrize("reach", [0.1, 0.3])  # half of its extent
+@pytest.mark.parametrize("ball", [0, 1])
+def test_a_likelier_ball_that_bounces_on_is_not_left_for_what_goes_far_less(
+    ball, reach, monkeypatch
+):
+    times = np.arange(90)
+    bouncing, sways = np.abs(np.sin(0.1 * times)), reach * np.sin(0.1 * times)
+    both = np.stack([bouncing, sways] if ball == 0 else [sways, bouncing], 1)
+    law = SimpleNamespace(model=SimpleNamespace(law=SimpleNamespace(restoring="trap")))
+    monkeypatch.setattr(
+        let_go, "_laws_once_free", lambda motion, body: [law] if body != ball else []
+    )
+    monkeypatch.setattr(let_go, "lawful_later", lambda motion, body: body == ball)
+    freed = released(noisy(both[..., None] * [0.6, 0.8], 5e-4), [])
+    assert freed == [0 if ball == 0 and 2 * reach < let_go.LITTLE else 1 - ball]
+
+
 @pytest.mark.parametrize(("reach", "freed"), [(0.2, []), (0.5, [1])])
 def test_what_comes_to_rest_and_goes_far_less_than_another_was_not_let_go(
     monkeypatch, reach, freed

@@ -33,8 +33,9 @@ def released(motion: Motion, lawful: list[int]) -> list[int]:
 
     A hand that lets go comes and goes, and for so short a time any law fits it. Or it rests; so one
     that rests at the end is asked last, and only where a law moves no other. Or it stays in view:
-    where the likeliest flies, only what flies was let go. What hardly moves is a spot of noise,
-    and what comes to rest and goes far less than another is the hand.
+    where the likeliest flies, only what flies was let go. What hardly moves is a spot of noise;
+    what goes far less than another is the hand, if it comes to rest, or if the other is likelier
+    and bounces too often for one law to have all of its way.
 
     Args:
         lawful: what a law moves already: asked are bodies that are likelier than these, or of the
@@ -58,6 +59,9 @@ def released(motion: Motion, lawful: list[int]) -> list[int]:
     found = [body for body in staying if laws[body]]
     flying = [b for b in found if any(x.model.law.restoring == "uniform" for x in laws[b])]
     found = flying if flying[:1] == found[:1] else found
+    if found and not set(found) & set(far):
+        likelier = (body for body in far if body < found[0] and lawful_later(motion, body))
+        found = list(islice(likelier, 1)) or found
     if found or any(stays_on(motion, x) and not rests(motion, x) for x in lawful):
         return found
     moving = not_at_rest(motion, staying)
