@@ -60,12 +60,14 @@ def released(motion: Motion, lawful: list[int]) -> list[int]:
     flying = [b for b in found if any(x.model.law.restoring == "uniform" for x in laws[b])]
     found = flying if flying[:1] == found[:1] else found
     if found and not set(found) & set(far):
-        likelier = (body for body in far if body < found[0] and lawful_later(motion, body))
-        found = list(islice(likelier, 1)) or found
+        found = _first_lawful_later(motion, [x for x in far if x < found[0]]) or found
     if found or any(stays_on(motion, x) and not rests(motion, x) for x in lawful):
         return found
-    moving = not_at_rest(motion, staying)
-    return list(islice((x for x in moving if lawful_later(motion, x)), 1))
+    return _first_lawful_later(motion, not_at_rest(motion, staying))
+
+
+def _first_lawful_later(motion: Motion, bodies: list[int]) -> list[int]:
+    return list(islice((body for body in bodies if lawful_later(motion, body)), 1))
 
 
 def _laws_once_free(motion: Motion, body: int) -> list[Fit]:

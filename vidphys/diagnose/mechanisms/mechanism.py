@@ -244,8 +244,7 @@ def _all(motion: Motion, fits: Sequence[Fit]) -> tuple[Group, ...] | None:
 def meeting(motion: Motion, camera: bool) -> list[Group]:
     """Bodies that meet each other, and then go on by the law of collisions.
 
-    Such a law holds, or one that is nearly as likely and has a term more: how much a law may leave
-    is a round figure.
+    The likeliest law holds, or one that is nearly as likely: what may be left is a round figure.
     """
     groups = []
     for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
