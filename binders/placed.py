@@ -25,7 +25,12 @@ AGREED = 0.5  # of the frames, in which a pixel is the body's
 RIM = 2  # pixels around it that are not
 SOFT = 0.7  # pixels, by which an outline is smoothed
 STEADY = 0.6  # :func:`.lawful.steadiness`, below which it has not one picture
-BETTER = 0.05  # of the logarithm of how far off a law is, to leave an earlier way for a later one
+BETTER = 0.1  # of the logarithm of how far off a law is, to leave an earlier way for a later one
+WHOLE = 0.94  # of its usual size, below which a blob is but a part of it
+AS_USUAL = 1.2  # times the usual difference from its picture, that is found there
+TOGETHER = 0.1  # sizes, within which three ways are at one place
+OFF = 4.0  # times as far as usual from what two of three agree on,
+PIXEL = 0.25  # and pixels more, from which a way is wrong
 OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
 
 
@@ -46,9 +51,10 @@ def placed(
     """The hypothesis at the places, of three ways to tell them, that are the most lawful.
 
     They are the middles of its outline, those of its blobs, and, unless it changes its looks as
-    what turns or is seen from ever another side does, those of its picture. Where the other two
-    agree against the blobs, these do not count: what stands out of a body only before a white
-    board moves along the board, which is a law as well.
+    what turns or is seen from ever another side does, those of its picture. In frames where one
+    is off from what two of the three agree on, as where something passes, it is there. Where
+    outline and picture agree against the blobs throughout, these do not count: what stands out of
+    a body only before a white board moves along the board, which is a law as well.
 
     Args:
         body: as blobs show it, pixels of the frames.
@@ -56,19 +62,44 @@ def placed(
         changed: what differs from the background in each.
         times: of each frame, in units of the usual interval.
     """
-    ways = [_refined(body, frames, changed, None)]
+    outline, _ = _refined(body, frames, changed, None)
+    ways = [outline, body.positions]
     if steadiness(body) > STEADY:
         exposed = _exposed(frames, np.nonzero(body.seen)[0])
-        if not _turns(body, frames, ways[0], exposed):
-            ways.append(_refined(body, frames, changed, exposed))
-    if len(ways) == 1 or not _agree(ways[0], ways[1], body.positions):
-        ways.insert(1, body.positions)
+        if not _turns(body, frames, outline, exposed):
+            picture, unlike = _refined(body, frames, changed, exposed)
+            ways = _mended(body, [*ways, picture], unlike)
+            if _agree(outline, picture, body.positions):
+                ways.pop(1)
     best, most = ways[0], -np.inf
     for places in ways:
         told = foretold(places, times)
         if told > most:
             best, most = places, told + BETTER
     return replace(body, positions=best)
+
+
+def _mended(body: Hypothesis, three: list[np.ndarray], unlike: np.ndarray) -> list[np.ndarray]:
+    """Three ways, the last its picture, each where two of them agree if it is far off from there.
+
+    Where its blob is but a part of it, two may agree on the middle of that part. There it is where
+    its picture is, if that is as like it as usual; else it is seen only if all three agree.
+    """
+    ways = np.stack(three)
+    part = body.size < WHOLE * body.usual_size
+    shift = np.nanmedian((ways - ways[:1])[:, ~part], 1)[:, None]  # they tell points of their own
+    ways = ways - shift
+    voted = np.median(ways, 0)
+    voted[part & (_length(np.ptp(ways, 0)) > TOGETHER * body.usual_size)] = np.nan
+    found = part & (unlike < AS_USUAL * np.nanmedian(unlike))
+    voted[found] = ways[-1, found]
+    off = _length(ways - voted)
+    wrong = part | (off > OFF * np.nanmedian(off[:, ~part], 1)[:, None] + PIXEL)
+    return list(np.where(wrong[..., None], voted, ways) + shift)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def _agree(one: np.ndarray, other: np.ndarray, third: np.ndarray) -> bool:
@@ -97,8 +128,11 @@ def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray, exposed: np.n
 
 def _refined(
     body: Hypothesis, frames: Pictures, changed: Pictures, exposed: np.ndarray | None
-) -> np.ndarray:
-    """Its places by its picture, of frames made equally bright; or by its outline."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Its places by its picture, of frames made equally bright; or by its outline.
+
+    And how unlike it is there, ``(t,)``.
+    """
     import cv2
 
     size, seen = body.usual_size, np.nonzero(body.seen)[0]
@@ -119,12 +153,12 @@ def _refined(
     within = body.positions[seen] - corners
     for reach in REACH:
         looks = _looks(shown, outline, within, half, pictured)
-        within = np.array(
-            [_found(shown(n), looks, place, reach * size) for n, place in enumerate(within)]
-        )
-    places = body.positions.copy()
+        found = [_found(shown(n), looks, place, reach * size) for n, place in enumerate(within)]
+        within = np.array([place for place, _ in found])
+    places, unlike = body.positions.copy(), np.full(len(body.seen), np.nan)
     places[seen] = within + corners
-    return places
+    unlike[seen] = [each for _, each in found]
+    return places, unlike
 
 
 def _exposed(frames: Pictures, seen: np.ndarray) -> np.ndarray:
@@ -166,23 +200,29 @@ def _looks(
     return _Looks(outline.astype(np.float32), rim.astype(np.float32))
 
 
-def _found(window: np.ndarray, looks: _Looks, place: np.ndarray, reach: float) -> np.ndarray:
-    """Where in a window it fits best, near a place; the place where it is nowhere."""
+def _found(
+    window: np.ndarray, looks: _Looks, place: np.ndarray, reach: float
+) -> tuple[np.ndarray, float]:
+    """Where in a window it fits best, near a place; and how far off its looks are there.
+
+    The place, and NaN, where it is nowhere.
+    """
     import cv2
 
     if not looks.counts.any():
-        return place
+        return place, np.nan
     half, n = len(looks.patch) // 2, int(np.ceil(reach))
     middle = np.rint(place).astype(int)
     low = np.maximum(middle - n - half, 0)
     high = np.minimum(middle + n + half + 1, window.shape[0])
     if (high - low < 2 * half + 3).any():
-        return place
+        return place, np.nan
     part = np.ascontiguousarray(window[low[1] : high[1], low[0] : high[0]])
     mask = np.repeat(looks.counts[..., None], looks.patch.shape[2], 2)
     cost = cv2.matchTemplate(part, looks.patch, cv2.TM_SQDIFF, mask=mask)
     y, x = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
-    return low + half + np.array([vertex(cost[y], x), vertex(cost[:, x], y)])
+    unlike = float(np.sqrt(max(cost[y, x], 0) / looks.counts.sum()))
+    return low + half + np.array([vertex(cost[y], x), vertex(cost[:, x], y)]), unlike
 
 
 def vertex(values: Float[np.ndarray, " k"], best: int) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from binders.exchanged import apart, told_apart
 from binders.hypotheses import Hypothesis
 from binders.motion import MotionBinder
-from binders.placed import placed
+from binders.placed import _mended, placed
 
 FRAMES, SIDE, RADIUS = 60, 96, 7.0
 Y, X = np.mgrid[:SIDE, :SIDE]
@@ -105,6 +105,37 @@ def test_a_ball_stays_where_it_is_while_the_exposure_drifts() -> None:
     blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
     found = placed(blobs, frames, changed, t.astype(float))
     assert np.abs(found.positions - path).max() < 0.5
+
+
+def test_a_body_that_a_post_half_hides_is_not_in_the_middle_of_what_it_leaves() -> None:
+    path, t = swing(), np.arange(FRAMES)
+    frames, post = drawn(path, rod=0.0), np.abs(X - 76) < 6
+    frames[:, post] = (255, 0, 255)  # as unlike the body as can be: its picture shuns it
+    shown = np.hypot(X - path[:, 0, None, None], Y - path[:, 1, None, None]) < RADIUS
+    shown &= ~post
+    left = shown & (X < 76)
+    shown = np.where((left.sum((1, 2)) > 40)[:, None, None], left, shown)  # the larger part
+    area = shown.sum((1, 2))
+    middle = np.stack([(shown * X).sum((1, 2)), (shown * Y).sum((1, 2))], 1) / area[:, None]
+    assert np.abs(middle - path).max() > 3  # or this shows nothing
+    ones, size = np.ones(FRAMES), np.sqrt(area / np.pi)
+    blobs = Hypothesis(middle, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    off = np.abs(placed(blobs, frames, shown, t.astype(float)).positions - path).max(1)
+    assert np.nanmax(off) < 1.0
+    assert np.isfinite(off).mean() > 0.7
+
+
+def test_what_draws_one_way_along_for_a_while_is_outvoted() -> None:
+    """As corners of what passes by do: smoothly, so that it looks lawful."""
+    path, t = swing(), np.arange(FRAMES)
+    seen = path + np.stack([4 * np.exp(-(((t - 30) / 4.0) ** 2)), 0 * t], 1)
+    ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    outline, picture = (
+        path + np.random.default_rng(k).normal(scale=0.3, size=path.shape) for k in (0, 1)
+    )
+    _, mended, _ = _mended(blobs, [outline, seen, picture], ones)
+    assert np.abs(mended - path).max() < 2
 
 
 def body(x: np.ndarray, size: np.ndarray) -> Hypothesis:
