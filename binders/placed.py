@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -25,10 +26,12 @@ AGREED = 0.5  # of the frames, in which a pixel is the body's
 RIM = 2  # pixels around it that are not
 SOFT = 0.7  # pixels, by which an outline is smoothed
 STEADY = 0.6  # :func:`.lawful.steadiness`, below which it has not one picture
-BETTER = 0.1  # of the logarithm of how far off a law is, to leave an earlier way for a later one
+BETTER = 0.08  # of the logarithm of how far off a law is, to leave an earlier way for a later one
+MUCH_BETTER = 0.2  # to leave what is mended for what is not: that may err smoothly, as a law does
 WHOLE = 0.94  # of its usual size, below which a blob is but a part of it
+MOSTLY = 0.84  # and below which the middle of that part, that two ways may show, is far off its own
 AS_USUAL = 1.2  # times the usual difference from its picture, that is found there
-TOGETHER = 0.1  # sizes, within which three ways are at one place
+TOGETHER = 0.1  # sizes, within which two ways are at one place
 OFF = 4.0  # times as far as usual from what two of three agree on,
 PIXEL = 0.25  # and pixels more, from which a way is wrong
 OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
@@ -63,34 +66,45 @@ def placed(
         times: of each frame, in units of the usual interval.
     """
     outline, _ = _refined(body, frames, changed, None)
-    ways = [outline, body.positions]
+    ways, best, told = [outline, body.positions], outline, -np.inf
     if steadiness(body) > STEADY:
         exposed = _exposed(frames, np.nonzero(body.seen)[0])
         if not _turns(body, frames, outline, exposed):
             picture, unlike = _refined(body, frames, changed, exposed)
-            ways = _mended(body, [*ways, picture], unlike)
+            ways.append(picture)
+            mended = _mended(body, ways, unlike)
             if _agree(outline, picture, body.positions):
-                ways.pop(1)
-    best, most = ways[0], -np.inf
-    for places in ways:
-        told = foretold(places, times)
-        if told > most:
-            best, most = places, told + BETTER
-    return replace(body, positions=best)
+                ways.pop(1), mended.pop(1)
+            best, told = _most_lawful(mended, times)
+    other, as_told = _most_lawful(ways, times)
+    return replace(body, positions=other if as_told > told + MUCH_BETTER else best)
+
+
+def _most_lawful(ways: list[np.ndarray], times: np.ndarray) -> tuple[np.ndarray, float]:
+    """The way that a law foretells best, an earlier one if nearly as well; and how well."""
+    best, told = ways[0], foretold(ways[0], times)
+    for places in ways[1:]:
+        as_told = foretold(places, times)
+        if as_told > told + BETTER:
+            best, told = places, as_told
+    return best, told
 
 
 def _mended(body: Hypothesis, three: list[np.ndarray], unlike: np.ndarray) -> list[np.ndarray]:
     """Three ways, the last its picture, each where two of them agree if it is far off from there.
 
     Where its blob is but a part of it, two may agree on the middle of that part. There it is where
-    its picture is, if that is as like it as usual; else it is seen only if all three agree.
+    its picture is, if that is as like it as usual; else it is seen only where ways agree: two of
+    them if it is most of it, or all.
     """
     ways = np.stack(three)
     part = body.size < WHOLE * body.usual_size
     shift = np.nanmedian((ways - ways[:1])[:, ~part], 1)[:, None]  # they tell points of their own
     ways = ways - shift
     voted = np.median(ways, 0)
-    voted[part & (_length(np.ptp(ways, 0)) > TOGETHER * body.usual_size)] = np.nan
+    apart = np.sort([_length(one - other) for one, other in combinations(ways, 2)], 0)
+    apart = np.where(body.size < MOSTLY * body.usual_size, apart[-1], apart[0])
+    voted[part & (apart > TOGETHER * body.usual_size)] = np.nan
     found = part & (unlike < AS_USUAL * np.nanmedian(unlike))
     voted[found] = ways[-1, found]
     off = _length(ways - voted)
@@ -205,18 +219,18 @@ def _found(
 ) -> tuple[np.ndarray, float]:
     """Where in a window it fits best, near a place; and how far off its looks are there.
 
-    The place, and NaN, where it is nowhere.
+    The place, and infinity, where it is nowhere.
     """
     import cv2
 
     if not looks.counts.any():
-        return place, np.nan
+        return place, np.inf
     half, n = len(looks.patch) // 2, int(np.ceil(reach))
     middle = np.rint(place).astype(int)
     low = np.maximum(middle - n - half, 0)
     high = np.minimum(middle + n + half + 1, window.shape[0])
     if (high - low < 2 * half + 3).any():
-        return place, np.nan
+        return place, np.inf
     part = np.ascontiguousarray(window[low[1] : high[1], low[0] : high[0]])
     mask = np.repeat(looks.counts[..., None], looks.patch.shape[2], 2)
     cost = cv2.matchTemplate(part, looks.patch, cv2.TM_SQDIFF, mask=mask)
