@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -27,11 +26,10 @@ RIM = 2  # pixels around it that are not
 SOFT = 0.7  # pixels, by which an outline is smoothed
 STEADY = 0.6  # :func:`.lawful.steadiness`, below which it has not one picture
 BETTER = 0.08  # of the logarithm of how far off a law is, to leave an earlier way for a later one
-MUCH_BETTER = 0.2  # to leave what is mended for what is not: that may err smoothly, as a law does
+MUCH_BETTER = 0.15  # to leave what is mended for what is not: that may err smoothly, as a law does
 WHOLE = 0.94  # of its usual size, below which a blob is but a part of it
-MOSTLY = 0.84  # and below which the middle of that part, that two ways may show, is far off its own
 AS_USUAL = 1.2  # times the usual difference from its picture, that is found there
-TOGETHER = 0.1  # sizes, within which two ways are at one place
+TOGETHER = 0.1  # sizes, within which three ways are at one place
 OFF = 4.0  # times as far as usual from what two of three agree on,
 PIXEL = 0.25  # and pixels more, from which a way is wrong
 OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
@@ -94,17 +92,14 @@ def _mended(body: Hypothesis, three: list[np.ndarray], unlike: np.ndarray) -> li
     """Three ways, the last its picture, each where two of them agree if it is far off from there.
 
     Where its blob is but a part of it, two may agree on the middle of that part. There it is where
-    its picture is, if that is as like it as usual; else it is seen only where ways agree: two of
-    them if it is most of it, or all.
+    its picture is, if that is as like it as usual; else it is seen only if all three agree.
     """
     ways = np.stack(three)
     part = body.size < WHOLE * body.usual_size
     shift = np.nanmedian((ways - ways[:1])[:, ~part], 1)[:, None]  # they tell points of their own
     ways = ways - shift
     voted = np.median(ways, 0)
-    apart = np.sort([_length(one - other) for one, other in combinations(ways, 2)], 0)
-    apart = np.where(body.size < MOSTLY * body.usual_size, apart[-1], apart[0])
-    voted[part & (apart > TOGETHER * body.usual_size)] = np.nan
+    voted[part & (_length(np.ptp(ways, 0)) > TOGETHER * body.usual_size)] = np.nan
     found = part & (unlike < AS_USUAL * np.nanmedian(unlike))
     voted[found] = ways[-1, found]
     off = _length(ways - voted)

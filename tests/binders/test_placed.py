@@ -121,7 +121,7 @@ def test_a_body_that_a_post_half_hides_is_not_in_the_middle_of_what_it_leaves() 
     ones, size = np.ones(FRAMES), np.sqrt(area / np.pi)
     blobs = Hypothesis(middle, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
     off = np.abs(placed(blobs, frames, shown, t.astype(float)).positions - path).max(1)
-    assert np.nanmax(off) < 1.5
+    assert np.nanmax(off) < 1.0
     assert np.isfinite(off).mean() > 0.7
 
 
