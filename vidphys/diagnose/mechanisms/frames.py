@@ -56,18 +56,16 @@ class Frames:
         )
 
 
-def frames_of(motion: Motion, bodies: Sequence[int] | None = None) -> list[Frames]:
-    """The frames of each clip in which bodies were seen, all bodies if none are named."""
-    chosen = range(motion.bodies) if bodies is None else bodies
+def frames_of(motion: Motion) -> list[Frames]:
+    """The frames of each clip in which its bodies were seen."""
     clips = []
     known = motion.inputs or (None,) * motion.clips
     recorded = zip(motion.positions, motion.seen, motion.times, known, strict=True)
     for path, seen, times, signal in recorded:
-        at = [np.flatnonzero(seen[:, body]) for body in chosen]
+        at = [np.flatnonzero(of_body) for of_body in seen.T]
         since = times - times[0]
         stretches = tuple(
-            Stretch(since[i], path[i, body], np.ones(len(i)))
-            for i, body in zip(at, chosen, strict=True)
+            Stretch(since[i], path[i, body], np.ones(len(i))) for body, i in enumerate(at)
         )
         signal = None if signal is None else signal.since(float(times[0]))
         clips.append(

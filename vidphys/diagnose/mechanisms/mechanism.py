@@ -93,7 +93,7 @@ class Mechanism:
         if self.windowed:
             return self, self  # of windows, which frames that were held out do not lengthen
         rest = thinned(motion.cut(self.first))
-        pairs = [_refitted(frames_of(rest, group.bodies), group) for group in self.groups]
+        pairs = [_refitted(frames_of(rest.of(group.bodies)), group) for group in self.groups]
         few, all_ = (tuple(groups) for groups in zip(*pairs, strict=True))
         return replace(self, groups=few), replace(self, groups=all_)
 
@@ -219,7 +219,7 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
     for body in range(motion.bodies):
         if body in met:
             continue
-        frames = frames_of(motion, [body])
+        frames = frames_of(motion.of([body]))
         if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
             return None
         fits = fits_of(frames, angles, camera)
@@ -248,7 +248,7 @@ def meeting(motion: Motion, camera: bool) -> list[Group]:
     """
     groups = []
     for party in parties(frames_of(motion)) if motion.bodies > 1 else []:
-        fits = colliding(frames_of(motion, party), camera)
+        fits = colliding(frames_of(motion.of(party)), camera)
         if any(x.holds for x in fits if x.score > fits[0].score - LIKELIER):
             groups.append(Group(party, fits[0], tuple(fits[1:])))
     return groups
@@ -292,7 +292,7 @@ def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> lis
     Args:
         like: of each body, laws to whose kinds it keeps, if any.
     """
-    clips = [frames_of(motion, [body]) for body in range(motion.bodies)]
+    clips = [frames_of(motion.of([body])) for body in range(motion.bodies)]
     if min(len(clip.stretches[0].times) for each in clips for clip in each) < LEAST_FRAMES:
         return None
     each = zip(clips, like, strict=True)

@@ -40,7 +40,7 @@ def _swings(motion: Motion) -> bool:
     extent = np.nanmax(motion.positions) - np.nanmin(motion.positions)
     if not NARROWEST < extent < WIDEST:
         return False
-    fits = roughly(frames_of(motion, [0]), angles=True)
+    fits = roughly(frames_of(motion.of([0])), angles=True)
     swings = [x for x in fits if x.model.law.restoring == "pendulum" and x.holds]
     springs = [x for x in fits if x.model.law.restoring == "trap"]
     least, spring = (min((x.left for x in some), default=np.inf) for some in (swings, springs))
