@@ -75,6 +75,18 @@ def test_a_hold_is_counted_from_where_the_body_is_first_seen():
     assert first >= 30 and free_frames(motion_of(path, STEP)) == (first + 7, stop + 7)
 
 
+def test_a_flight_that_is_seen_only_at_its_end_is_told_though_its_beginning_shows_too_little():
+    """As of a ball that was lost where a hand threw it."""
+    t = np.arange(26) * STEP
+    path = np.stack([3.0 * t, 4.0 * t - 4.9 * t**2], -1)
+    path[:5] = path[5] + 0.05 * np.random.default_rng(1).normal(size=(5, 2))
+    path[5:14] = np.nan
+    told = answer(recorded(path, 1e-4), False, 0.4)
+    assert told.data["terms"] == ["uniform"]
+    given = told.data["mechanism"][0]["quantities"]["acceleration"]
+    assert given["value"] == pytest.approx(9.8, rel=0.1)
+
+
 @pytest.fixture(scope="module")
 def held_answer():
     """A swing beside a wall that a hand lets go after twelve frames."""

@@ -53,6 +53,9 @@ def understood_part(
     Args:
         hold_out: share at the end of a long recording of few trials that nothing is fitted to.
         motion, angles, camera, units, progress: see `choice.understand`.
+
+    Raises:
+        Unseen: too little is seen of every part.
     """
 
     def asked(first: int, stop: int) -> Part:
@@ -61,19 +64,33 @@ def understood_part(
         return Part(part, first, end, understand(part, end, angles, camera, units, progress))
 
     total = motion.positions.shape[1]
-    whole = asked(0, total)
+    try:
+        whole = asked(0, total)
+    except Unseen:  # too little before the frames that are held out
+        first = first_lawful(motion, angles)
+        if not first:
+            raise
+        return _sought(asked(first + motion.cut(first).shown()[0], total))
     if whole.understood.status != NOT:
         return whole
     for first, stop in _lawful(whole, angles):
         try:
-            part = asked(first, stop)
+            part = _sought(asked(first, stop))
         except Unseen:  # too little of it is seen
             continue
         told = part.understood.explanation
         if part.understood.status != NOT and isinstance(told, ByMechanism):
-            understood = replace(part.understood, explanation=replace(told, sought=True))
-            return replace(part, understood=understood, struck=stop < total)
+            return replace(part, struck=stop < total)
     return whole
+
+
+def _sought(part: Part) -> Part:
+    """The same, told as one that was sought for a law to hold in it."""
+    told = part.understood.explanation
+    if not isinstance(told, ByMechanism):
+        return part
+    understood = replace(part.understood, explanation=replace(told, sought=True))
+    return replace(part, understood=understood)
 
 
 def _lawful(whole: Part, angles: bool) -> Iterator[tuple[int, int]]:
