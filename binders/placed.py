@@ -96,14 +96,17 @@ def _mended(body: Hypothesis, three: list[np.ndarray], unlike: np.ndarray) -> li
     """
     ways = np.stack(three)
     part = body.size < WHOLE * body.usual_size
-    shift = np.nanmedian((ways - ways[:1])[:, ~part], 1)[:, None]  # they tell points of their own
+    whole = body.seen & ~part
+    if not whole.any():
+        return three
+    shift = np.median((ways - ways[:1])[:, whole], 1)[:, None]  # they tell points of their own
     ways = ways - shift
     voted = np.median(ways, 0)
     voted[part & (_length(np.ptp(ways, 0)) > TOGETHER * body.usual_size)] = np.nan
     found = part & (unlike < AS_USUAL * np.nanmedian(unlike))
     voted[found] = ways[-1, found]
     off = _length(ways - voted)
-    wrong = part | (off > OFF * np.nanmedian(off[:, ~part], 1)[:, None] + PIXEL)
+    wrong = part | (off > OFF * np.median(off[:, whole], 1)[:, None] + PIXEL)
     return list(np.where(wrong[..., None], voted, ways) + shift)
 
 

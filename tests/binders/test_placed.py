@@ -138,6 +138,15 @@ def test_what_draws_one_way_along_for_a_while_is_outvoted() -> None:
     assert np.abs(mended - path).max() < 2
 
 
+def test_what_is_seen_in_parts_alone_keeps_its_places() -> None:
+    ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    size[::3] = 4.0
+    seen = np.where((size < RADIUS)[:, None], swing(), np.nan)  # the rest is another body's
+    blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    for way in _mended(blobs, [seen, seen, seen], ones):
+        np.testing.assert_array_equal(way, seen)
+
+
 def body(x: np.ndarray, size: np.ndarray) -> Hypothesis:
     ones = np.ones(len(x))
     places = np.stack([x, 0 * x], 1)

@@ -114,7 +114,10 @@ def beyond_noise(left: float, noise: float, spread: float) -> bool:
 
 
 def _rms(miss: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean((miss**2).sum(-1))))
+    """Of the frames that are seen; without end if none is."""
+    squares = (miss**2).sum(-1)
+    seen = np.isfinite(squares)
+    return float(np.sqrt(squares[seen].mean())) if seen.any() else np.inf
 
 
 def _averaged(miss: np.ndarray) -> np.ndarray:
