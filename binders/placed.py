@@ -72,7 +72,7 @@ def placed(
             ways.append(picture)
             mended = _mended(body, ways, unlike)
             if _agree(outline, picture, body.positions):
-                ways.pop(1), mended.pop(1)
+                del ways[1], mended[1]
             best, told = _most_lawful(mended, times)
     other, as_told = _most_lawful(ways, times)
     return replace(body, positions=other if as_told > told + MUCH_BETTER else best)
@@ -98,7 +98,7 @@ def _mended(body: Hypothesis, three: list[np.ndarray], unlike: np.ndarray) -> li
     part = body.size < WHOLE * body.usual_size
     whole = body.seen & ~part
     if not whole.any():
-        return three
+        return list(three)
     shift = np.median((ways - ways[:1])[:, whole], 1)[:, None]  # they tell points of their own
     ways = ways - shift
     voted = np.median(ways, 0)
