@@ -12,6 +12,8 @@ from dynamics.compiled.twin import plain_gradient
 from dynamics.compiled.network_cuda import input_gradient
 from tests.dynamics.test_fused_gradient import case, close
 
+torch.manual_seed(0)  # a process of its own: nothing else has set it
+
 def wide(x):
     return x.detach().double().requires_grad_()
 """

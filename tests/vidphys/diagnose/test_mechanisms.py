@@ -656,7 +656,7 @@ def test_what_a_law_leaves_of_each_body():
 def test_what_another_pulls_is_tried_on_as_long_a_string_though_nothing_of_an_arc_is_seen():
     places = beating("pendulum", share=0.04, rate=4.0, frames=90, begins=0.7)
     both = noisy(places, 2e-3)
-    alone = fits_of(frames_of(both, [1]), angles=False)
+    alone = fits_of(frames_of(both.of([1])), angles=False)
     assert alone and not any("pendulum" in x.kinds for x in alone)
     found = find_mechanism(both)
     assert found.kinds == {"pendulum", "pair"}
