@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from binders.base import Pictures
 from binders.hypotheses import Hypothesis
-from binders.lawful import foretold, steadiness
+from binders.lawful import PIXEL, foretold, steadiness
 from binders.turned import turns
 
 ROUNDS = 3
@@ -30,8 +30,7 @@ MUCH_BETTER = 0.15  # to leave what is mended for what is not: that may err smoo
 WHOLE = 0.94  # of its usual size, below which a blob is but a part of it
 AS_USUAL = 1.2  # times the usual difference from its picture, that is found there
 TOGETHER = 0.1  # sizes, within which three ways are at one place
-OFF = 4.0  # times as far as usual from what two of three agree on,
-PIXEL = 0.25  # and pixels more, from which a way is wrong
+OFF = 4.0  # times as far as usual from what two of three agree on, and a place's error: it is wrong
 OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
 
 
