@@ -1,4 +1,4 @@
-"""Bodies that were taken for one another where they met, and one that was followed in two parts."""
+"""Bodies that were taken for one another where they met, and one that was followed in parts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from binders.blobs import GROWN, RECOLOURED
-from binders.hypotheses import Hypothesis
+from binders.hypotheses import LEAST_REACH, REACH, Hypothesis
 
 MET = 1.5  # times the sum of their sizes, within which they may be exchanged
 LOOKED_AT = 20  # frames before and after, that tell their looks
@@ -18,6 +18,8 @@ EDGE = 5  # frames about the first and the last that two share: there one is not
 TOUCH = 0.5  # pixels, within which two are at one place
 SHARED = 5  # frames, in which two that were begun apart are at one place, if they are one body
 SURE = 0.15  # of what one body may differ from itself, by which the exchange must fit better
+LOST = 10.0  # usual intervals, for which one is not seen between two of its parts, at most
+ALIKE = 0.5  # of what one body may differ from itself, the most that its parts do
 
 
 def apart(bodies: list[Hypothesis]) -> list[Hypothesis]:
@@ -79,6 +81,45 @@ def crossed(bodies: list[Hypothesis]) -> list[Hypothesis]:
             middle = int(np.median(together))
             joined += [_joined(one, other, middle), _joined(other, one, middle)]
     return joined
+
+
+def continued(bodies: list[Hypothesis], times: Float[np.ndarray, " t"]) -> list[Hypothesis]:
+    """Each that is lost and soon goes on as another that looks like it, with all that follows.
+
+    Args:
+        bodies: what was followed.
+        times: of each frame, in units of the usual interval.
+    """
+    joined = []
+    for body in bodies:
+        whole = body
+        while (rest := _going_on(whole, bodies, times)) is not None:
+            whole = _joined(whole, rest, int(np.flatnonzero(rest.seen)[0]))
+        if whole is not body:
+            joined.append(whole)
+    return joined
+
+
+def _going_on(body: Hypothesis, bodies: list[Hypothesis], times: np.ndarray) -> Hypothesis | None:
+    """What begins first of all that looks like it, where it may be, soon after it was lost."""
+    seen = np.flatnonzero(body.seen)
+    if len(seen) < FEWEST:
+        return None
+    last, looks = seen[-1], _looks(body, seen[-LOOKED_AT:])
+    found = []
+    for other in bodies:
+        shown = np.flatnonzero(other.seen)
+        first = shown[0] if len(shown) else last
+        likes = _looks(other, shown[:LOOKED_AT])
+        if first <= last or looks is None or likes is None:
+            continue
+        away = times[first] - times[last]
+        goes = (body.positions[last] - body.positions[seen[-2]]) / (times[last] - times[seen[-2]])
+        off = np.linalg.norm(other.positions[first] - body.positions[last] - away * goes)
+        reach = LEAST_REACH + REACH * body.usual_size + away * np.linalg.norm(goes)
+        if away <= LOST and off < reach and np.linalg.norm(looks - likes) < ALIKE:
+            found.append((first, other))
+    return min(found, key=lambda each: each[0])[1] if found else None
 
 
 def _meetings(one: Hypothesis, other: Hypothesis) -> list[tuple[int, int]]:

@@ -98,9 +98,10 @@ def _goes_on(longer: Candidate, shorter: Candidate, likelier: list[Candidate]) -
             alone, positions=np.where(_at_one_place(alone, each.body), np.nan, alone.positions)
         )
     exchanged = bool(alone.seen.sum() < HELD * shorter.body.seen.sum())
+    larger = AS_LARGE[exchanged or longer.kind != shorter.kind]
     return bool(
         longer.judged.seen > LONGER * alone.seen.mean()
-        and abs(np.log(_size(longer) / _size(shorter))) < np.log(AS_LARGE[exchanged])
+        and abs(np.log(_size(longer) / _size(shorter))) < np.log(larger)
         and longer.judged.score > GOES_ON * shorter.judged.score
         and _same(alone, longer.body) > HELD
     )

@@ -19,7 +19,7 @@ from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
 from binders.coloured import coloured_blobs
-from binders.exchanged import apart, crossed, told_apart
+from binders.exchanged import apart, continued, crossed, told_apart
 from binders.follow import Candidate, likely, path_of, ranked, wheels
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
@@ -188,11 +188,12 @@ def _coloured(
 
 
 def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> list[Candidate]:
-    """What was followed in two parts, of the likeliest bodies."""
+    """What was followed in parts, of the likeliest bodies."""
     joined = []
     for kind in {each.kind for each in found}:
         bodies = [each.body for each in found[:LIKELY] if each.kind == kind]
-        joined += _judged(clip, bodies + crossed(bodies), kind, settings)[len(bodies) :]
+        wholes = crossed(bodies) + continued(bodies, clip.steps)
+        joined += _judged(clip, bodies + wholes, kind, settings)[len(bodies) :]
     return joined
 
 

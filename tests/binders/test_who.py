@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from binders.exchanged import crossed
+from binders.exchanged import continued, crossed
 from binders.follow import Candidate, likely, ranked, wheels
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged, foretold
@@ -165,6 +165,35 @@ def test_a_body_that_was_followed_in_two_parts_is_one() -> None:
     assert not crossed([early, body(BALL + 3.0)])
 
 
+def part(first: int, stop: int, path: np.ndarray = BALL, size: float = 5.0) -> Hypothesis:
+    """What was followed from one frame to before another."""
+    seen = (first <= T) & (stop > T)
+    column = np.where(seen, size, np.nan)
+    places = np.where(seen[:, None], path, np.nan)
+    return Hypothesis(places, column, column, column, np.zeros((60, 3)), column, column)
+
+
+def test_a_body_that_was_lost_and_found_again_is_one() -> None:
+    early, middle, late = part(0, 20), part(24, 41), part(43, 60)
+    first, second = continued([late, early, middle], T.astype(float))
+    assert np.array_equal(first.seen, early.seen | middle.seen | late.seen)
+    assert np.array_equal(first.positions[first.seen], BALL[first.seen])
+    assert np.array_equal(second.seen, middle.seen | late.seen)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        part(34, 60),  # long after
+        part(24, 60, size=9.0),  # another
+        part(24, 60, BALL + 30.0),  # elsewhere
+        part(15, 60),  # while it is seen itself
+    ],
+)
+def test_what_is_another_body_is_not_the_one_that_was_lost(other: Hypothesis) -> None:
+    assert not continued([part(0, 20), other], T.astype(float))
+
+
 def candidate(
     path: np.ndarray, score: float, size: float = 5.0, steady: float = 0.95, seen: float = 1.0
 ) -> Candidate:
@@ -182,6 +211,10 @@ def test_a_body_is_followed_as_long_as_it_is_seen() -> None:
     assert ranked([short, long]) == [long]
     assert ranked([short, lost(25, 0.9)]) == [short]  # hardly longer
     assert ranked([short, lost(60, 0.5)])[0] == short  # far less likely
+    larger = candidate(BALL, 0.9, size=6.7)
+    assert ranked([short, larger]) == [short]  # another, which it goes with for a while
+    otherwise = replace(larger, kind=1)  # by colour the same body may show more of itself
+    assert ranked([short, otherwise]) == [otherwise]
 
 
 def test_what_is_followed_on_as_another_body_gives_way_to_what_is_not() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.explanations.mechanism import ByMechanism
+from vidphys.diagnose.mechanisms.choose import makes_sense
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
 from vidphys.diagnose.mechanisms.motion_kernel import SOLID, rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
@@ -60,6 +61,13 @@ def test_the_tangential_restitution_is_told_where_two_bounces_show_it(grip, seed
     numbers = told(filmed(gripped(grip, spin=0.2), seed=seed))
     assert abs(numbers[GRIP].value - grip) < 3 * numbers[GRIP].error < 0.2
     assert numbers["restitution"].value == pytest.approx(0.8, abs=0.01)
+
+
+def test_a_grip_that_no_bounce_tells_of_is_not_believed():
+    found = find_mechanism(filmed(gripped(0.75, spin=0.2), seed=31)).groups[0].fit
+    (_, error) = found.numbers["grip 1"]
+    assert makes_sense(found)
+    assert not makes_sense(replace(found, covariance=(0.6 / error) ** 2 * found.covariance))
 
 
 def test_a_spin_that_only_a_bounce_held_out_shows_is_told_but_foretells_nothing():

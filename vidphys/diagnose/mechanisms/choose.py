@@ -36,7 +36,7 @@ FLAT = 0.02  # radians from end to end, below which an arc is a line
 # of log likelihood, by which a pull that only slows what coasts must be better than dry friction:
 # in clips filmed for development it was better by up to 9 where there was dry friction
 COASTING = 12.0
-VAGUE = 0.5  # standard error of a restitution, from which no bounce tells of it
+VAGUE = 0.5  # standard error of a restitution, along a wall too, from which no bounce tells of it
 
 
 def roughly(clips: Sequence[Frames], angles: bool, like: Sequence[Fit] = ()) -> list[Fit]:
@@ -99,8 +99,9 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
         others += centred(clips)
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None
-    others += [spinning] if spinning is not None and makes_sense(spinning) else []
-    return ranked([*sensible, *others])
+    if spinning is None or makes_sense(spinning):
+        return ranked([*sensible, *others, *([spinning] if spinning else [])])
+    return [*ranked([*sensible, *others]), spinning]  # later frames may tell how it is gripped
 
 
 def pictured(clips: Sequence[Frames], base: Fit) -> Fit:
@@ -240,7 +241,7 @@ def makes_sense(found: Fit) -> bool:
             return False
         if name.startswith("restitution") and not (0 <= value < 1 + 2 * error and error < VAGUE):
             return False
-        if name.startswith("grip") and not abs(value) < 1 + 2 * error:
+        if name.startswith("grip") and not (abs(value) < 1 + 2 * error and error < VAGUE):
             return False
         if name == "linear" and value < 0:  # a drive, which the menu tells of
             return False
