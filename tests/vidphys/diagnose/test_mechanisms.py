@@ -13,6 +13,7 @@ from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.mechanisms import bodies, let_go, mechanism, view
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
+from vidphys.diagnose.mechanisms.chain import linked
 from vidphys.diagnose.mechanisms.charts import Line, Plane
 from vidphys.diagnose.mechanisms.choose import fits_of, pictured, roughly
 from vidphys.diagnose.mechanisms.fit import fit
@@ -831,6 +832,14 @@ def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_fram
     places[11::25, 1] = np.nan
     rods = rods_in_picture(noisy(places, 5e-4))
     assert rods is not None and rods.left < 0.02 * rods.spread
+
+
+def test_a_slow_double_pendulum_is_told_though_a_frame_in_ten_is_doubled():
+    places = double_pendulum(0.25, 0.25, 0.4, (0.3, 0.42))
+    places[4::10] = np.nan
+    rods = rods_in_picture(noisy(places, 5e-4))
+    assert rods is not None and linked(rods, angles=False)
+    assert "linear" not in rods.numbers  # nothing rubs, and what noise leaves is no friction
 
 
 def test_a_double_pendulum_is_found_though_noise_was_likelier_than_a_weight():

@@ -6,6 +6,8 @@ fitted to several short windows, each with a start of its own.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle
@@ -21,11 +23,15 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 WINDOWS = 6
 RADIANS = 4.0  # that a window's angles turn through, about
 LONGEST = 60  # frames of a window
+SHOWN = 0.7  # of a window's frames, in which all is seen
 HALVES = (2, 4)  # frames on each side of a local polynomial
 SMALL = 1e-3
 # standard errors, by which the link between two rods is there: by their angles alone; and by two
 # weights in a picture, that keep their distance
 SURELY, AS_SEEN = 10.0, 4.0
+# standard errors, by which friction is there: they are too small, as windows share frames, and in
+# clips filmed for development up to 7 were seen where there was none
+RUBS = 8.0
 ROUGHLY = 0.06  # of the spread, that the law of such weights leaves at most whose link is sure
 
 
@@ -48,8 +54,14 @@ def chained(motion: Motion) -> Fit | None:
             model = Model(Law(2, "chain", friction, apart=True), (Angle(), Angle()))
             own = numbers[: len(model.law.names)]
             found.append(fit(clips, model, np.concatenate([own, *starts])))
-    likely = ranked([x for x in found if x is not None and not x.driven])
+    likely = ranked([x for x in found if x is not None and not x.driven and _rubs_surely(x)])
     return restricted(likely[0]) if likely else None
+
+
+def _rubs_surely(rods: Fit) -> bool:
+    """Whether its friction, if it has one, is there."""
+    rate, error = rods.numbers.get("linear", (1.0, 0.0))
+    return rate > RUBS * error
 
 
 def linked(rods: Fit, angles: bool) -> bool:
@@ -65,20 +77,24 @@ def linked(rods: Fit, angles: bool) -> bool:
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:
-    """Some over the recording, in which all is seen; the last of them as late as it is."""
+    """Some over the recording, in which all is seen mostly; the last of them as late as it is."""
     spots = []
     for number, seen in enumerate(np.all(motion.seen, axis=-1)):
-        lost = np.flatnonzero(~np.concatenate([[False], seen, [False]]))
-        long = min(size, int(np.diff(lost).max()) - 1)
-        if long >= LEAST_FRAMES:
-            whole = np.flatnonzero(np.convolve(seen, np.ones(long, int), "valid") == long)
-            some = np.linspace(0, len(whole) - 1, WINDOWS).astype(int)
-            spots += [(int(first), number, long) for first in np.unique(whole[some])]
+        for long in range(size, LEAST_FRAMES - 1, -1):
+            least = max(LEAST_FRAMES, SHOWN * long)
+            shown = np.convolve(seen, np.ones(long, int), "valid") >= least
+            whole = np.flatnonzero(shown & seen[: len(shown)])
+            if len(whole):
+                some = np.linspace(0, len(whole) - 1, WINDOWS).astype(int)
+                spots += [(int(first), number, long) for first in np.unique(whole[some])]
+                break
     out = []
     for first, number, long in sorted(spots):
-        clip = frames_of(motion.take(np.array([number])).cut(first, first + long))[0]
+        part = motion.take(np.array([number])).cut(first, first + long)
+        both = np.where(part.seen.all(-1)[..., None, None], part.positions, np.nan)
+        clip = frames_of(replace(part, positions=both))[0]
         begin = float(motion.times[number, first] - motion.times[number, 0])
-        out.append(Frames(clip.times, clip.seen, clip.stretches, begin))
+        out.append(replace(clip, begin=begin))
     return out
 
 
@@ -103,5 +119,5 @@ def _regressed(motion: Motion, half: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _start(clip: Frames, rests: np.ndarray, half: int) -> np.ndarray:
     places = np.concatenate([x.places for x in clip.stretches], 1)
-    seen = local(clip.times, places, half)
+    seen = local(clip.stretches[0].times, places, half)
     return np.concatenate([seen.s[0] - rests, seen.v[0]])
