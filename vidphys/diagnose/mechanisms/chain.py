@@ -81,9 +81,9 @@ def _windows(motion: Motion, size: int) -> list[Frames]:
     spots = []
     for number, seen in enumerate(np.all(motion.seen, axis=-1)):
         for long in range(size, LEAST_FRAMES - 1, -1):
+            shown = np.convolve(seen, np.ones(long, int), "valid")
             least = max(LEAST_FRAMES, SHOWN * long)
-            shown = np.convolve(seen, np.ones(long, int), "valid") >= least
-            whole = np.flatnonzero(shown & seen[: len(shown)])
+            whole = np.flatnonzero(seen[: len(shown)] & (shown >= least))
             if len(whole):
                 some = np.linspace(0, len(whole) - 1, WINDOWS).astype(int)
                 spots += [(int(first), number, long) for first in np.unique(whole[some])]
@@ -91,8 +91,9 @@ def _windows(motion: Motion, size: int) -> list[Frames]:
     out = []
     for first, number, long in sorted(spots):
         part = motion.take(np.array([number])).cut(first, first + long)
-        both = np.where(part.seen.all(-1)[..., None, None], part.positions, np.nan)
-        clip = frames_of(replace(part, positions=both))[0]
+        places = part.positions.copy()
+        places[~part.seen.all(-1)] = np.nan
+        clip = frames_of(replace(part, positions=places))[0]
         begin = float(motion.times[number, first] - motion.times[number, 0])
         out.append(replace(clip, begin=begin))
     return out

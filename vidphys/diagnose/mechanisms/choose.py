@@ -36,6 +36,7 @@ FLAT = 0.02  # radians from end to end, below which an arc is a line
 # of log likelihood, by which a pull that only slows what coasts must be better than dry friction:
 # in clips filmed for development it was better by up to 9 where there was dry friction
 COASTING = 12.0
+STRAIGHT = 0.97  # of its way, that a body ends away from its beginning, which goes one way
 VAGUE = 0.5  # standard error of a restitution, along a wall too, from which no bounce tells of it
 
 
@@ -182,6 +183,13 @@ def _coasts(found: Fit) -> bool:
     return bool(across > LEVEL * up and (np.diff(speed) <= 0).all() and (ahead >= 0).all())
 
 
+def _goes_one_way(found: Fit) -> bool:
+    """Whether a constant pull and dry friction cannot be told apart, as both lie along one line."""
+    ways = [x[:, 0] for x in found.model.coordinates(found.values, found.clips)]
+    long = sum(float(np.linalg.norm(np.diff(way, axis=0), axis=-1).sum()) for way in ways)
+    return sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways) > STRAIGHT * long
+
+
 def _variants(clips: Sequence[Frames], base: Fit, camera: bool) -> list[Fit]:
     """The same with each other friction, and with none, from the base's numbers on.
 
@@ -245,6 +253,9 @@ def makes_sense(found: Fit) -> bool:
             return False
         if name == "linear" and value < 0:  # a drive, which the menu tells of
             return False
+    law = found.model.law
+    if law.restoring == "uniform" and "dry" in law.frictions and _goes_one_way(found):
+        return False
     return _pulls_back(found) and told(found) and not _flat(found)
 
 
