@@ -94,32 +94,37 @@ def continued(bodies: list[Hypothesis], times: Float[np.ndarray, " t"]) -> list[
     for body in bodies:
         whole = body
         while (rest := _going_on(whole, bodies, times)) is not None:
-            whole = _joined(whole, rest, int(np.flatnonzero(rest.seen)[0]))
+            whole = _joined(whole, rest, _first(rest))
         if whole is not body:
             joined.append(whole)
     return joined
 
 
 def _going_on(body: Hypothesis, bodies: list[Hypothesis], times: np.ndarray) -> Hypothesis | None:
-    """What begins first of all that looks like it, where it may be, soon after it was lost."""
+    """What begins first of all that look like it, where it may be, soon after it was lost."""
     seen = np.flatnonzero(body.seen)
-    if len(seen) < FEWEST:
+    looks = _looks(body, seen[-LOOKED_AT:])
+    if looks is None:
         return None
-    last, looks = seen[-1], _looks(body, seen[-LOOKED_AT:])
-    found = []
-    for other in bodies:
-        shown = np.flatnonzero(other.seen)
-        first = shown[0] if len(shown) else last
-        likes = _looks(other, shown[:LOOKED_AT])
-        if first <= last or looks is None or likes is None:
-            continue
+    before, last = seen[-2:]
+    speed = (body.positions[last] - body.positions[before]) / (times[last] - times[before])
+
+    def goes_on(other: Hypothesis) -> bool:
+        first = _first(other)
+        likes = _looks(other, np.flatnonzero(other.seen)[:LOOKED_AT])
+        if first <= last or likes is None:
+            return False
         away = times[first] - times[last]
-        goes = (body.positions[last] - body.positions[seen[-2]]) / (times[last] - times[seen[-2]])
-        off = np.linalg.norm(other.positions[first] - body.positions[last] - away * goes)
-        reach = LEAST_REACH + REACH * body.usual_size + away * np.linalg.norm(goes)
-        if away <= LOST and off < reach and np.linalg.norm(looks - likes) < ALIKE:
-            found.append((first, other))
-    return min(found, key=lambda each: each[0])[1] if found else None
+        off = np.linalg.norm(other.positions[first] - body.positions[last] - away * speed)
+        reach = LEAST_REACH + REACH * body.usual_size + away * np.linalg.norm(speed)
+        return bool(away <= LOST and off < reach and np.linalg.norm(looks - likes) < ALIKE)
+
+    return min((each for each in bodies if goes_on(each)), key=_first, default=None)
+
+
+def _first(body: Hypothesis) -> int:
+    """The first frame in which it was seen."""
+    return int(body.seen.argmax())
 
 
 def _meetings(one: Hypothesis, other: Hypothesis) -> list[tuple[int, int]]:
