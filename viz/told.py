@@ -197,8 +197,10 @@ def _value(found: Mapping[str, Any]) -> Cell:
     half = NORMAL_95 * error
     if not found.get("known", True):
         return Cell(f"not told, between {number(value - half)} and {number(value + half)}")
-    places = max(0, 1 - int(np.floor(np.log10(half)))) if half > 0 else 3
-    return Cell(f"{value:.{places}f} ± {half:.{places}f}" if places < 7 else number(value), value)
+    places = 1 - int(np.floor(np.log10(half))) if half > 0 else 3
+    after = max(places, 0)
+    text = f"{round(value, places):.{after}f} ± {round(half, places):.{after}f}"
+    return Cell(text if after < 7 else number(value), value)
 
 
 def _records(run: Path) -> list[dict[str, Any]]:

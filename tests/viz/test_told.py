@@ -103,10 +103,12 @@ def test_all_that_is_foretold_is_inside_and_another_law_may_leave():
 def test_a_number_that_a_recording_does_not_tell_stands_there_by_its_limits(tmp_path):
     (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
     rate = {"value": 2.0, "standard_error": 0.01, "unit": "1/s", "known": True}
+    pull = {"value": 2045.3, "standard_error": 129.6, "unit": "px/s²", "known": True}
     friction = {"value": 0.5, "standard_error": 0.4, "unit": "", "known": False}
-    group = {"bodies": [0], "quantities": {"rate": rate, "linear friction": friction}}
+    told = {"rate": rate, "linear friction": friction, "acceleration": pull}
+    group = {"bodies": [0], "quantities": told}
     found = {"schema_version": 1, "mechanism": [group]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(found))
     page = write_told(tmp_path).read_text()
-    assert ">body 1<" in page and "2.000 ± 0.020" in page
+    assert ">body 1<" in page and "2.000 ± 0.020" in page and "2050 ± 250" in page
     assert "not told, between -0.284 and 1.28" in page and "0.50 ±" not in page
