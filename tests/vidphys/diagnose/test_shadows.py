@@ -104,6 +104,23 @@ def test_the_shadow_of_a_tossed_ball_is_left_out(sideways):
     assert bodies == 1 and "thing 2 moves in proportion to thing 1" in said
 
 
+@pytest.mark.parametrize("frames", [25, 14])
+def test_the_shadow_of_a_tossed_ball_on_a_floor_is_left_out(frames):
+    """Light falls aslant, and the floor is seen in perspective; also while the ball still rises."""
+    ball = tossed(1.5)[:frames]
+    nearer = 1 / (1 + 0.15 * (ball[:, 1] + 0.5))
+    shadow = np.stack([0.2 + nearer * (ball[:, 0] + 0.3 * ball[:, 1]), -0.9 * nearer - 0.1], -1)
+    assert "thing 2 moves in proportion to thing 1" in looked_at(ball, shadow)[1]
+
+
+def test_two_that_meet_are_no_shadows_though_each_turns_when_the_other_does():
+    since = TIMES[:40] - TIMES[20]
+    turned = np.maximum(since, 0)
+    upper = np.stack([0.5 * since, -0.6 * turned], -1)
+    lower = np.stack([0.4 * since, -0.3 + 0.15 * turned - 0.4 * since], -1)
+    assert "proportion" not in looked_at(upper, lower - [0.0, 1.2])[1]
+
+
 @pytest.mark.parametrize(
     "other",
     [tossed(0.3), tossed(0.1, 0.7), tossed(-0.5, 0.7), tossed(0.5, 1.0), tossed(0.5, 0.7, 3.0)],

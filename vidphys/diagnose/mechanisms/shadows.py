@@ -22,6 +22,9 @@ RESIZED = 0.1  # that a shadow is smaller or larger by, at least, than what flie
 SELDOMER = 0.02  # of the frames, by which a part is seen less often than the body
 PART = "goes with {} wherever it goes, as a part of it does"
 SHADOW = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
+SMOOTH = 0.1  # of what bends a flight, that is left of it beside a constant acceleration, at most
+DOWN = 0.9  # of its acceleration, that is down, at least
+FALLS_ELSE = 0.6  # of its acceleration, by which that of what does not fall with it differs
 TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both are
 
 
@@ -67,7 +70,10 @@ def goes_with(motion: Motion, body: int, other: int) -> str:
     main = [np.linalg.svd(here[:, i], full_matrices=False)[2][0] for i in range(2)]
     one, two = (here[:, i] @ main[i] for i in range(2))
     if np.count_nonzero(np.diff(np.sign(one))) < SWINGS:
-        return SHADOW if _flies_with(here) else ""
+        above, below = np.argsort(-middle[:, 1])
+        apart = (places[both][:, above, 1] > places[both][:, below, 1]).all()
+        cast = apart and _casts_in_flight(np.flatnonzero(both), here[:, above], here[:, below])
+        return SHADOW if cast or _flies_with(here) else ""
     copied = np.linalg.norm(here[:, 1] - here[:, 0]) / np.linalg.norm(here[:, 0])
     if copied <= ALIKE:
         near = np.linalg.norm(middle[1] - middle[0]) < np.ptp(one)
@@ -95,6 +101,33 @@ def _flies_with(here: np.ndarray) -> bool:
     turns = np.count_nonzero(np.diff(np.sign(one[:, 1]))) == SWINGS - 1
     left = np.linalg.norm(two - factor * one) / np.linalg.norm(two)
     return bool(turns and across > CURVED * along and abs(factor - 1) > RESIZED and left < APART)
+
+
+def _casts_in_flight(frames: np.ndarray, one: np.ndarray, two: np.ndarray) -> bool:
+    """Whether what keeps below a thing that is thrown is its shadow on a floor.
+
+    It is where the plane of the flight is seen on the floor, and does not fall as a second thing
+    does that is thrown.
+
+    Args:
+        frames: in which both are seen, ``(t,)``.
+        one, two: places of both about their middles, ``(t, 2)``.
+    """
+    since = frames - frames.mean()
+    powers = np.stack([np.ones_like(since), since, since**2], 1)
+    (_, _, pull), (_, _, other) = (np.linalg.lstsq(powers, x, rcond=None)[0] for x in (one, two))
+    bent = one - powers[:, :2] @ np.linalg.lstsq(powers[:, :2], one, rcond=None)[0]
+    rest = one - powers @ np.linalg.lstsq(powers, one, rcond=None)[0]
+    across, along = np.linalg.svd(one, compute_uv=False)[::-1]
+    flies = (
+        np.linalg.norm(rest) < SMOOTH * np.linalg.norm(bent)
+        and -pull[1] > DOWN * np.linalg.norm(pull)
+        and across > CURVED * along
+    )
+    falls_too = np.linalg.norm(other - pull) < FALLS_ELSE * np.linalg.norm(pull)
+    main = np.linalg.svd(two, full_matrices=False)[2][0]
+    left = _left_of_projection(np.stack([one, two], 1), main)
+    return bool(flies and not falls_too and left < APART)
 
 
 def _left_of_projection(here: np.ndarray, main: np.ndarray) -> float:
