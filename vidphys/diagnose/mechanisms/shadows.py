@@ -124,10 +124,10 @@ def _casts_in_flight(frames: np.ndarray, one: np.ndarray, two: np.ndarray) -> bo
         and -pull[1] > DOWN * np.linalg.norm(pull)
         and across > CURVED * along
     )
-    falls_too = np.linalg.norm(other - pull) < FALLS_ELSE * np.linalg.norm(pull)
+    if not flies or np.linalg.norm(other - pull) < FALLS_ELSE * np.linalg.norm(pull):
+        return False
     main = np.linalg.svd(two, full_matrices=False)[2][0]
-    left = _left_of_projection(np.stack([one, two], 1), main)
-    return bool(flies and not falls_too and left < APART)
+    return _left_of_projection(np.stack([one, two], 1), main) < APART
 
 
 def _left_of_projection(here: np.ndarray, main: np.ndarray) -> float:
