@@ -32,7 +32,7 @@ TURNING = 0.5  # of the frames, in which three are seen that turn as one
 RESTS = 0.1  # of their distance from their middle, that it and they may vary
 MOSTLY = 0.8  # of the frames, in which they are seen at the ends of a rod, or have turned alike
 ROUND = np.pi  # radians that they turn at least: a rod that sways about its middle is no wheel
-BLADE = 0.02  # how likely what turns in its place is a body
+HARDLY = 0.02  # how likely what turns in its place, or is but a shadow, is a body
 
 
 @dataclass(frozen=True)
@@ -184,13 +184,16 @@ def wheels(candidates: list[Candidate]) -> list[Candidate]:
             continue
         if _turns_in_its_place(places[seen]):
             turning |= set(trio)
-    rest = [each for k, each in enumerate(candidates) if k not in turning]
-    faint = [
-        replace(c, judged=replace(c.judged, fits=BLADE * c.judged.fits))
+    return put_last(candidates, turning)
+
+
+def put_last(candidates: list[Candidate], which: set[int]) -> list[Candidate]:
+    """The same candidates, of which some are hardly bodies."""
+    weighed = [
+        replace(c, judged=replace(c.judged, fits=HARDLY * c.judged.fits)) if k in which else c
         for k, c in enumerate(candidates)
-        if k in turning
     ]
-    return sorted(rest + faint, key=lambda c: -c.judged.score)
+    return sorted(weighed, key=lambda c: -c.judged.score)
 
 
 def _turns_in_its_place(places: np.ndarray) -> bool:

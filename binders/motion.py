@@ -20,13 +20,14 @@ from binders.camera import background_of
 from binders.carried import carried_bodies, drawn_along
 from binders.coloured import coloured_blobs
 from binders.exchanged import apart, continued, crossed, told_apart
-from binders.follow import Candidate, likely, path_of, ranked, wheels
+from binders.follow import Candidate, likely, path_of, put_last, ranked, wheels
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
 from binders.lookalike import seen_again
 from binders.placed import placed
 from binders.reel import Masks
 from binders.scenery import Scenery, lumps, threshold_of
+from binders.shade import shadows
 from binders.steadied import Steadied
 from binders.tracks import Tracks
 from binders.wanted import Wanted, in_working_pixels
@@ -168,7 +169,10 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         inside = settings.wanted.where(background.shape[0], background.shape[1], clip.factor)
         judged += _alone(_coloured(clip, blobs, changed, inside, settings), judged)
         judged += _alone(_carried(clip, background, changed, inside, settings), judged)
-    return _View(blobs, changed, wheels(ranked(judged)))
+    found = wheels(ranked(judged))
+    if settings.shadow != 1:
+        found = put_last(found, shadows(found, clip.still, background))
+    return _View(blobs, changed, found)
 
 
 def _coloured(

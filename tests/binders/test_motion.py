@@ -17,6 +17,7 @@ from binders.reel import Through
 
 FRAMES, HEIGHT, WIDTH = 60, 96, 128
 WALL = np.array([150.0, 130.0, 110.0])
+DIM = 0.55 * WALL
 COLOURS = np.array([[200.0, 40.0, 30.0], [30.0, 60.0, 200.0]])
 
 
@@ -95,6 +96,48 @@ def test_follows_the_body_and_neither_shadow_nor_string(drift: np.ndarray) -> No
     np.testing.assert_array_equal(found.tracks.times.numpy(), times())
     camera = found.camera.numpy() * [WIDTH / 2, -WIDTH / 2]
     assert np.abs(camera - (drift - drift[0])).max() < 0.3 and not camera[0].any()
+
+
+def two_discs(light: float, grain: float, tint: float, colour: np.ndarray) -> np.ndarray:
+    """A red disc that falls before boards, and another 30 pixels to its left that goes alike.
+
+    Args:
+        light: of the wall's, that is seen through the other.
+        grain: of the boards, 0 where the wall is plain.
+        tint: how much of the other is not seen through, but of a colour of its own.
+        colour: which, RGB.
+    """
+    rng = np.random.default_rng(0)
+    smooth = ndimage.gaussian_filter(rng.normal(size=(HEIGHT, WIDTH, 1)), (3, 1, 0))
+    boards = 1.5 * smooth + 0.25 * (np.arange(HEIGHT) // 12 % 2)[:, None, None]
+    wall, frames = DIM * (1 + grain * boards), []
+    for t in range(FRAMES):
+        place = np.array([80.0, 12 + 0.02 * t**2])
+        beside, body = disc(place - (30, 0), 5.0), disc(place, 5.0)
+        other = (1 - tint) * light * wall + tint * colour
+        image = wall * (1 - beside) + other * beside
+        image = image * (1 - body) + COLOURS[0] * body
+        frames.append(image + rng.normal(scale=1.5, size=image.shape))
+    return np.clip(np.stack(frames), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("clip", "bodies"),
+    [
+        (two_discs(0.45, 1.0, 0.0, DIM), 1),
+        (two_discs(0.45, 1.0, 1.0, 0.45 * DIM), 2),
+        (two_discs(0.45, 0.0, 1.0, 0.45 * DIM), 2),
+        (two_discs(0.45, 1.0, 0.1, COLOURS[1]), 2),
+        (two_discs(2.2, 1.0, 0.0, DIM), 2),
+    ],
+    ids=["deep shadow", "as dark", "before a plain wall", "tinted", "bright"],
+)
+def test_what_the_background_is_seen_through_in_less_light_is_a_shadow(clip, bodies) -> None:
+    for binder, count in (
+        (MotionBinder(bodies=None), bodies),
+        (MotionBinder(bodies=None, shadow=1.0), 2),
+    ):
+        assert binder(clip, times()).tracks.positions.shape[2] == count
 
 
 def test_what_hardly_leaves_its_place_is_cleaned_from_the_background_step_by_step() -> None:

@@ -289,6 +289,16 @@ def test_impacts_are_found_between_the_right_frames_and_share_a_wall():
     assert wall.restitution == pytest.approx(0.8, abs=0.05)
 
 
+def test_bounces_that_few_frames_do_not_tell_of_are_found_by_more_of_them():
+    """A bounce is a turn, too: sides that ended before the next turn were too short."""
+    motion = thrown(noise=0.02).cut(0, 60)
+    impacts = find_impacts(motion.times[0], motion.positions[0, :, 0])
+    bounces = [end / STEP for _, end, _ in BALL.flights(60 * STEP) if end < 1.6]
+    assert [abs(x.frame + 0.5 - b) < 1.5 for x, b in zip(impacts, bounces, strict=True)] == [
+        True
+    ] * 2
+
+
 @pytest.mark.parametrize(("after", "known"), [(-4, False), (12, True)])
 def test_a_law_with_a_wall_is_not_told_again_by_frames_before_the_first_bounce(after, known):
     """They say nothing of the wall, so what they foretell is no word against the law."""

@@ -15,6 +15,7 @@ GAP = 3.0  # usual frame intervals, over each of a side's, from which frames are
 RIDGE = 1e-12
 TURN = 0.1  # of the path's length, that a turn must stand out by
 WITHIN = 0.6  # of the frames between turns: longer sides take a turn for a kink
+LONGER = 2.0  # times as many, where fewer tell of none and these tell of one wall more than once
 HARD = 0.35  # of the usual speed, that an impact changes it by
 SURE = 5.0  # standard errors of the change
 ALIKE = 0.9  # cosine between the directions of two impacts on one wall
@@ -47,25 +48,38 @@ class Impact:
 def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
     """Impacts of one body, by time: what the fewest frames tell that tell of any.
 
+    Each bounce counts as a turn, too, so longer sides tell where the noise hides what shorter ones
+    tell; but only of a wall that is struck more than once.
+
     Args:
         times: of the frames that show it, seconds.
         s: coordinates ``(t, k)``.
     """
     speed, found = _usual(times, s), list[Impact]()
+    limit = max(WITHIN * between_turns(s), SIDES[0])
     for side in SIDES:
-        if len(times) < 2 * side + 2 or side > max(WITHIN * between_turns(s), SIDES[0]):
+        if len(times) < 2 * side + 2 or side > LONGER * limit:
             break
-        kinks = kinks_of(times, s, side)
-        hard, clear = kinks.hard, kinks.clear(speed)
-        told, chosen = bool(found), [x.frame for x in found]
-        for k in sorted(np.flatnonzero(clear), key=lambda k: -hard[k] * np.log1p(kinks.gain[k])):
-            impact = kinks.impact(int(k))
-            if all(abs(impact.frame - other) > side for other in chosen):
-                chosen.append(impact.frame)
-                found.append(impact)
+        if side > limit and found:
+            break
+        told = bool(found)
+        found += _beside(kinks_of(times, s, side), speed, found)
+        if side > limit and all(wall.count < 2 for wall in walls_of(found, s)):
+            found = []
         if told:  # longer sides take a turn for a kink
             break
     return sorted(found, key=lambda x: x.frame)
+
+
+def _beside(kinks: Kinks, speed: float, known: list[Impact]) -> list[Impact]:
+    """Impacts of windows of one length, the clearest first, that are none of those known."""
+    found = list[Impact]()
+    strong = kinks.hard * np.log1p(kinks.gain)
+    for k in sorted(np.flatnonzero(kinks.clear(speed)), key=lambda k: -strong[k]):
+        impact = kinks.impact(int(k))
+        if all(abs(impact.frame - x.frame) > kinks.side for x in known + found):
+            found.append(impact)
+    return found
 
 
 def impact_between(times: np.ndarray, s: np.ndarray, first: int, last: int) -> int | None:
