@@ -29,6 +29,7 @@ from vidphys.diagnose.telling.answers import answer
 from vidphys.experiments.filmed.laws.pendulums import COUPLED_PENDULUMS, DOUBLE_PENDULUM
 
 STEP = 1 / 30
+PULLED = Law(2, "uniform", "none", pictured=True)
 
 
 def filmed(path, tilt):
@@ -184,6 +185,16 @@ def test_a_force_that_only_slows_what_goes_straight_may_be_dry_friction(begins, 
     assert {x.model.charts[0].name for x in pulled} == {"line", "plane"}
     assert all(only_slows(x) is doubt for x in pulled)
     assert found.fit.kinds == ({"dry"} if doubt else {"uniform"})
+
+
+@pytest.mark.parametrize(("aside", "doubt"), [(0.03, True), (0.3, False)])
+def test_what_nearly_rests_goes_along_its_force_though_it_goes_a_little_aside(aside, doubt):
+    speed = np.stack([np.linspace(1.0, 0.02, 45), np.full(45, aside)], -1)
+    rates = np.stack([np.zeros_like(speed), speed], 1)
+    model = SimpleNamespace(law=PULLED, coordinates=lambda *_: [rates])
+    numbers = {name: (x, 0.01) for name, x in zip(PULLED.forces, (-0.67, 0.0), strict=True)}
+    fit = SimpleNamespace(model=model, kinds={"uniform"}, numbers=numbers, values=None, clips=None)
+    assert only_slows(fit) is doubt
 
 
 # several that swing

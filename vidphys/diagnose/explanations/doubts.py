@@ -17,7 +17,7 @@ UNSEEN = 0.02  # half sides of a picture, by which a tracker may bend a way: a h
 CERTAIN = 5.0  # standard errors of a term's number, below which it may as well not be there
 LITTLE = 0.05  # of its speed, that a friction takes in a recording at least, to be seen there
 MOVING = ("acceleration", "rate")  # quantities without which a law does not say what moves a body
-STRAIGHT = 0.99  # cosine of the angle between a way and a force, from which it goes along it
+ASIDE = 0.14  # of the highest speed along a force, that one goes to its side which goes along it
 RESTED = 0.02  # of its usual speed, that what has come to rest has at most
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "In doubt: nothing acts on it, as on something that passes by. Look at what is followed."
@@ -119,9 +119,11 @@ def only_slows(fit: Fit) -> bool:
     if "collision" in fit.kinds:  # such bodies do not go straight
         return False
     rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
-    speed = np.linalg.norm(rates, axis=-1)
     force = np.array([fit.numbers[name][0] for name in law.forces])
-    return bool((rates @ force < -STRAIGHT * speed * np.linalg.norm(force)).all())
+    way = force / np.linalg.norm(force)
+    along = rates @ way
+    aside = np.linalg.norm(rates - along[:, None] * way, axis=-1)
+    return bool((along < 0).all() and (aside < ASIDE * np.abs(along).max()).all())
 
 
 def may_hang(fit: Fit) -> bool:
