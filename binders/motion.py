@@ -169,7 +169,7 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         inside = settings.wanted.where(background.shape[0], background.shape[1], clip.factor)
         judged += _alone(_coloured(clip, blobs, changed, inside, settings), judged)
         judged += _alone(_carried(clip, background, changed, inside, settings), judged)
-    found = wheels(ranked(judged))
+    found = wheels(ranked(_untangled(clip, judged, settings)))
     if settings.shadow != 1:
         found = put_last(found, shadows(found, clip.still, background))
     return _View(blobs, changed, found)
@@ -199,6 +199,23 @@ def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> 
         wholes = crossed(bodies) + continued(bodies, clip.steps)
         joined += _judged(clip, bodies + wholes, kind, settings)[len(bodies) :]
     return joined
+
+
+def _untangled(clip: Steadied, judged: list[Candidate], settings: MotionBinder) -> list[Candidate]:
+    """The same candidates, of which the likeliest are no longer taken for one another.
+
+    What was followed as one of them may hide a better one, that is followed otherwise.
+    """
+    chosen = likely(ranked(judged))
+    told = told_apart(chosen)
+    mixed = {id(old): new for old, new in zip(chosen, told, strict=True) if old is not new}
+    kept = [each for each in judged if id(each.body) not in mixed]
+    for each in judged:
+        if id(each.body) in mixed:
+            alike = [other.body for other in kept if other.kind == each.kind]
+            bodies = [*alike, mixed[id(each.body)]]
+            kept += _judged(clip, bodies, each.kind, settings)[-1:]
+    return kept
 
 
 def _carried(

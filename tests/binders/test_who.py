@@ -11,7 +11,8 @@ from binders.exchanged import continued, crossed
 from binders.follow import Candidate, likely, ranked, wheels
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged, foretold
-from binders.motion import MotionBinder
+from binders.motion import MotionBinder, _judged, _untangled
+from binders.steadied import Steadied
 from binders.wanted import Wanted
 from tests.binders.test_motion import HEIGHT, WIDTH, disc, draw, pixels, still, times
 
@@ -224,6 +225,28 @@ def test_what_is_followed_on_as_another_body_gives_way_to_what_is_not() -> None:
     exchanged = candidate(np.where(before, two, one), 0.9)
     assert ranked([first, exchanged, stays]) == [first, stays]
     assert ranked([first, exchanged, candidate(two, 0.5)])[:2] == [first, exchanged]
+
+
+def test_bodies_that_were_exchanged_where_they_met_give_way_to_one_that_was_not() -> None:
+    """The large one rests until the small one strikes it; only its corners tell of it till then."""
+    after = np.maximum(T - 24.0, 0)[:, None]
+    small = np.array([40.0, 50]) + (T - 24.0)[:, None] * [1.2, 0.4] - after * [1.0, 1.1]
+    large = np.array([50.0, 50]) + after * [0.4, 0.2]
+    unsure = large + 3 * np.random.default_rng(0).normal(size=(60, 2)) * (after == 0)
+
+    def body(before: np.ndarray, later: np.ndarray, sizes: tuple[float, float]) -> Hypothesis:
+        size = np.where(T < 24, *sizes)
+        ones, places = np.ones(60), np.where(after == 0, before, later)
+        return Hypothesis(places, size**2, size, size, np.zeros((60, 3)), ones, 0 * ones)
+
+    clip = Steadied(draw(np.zeros((60, 0, 2)), still()), times())
+    mixed = body(small, large, (5.0, 9.0)), body(unsure, small, (9.0, 5.0))
+    whole = body(large, large, (9.0, 9.0))
+    settings = MotionBinder(bodies=None)
+    judged = [*_judged(clip, list(mixed), 0, settings), *_judged(clip, [whole], 2, settings)]
+    assert all(x.body is y for x, y in zip(ranked(judged), mixed, strict=True))
+    first, second = ranked(_untangled(clip, judged, settings))
+    assert (first.body.positions == small).all(1).mean() > 0.9 and second.body is whole
 
 
 def test_the_blades_of_a_fan_are_no_bodies() -> None:
