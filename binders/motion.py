@@ -21,6 +21,7 @@ from binders.carried import carried_bodies, drawn_along
 from binders.coloured import coloured_blobs
 from binders.exchanged import apart, continued, crossed, told_apart
 from binders.follow import Candidate, likely, path_of, put_last, ranked, wheels
+from binders.halves import halves
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lawful import judge
 from binders.lookalike import seen_again
@@ -185,7 +186,8 @@ def _coloured(
     """Bodies that are seen by their colour nearly always, also before what else moves."""
     likeliest: list[Candidate] = []
     for each in coloured_blobs(clip.still, clip.sample, blobs, changed, inside, settings.thin):
-        judged = _judged(clip, hypotheses(each, clip.steps), COLOURED, settings)
+        pieces = hypotheses(each, clip.steps)
+        judged = _judged(clip, pieces + halves(pieces), COLOURED, settings)
         often = [c for c in judged if c.judged.seen > MOSTLY]
         likeliest += sorted(often, key=lambda c: -c.judged.score)[:OF_A_COLOUR]
     return likeliest

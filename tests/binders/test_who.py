@@ -9,6 +9,7 @@ import pytest
 
 from binders.exchanged import continued, crossed
 from binders.follow import Candidate, likely, ranked, wheels
+from binders.halves import halves
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged, foretold
 from binders.motion import MotionBinder, _judged, _untangled
@@ -247,6 +248,29 @@ def test_bodies_that_were_exchanged_where_they_met_give_way_to_one_that_was_not(
     assert all(x.body is y for x, y in zip(ranked(judged), mixed, strict=True))
     first, second = ranked(_untangled(clip, judged, settings))
     assert (first.body.positions == small).all(1).mean() > 0.9 and second.body is whole
+
+
+@pytest.mark.parametrize(
+    ("turns", "away", "size", "bodies"),
+    [
+        (0.02, 4.0, 5.0, 1),
+        (0.0, 4.0, 5.0, 0),
+        (0.02, 9.0, 5.0, 0),
+        (0.02, 4 + np.sin(T / 5), 5.0, 0),
+        (0.02, 4.0, 7.0, 0),
+    ],
+    ids=["a striped puck", "two that go alike", "two on a rod", "on a spring", "of other sizes"],
+)
+def test_two_halves_that_a_stripe_parts_are_one_body(turns, away, size, bodies) -> None:
+    """The puck hardly moves, so what stands still shows it, and only its colour tells of it."""
+    middle = np.array([60.0, 40.0]) + np.outer(T, [0.2, 0.1])
+    arm = (away * np.stack([np.cos(turns * T), np.sin(turns * T)])).T
+    pieces = [part(0, 60, middle + arm), part(3, 60, middle - arm, size), part(0, 60, wander())]
+    found = halves(pieces)
+    assert len(found) == bodies
+    if bodies:
+        np.testing.assert_allclose(found[0].positions[3:], middle[3:])
+        assert found[0].seen.sum() == 57 and found[0].usual_size == pytest.approx(5 * 2**0.5)
 
 
 def test_the_blades_of_a_fan_are_no_bodies() -> None:
