@@ -17,13 +17,10 @@ from jaxtyping import Float
 from binders.base import BINDERS, MotionTracks, Pictures
 from binders.blobs import Blobs
 from binders.camera import background_of
-from binders.carried import carried_bodies, drawn_along
-from binders.coloured import coloured_blobs
-from binders.exchanged import apart, continued, crossed, told_apart
+from binders.candidates import Judging, alone, by_colour, by_corners, in_parts, untangled
+from binders.exchanged import apart, told_apart
 from binders.follow import Candidate, likely, path_of, put_last, ranked, wheels
-from binders.halves import halves
 from binders.hypotheses import Hypothesis, hypotheses
-from binders.lawful import judge
 from binders.lookalike import seen_again
 from binders.placed import placed
 from binders.reel import Masks
@@ -41,13 +38,6 @@ LIKE_IT = 10.0  # of :meth:`Wanted.likeness`, from which a pixel has the colour
 UNSAID = 0.02  # of the picture's shorter side: radius of a body of which only a place is said
 HAUNTED = 3  # sampled frames with a ghost, that show what is behind it
 RIM = 3  # pixels around a ghost, that are its soft edge
-# how much less likely a blob is the body alone that may have its shadow, and corners are all of it
-DOUBTS = 1.0, 0.75, 0.8, 0.8
-CORNERS, COLOURED = 2, 3  # ways to find bodies: by corners, by colour
-OF_A_COLOUR = 3  # bodies that may share one
-MOSTLY = 0.75  # seen, is what is followed by its colour: it is to show what blobs lose for a while
-AS_GOOD = 0.5  # of the score of what is drawn along, that what draws it has
-LIKELY = 6  # candidates, of which two may be parts of one
 HIDDEN = 0.5  # of the best score, from which the background is cleaned of a hypothesis
 
 
@@ -148,7 +138,7 @@ class _View:
 
 def _view(clip: Steadied, settings: MotionBinder) -> _View:
     """What may be bodies before a background that is cleaned of those that are known."""
-    sampled = clip.still[clip.sample].astype(np.float32)
+    judging, sampled = Judging(clip, settings.wanted), clip.still[clip.sample].astype(np.float32)
     hidden, clear = None, np.zeros(sampled.shape[:3], bool)
     followed: dict[int, list[Hypothesis]] = {}  # before each background: the last need not be best
     for number in range(PASSES):
@@ -156,104 +146,22 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
         blobs, changed, ghosts = _blobs(clip, background, sampled, settings)
         for kind, b in enumerate(blobs):
             followed[kind] = followed.get(kind, []) + hypotheses(b, clip.steps)
-        judged = [
-            each for kind, some in followed.items() for each in _judged(clip, some, kind, settings)
-        ]
+        judged = [each for kind, some in followed.items() for each in judging(some, kind)]
         candidates = ranked(judged)
         if number > 0 and (ghosts.sum(0) >= HAUNTED).sum() < _area(candidates):
             break
         clear |= ghosts
         often = clear.sum(0) >= HAUNTED
         hidden = _discs(candidates, clip) | (often & ~clear)
-    judged += _crossed(clip, candidates, settings)
+    judged += in_parts(judging, candidates)
     if settings.wanted.colour is None:
         inside = settings.wanted.where(background.shape[0], background.shape[1], clip.factor)
-        judged += _alone(_coloured(clip, blobs, changed, inside, settings), judged)
-        judged += _alone(_carried(clip, background, changed, inside, settings), judged)
-    found = wheels(ranked(_untangled(clip, judged, settings)))
+        judged += alone(by_colour(judging, blobs, changed, inside, settings.thin), judged)
+        judged += alone(by_corners(judging, background, changed, inside), judged)
+    found = wheels(ranked(untangled(judging, judged)))
     if settings.shadow != 1:
         found = put_last(found, shadows(found, clip.still, background))
     return _View(blobs, changed, found)
-
-
-def _coloured(
-    clip: Steadied,
-    blobs: list[list[Blobs]],
-    changed: Masks,
-    inside: np.ndarray | None,
-    settings: MotionBinder,
-) -> list[Candidate]:
-    """Bodies that are seen by their colour nearly always, also before what else moves."""
-    likeliest: list[Candidate] = []
-    for each in coloured_blobs(clip.still, clip.sample, blobs, changed, inside, settings.thin):
-        pieces = hypotheses(each, clip.steps)
-        judged = _judged(clip, pieces + halves(pieces), COLOURED, settings)
-        often = [c for c in judged if c.judged.seen > MOSTLY]
-        likeliest += sorted(often, key=lambda c: -c.judged.score)[:OF_A_COLOUR]
-    return likeliest
-
-
-def _crossed(clip: Steadied, found: list[Candidate], settings: MotionBinder) -> list[Candidate]:
-    """What was followed in parts, of the likeliest bodies."""
-    joined = []
-    for kind in {each.kind for each in found}:
-        bodies = [each.body for each in found[:LIKELY] if each.kind == kind]
-        wholes = crossed(bodies) + continued(bodies, clip.steps)
-        joined += _judged(clip, bodies + wholes, kind, settings)[len(bodies) :]
-    return joined
-
-
-def _untangled(clip: Steadied, judged: list[Candidate], settings: MotionBinder) -> list[Candidate]:
-    """The same candidates, of which the likeliest are no longer taken for one another.
-
-    What was followed as one of them may hide a better one, that is followed otherwise.
-    """
-    chosen = likely(ranked(judged))
-    told = told_apart(chosen)
-    mixed = {id(old): new for old, new in zip(chosen, told, strict=True) if old is not new}
-    kept = [each for each in judged if id(each.body) not in mixed]
-    for each in judged:
-        if id(each.body) in mixed:
-            alike = [other.body for other in kept if other.kind == each.kind]
-            bodies = [*alike, mixed[id(each.body)]]
-            kept += _judged(clip, bodies, each.kind, settings)[-1:]
-    return kept
-
-
-def _carried(
-    clip: Steadied,
-    background: np.ndarray,
-    changed: Masks,
-    inside: np.ndarray | None,
-    settings: MotionBinder,
-) -> list[Candidate]:
-    """Bodies that are known by their corners."""
-    found = carried_bodies(clip.still, clip.sample, background, changed, clip.steps, inside)
-    return _judged(clip, [body for body, _ in found], CORNERS, settings, [s for _, s in found])
-
-
-def _alone(found: list[Candidate], others: list[Candidate]) -> list[Candidate]:
-    """What is found, without what others draw along or is a part of them."""
-
-    def better(than: Candidate) -> list[Hypothesis]:
-        least = AS_GOOD * than.judged.score
-        return [each.body for each in found + others if each.judged.score > least]
-
-    return [each for each in found if not drawn_along(each.body, better(each))]
-
-
-def _judged(
-    clip: Steadied,
-    found: list[Hypothesis],
-    kind: int,
-    settings: MotionBinder,
-    sure: list[float] | None = None,
-) -> list[Candidate]:
-    fits = [DOUBTS[kind] * settings.wanted.fits(h, clip.factor) for h in found]
-    if sure is not None:
-        fits = [fit * each for fit, each in zip(fits, sure, strict=True)]
-    judged = judge(found, clip.steps, float(min(clip.still.shape[1:3])), fits)
-    return [Candidate(h, j, kind) for h, j in zip(found, judged, strict=True)]
 
 
 def _blobs(

@@ -157,7 +157,7 @@ def test_a_body_is_not_lost_that_an_earlier_background_shows(monkeypatch) -> Non
         return hypotheses(*seen) if next(first, False) else []
 
     monkeypatch.setattr("binders.motion.hypotheses", once)
-    for other_way in ("_carried", "_coloured"):
+    for other_way in ("by_corners", "by_colour"):
         monkeypatch.setattr(f"binders.motion.{other_way}", lambda *_: [])
     error = np.linalg.norm(pixels(MotionBinder()(draw(path, still()), times())) - path, axis=-1)
     assert np.median(error) < 1.0

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from binders.candidates import Judging, untangled
 from binders.exchanged import continued, crossed
 from binders.follow import Candidate, likely, ranked, wheels
 from binders.halves import halves
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged, foretold
-from binders.motion import MotionBinder, _judged, _untangled
+from binders.motion import MotionBinder
 from binders.steadied import Steadied
 from binders.wanted import Wanted
 from tests.binders.test_motion import HEIGHT, WIDTH, disc, draw, pixels, still, times
@@ -243,10 +244,10 @@ def test_bodies_that_were_exchanged_where_they_met_give_way_to_one_that_was_not(
     clip = Steadied(draw(np.zeros((60, 0, 2)), still()), times())
     mixed = body(small, large, (5.0, 9.0)), body(unsure, small, (9.0, 5.0))
     whole = body(large, large, (9.0, 9.0))
-    settings = MotionBinder(bodies=None)
-    judged = [*_judged(clip, list(mixed), 0, settings), *_judged(clip, [whole], 2, settings)]
+    judging = Judging(clip, Wanted())
+    judged = [*judging(list(mixed), 0), *judging([whole], 2)]
     assert all(x.body is y for x, y in zip(ranked(judged), mixed, strict=True))
-    first, second = ranked(_untangled(clip, judged, settings))
+    first, second = ranked(untangled(judging, judged))
     assert (first.body.positions == small).all(1).mean() > 0.9 and second.body is whole
 
 
