@@ -205,7 +205,4 @@ def open_run(path: Path | str) -> Run:
     Raises:
         InputError: there is none.
     """
-    run = Run(Path(path))
-    if not RunFolder(run.path).manifest_path.is_file():
-        raise InputError(f"{path}: not the folder of a run; it has no run.json")
-    return run
+    return Run(RunFolder.existing(Path(path)).path)

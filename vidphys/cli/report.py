@@ -11,6 +11,7 @@ from typing import Annotated
 import tyro
 
 from vidphys.errors import InputError
+from vidphys.runs.folder import RunFolder
 
 COMPARED = "comparison.html"
 
@@ -65,12 +66,7 @@ def _writer(run: Path) -> Callable[[Path], Path]:
     from viz import atlas, results, stress, told, trade
     from viz.report import write_report
 
-    if not (run / "run.json").is_file():
-        raise InputError(f"report: {run} is no folder of a run: it has no run.json")
-    try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"report: {run / 'run.json'} cannot be read ({error})") from error
+    about = RunFolder.existing(run).manifest()
     kinds: dict[str, Callable[[Path], Path]] = {
         "ladder": _ladder,
         "reproduce": results.write_results,
@@ -79,7 +75,7 @@ def _writer(run: Path) -> Callable[[Path], Path]:
         "stress": stress.write_stress_report,
         **dict.fromkeys(told.TITLES, told.write_told),
     }
-    return kinds.get(str((about.get("settings") or {}).get("experiment")), write_report)
+    return kinds.get(str(about["settings"].get("experiment")), write_report)
 
 
 def _ladder(run: Path) -> Path:

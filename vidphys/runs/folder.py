@@ -89,6 +89,18 @@ class RunFolder:
         self.path = path
 
     @classmethod
+    def existing(cls, path: Path) -> RunFolder:
+        """The run that lies in a folder.
+
+        Raises:
+            InputError: there is none.
+        """
+        run = cls(path)
+        if not run.manifest_path.is_file():
+            raise InputError(f"{path}: not the folder of a run; it has no run.json")
+        return run
+
+    @classmethod
     def open(cls, path: Path, settings: dict[str, Any], overwrite: bool = False) -> RunFolder:
         """As :meth:`at_work`, but hold the folder only while it is prepared."""
         with cls.at_work(path, settings, overwrite) as run:

@@ -11,6 +11,7 @@ import pytest
 
 from tests.viz.test_viz import SCHEMA, make_run
 from vidphys.cli import main
+from vidphys.runs.folder import RunFolder
 
 SUMMARY = """1 clip of 40 frames, 1 body in 2 dimensions, 0.1 s between frames
 Frames 0 to 39 of 40 are used.
@@ -23,9 +24,8 @@ A coordinate has a noise of 0.1 px.
 
 
 def diagnosed(path: Path) -> Path:
-    path.mkdir()
     settings = {"experiment": "diagnose", "input": "swing.csv", "cells": ["diagnosis"]}
-    (path / "run.json").write_text(json.dumps({"settings": settings}))
+    RunFolder.open(path, settings)
     (path / "summary.txt").write_text(SUMMARY)
     numbers = {"length": {"value": 1.2, "standard_error": 0.05, "unit": "m"}}
     mechanism = [{"bodies": [0], "quantities": numbers}]
@@ -50,9 +50,8 @@ def test_a_diagnosis_says_what_holds_and_what_is_open(tmp_path, capsys):
 
 def test_a_rollout_is_drawn_from_its_arrays(tmp_path):
     run = tmp_path / "rolled"
-    run.mkdir()
     settings = {"experiment": "rollout", "beyond": 2.0, "coupling": -1.0, "law": ["friction=0"]}
-    (run / "run.json").write_text(json.dumps({"settings": settings}))
+    RunFolder.open(run, settings)
     times, later = np.arange(20) * 0.1, 2 + np.arange(10) * 0.1
     track, rolled = np.random.default_rng(0).standard_normal((2, 20, 2, 2))
     arrays = {"times": times, "track": track, "rollout_times": later, "rollout": rolled[:10]}
@@ -83,7 +82,7 @@ def test_changed_verdicts_come_first(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [([], "RUN"), (["/nowhere"], "no folder of a run"), (["/nowhere", "--out", "x"], "--out")],
+    [([], "RUN"), (["/nowhere"], "not the folder of a run"), (["/nowhere", "--out", "x"], "--out")],
 )
 def test_wrong_input_is_said(arguments, words, capsys):
     assert main(["report", *arguments]) == 2
