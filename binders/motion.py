@@ -50,7 +50,8 @@ class MotionBinder:
         bodies: how many bodies to follow; unless given, as many as move nearly as lawfully.
         shadow: a pixel whose colour is the background's times a factor between this and its
             inverse counts as lit differently, not as a body; 1 keeps every change. Unless given,
-            it is 0.6 where anything moves that differs in more than brightness.
+            it is 0.6 where anything moves that differs in more than brightness. A deeper shadow
+            is told by what is seen through it.
         thin: structures thinner than this many pixels (of the working image, at most 480 on its
             longer side) belong to no body: strings, rods, edges.
         wanted: what is known of the bodies.
