@@ -17,6 +17,7 @@ from vidphys.diagnose.mechanisms.extents import (
     settled,
     shown_enough,
     stay,
+    stays_on,
 )
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
@@ -122,7 +123,7 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int], list[int]]:
     followed, motion = motion, parted(motion)
     met = [body for group in meeting(thinned(motion), camera=True) for body in group.bodies]
     laws, lawful = _laws(motion, met)
-    staying = {body: laws[body] for body in stay(followed, list(laws)[:MOST_TRIED])}
+    staying = {body: laws[body] for body in _followed_on(followed, list(laws)[:MOST_TRIED])}
     lawful = _or_likelier(motion, sorted({*lawful, *_tied(motion, staying, lawful)}), laws)
     if not met and not stay(motion, lawful):
         let_go = _or_likelier(followed, released(followed, lawful), laws)
@@ -138,6 +139,11 @@ def _lawful_of(motion: Motion) -> tuple[Motion, list[int], list[int]]:
     if _needs_no_mending(followed, motion, found):
         motion = followed
     return motion, found, nearly
+
+
+def _followed_on(motion: Motion, bodies: list[int]) -> list[int]:
+    """Those that are seen in most frames, and in nearly all from their first on."""
+    return seen_enough(motion, [body for body in bodies if stays_on(motion, body)])
 
 
 def _laws(motion: Motion, met: list[int]) -> tuple[dict[int, list[Fit]], list[int]]:
@@ -205,7 +211,7 @@ def _tied(motion: Motion, laws: Mapping[int, Sequence[Fit]], lawful: Sequence[in
     geometric mean; beside one that has a law of its own, as much as of a view that is set right.
 
     Args:
-        laws: of each body that is seen in nearly all frames, before any mending.
+        laws: of each body that is seen in nearly all frames from its first on, before any mending.
         lawful: those that a law of their own moves.
     """
     tied: list[tuple[float, list[int]]] = []
