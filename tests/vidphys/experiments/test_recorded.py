@@ -1,14 +1,17 @@
 """Known motions as tables: paths that obey their laws, and answers that are judged rightly."""
 
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from vidphys.experiments.core.bars import rows_of
 from vidphys.experiments.filmed.laws.law import GRAVITY
 from vidphys.experiments.recorded import table
 from vidphys.experiments.recorded.cases import CASES
 from vidphys.experiments.recorded.curves import BENT_TRAP, BOWL, SLACK
+from vidphys.runs.records import Origin, Recorder
 
 FINE = np.arange(4000) * 1e-3
 
@@ -68,3 +71,15 @@ def test_an_answer_is_held_to_the_truth(monkeypatch, name, terms, exact):
     assert found.exact == exact and found.claimed
     assert all(x == pytest.approx(0.02) for x in found.errors.values())
     assert set(found.errors) == set(case.numbers) and not any(found.inside.values())
+
+
+def test_every_bar_asks_for_what_its_cell_records():
+    asked = {(row.cell, row.metric) for row in rows_of("recorded")}
+    assert {cell for cell, _ in asked} == set(CASES)
+    for cell, metric in asked:
+        case = CASES[cell](np.random.default_rng(0))
+        told = dict.fromkeys(case.numbers, 0.0), dict.fromkeys(case.numbers, True)
+        names = dict.fromkeys((f.name for f in fields(Origin)), "none") | {"seed": 0}
+        rows = Recorder(Origin(**names | {"context": None}))
+        table._record(rows, [table.Score(case, (), table.EXPLAINED, True, *told)])
+        assert metric in rows.tables()[0].column("metric").to_pylist()
