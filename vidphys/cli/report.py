@@ -11,7 +11,6 @@ from typing import Annotated
 import tyro
 
 from vidphys.errors import InputError
-from vidphys.runs.folder import RunFolder
 
 COMPARED = "comparison.html"
 
@@ -63,6 +62,7 @@ def _written(config: ReportConfig) -> Path:
 
 def _writer(run: Path) -> Callable[[Path], Path]:
     """What writes the report of a run of its kind."""
+    from vidphys.runs.folder import RunFolder
     from viz import atlas, results, stress, told, trade
     from viz.report import write_report
 

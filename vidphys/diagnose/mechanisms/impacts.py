@@ -58,9 +58,7 @@ def find_impacts(times: np.ndarray, s: np.ndarray) -> list[Impact]:
     speed, found = _usual(times, s), list[Impact]()
     limit = max(WITHIN * between_turns(s), SIDES[0])
     for side in SIDES:
-        if len(times) < 2 * side + 2 or side > LONGER * limit:
-            break
-        if side > limit and found:
+        if len(times) < 2 * side + 2 or side > (limit if found else LONGER * limit):
             break
         told = bool(found)
         found += _beside(kinks_of(times, s, side), speed, found)
