@@ -36,6 +36,15 @@ def test_a_shadow_that_swings_wider_where_it_comes_nearer_to_the_camera_is_one()
     assert "thing 2 moves in proportion to thing 1" in looked_at(weight, shadow)[1]
 
 
+def test_a_shadow_that_a_foot_hides_in_part_each_time_it_passes_there_is_one():
+    weight = pendulum(0.4, 0.8, 0.0)
+    x = 0.1 + 0.85 * weight[:, 0]
+    hidden = np.abs(x - 0.02) < 0.03  # its visible rest lies aside
+    x = np.where(hidden, x - 0.04, x)
+    shadow = np.stack([x, np.full(len(TIMES), -0.6)], -1)
+    assert "thing 2 moves in proportion to thing 1" in looked_at(weight, shadow)[1]
+
+
 def test_a_piece_of_the_string_is_not_the_body_though_it_is_above():
     weight = pendulum(0.4, 0.8, 0.0)
     piece = np.array([0.0, 0.5]) + 0.6 * (weight - [0.0, 0.5])

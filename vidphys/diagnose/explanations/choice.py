@@ -175,11 +175,13 @@ def _status(explanation: Explanation, verdict: Verdict | None) -> str:
 
 
 def _enough(laws: Standing, one_law: bool) -> bool:
-    """Whether the menu has nothing to add: one law has nearly all of the motion."""
+    """Whether the menu has nothing to add: one law has nearly all, or several foretell all."""
     if laws.status == EXPLAINED:
         return True
-    mostly = laws.verdict is not None and laws.verdict.share > NEARLY_ALL
-    return mostly and one_law and laws.status == MOSTLY
+    if laws.verdict is None or laws.status != MOSTLY:
+        return False
+    nearly_all = laws.verdict.share > NEARLY_ALL
+    return nearly_all if one_law else laws.verdict.foretells_all
 
 
 def _said(struck: Sequence[tuple[int, float]], bodies: int) -> str:

@@ -49,6 +49,12 @@ class Verdict:
     bent: bool = False
     stays: bool = False
 
+    @property
+    def foretells_all(self) -> bool:
+        """Whether it has all of the motion, and foretells all that was held out."""
+        foretold = self.horizon is not None and self.horizon >= self.held_out
+        return foretold and self.share >= ALL and not self.bent
+
 
 def judge(
     share: float,

@@ -12,6 +12,7 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 # of its way: what two bodies leave of the proportion at least that move by themselves; a lens bends
 # that of a shadow by up to 0.031, as was seen in a filmed clip
 APART = 0.04
+WHOLE = 0.8  # of the frames, in which nothing hides a part of a shadow
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 AS_FAR = 0.7  # of a shadow's way, that the way of what casts it has: a piece of a string goes less
 UPRIGHT = 0.05  # of its height above a body, by which a piece of what that hangs by is to its side
@@ -82,7 +83,21 @@ def goes_with(motion: Motion, body: int, other: int) -> str:
     if against[np.abs(main[0]).argmax()] and abs(main[0][1]) < abs(main[0][0]):
         return ""
     straight = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
-    return SHADOW if straight < APART or _left_of_projection(here, main[1]) < APART else ""
+    cast = straight < APART or _left_of_projection(here, main[1]) < APART
+    return SHADOW if cast or _left_where_whole(one, two) < APART / 2 else ""
+
+
+def _left_where_whole(one: np.ndarray, two: np.ndarray) -> float:
+    """What the proportion leaves of the other's way, ``(t,)`` each, without the worst frames.
+
+    A foot or a leg that hides a part of a shadow draws it aside each time that it passes there.
+    """
+    whole = np.arange(len(one))
+    for _ in range(2):
+        factor, there = np.polyfit(one[whole], two[whole], 1)
+        left = two - factor * one - there
+        whole = np.argsort(np.abs(left))[: int(WHOLE * len(left))]
+    return float(np.sqrt(np.mean(left[whole] ** 2)) / np.std(two))
 
 
 def _flies_with(here: np.ndarray) -> bool:
