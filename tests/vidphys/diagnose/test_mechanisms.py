@@ -26,7 +26,7 @@ from vidphys.diagnose.mechanisms.measurement import Covariance, Errors, Shapes
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism, meeting
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.quantities import quantities
-from vidphys.diagnose.mechanisms.rods import rods_in_picture
+from vidphys.diagnose.mechanisms.rods import Rods, rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.units import Units, scale_of
@@ -580,6 +580,30 @@ def test_of_two_weights_that_both_swing_on_arcs_the_law_tells_which_is_above():
     beside = np.concatenate([places, places[::-1, :1] + 0.5], 1)  # something else that swings
     looked_at, said = of_lawful_bodies(noisy(beside, 5e-4))
     assert looked_at.bodies == 2 and said[0].startswith("3 things move")
+
+
+def test_a_double_pendulum_is_told_also_by_a_camera_that_stands_askew():
+    angles = np.array([[0.6, -0.4], [-0.3, 0.5], [0.9, 1.2]])
+    askew = Rods(np.zeros(2), np.full(2, 0.2), np.zeros(2), (0, 1), np.array([0.1, 0.25, 0.02]))
+    np.testing.assert_allclose(askew.angles(askew.places(angles)), angles, atol=1e-4)
+    places = double_pendulum(0.3, 0.25, 0.45, (0.9, -0.6))
+    shown = view.seen(places, np.array([-0.12, 0.27, 0.0]))
+    rods = rods_in_picture(noisy(shown, 5e-4))
+    assert rods is not None and rods.left < 0.01 * rods.spread
+    told = {x.name: x for x in quantities(rods)}
+    upper, lower = (told[f"length {which}"].value for which in (1, 2))
+    assert lower / upper == pytest.approx(0.25 / 0.3, rel=0.01)
+    assert told["mass ratio"].value == pytest.approx(0.45 / 0.55, rel=0.05)
+    assert told["length 1"].error > 0.05 * upper  # where in the picture is that length?
+    ruler = tuple(map(tuple, view.seen(np.array([[0.4, 0.0], [0.4, 0.5]]), rods.rods.camera)))
+    seen_at = {x.name: x for x in quantities(rods, ruler)}["length 1"]
+    assert seen_at.value == pytest.approx(0.3 / 0.5 * np.linalg.norm(np.diff(ruler, axis=0)), 0.01)
+    assert seen_at.error < 0.05 * seen_at.value
+
+
+def test_rods_seen_straight_are_told_without_a_view():
+    rods = rods_in_picture(noisy(double_pendulum(0.3, 0.25, 0.45, (0.9, -0.6)), 5e-4))
+    assert rods is not None and not rods.rods.camera.any()
 
 
 def test_a_ball_is_told_from_the_hand_that_carries_and_throws_it():

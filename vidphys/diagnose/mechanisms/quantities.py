@@ -70,7 +70,7 @@ def quantities(fit: Fit, ruler: Ends | None = None) -> list[Quantity]:
         for name, told, length, seconds in _asked(fit)
     ]
     if isinstance(fit, RodsFit):
-        return [*asked, *_of_rods(fit)]
+        return [*asked, *_of_rods(fit, ruler)]
     if camera is None:
         return asked
     share = ASKEW if seen is not None else float(np.hypot(ASKEW, _unevenness(fit, camera)))
@@ -104,11 +104,14 @@ def _wider(quantity: Quantity) -> Quantity:
     return replace(quantity, error=SEEN * quantity.error)
 
 
-def _of_rods(fit: RodsFit) -> Iterator[Quantity]:
+def _of_rods(fit: RodsFit, ruler: Ends | None) -> Iterator[Quantity]:
     """Their lengths, and the mass at the lower one's end over that at the upper one's."""
     (upper, lower), (vague, vaguer) = fit.rods.lengths, fit.rods.errors
-    yield Quantity("length 1", float(upper), float(vague), 1)
-    yield Quantity("length 2", float(lower), float(vaguer), 1)
+    scale = 1.0 if ruler is None else view.enlarged(np.array(ruler), fit.rods.camera)
+    anywhere = view.unevenness(fit.rods.camera) if ruler is None else 0.0
+    for which, length, error in ((1, upper, vague), (2, lower, vaguer)):
+        error = np.hypot(error, anywhere * length)
+        yield Quantity(f"length {which}", float(length / scale), float(error / scale), 1)
     link, error = fit.numbers["link"]
     share = link * upper / lower  # of both masses, that the lower one has
     if 0 < share < 1:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.chain import chained
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.guesses import circle_through
@@ -19,6 +20,8 @@ RIGID = 0.02  # of their distance, by which that of two that a rod joins may var
 OFTEN = 0.5  # of the frames, in which both are seen
 TELLING = 10.0  # frames of a clip that tell of a length, as a tracker's mistakes last
 SOFT = 0.03  # of the upper rod: misses beyond count by their size
+EVENER = 0.7  # times as uneven at most, where a camera that stands askew explains why rods seem so
+ROUNDS = 2  # of finding how askew, each with what the last one left as the tracker's noise
 DOWN = -np.pi / 2  # the direction from which a rod's angle counts
 
 
@@ -30,15 +33,18 @@ class Rods:
         pivot: where the upper one hangs, ``(2,)``.
         lengths, errors: of both, and their standard errors, ``(2,)``.
         order: bodies at the end of the upper and the lower one.
+        camera: how it sees the plane in which they swing, ``(3,)``; see :func:`.view.flat`.
     """
 
     pivot: np.ndarray
     lengths: np.ndarray
     errors: np.ndarray
     order: tuple[int, int]
+    camera: np.ndarray = field(default_factory=lambda: np.zeros(len(view.NAMES)))
 
     def angles(self, places: np.ndarray) -> np.ndarray:
         """From hanging straight down, ``(t, 2)``, of places ``(t, 2, 2)``; NaN where unseen."""
+        places = view.flat(places, self.camera)
         upper, lower = (places[:, body] for body in self.order)
         away = np.stack([upper - self.pivot, lower - upper], 1)
         turned = np.arctan2(away[..., 1], away[..., 0]) - DOWN
@@ -54,7 +60,8 @@ class Rods:
         along = np.stack([np.cos(angles + DOWN), np.sin(angles + DOWN)], -1)
         upper = self.pivot + self.lengths[0] * along[:, 0]
         ends = upper, upper + self.lengths[1] * along[:, 1]
-        return np.stack([ends[self.order.index(body)] for body in range(2)], 1)
+        plane = np.stack([ends[self.order.index(body)] for body in range(2)], 1)
+        return view.seen(plane, self.camera)
 
 
 @dataclass(frozen=True)
@@ -118,22 +125,70 @@ def at_one_distance(motion: Motion) -> bool:
 
 
 def _candidates(places: np.ndarray) -> Iterator[Rods]:
-    """Rods of nearly constant lengths, either body at the upper one's end."""
+    """Rods of nearly constant lengths, either body at the upper one's end.
+
+    Where a camera that stands askew makes them more so, also as it sees them.
+    """
     both = places[np.isfinite(places).all((-1, -2))]
     if len(both) < 2:
         return
     for order in ((0, 1), (1, 0)):
-        upper, lower = (both[:, body] for body in order)
-        reach = np.linalg.norm(lower - upper, axis=-1)
-        centre = circle_through(upper)
+        ends = both[:, list(order)]
+        centre = circle_through(ends[:, 0])
+        reach = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
         if centre is None or np.std(reach) > STIFF * reach.mean():
             continue
-        pivot = _pivot(upper, centre)
-        length = np.linalg.norm(upper - pivot, axis=-1)
-        if np.std(length) < STIFF * length.mean() and pivot[1] > upper[:, 1].mean():
-            seen = length, reach
-            errors = np.array([np.std(x) for x in seen]) / np.sqrt(TELLING)
-            yield Rods(pivot, np.array([np.median(x) for x in seen]), errors, order)
+        straight = _rods(ends, _pivot(ends[:, 0], centre), order)
+        if straight is not None:
+            yield straight
+            yield from _seen_askew(ends, straight)
+
+
+def _rods(
+    ends: np.ndarray, pivot: np.ndarray, order: tuple[int, int], camera: np.ndarray | None = None
+) -> Rods | None:
+    """Those between a pivot and their ends in a plane, ``(t, 2, 2)``, if the upper one hangs."""
+    lengths = _lengths(ends, pivot)
+    upper = lengths[:, 0]
+    if np.std(upper) > STIFF * upper.mean() or pivot[1] < ends[:, 0, 1].mean():
+        return None
+    errors = np.std(lengths, axis=0) / np.sqrt(TELLING)
+    found = Rods(pivot, np.median(lengths, axis=0), errors, order)
+    return found if camera is None else replace(found, camera=camera)
+
+
+def _lengths(ends: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+    """Of both rods in each frame, ``(t, 2)``."""
+    upper, lower = ends[:, 0] - pivot, ends[:, 1] - ends[:, 0]
+    return np.stack([np.linalg.norm(x, axis=-1) for x in (upper, lower)], 1)
+
+
+def _seen_askew(ends: np.ndarray, straight: Rods) -> Iterator[Rods]:
+    """The same rods before a camera under which their lengths are most alike, if it helps.
+
+    A rod keeps its length wherever it swings. A view is slight until lengths say otherwise.
+    """
+
+    def uneven(numbers: np.ndarray) -> np.ndarray:
+        lengths = _lengths(view.flat(ends, numbers[2:]), numbers[:2])
+        return (lengths / lengths.mean(0) - 1).ravel()
+
+    def off(numbers: np.ndarray, noise: float) -> np.ndarray:
+        usual = numbers[2:] / view.USUAL
+        return np.concatenate([uneven(numbers) / (noise * np.sqrt(TELLING)), usual])
+
+    numbers = np.concatenate([straight.pivot, straight.camera])
+    before = noise = _rms(uneven(numbers))
+    for _ in range(ROUNDS):
+        numbers = least_squares(off, numbers, args=(noise,), loss="soft_l1").x
+        noise = _rms(uneven(numbers))
+    if noise < EVENER * before:
+        found = _rods(view.flat(ends, numbers[2:]), numbers[:2], straight.order, numbers[2:])
+        yield from [] if found is None else [found]
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt((x**2).mean()))
 
 
 def _pivot(upper: np.ndarray, begin: np.ndarray) -> np.ndarray:

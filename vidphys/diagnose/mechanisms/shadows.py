@@ -12,7 +12,7 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 # of its way: what two bodies leave of the proportion at least that move by themselves; a lens bends
 # that of a shadow by up to 0.031, as was seen in a filmed clip
 APART = 0.04
-WHOLE = 0.8  # of the frames, in which nothing hides a part of a shadow
+WHOLE, EXACT = 0.8, 0.03  # of the frames, in which nothing hides a part of a shadow; left in these
 ALIKE = 0.03  # of a body's way, by which one that is made alike and let go alike may differ
 AS_FAR = 0.7  # of a shadow's way, that the way of what casts it has: a piece of a string goes less
 UPRIGHT = 0.05  # of its height above a body, by which a piece of what that hangs by is to its side
@@ -84,7 +84,7 @@ def goes_with(motion: Motion, body: int, other: int) -> str:
         return ""
     straight = np.linalg.norm(two - one * (one @ two) / (one @ one)) / np.linalg.norm(two)
     cast = straight < APART or _left_of_projection(here, main[1]) < APART
-    return SHADOW if cast or _left_where_whole(one, two) < APART / 2 else ""
+    return SHADOW if cast or _left_where_whole(one, two) < EXACT else ""
 
 
 def _left_where_whole(one: np.ndarray, two: np.ndarray) -> float:
