@@ -551,6 +551,20 @@ def test_numbers_from_pictures_are_told_with_more_doubt_than_their_fit_has():
         )
 
 
+@pytest.mark.parametrize(
+    ("upright", "radius", "noise", "kind"),
+    [(False, 1.5, 3e-4, "pendulum"), (True, 3.0, 3e-4, "trap"), (True, 1.5, 1e-4, "pendulum")],
+)
+def test_what_swings_up_and_down_hangs_by_nothing_at_its_side(upright, radius, noise, kind):
+    """Unless its way is bent far more than a camera bends it."""
+    times = np.arange(120) * STEP
+    swing = 0.12 * np.cos(7.8 * times) * np.exp(-0.16 * times)
+    places = np.stack([swing, swing**2 / (2 * radius)], -1)
+    places = places[:, ::-1] if upright else places
+    fit = find_mechanism(noisy(places, noise), camera=True).groups[0].fit
+    assert fit.kinds == {"linear", kind}
+
+
 def double_pendulum(
     upper: float, lower: float, share: float, angles: tuple[float, float]
 ) -> np.ndarray:

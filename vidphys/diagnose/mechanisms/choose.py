@@ -33,6 +33,8 @@ TURNS = 2.5  # radians of a swing that are seen at least
 LEVEL = 2.0  # times its height, that a way is wide which is level, nearly
 UNTOLD = 0.5  # of a friction: a standard error from which the recording does not tell of it
 FLAT = 0.02  # radians from end to end, below which an arc is a line
+ABOVE = 0.5  # of its radius, that the pivot of what hangs is above it at least
+BENT = 2.0  # times what an arc to the side leaves: what other laws leave, as a camera bends lines
 # of log likelihood, by which a pull that only slows what coasts must be better than dry friction:
 # in clips filmed for development it was better by up to 9 where there was dry friction
 COASTING = 12.0
@@ -91,7 +93,7 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
         else:
             found.append(base)
     found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
-    sensible = ranked(_near_surely([x for x in found if makes_sense(x)]))
+    sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
     others: list[Fit] = []
     if not angles and not any(x.holds for x in sensible[:1]):
         others += [x for x in elliptic(clips) if makes_sense(x)]
@@ -265,3 +267,20 @@ def _flat(found: Fit) -> bool:
         return False
     swings = [x[:, 0, 0] for x in found.model.coordinates(found.values, found.clips)]
     return max(float(np.ptp(x)) for x in swings) < FLAT
+
+
+def _hanging(fits: Sequence[Fit]) -> list[Fit]:
+    """Without arcs to the side of their pivots where a camera may as well bend another way so:
+    what hangs is below its pivot.
+    """
+    least = min((x.left for x in fits if not _at_its_side(x)), default=np.inf)
+    return [x for x in fits if not (_at_its_side(x) and least < BENT * x.left)]
+
+
+def _at_its_side(found: Fit) -> bool:
+    """Whether a camera sees a body on an arc whose pivot is not above it."""
+    chart = found.model.charts[0]
+    if not isinstance(chart, Arc) or not found.model.law.pictured:
+        return False
+    _, _, up = chart.vectors(found.geometry[0])
+    return bool(up[1] < ABOVE * np.linalg.norm(up))
