@@ -24,6 +24,7 @@ Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
 FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
 ODD = {"drive", "bath", "well"}
 NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the menu is not asked
+AS_WELL = 1.2  # times the error of what unseen places foretell: bodies that are seen come first
 CLEARLY = 0.7  # of the error of what laws foretell, to which the menu or a formula must bring it
 
 
@@ -130,30 +131,41 @@ def understand(
 def _known(
     motion: Motion, end: int, angles: bool, camera: bool, units: Units
 ) -> tuple[Diagnosis, Explanation | None]:
-    """By laws, or by the menu, which knows of no walls and no inputs, and is not asked of such."""
+    """By laws, or by the menu, which knows of no inputs and no walls, and is not asked of such.
+
+    Bodies that pass close by each other look as if something struck them, so of several that no
+    law explains it is asked all the same.
+    """
     part = motion.cut(0, end)
     struck = strikes(part) if part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS else []
     moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
     laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
-    if laws is not None and (struck or part.inputs or _enough(Standing.of(laws), laws.one_law)):
-        return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
+    known = None if laws is None else Standing.of(laws)
+    walls = struck and (part.bodies == 1 or (known is not None and known.status != NOT))
+    if laws is not None and known is not None:
+        enough = _enough(known, laws.one_law) and not laws.each_by_a_place
+        if walls or part.inputs or enough:
+            return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
-        if refused and (laws is None or Standing.of(laws).status == NOT):
+        if refused and (known is None or known.status == NOT):
             return Diagnosis(part, noise, refused), None
-        if struck:
+        if walls:
             return Diagnosis(part, noise, _said(struck, part.bodies)), None
         if part.inputs:
             said = f"no law beside the known {' and '.join(part.inputs[0].names)} fits"
             return Diagnosis(part, noise, said), None
         found = diagnose_motion(part, angles)
     except Unseen:
-        if laws is None or not laws.one_law:
+        if laws is None or not (laws.one_law or struck):
             raise
         return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False), ""), laws
     if found.inference is None:
         return found, laws
     menu = ByMenu(found, found.inference, motion, end, camera)
+    if struck and not menu.explained:
+        told = Diagnosis(part, noise, "" if laws else _said(struck, part.bodies))
+        return told, laws
     return (found, menu) if laws is None or _foretells_more(menu, laws) else (found, laws)
 
 
@@ -198,6 +210,8 @@ def _said(struck: Sequence[tuple[int, float]], bodies: int) -> str:
 def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:
     """Whether the menu's terms are to be believed rather than laws."""
     told, known = _beside(menu, laws)
+    if laws.each_by_a_place and menu.explained and "pair" in menu.kinds:
+        return not told.error > AS_WELL * known.error
     if told.verdict is None:
         # Nothing was held out, or what it says cannot be rolled: a bath, a law that changes. Such
         # terms are believed only where nothing smooth explains as much.

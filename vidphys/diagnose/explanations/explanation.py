@@ -65,6 +65,14 @@ class Explanation(Protocol):
         return False
 
     @property
+    def each_by_a_place(self) -> bool:
+        """Whether each of several bodies has an unseen place of its own that pulls or pushes it.
+
+        The others may be what does so: two that circle each other go as if about a place.
+        """
+        return False
+
+    @property
     def first(self) -> int:
         """First frame that it says something of; a hand may have held a body before."""
         return 0

@@ -98,6 +98,14 @@ class ByMechanism(Explanation):
         return len(self.mechanism.groups) == 1
 
     @property
+    def each_by_a_place(self) -> bool:
+        models = [group.fit.model for group in self.mechanism.groups]
+        about = [
+            x.law.restoring in ("trap", "centre") and x.charts[0].name == "plane" for x in models
+        ]
+        return len(models) > 1 and all(about)
+
+    @property
     def first(self) -> int:
         return self.mechanism.first
 

@@ -21,10 +21,11 @@ from vidphys.diagnose.explanations.forecast import (
     last_state,
     roll,
 )
+from vidphys.diagnose.explanations.pair_words import other_shapes, pair_lines
 from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.explanations.verdict import (
-    EXPLAINED,
     MOSTLY,
+    RANK,
     Verdict,
     beyond_noise,
     judge,
@@ -149,7 +150,8 @@ class ByMenu(Explanation):
             )
         else:
             lines.append(f"The motion shows {named(self.inference)}.")
-        lines += [f"  {line}" for part in found.inferences for line in _numbers(part)]
+        for part in found.inferences:
+            lines += [f"  {line}" for line in (*_numbers(part), *pair_lines(part))]
         lines += [] if found.parts else _uncertain(self.inference)
         if found.outweighed:
             lines.append(OUTWEIGHED.format(ratio=BELIEVED))
@@ -188,8 +190,9 @@ class ByMenu(Explanation):
         bent = alone and beyond_noise(left, self.found.noise.sigma, spread)
         bent = bent or not (self.kinds or self.found.explained)
         judged = judge(1 - (left / spread) ** 2, left, spread, tail, bent=bent)
-        doubtful = self.camera and judged.status == EXPLAINED
-        return replace(judged, status=MOSTLY) if doubtful else judged
+        doubtful = self.camera or _uncertain(self.inference) or other_shapes(self.inference)
+        most = MOSTLY if doubtful else judged.status
+        return replace(judged, status=min(judged.status, most, key=RANK.index))
 
     def rolled_on(self) -> Validation | None:
         return self._tail
@@ -232,10 +235,12 @@ class ByMenu(Explanation):
 
     def oscillations(self) -> list[Oscillation]:
         look, motion = self.found.look, self.motion
-        if look is None:
+        if look is None or not _rests(self.inference):
             return []
         near, mass = np.nanmean(motion.positions[0], axis=0), look.windows.mass
-        small = distinct(sure_modes(look.fitted, near, mass[0]))
+        lasts = float(motion.times[0, -1] - motion.times[0, 0])
+        every = distinct(sure_modes(look.fitted, near, mass[0]))
+        small = [mode for mode in every if mode.frequency * lasts > 1]  # slower ones do not show
         if not small:
             return []
         first = look.fitted.paths
@@ -258,6 +263,13 @@ class ByMenu(Explanation):
 
     def specification(self) -> dict[str, Any]:
         return specification(self.inference, self.motion.interval)
+
+
+def _rests(inference: Inference) -> bool:
+    """Whether bodies have a place to rest: of those that only fall towards each other none has."""
+    shapes = {shape for term in inference.terms for shape in term.shape.split("+")}
+    held = {"trap", "well", "pendulum"} & inference.kinds
+    return bool(held or shapes & {"spring", "rest-length", "contact"})
 
 
 def named(inference: Inference) -> str:

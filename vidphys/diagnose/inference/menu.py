@@ -168,6 +168,7 @@ def _inverse(r: np.ndarray) -> np.ndarray:
 
 SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
     "inverse-square": lambda r, s: (r**2 + s**2) ** -1.5,
+    "point": lambda r, s: _inverse(r) ** 3,  # the same, where no length is seen to soften it
     "inverse": lambda r, s: 1 / (r**2 + s**2),
     "gaussian": lambda r, s: np.exp(-0.5 * (r / s) ** 2),
     "spring": lambda r, s: np.isfinite(r).astype(float),
@@ -288,6 +289,7 @@ def pair_terms(distance: np.ndarray, source: str, near: Sequence[Term] = ()) -> 
         "cut-off": [usual * x for x in REACHES],
         "gaussian": [usual * x for x in WIDTHS],
         "contact": [least * x for x in CONTACTS],
+        "point": [None],
         "spring": [None],
         "rest-length": [None],
     }

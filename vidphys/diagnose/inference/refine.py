@@ -90,6 +90,8 @@ def refine(windows: Windows, paths: Paths, structure: Structure, ratio: float = 
         linear = _linearised(windows, paths, structure)
         step = _least_squares(windows, linear, whiten, len(values))
         values = values + step.change
+        if len(values) > len(structure.coefficients):
+            values[-1] = abs(values[-1])  # a length softens alike whatever its sign
         if not (np.isfinite(values).all() and np.isfinite(step.paths.q).all()):
             raise FloatingPointError("refine: the fit diverged")
         structure = with_values(structure, values)

@@ -1,0 +1,63 @@
+"""Bodies that pull each other, as strangers simulate them: no place between them does it."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from tests.vidphys.diagnose.test_mechanisms import noisy
+from vidphys.diagnose.explanations import choice
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
+from vidphys.diagnose.telling.answers import Answered, answer
+
+STEP = 0.04
+
+
+def pulled(masses, places, speeds, frames=300, soft=1e-2) -> np.ndarray:
+    """Places ``(t, n, 2)`` of bodies under 1 / r², G = 1, by another's integrator."""
+    m, n = np.array(masses), len(masses)
+
+    def slope(_, y):
+        q, v = y[: 2 * n].reshape(n, 2), y[2 * n :]
+        apart = q[None] - q[:, None]
+        cubed = ((apart**2).sum(-1) + soft**2) ** 1.5
+        pull = (m[None, :, None] * apart / cubed[..., None]).sum(1)
+        return np.concatenate([v, pull.ravel()])
+
+    begin = np.concatenate([np.ravel(places), np.ravel(speeds)])
+    times = np.arange(frames) * STEP
+    found = solve_ivp(slope, (0, times[-1]), begin, t_eval=times, rtol=1e-9, atol=1e-9)
+    return found.y[: 2 * n].T.reshape(frames, n, 2)
+
+
+def told(places: np.ndarray) -> Answered:
+    return answer(noisy(places, step=STEP), False, 0.3)
+
+
+def test_two_that_circle_each_other_pull_each_other_though_a_place_between_them_would_do():
+    given = told(pulled([1, 1], [(-0.5, 0), (0.5, 0)], [(0, -0.6), (0, 0.6)], soft=0.1))
+    assert given.data["terms"] == ["pair"] and given.data["status"] == EXPLAINED
+    assert any("attract each other; the force goes with 1 / r²" in line for line in given.lines)
+    assert not any("Oscillation" in line for line in given.lines)  # they rest nowhere
+
+
+def test_the_pull_of_points_needs_no_length():
+    given = told(pulled([1.5, 0.5], [(-0.25, 0), (0.75, 0)], [(0, -0.3), (0, 0.9)]))
+    assert given.data["terms"] == ["pair"] and given.data["status"] == EXPLAINED
+    assert any(line.endswith("the force goes with 1 / r²") for line in given.lines)
+    assert any(line.startswith("Masses as 1 : 0.33") for line in given.lines)
+
+
+def test_of_bodies_that_keep_their_distance_it_is_not_told_how_the_force_falls_off():
+    given = told(pulled([1, 1], [(-0.5, 0), (0.5, 0)], [(0, -(0.5**0.5)), (0, 0.5**0.5)]))
+    assert given.data["terms"] == ["pair"] and given.data["status"] == MOSTLY
+    (said,) = (line for line in given.lines if "as likely with" in line)
+    assert "1 / r²" in said and "would tell" in said
+
+
+def test_of_bodies_that_seem_struck_the_menu_is_asked_where_no_law_explains(monkeypatch):
+    """Those that pass close by each other turn as if something unseen struck them."""
+    monkeypatch.setattr(choice, "strikes", lambda _: [(0, 1.0)])
+    monkeypatch.setattr(choice, "FITTED", (lambda *_: None,))
+    both = pulled([1, 1], [(-0.5, 0), (0.5, 0)], [(0, -0.6), (0, 0.6)], soft=0.1)
+    assert told(both).data["terms"] == ["pair"]
+    alone = told(both[:, :1])  # a wall may have struck it, of which the menu knows nothing
+    assert alone.data["terms"] == [] and "something strikes the body" in alone.data["refused"]
