@@ -588,7 +588,7 @@ def double_pendulum(
 
 def test_of_two_weights_that_both_swing_on_arcs_the_law_tells_which_is_above():
     places = double_pendulum(0.25, 0.25, 0.6, (0.2, 0.28))[:, [1, 0]]
-    rods = rods_in_picture(noisy(places, 5e-4))
+    rods = rods_in_picture(noisy(places, 5e-4), camera=True)
     assert rods is not None and rods.rods.order == (1, 0)
     assert rods.left < 0.03 * rods.spread
     beside = np.concatenate([places, places[::-1, :1] + 0.5], 1)  # something else that swings
@@ -602,7 +602,7 @@ def test_a_double_pendulum_is_told_also_by_a_camera_that_stands_askew():
     np.testing.assert_allclose(askew.angles(askew.places(angles)), angles, atol=1e-4)
     places = double_pendulum(0.3, 0.25, 0.45, (0.9, -0.6))
     shown = view.seen(places, np.array([-0.12, 0.27, 0.0]))
-    rods = rods_in_picture(noisy(shown, 5e-4))
+    rods = rods_in_picture(noisy(shown, 5e-4), camera=True)
     assert rods is not None and rods.left < 0.01 * rods.spread
     told = {x.name: x for x in quantities(rods)}
     upper, lower = (told[f"length {which}"].value for which in (1, 2))
@@ -615,8 +615,15 @@ def test_a_double_pendulum_is_told_also_by_a_camera_that_stands_askew():
     assert seen_at.error < 0.05 * seen_at.value
 
 
+def test_places_that_no_camera_saw_are_not_straightened():
+    pixels = 300 + 200 * double_pendulum(0.3, 0.25, 0.45, (0.9, -0.6))  # from a corner
+    rods = rods_in_picture(noisy(pixels, 0.1), camera=False)
+    assert rods is not None and not rods.rods.camera.any()
+    assert rods.rods.lengths == pytest.approx([60, 50], rel=0.01)
+
+
 def test_rods_seen_straight_are_told_without_a_view():
-    rods = rods_in_picture(noisy(double_pendulum(0.3, 0.25, 0.45, (0.9, -0.6)), 5e-4))
+    rods = rods_in_picture(noisy(double_pendulum(0.3, 0.25, 0.45, (0.9, -0.6)), 5e-4), camera=True)
     assert rods is not None and not rods.rods.camera.any()
 
 
@@ -891,14 +898,14 @@ def test_what_comes_to_rest_and_goes_far_less_than_another_was_not_let_go(
 def test_a_double_pendulum_is_found_though_one_weight_is_often_unseen_for_a_frame():
     places = double_pendulum(0.25, 0.2, 0.4, (0.7, -0.4))
     places[11::25, 1] = np.nan
-    rods = rods_in_picture(noisy(places, 5e-4))
+    rods = rods_in_picture(noisy(places, 5e-4), camera=True)
     assert rods is not None and rods.left < 0.02 * rods.spread
 
 
 def test_a_slow_double_pendulum_is_told_though_a_frame_in_seven_is_doubled():
     places = double_pendulum(0.25, 0.25, 0.4, (0.3, 0.42))
     places[4::7] = np.nan
-    rods = rods_in_picture(noisy(places, 5e-4))
+    rods = rods_in_picture(noisy(places, 5e-4), camera=True)
     assert rods is not None and linked(rods, angles=False)
     assert "linear" not in rods.numbers  # nothing rubs, and what noise leaves is no friction
 
@@ -945,7 +952,7 @@ def test_what_swings_far_better_by_itself_is_no_link_of_a_chain(monkeypatch, lef
     ball = 0.3 * np.stack([np.sin(angle), -np.cos(angle)], -1)
     waving = 0.05 * np.random.default_rng(1).standard_normal((120, 2)).cumsum(0) - 1.0
     rods = SimpleNamespace(left=left, spread=1.0, rods=SimpleNamespace(order=(0, 1)))
-    monkeypatch.setattr(bodies, "rods_in_picture", lambda motion: rods)
+    monkeypatch.setattr(bodies, "rods_in_picture", lambda motion, camera: rods)
     monkeypatch.setattr(bodies, "linked", lambda rods, angles: True)
     looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, waving], 1), 5e-4))
     assert looked_at.bodies == (2 if chained else 1)
@@ -956,7 +963,7 @@ def test_a_weight_and_its_shadow_are_no_chain_where_it_swings_better_by_itself(m
     ball = 0.3 * np.stack([np.sin(angle), -np.cos(angle)], -1)
     shadow = ball * [0.7, 0.1] - [0.0, 0.4]
     rods = SimpleNamespace(left=0.01, spread=1.0, rods=SimpleNamespace(order=(0, 1)))
-    monkeypatch.setattr(bodies, "rods_in_picture", lambda motion: rods)
+    monkeypatch.setattr(bodies, "rods_in_picture", lambda motion, camera: rods)
     monkeypatch.setattr(bodies, "linked", lambda rods, angles: True)
     looked_at, _ = of_lawful_bodies(noisy(np.stack([ball, shadow], 1), 5e-4))
     assert looked_at.bodies == 1

@@ -141,16 +141,16 @@ def _known(
     moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
     laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
     known = None if laws is None else Standing.of(laws)
-    walls = struck and (part.bodies == 1 or (known is not None and known.status != NOT))
+    walled = bool(struck) and (part.bodies == 1 or (known is not None and known.status != NOT))
     if laws is not None and known is not None:
         enough = _enough(known, laws.one_law) and not laws.each_by_a_place
-        if walls or part.inputs or enough:
+        if walled or part.inputs or enough:
             return Diagnosis(part, laws.noise or measure_noise(part), ""), laws
     try:
         noise, refused = measure_noise(part), nothing_to_see(part)
         if refused and (known is None or known.status == NOT):
             return Diagnosis(part, noise, refused), None
-        if walls:
+        if walled:
             return Diagnosis(part, noise, _said(struck, part.bodies)), None
         if part.inputs:
             said = f"no law beside the known {' and '.join(part.inputs[0].names)} fits"

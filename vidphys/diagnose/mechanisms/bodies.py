@@ -88,7 +88,7 @@ def _chain(motion: Motion) -> list[int]:
     none that moves so swings better at all.
     """
     for pair in _pairs(motion):
-        rods = rods_in_picture(motion.of(pair))
+        rods = rods_in_picture(motion.of(pair), camera=True)
         if rods is not None and linked(rods, angles=False):
             share = 1.0 if goes_with(motion, *pair) else FAR_LESS
             most = share * rods.left / rods.spread

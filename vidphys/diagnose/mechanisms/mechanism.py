@@ -210,7 +210,7 @@ def _stride(motion: Motion) -> int:
 
 def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | None:
     if motion.bodies == 2 and (angles or (motion.clips == 1 and motion.space == 2)):
-        rods = chained(motion) if angles else rods_in_picture(motion)
+        rods = chained(motion) if angles else rods_in_picture(motion, camera)
         if rods is not None and linked(rods, angles):
             return (Group((0, 1), rods),)
     groups = [] if angles else meeting(motion, camera)

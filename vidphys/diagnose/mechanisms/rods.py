@@ -98,14 +98,15 @@ class RodsFit(Fit):
         return float(np.sqrt(((joined - joined.mean(0)) ** 2).sum(-1).mean()))
 
 
-def rods_in_picture(motion: Motion) -> RodsFit | None:
+def rods_in_picture(motion: Motion, camera: bool) -> RodsFit | None:
     """The law of two rods whose ends are seen in a plane, if there are such rods.
 
     Args:
         motion: one clip of two bodies, up is up.
+        camera: whether places are in a picture about whose middle they are counted.
     """
     found = []
-    for rods in _candidates(motion.positions[0]):
+    for rods in _candidates(motion.positions[0], camera):
         angles = rods.angles(motion.positions[0])
         fit = chained(replace(motion, positions=angles[None, :, :, None]))
         if fit is not None:
@@ -124,7 +125,7 @@ def at_one_distance(motion: Motion) -> bool:
     return usual and bool(np.std(apart) < RIGID * apart.mean())
 
 
-def _candidates(places: np.ndarray) -> Iterator[Rods]:
+def _candidates(places: np.ndarray, camera: bool) -> Iterator[Rods]:
     """Rods of nearly constant lengths, either body at the upper one's end.
 
     Where a camera that stands askew makes them more so, also as it sees them.
@@ -141,7 +142,7 @@ def _candidates(places: np.ndarray) -> Iterator[Rods]:
         straight = _rods(ends, _pivot(ends[:, 0], centre), order)
         if straight is not None:
             yield straight
-            yield from _seen_askew(ends, straight)
+            yield from _seen_askew(ends, straight) if camera else ()
 
 
 def _rods(
@@ -179,12 +180,12 @@ def _seen_askew(ends: np.ndarray, straight: Rods) -> Iterator[Rods]:
 
     numbers = np.concatenate([straight.pivot, straight.camera])
     before = noise = _rms(uneven(numbers))
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if before else 0):
         numbers = least_squares(off, numbers, args=(noise,), loss="soft_l1").x
         noise = _rms(uneven(numbers))
     if noise < EVENER * before:
         found = _rods(view.flat(ends, numbers[2:]), numbers[:2], straight.order, numbers[2:])
-        yield from [] if found is None else [found]
+        yield from () if found is None else (found,)
 
 
 def _rms(x: np.ndarray) -> float:
