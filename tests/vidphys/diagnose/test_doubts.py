@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vidphys.diagnose.explanations.doubts import MISSED, SETTLES, UNTOLD, doubts
+from vidphys.diagnose.explanations.doubts import CIRCLES, MISSED, SETTLES, UNTOLD, doubts
 from vidphys.diagnose.explanations.rivals import rivals, undecided
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
@@ -55,3 +55,12 @@ def test_a_law_that_has_too_little_of_its_motion_or_no_number_for_its_force_is_i
     worse = replace(fit, residuals=tuple(r + 0.2 * fit.spread for r in fit.residuals))
     assert MISSED in doubts(worse)
     assert UNTOLD in doubts(replace(fit, covariance=1e8 * fit.covariance))
+
+
+@pytest.mark.parametrize(("wide", "round_"), [(1.0, True), (0.8, False)])
+def test_a_circle_does_not_tell_what_pulls_to_its_middle(wide, round_):
+    turned = 3 * np.arange(150) * STEP
+    way = 0.4 * np.stack([np.cos(turned), wide * np.sin(turned)], -1)[:, None]
+    found = find_mechanism(noisy(way))
+    assert found.groups[0].fit.kinds == {"trap"}
+    assert (CIRCLES in doubts(found.groups[0].fit)) is round_

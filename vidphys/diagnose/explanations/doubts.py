@@ -19,6 +19,7 @@ LITTLE = 0.05  # of its speed, that a friction takes in a recording at least, to
 MOVING = ("acceleration", "rate")  # quantities without which a law does not say what moves a body
 ASIDE = 0.14  # of the highest speed along a force, that one goes to its side which goes along it
 RESTED = 0.02  # of its usual speed, that what has come to rest has at most
+ROUND = 0.03  # of its speed, that the speed of what goes round in a circle varies at most
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "In doubt: nothing acts on it, as on something that passes by. Look at what is followed."
 SLOWS = "In doubt: dry friction would slow it alike. Film it until it rests, or comes back."
@@ -30,6 +31,10 @@ UNTURNED = "In doubt: it does not turn round; a lens bends a straight way alike.
 SETTLES = "In doubt: it comes to rest without a swing, as a hand does. Look at what is followed."
 UNRESTED = "In doubt: it does not rest, and what goes away slows alike. Film for longer."
 HANGS = "In doubt: a pendulum that swings as little moves alike. A wider swing would tell."
+CIRCLES = (
+    "In doubt: on a circle at one speed whatever pulls to its middle moves it alike, or a force "
+    "across its way, as a magnet's. Another start would tell."
+)
 MISSED = f"In doubt: less than {100 * ALL:g} % of this body's motion is the law's."
 UNTOLD = "In doubt: the recording does not tell how strong the force is. Film for longer."
 
@@ -46,6 +51,7 @@ def doubts(fit: Fit) -> list[str]:
         UNRESTED: unrested(fit),
         SLOWS: only_slows(fit),
         PASSES: passes(fit),
+        CIRCLES: circles(fit),
         MISSED: missed(fit),
         UNTOLD: untold(fit),
     }
@@ -109,6 +115,17 @@ def unrested(fit: Fit) -> bool:
 def passes(fit: Fit) -> bool:
     """Whether nothing acts on what a camera sees, so that it may be something that passes by."""
     return fit.model.law.pictured and not fit.kinds
+
+
+def circles(fit: Fit) -> bool:
+    """Whether a body goes round a place at one speed, so that the law of the pull does not show."""
+    law, charts = fit.model.law, fit.model.charts
+    alone = len(charts) == 1 and charts[0].name == "plane"  # several circles tell of the law
+    if not alone or law.restoring not in ("trap", "centre") or law.walls:
+        return False
+    rates = (r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips))
+    speeds = [np.linalg.norm(v, axis=-1) for v in rates]
+    return all(bool(v.std() < ROUND * v.mean()) for v in speeds)
 
 
 def only_slows(fit: Fit) -> bool:
