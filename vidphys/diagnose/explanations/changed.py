@@ -31,6 +31,8 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["a second body of twice the mass"] = {"mass 2": 2.0}
     if "lift" in kinds:
         asked["no spin"] = {"lift": 0.0}
+    if "turning" in kinds:
+        asked["nothing that turns it"] = {"turning": 0.0}
     if "input" in kinds:
         asked["nothing that pushes it"] = {"gain": 0.0}
     return asked

@@ -19,7 +19,10 @@ LITTLE = 0.05  # of its speed, that a friction takes in a recording at least, to
 MOVING = ("acceleration", "rate")  # quantities without which a law does not say what moves a body
 ASIDE = 0.14  # of the highest speed along a force, that one goes to its side which goes along it
 RESTED = 0.02  # of its usual speed, that what has come to rest has at most
-ROUND = 0.03  # of its speed, that the speed of what goes round in a circle varies at most
+# of its speed over its distance from the place that it goes round, and of the cosine between both,
+# that they vary on a circle or a spiral at most
+ROUND = 0.03
+WIDE = 0.375  # of ab/L^2: by it a pendulum's ellipse turns, over its rate (Airy 1851)
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "In doubt: nothing acts on it, as on something that passes by. Look at what is followed."
 SLOWS = "In doubt: dry friction would slow it alike. Film it until it rests, or comes back."
@@ -32,8 +35,12 @@ SETTLES = "In doubt: it comes to rest without a swing, as a hand does. Look at w
 UNRESTED = "In doubt: it does not rest, and what goes away slows alike. Film for longer."
 HANGS = "In doubt: a pendulum that swings as little moves alike. A wider swing would tell."
 CIRCLES = (
-    "In doubt: on a circle at one speed whatever pulls to its middle moves it alike, or a force "
-    "across its way, as a magnet's. Another start would tell."
+    "In doubt: on a circle at one speed, or a spiral, whatever pulls to its middle moves it alike, "
+    "or a force across its way, as a magnet's. Another start would tell."
+)
+PRECESSES = (
+    "In doubt: the ellipse of a pendulum that swings wide turns alike. Let it go from rest, or "
+    "swing less wide."
 )
 MISSED = f"In doubt: less than {100 * ALL:g} % of this body's motion is the law's."
 UNTOLD = "In doubt: the recording does not tell how strong the force is. Film for longer."
@@ -52,6 +59,7 @@ def doubts(fit: Fit) -> list[str]:
         SLOWS: only_slows(fit),
         PASSES: passes(fit),
         CIRCLES: circles(fit),
+        PRECESSES: precesses(fit),
         MISSED: missed(fit),
         UNTOLD: untold(fit),
     }
@@ -118,14 +126,50 @@ def passes(fit: Fit) -> bool:
 
 
 def circles(fit: Fit) -> bool:
-    """Whether a body goes round a place at one speed, so that the law of the pull does not show."""
+    """Whether a body goes round a place so evenly that the law of the pull does not show.
+
+    On a circle at one speed, or on a spiral on which its speed and its distance shrink alike.
+    """
     law, charts = fit.model.law, fit.model.charts
     alone = len(charts) == 1 and charts[0].name == "plane"  # several circles tell of the law
-    if not alone or law.restoring not in ("trap", "centre") or law.walls:
+    if not alone or law.restoring not in ("trap", "centre") or law.walls or law.turning:
         return False
-    rates = (r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips))
-    speeds = [np.linalg.norm(v, axis=-1) for v in rates]
-    return all(bool(v.std() < ROUND * v.mean()) for v in speeds)
+    return all(_evenly(_from_the_middle(fit, r[:, 0]), r[:, 1]) for r in _rolled(fit))
+
+
+def _rolled(fit: Fit) -> list[np.ndarray]:
+    return fit.model.coordinates(fit.values, fit.clips)
+
+
+def _from_the_middle(fit: Fit, places: np.ndarray) -> np.ndarray:
+    """Of what pulls a body, to its places ``(t, d)``."""
+    law, numbers = fit.model.law, fit.numbers
+    if law.restoring == "centre":
+        return places - law.centre(numbers)
+    return places - np.array([numbers[x][0] for x in law.forces]) / numbers["stiffness"][0]
+
+
+def _evenly(away: np.ndarray, v: np.ndarray) -> bool:
+    """Whether a body's speed keeps its share of the distance, and its angle to the way there."""
+    far, speed = np.linalg.norm(away, axis=-1), np.linalg.norm(v, axis=-1)
+    share, cosine = speed / far, (away * v).sum(-1) / (far * speed)
+    round_it = abs(cosine.mean()) < 1 - ROUND
+    return bool(round_it and share.std() < ROUND * share.mean() and cosine.std() < ROUND)
+
+
+def precesses(fit: Fit) -> bool:
+    """Whether a pendulum's ellipse turns as much that is as wide as it is long at most."""
+    law = fit.model.law
+    if not law.turning or law.restoring != "trap":
+        return False
+    rate = np.sqrt(fit.numbers["stiffness"][0])
+    turned = 0.5 * np.linalg.norm([fit.numbers[name][0] for name in law.turns])
+    first = np.linspace(0.0, 2 * np.pi / rate, 100)  # seconds of the first swing
+    far = [
+        np.linalg.norm(_from_the_middle(fit, fit.path(first, i)[:, 0]), axis=-1)
+        for i in range(len(fit.clips))
+    ]
+    return bool(turned < WIDE * rate * max(x.min() / x.max() for x in far))
 
 
 def only_slows(fit: Fit) -> bool:

@@ -43,6 +43,7 @@ SHORT = {
     "pendulum": "pendulum on an arc",
     "centre": "a fixed place that pushes or pulls",
     "lift": "lift by its spin",
+    "turning": "force across its way ~ v",
 }
 
 
@@ -81,6 +82,11 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         how.append(f"the known {' and '.join(fit.clips[0].inputs.names)} pushes it")
     if law.lift_fades is not None:
         how.append("a lift across its way goes with its spin and its speed")
+    if law.turning:
+        how.append(
+            "a force across its way goes with its speed, as in a magnetic field or a frame that "
+            "turns"
+        )
     if law.walls:
         it = "they bounce" if several else "it bounces"
         how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")

@@ -42,7 +42,11 @@ from vidphys.diagnose.recordings.units import Units
 from vidphys.statistics import NORMAL_95
 
 # Kinds that no scene's term has.
-UNWRITTEN = {"centre": "a fixed place that pushes or pulls", "lift": "a lift that goes with a spin"}
+UNWRITTEN = {
+    "centre": "a fixed place that pushes or pulls",
+    "lift": "a lift that goes with a spin",
+    "turning": "a force across the way",
+}
 STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what nothing acts on
 SAME = {  # forecasts that say what a law of such terms says
     frozenset({"collision"}): STRAIGHT,

@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
+from vidphys.diagnose.mechanisms.crosswise import crosswise
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
@@ -95,9 +96,13 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
     found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
     sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
     others: list[Fit] = []
-    if not angles and not any(x.holds for x in sensible[:1]):
-        others += [x for x in elliptic(clips) if makes_sense(x)]
+    holds = any(x.holds for x in sensible[:1])
     something_left = any(x.errors.smooth > x.errors.white for x in sensible[:1])
+    all_told = holds if camera else bool(sensible) and not something_left
+    if not angles and not holds:
+        others += [x for x in elliptic(clips) if makes_sense(x)]
+    if not angles and not all_told:  # what a lens leaves is no sign that something turns a body
+        others += [x for x in crosswise(clips) if makes_sense(x)]
     if not angles and something_left and not any(x.holds for x in others):
         others += centred(clips)
     others = [pictured(clips, x) if camera else x for x in others]

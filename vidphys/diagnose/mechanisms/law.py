@@ -64,6 +64,8 @@ class Law:
             the speed of its surface over that of its middle.
         lift_fades: share a second by which a lift fades, as the body's spin does, that goes with
             its speed and pushes it across its way, in the plane; ``None``: there is none.
+        turning: a force across its way goes with its speed, in the plane or in space, as in a
+            magnetic field or a frame that turns.
         nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
             distance from the middle grows as 1 / (1 - nearing t).
         pictured: a camera sees the plane of motion slightly askew; see :mod:`.view`.
@@ -80,6 +82,7 @@ class Law:
     turned_at: tuple[float, ...] = ()
     spins: bool = False
     lift_fades: float | None = None
+    turning: bool = False
     nears: bool = False
     pictured: bool = False
 
@@ -103,6 +106,7 @@ class Law:
         if self.friction != "none":
             names += self.frictions
         names += ["lift"] if self.lift_fades is not None else []
+        names += self.turns
         names += [f"gain {i + 1}" for i in range(self.inputs)]
         names += ["nearing"] if self.nears else []
         for number, wall in enumerate(self.walls, 1):
@@ -129,6 +133,14 @@ class Law:
         return [f"grip {number}" if self.spins else f"along {number}"]
 
     @property
+    def turns(self) -> tuple[str, ...]:
+        """Names of the numbers by which it is turned: about one axis, or about each of space."""
+        if not self.turning:
+            return ()
+        about = [f" {i + 1}" for i in range(3)] if self.coordinates == 3 else [""]
+        return tuple(f"turning{axis}" for axis in about)
+
+    @property
     def frictions(self) -> tuple[str, ...]:
         """Its frictions, each by itself."""
         return () if self.friction == "none" else tuple(self.friction.split("+"))
@@ -140,13 +152,14 @@ class Law:
         kinds |= {"wall"} if self.walls else set()
         kinds |= {"input"} if self.inputs else set()
         kinds |= {"lift"} if self.lift_fades is not None else set()
+        kinds |= {"turning"} if self.turning else set()
         return frozenset(kinds | ({"pair"} if self.coupled else set()))
 
     def rate(self, numbers: Mapping[str, float]) -> float:
         """The fastest rate of its motion, radians per second; 0 where nothing swings."""
         stiff = [abs(x) for name, x in numbers.items() if name.startswith(("stiff", "swing"))]
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
-        stiff += [numbers["lift"] ** 2] if "lift" in numbers else []
+        stiff += [numbers[name] ** 2 for name in ("lift", *self.turns) if name in numbers]
         if self.restoring == "centre":
             near = float(self._centre(numbers)[-1])
             stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
@@ -209,6 +222,7 @@ class Law:
                 centre=self._centre(numbers),
                 hung=np.array(self.hung),
                 lift=(numbers.get("lift", 0.0), self.lift_fades or 0.0),
+                turning=np.array([numbers[name] for name in self.turns]),
                 spin=numbers["spin"] * float(np.linalg.norm(start[1])) if self.spins else None,
             )
             if self.nears:

@@ -14,6 +14,7 @@ A fixed place c may push with strength (near / r)^power along s - c, r = |s - c|
 strength below zero. What is known to push adds an acceleration of its own, straight between the
 times at which it was recorded. A lift pushes what spins across its way in the plane, by
 lift (-v_2, v_1), and fades with its spin (Magnus effect; Mehta 1985, Annu. Rev. Fluid Mech. 17).
+A magnetic field, or a frame that turns, adds turning x v, which does not fade.
 There are walls n.s = place, at which the speed across them turns round and shrinks. A solid ball
 that spins in the plane slips at a wall with u = v.t + w, where t is the normal turned by a right
 angle and w the speed of its surface; what grips it turns u to -e u, and what that takes from v.t is
@@ -110,9 +111,13 @@ def _accelerate(
         if own > 0.0:
             rate += friction[2] / own
         out[i] = _pull(i, s, force, stiffness, swing, hung) - rate * (v[i] - into * floor[i])
-    if size == 2 and friction[3] != 0.0:
+    if size > 1 and friction[3] != 0.0:
         out[0] -= friction[3] * v[1]
         out[1] += friction[3] * v[0]
+    if size == 3:
+        out[0] += friction[5] * v[2]
+        out[1] -= friction[4] * v[2]
+        out[2] += friction[4] * v[1] - friction[5] * v[0]
     if len(centre) > 0:
         each = len(centre) - 3
         for first in range(0, size, each):
@@ -379,6 +384,7 @@ def rolled(
     centre: Float[np.ndarray, " _"] = NONE,
     hung: Float[np.ndarray, " _"] = NONE,
     lift: tuple[float, float] = (0.0, 0.0),
+    turning: Float[np.ndarray, " _"] = NONE,
 ) -> Float[np.ndarray, "t 2 k"]:
     """Coordinates and their rates at each time.
 
@@ -401,12 +407,15 @@ def rolled(
             length, ``(k,)``; empty: springs join the coordinates.
         lift: across the way over the speed, per second, at time zero; and the share a second by
             which it fades.
+        turning: radians per second, about the axis across the plane or about each axis of space,
+            ``(1,)`` or ``(3,)``; empty: there is none.
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
     out = np.empty((len(times), *start.shape))
     steady, ramp, floor = force.copy(), np.zeros(len(force)), np.zeros(len(force))
-    lossy = np.zeros(4)
+    lossy = np.zeros(6)  # frictions, then turning about z, x and y
     lossy[:3] = friction
+    lossy[3 : 3 + len(turning)] = np.roll(turning, 1)
     law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung, floor)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
     spins = np.empty(0) if spin is None else np.array([spin])

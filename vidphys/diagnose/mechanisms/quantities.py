@@ -23,6 +23,7 @@ SEEN = 1.3
 VAGUE = 0.3  # of a number, by which its 95 % interval reaches either way: beyond, it is not known
 ASKEW = 0.015  # of a length, that a plane shows it shorter by which is turned by ten degrees
 
+AXES = (" about x", " about y", " about z")
 ALONG = {  # of walls
     "restitution": "restitution",
     "along": "speed kept along the wall",
@@ -165,6 +166,9 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             yield "lift over speed, at first", number(name), 0, -1
         elif root == "nearing":
             yield "nearing", number(name), 0, -1
+    if law.turning:
+        for name, about in zip(law.turns, [""] if len(law.turns) == 1 else AXES, strict=True):
+            yield f"turning{about}", number(name), 0, -1
     if law.restoring == "centre":
         yield "acceleration where it turns most", number("strength"), 1, -2
         yield (
