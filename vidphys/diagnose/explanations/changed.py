@@ -31,6 +31,8 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["a second body of twice the mass"] = {"mass 2": 2.0}
     if "lift" in kinds:
         asked["no spin"] = {"lift": 0.0}
+    if "forcing" in kinds:
+        asked["nothing that drives it"] = {"forcing": 0.0}
     if "turning" in kinds:
         asked["nothing that turns it"] = {"turning": 0.0}
     if "input" in kinds:
@@ -45,12 +47,9 @@ def under(fit: Fit, factors: dict[str, float], start: float, since: np.ndarray) 
     known = fit.clips[-1].inputs
     until = np.linspace(0.0, max(start, 1e-9), FINELY)
     state = fit.model.law.roll(numbers, starts[-1], until, known)[-1]
-    changed = numbers.copy()
+    changed = fit.model.law.later(numbers, start)
     for i, name in enumerate(fit.model.law.names):
         changed[i] *= next((x for key, x in factors.items() if name.startswith(key)), 1.0)
-    fades = fit.model.law.lift_fades
-    if fades is not None:
-        changed[fit.model.law.names.index("lift")] *= np.exp(-fades * start)
     law = replace(fit.model.law, nears=False)
     kept = [i for i, name in enumerate(fit.model.law.names) if name != "nearing"]
     ahead = None if known is None else known.since(start)

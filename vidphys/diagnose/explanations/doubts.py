@@ -42,6 +42,10 @@ PRECESSES = (
     "In doubt: the ellipse of a pendulum that swings wide turns alike. Let it go from rest, or "
     "swing less wide."
 )
+HIDDEN = (
+    "In doubt: a second body that was not followed, tied to this one, moves it alike. Film what is "
+    "beside it."
+)
 MISSED = f"In doubt: less than {100 * ALL:g} % of this body's motion is the law's."
 UNTOLD = "In doubt: the recording does not tell how strong the force is. Film for longer."
 
@@ -60,6 +64,7 @@ def doubts(fit: Fit) -> list[str]:
         PASSES: passes(fit),
         CIRCLES: circles(fit),
         PRECESSES: precesses(fit),
+        HIDDEN: fit.kinds & {"forcing", "linear"} == {"forcing"},
         MISSED: missed(fit),
         UNTOLD: untold(fit),
     }

@@ -44,6 +44,7 @@ SHORT = {
     "centre": "a fixed place that pushes or pulls",
     "lift": "lift by its spin",
     "turning": "force across its way ~ v",
+    "forcing": "sinusoid that drives it",
 }
 
 
@@ -80,6 +81,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         how[1] = "something drives it"
     if law.inputs and fit.clips[0].inputs is not None:
         how.append(f"the known {' and '.join(fit.clips[0].inputs.names)} pushes it")
+    if law.forced:
+        how.append("a sinusoid that is not recorded drives it")
     if law.lift_fades is not None:
         how.append("a lift across its way goes with its spin and its speed")
     if law.turning:

@@ -46,6 +46,7 @@ UNWRITTEN = {
     "centre": "a fixed place that pushes or pulls",
     "lift": "a lift that goes with a spin",
     "turning": "a force across the way",
+    "forcing": "a sinusoid that drives it",
 }
 STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what nothing acts on
 SAME = {  # forecasts that say what a law of such terms says

@@ -14,6 +14,7 @@ from vidphys.diagnose.mechanisms.crosswise import crosswise
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.forced import forced
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import FRICTIONS
@@ -70,13 +71,16 @@ def _kind(model: Model) -> tuple[str, tuple[str, ...], bool]:
     return model.law.restoring, tuple(chart.name for chart in charts), aslant
 
 
-def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list[Fit]:
+def fits_of(
+    clips: Sequence[Frames], angles: bool, camera: bool = False, alone: bool = True
+) -> list[Fit]:
     """All laws that could be fitted to one body's motion, best first.
 
     Args:
         clips: of the body.
         angles: whether its coordinate is an angle in radians.
         camera: whether its places are in a picture about whose middle they are counted.
+        alone: whether no other body was recorded, which may move it as what is not seen would.
     """
     bases = roughly(clips, angles)
     if not bases:
@@ -101,6 +105,8 @@ def fits_of(clips: Sequence[Frames], angles: bool, camera: bool = False) -> list
     all_told = holds if camera else bool(sensible) and not something_left
     if not angles and not holds:
         others += [x for x in elliptic(clips) if makes_sense(x)]
+    if alone and not holds:
+        others += [x for x in forced(clips, angles) if makes_sense(x)]
     if not angles and not all_told:  # what a lens leaves is no sign that something turns a body
         others += [x for x in crosswise(clips) if makes_sense(x)]
     if not angles and something_left and not any(x.holds for x in others):

@@ -5,12 +5,11 @@ moves in a frame that turns (Coriolis), as the plane of Foucault's pendulum.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Plane
-from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fit import race, without_friction
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
@@ -37,7 +36,7 @@ def crosswise(clips: Sequence[Frames]) -> list[Fit]:
         model = Model(Law(size, restoring, "linear", turning=True), (Plane(size),))
         runners.append((model, [_begun(one, restoring, size) for one in seen]))
     found = race(clips, runners)
-    found += [x for x in (_without_friction(clips, one) for one in found) if x is not None]
+    found += [x for x in (without_friction(clips, one) for one in found) if x is not None]
     return [x for x in found if _told(x)]
 
 
@@ -52,12 +51,6 @@ def _begun(seen: Sequence[Local], restoring: str, size: int) -> np.ndarray:
     design = np.stack([x.ravel() for x in (*pulls, -v, *turned)], 1)
     numbers = np.linalg.lstsq(design, a.ravel(), rcond=None)[0]
     return np.concatenate([numbers, *map(start_of, seen)])
-
-
-def _without_friction(clips: Sequence[Frames], base: Fit) -> Fit | None:
-    at = base.model.law.names.index("linear")
-    law = replace(base.model.law, friction="none")
-    return fit(clips, Model(law, base.model.charts), np.delete(base.values, at))
 
 
 def _told(found: Fit) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Turned
-from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fit import race, without_friction
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Local, frequency, halves, seen_in, start_of
@@ -31,7 +31,7 @@ def elliptic(clips: Sequence[Frames]) -> list[Fit]:
     along = min((_axis(one) for one in seen), key=lambda x: x[1])[0]
     model = Model(Law(FLAT, "trap", "linear", apart=True), (Turned(along),))
     fits = race(clips, [(model, [guess for one in seen for guess in _begun(one, model)])])
-    fits += [x for x in (_without_friction(clips, one) for one in fits) if x is not None]
+    fits += [x for x in (without_friction(clips, one) for one in fits) if x is not None]
     return sorted((x for x in fits if not _on_an_arc(x)), key=lambda x: -x.score)
 
 
@@ -61,12 +61,6 @@ def _begun(seen: Sequence[Local], model: Model) -> list[np.ndarray]:
     stiffness = np.array([(2 * np.pi * frequency(x)) ** 2 for x in each])
     centre = np.concatenate([x.s for x in parts]).mean(0)
     return [np.concatenate([stiffness, stiffness * centre, [0.0], *map(start_of, parts)])]
-
-
-def _without_friction(clips: Sequence[Frames], base: Fit) -> Fit | None:
-    at = base.model.law.names.index("linear")
-    law = replace(base.model.law, friction="none")
-    return fit(clips, Model(law, base.model.charts), np.delete(base.values, at))
 
 
 def _on_an_arc(found: Fit) -> bool:

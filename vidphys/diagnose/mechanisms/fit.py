@@ -39,6 +39,13 @@ def fit(clips: Sequence[Frames], model: Model, guess: np.ndarray) -> Fit | None:
     return None if found is None else with_errors(list(clips), model, found.x, spread_of(clips))
 
 
+def without_friction(clips: Sequence[Frames], base: Fit) -> Fit | None:
+    """The same law without the friction that goes with the speed, from its numbers on."""
+    at = base.model.law.names.index("linear")
+    law = replace(base.model.law, friction="none")
+    return fit(clips, Model(law, base.model.charts), np.delete(base.values, at))
+
+
 def race(
     clips: Sequence[Frames],
     runners: Sequence[tuple[Model, Sequence[np.ndarray]]],

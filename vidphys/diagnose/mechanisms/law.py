@@ -17,6 +17,9 @@ FRICTIONS = ("none", "linear", "square", "dry", "linear+dry", "linear+square")
 RATES = ("linear", "square", "dry")  # the order in which the kernel takes them
 COULOMB = 2.0  # the power of the distance, as of gravity
 FINE = 0.15  # radians of the fastest motion that one step turns at most
+FORCING = ("forcing 1", "forcing 2", "forcing rate")  # with its cosine and its sine; radians/s
+MOST_POINTS = 100_000  # through which a sinusoid is drawn
+STRAIGHT = 0.02  # radians of a sinusoid, that are taken for straight
 NEAREST = 0.02  # of its first distance, that a body comes to the camera at most
 STEPS = (1, 64)  # in a frame, at least and at most
 
@@ -58,6 +61,7 @@ class Law:
         coupled: springs between all pairs of coordinates, where they are apart.
         hung: of pendulums that are coupled, where each hangs along a level line, over their length.
         inputs: how many are known that push the one coordinate, each by a gain times its value.
+        forced: a sinusoid of a rate of its own pushes the one coordinate, and is not known.
         walls: that there are.
         turned_at: where a fixed place that pushes or pulls has its strength, ``(d,)``.
         spins: the body is a ball that walls may grip, in the plane; its spin at first is told as
@@ -78,6 +82,7 @@ class Law:
     coupled: bool = False
     hung: tuple[float, ...] = ()
     inputs: int = 0
+    forced: bool = False
     walls: tuple[Wall, ...] = ()
     turned_at: tuple[float, ...] = ()
     spins: bool = False
@@ -108,6 +113,7 @@ class Law:
         names += ["lift"] if self.lift_fades is not None else []
         names += self.turns
         names += [f"gain {i + 1}" for i in range(self.inputs)]
+        names += FORCING if self.forced else []
         names += ["nearing"] if self.nears else []
         for number, wall in enumerate(self.walls, 1):
             names += [f"wall {number}", f"restitution {number}"]
@@ -151,6 +157,7 @@ class Law:
         kinds = {self.restoring, *self.frictions} - {"none"}
         kinds |= {"wall"} if self.walls else set()
         kinds |= {"input"} if self.inputs else set()
+        kinds |= {"forcing"} if self.forced else set()
         kinds |= {"lift"} if self.lift_fades is not None else set()
         kinds |= {"turning"} if self.turning else set()
         return frozenset(kinds | ({"pair"} if self.coupled else set()))
@@ -160,6 +167,7 @@ class Law:
         stiff = [abs(x) for name, x in numbers.items() if name.startswith(("stiff", "swing"))]
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
         stiff += [numbers[name] ** 2 for name in ("lift", *self.turns) if name in numbers]
+        stiff += [numbers[FORCING[-1]] ** 2] if self.forced else []
         if self.restoring == "centre":
             near = float(self._centre(numbers)[-1])
             stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
@@ -218,7 +226,7 @@ class Law:
                 interval / float(steps) * (1 + 1e-9),
                 apart=self.apart,
                 rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
-                pushed=self._pushed(numbers, inputs),
+                pushed=self._pushed(numbers, inputs, times),
                 centre=self._centre(numbers),
                 hung=np.array(self.hung),
                 lift=(numbers.get("lift", 0.0), self.lift_fades or 0.0),
@@ -247,13 +255,31 @@ class Law:
         return force, stiffness, swing, np.array([numbers.get(name, 0.0) for name in RATES])
 
     def _pushed(
-        self, numbers: Mapping[str, float], inputs: Signal | None
+        self, numbers: Mapping[str, float], inputs: Signal | None, times: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times, and the accelerations by what is known ``(t, k)``."""
+        """Times, and the accelerations by what is known, or by a sinusoid, ``(t, k)``."""
+        if self.forced:
+            along, across, rate = (numbers[name] for name in FORCING)
+            lasts = times[-1] - times[0]
+            count = int(min(abs(rate) * lasts / STRAIGHT, MOST_POINTS)) + 2
+            when = np.linspace(times[0], times[-1], count)
+            return when, (along * np.cos(rate * when) + across * np.sin(rate * when))[:, None]
         if not self.inputs or inputs is None:
             return None
         gains = np.array([numbers[f"gain {i + 1}"] for i in range(self.inputs)])
         return inputs.times, (inputs.values @ gains)[:, None]
+
+    def later(self, values: np.ndarray, seconds: float) -> np.ndarray:
+        """Its numbers ``(m,)``, where time is counted from a later moment."""
+        later, at = values.copy(), self.names.index
+        if self.lift_fades is not None:
+            later[at("lift")] *= np.exp(-self.lift_fades * seconds)
+        if self.forced:
+            one, two, rate = (at(name) for name in FORCING)
+            c, s = np.cos(values[rate] * seconds), np.sin(values[rate] * seconds)
+            later[one] = c * values[one] + s * values[two]
+            later[two] = c * values[two] - s * values[one]
+        return later
 
     def _walls(self, numbers: Mapping[str, float]) -> np.ndarray:
         """Of each its normal ``(k,)``, place, restitution, and what a bounce leaves along it."""

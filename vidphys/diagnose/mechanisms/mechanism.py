@@ -222,7 +222,7 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
         frames = frames_of(motion.of([body]))
         if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
             return None
-        fits = fits_of(frames, angles, camera)
+        fits = fits_of(frames, angles, camera, motion.bodies == 1)
         if not fits:
             return _all(motion, around)
         groups.append(Group((body,), fits[0], tuple(fits[1:])))

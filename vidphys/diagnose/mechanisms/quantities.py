@@ -11,7 +11,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import nearest
 from vidphys.diagnose.mechanisms.charts import Arc, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
-from vidphys.diagnose.mechanisms.law import COULOMB
+from vidphys.diagnose.mechanisms.law import COULOMB, FORCING
 from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.recordings.units import Ends
 from vidphys.statistics import NORMAL_95
@@ -169,6 +169,17 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
     if law.turning:
         for name, about in zip(law.turns, [""] if len(law.turns) == 1 else AXES, strict=True):
             yield f"turning{about}", number(name), 0, -1
+    if law.forced:
+        forcing = [at[name] for name in FORCING[:-1]]
+        turns = fit.model.charts[0].name in ("arc", "angle")
+        strongest = "strongest acceleration by what drives it"
+        yield (
+            strongest,
+            lambda values, _: float(np.linalg.norm(values[forcing])),
+            0 if turns else 1,
+            -2,
+        )
+        yield "rate of what drives it", number(FORCING[-1]), 0, -1
     if law.restoring == "centre":
         yield "acceleration where it turns most", number("strength"), 1, -2
         yield (
