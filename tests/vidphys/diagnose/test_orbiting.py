@@ -1,6 +1,7 @@
 """Bodies that pull each other, as strangers simulate them: no place between them does it."""
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from tests.vidphys.diagnose.test_mechanisms import noisy
@@ -51,6 +52,28 @@ def test_of_bodies_that_keep_their_distance_it_is_not_told_how_the_force_falls_o
     assert given.data["terms"] == ["pair"] and given.data["status"] == MOSTLY
     (said,) = (line for line in given.lines if "as likely with" in line)
     assert "1 / r²" in said and "would tell" in said
+
+
+def test_molecules_repel_when_near_and_attract_farther_off():
+    """As Lennard-Jones has it, in units of its own: sigma 2, epsilon 3."""
+
+    def slope(_, y):
+        apart = y[:2] - y[2:4]
+        six = (2 / np.linalg.norm(apart)) ** 6
+        push = 24 * 3 * (2 * six**2 - six) * apart / (apart @ apart)
+        return [*y[4:], *push, *-push]
+
+    times = np.arange(300) * 0.02
+    start = [0, 0, 2.6, 0.2, 0.1, 0.2, -0.1, -0.2]
+    found = solve_ivp(slope, (0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12)
+    places = found.y[:4].T.reshape(-1, 2, 2)
+    given = answer(noisy(places, 0.001, step=0.02), False, 0.3)
+    assert given.data["terms"] == ["pair"] and given.data["status"] == EXPLAINED
+    (said,) = (line for line in given.lines if "sigma" in line)
+    _, sigma, _, epsilon, *_ = said.replace(",", "").split()
+    assert float(sigma) == pytest.approx(2, rel=0.01)
+    assert float(epsilon) == pytest.approx(3, rel=0.02)
+    assert any(line.startswith("Oscillation") for line in given.lines)
 
 
 def test_of_bodies_that_seem_struck_the_menu_is_asked_where_no_law_explains(monkeypatch):

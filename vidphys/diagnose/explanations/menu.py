@@ -56,6 +56,7 @@ ASKED = (
     "drive",
 )
 PICTURED = "These terms know nothing of cameras: look at what is followed."
+RESTING = {"spring", "rest-length", "contact", "lennard-jones"}  # shapes that hold at a distance
 STRIDE = 3  # frames, over which a step shows where a body goes
 LIKELY, UNLIKELY = 0.9, 0.1
 WORDS = {
@@ -190,7 +191,8 @@ class ByMenu(Explanation):
         bent = alone and beyond_noise(left, self.found.noise.sigma, spread)
         bent = bent or not (self.kinds or self.found.explained)
         judged = judge(1 - (left / spread) ** 2, left, spread, tail, bent=bent)
-        doubtful = self.camera or _uncertain(self.inference) or other_shapes(self.inference)
+        told = self.inference
+        doubtful = self.camera or _uncertain(told) or other_shapes(told) or told.alone
         most = MOSTLY if doubtful else judged.status
         return replace(judged, status=min(judged.status, most, key=RANK.index))
 
@@ -269,7 +271,7 @@ def _rests(inference: Inference) -> bool:
     """Whether bodies have a place to rest: of those that only fall towards each other none has."""
     shapes = {shape for term in inference.terms for shape in term.shape.split("+")}
     held = {"trap", "well", "pendulum"} & inference.kinds
-    return bool(held or shapes & {"spring", "rest-length", "contact"})
+    return bool(held or shapes & RESTING)
 
 
 def named(inference: Inference) -> str:

@@ -12,6 +12,7 @@ FALLS_OFF = {  # shape of a pair force: how it goes with the distance r
     "inverse-cube": "1 / r³, softened within the length",
     "spring": "r, as a spring's does",
     "rest-length": "stiffness · r + offset, as a spring's of a rest length does",
+    "lennard-jones": "attraction / r⁷ - repulsion / r¹³, as between molecules (Lennard-Jones)",
     "gaussian": "r under a bell curve as wide as the length",
 }
 ONE = {"point": "inverse-square"}  # shapes that differ by their length alone
@@ -25,13 +26,25 @@ def pair_lines(inference: Inference) -> list[str]:
     if pair is None or pair.shape not in FALLS_OFF:
         return []
     others = other_shapes(inference)
-    pulls = float(inference.structure.of(pair)[0]) > 0
-    how = "attract" if pulls else "repel"
-    lines = [f"they {how} each other; the force goes with {FALLS_OFF[pair.shape]}"]
+    numbers = inference.structure.of(pair).tolist()
+    how = "attract" if numbers[0] > 0 else "repel"
+    told = f"they {how} each other"
+    if pair.shape == "lennard-jones":
+        told = "they repel each other when near, and attract each other farther off"
+    lines = [f"{told}; the force goes with {FALLS_OFF[pair.shape]}"]
+    if pair.shape == "lennard-jones":
+        lines.append(_usual_form(*numbers))
     if others:
         like = "; or ".join(FALLS_OFF[shape] for shape in others)
         lines.append(f"as likely with {like}. {WOULD_TELL}")
     return lines
+
+
+def _usual_form(repulsion: float, attraction: float) -> str:
+    """Lennard-Jones's force by what it is known by: the distance of no energy, and the depth."""
+    sixth = repulsion / (2 * attraction)
+    depth = attraction / (24 * sixth)
+    return f"sigma {sixth ** (1 / 6):.4g}, epsilon {depth:.4g} (of masses one)"
 
 
 def other_shapes(inference: Inference) -> list[str]:

@@ -87,8 +87,7 @@ class Term:
         scale: length in the shape of a pair force, world units.
         shape: of :data:`SHAPES`, or ``rest-length``, of a pair force.
         source: what a pair force goes with: ``mass``, or ``alike`` for all bodies.
-        positive: whether the first coefficient must be positive to mean what the name says; all of
-            them, where it has parts.
+        positive: how many of the first coefficients must be positive to mean what the name says.
         parts: two terms of one family that stand together, one for each coefficient.
         remade: the same with another length.
         apart: each body has a number of its own.
@@ -100,7 +99,7 @@ class Term:
     coefficients: tuple[str, ...]
     columns: Callable[[Field], np.ndarray]
     scale: float | None = None
-    positive: bool = False
+    positive: int = 0
     shape: str = ""
     source: str = ""
     parts: tuple[Term, ...] = ()
@@ -176,8 +175,19 @@ SHAPES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
     "inverse-cube": lambda r, s: (r**2 + s**2) ** -2.0,
     "cut-off": lambda r, s: np.maximum(1 - (r / s) ** 2, 0) ** 2,
     "contact": lambda r, s: -np.maximum(s * _inverse(r) - 1, 0),
+    "twelve": lambda r, s: -(_inverse(r) ** 14),
+    "six": lambda r, s: _inverse(r) ** 8,
 }
 """Pair force over the displacement, from the distance and a length; infinite distance gives 0."""
+
+
+TWO_SHAPES = {  # pair forces of two numbers: their shapes, and what the numbers are called
+    "rest-length": (("spring", "rest-length"), ("stiffness", "offset")),
+    # of an energy (repulsion / 12) / r^12 - (attraction / 6) / r^6 (Jones 1924)
+    "lennard-jones": (("twelve", "six"), ("repulsion", "attraction")),
+}
+
+POSITIVE = {"contact": 1, "cut-off": 1, "lennard-jones": 2}  # a repulsion that ends is a contact
 
 
 def attraction(shapes: tuple[str, ...], scale: float, source: str) -> Callable[[Field], np.ndarray]:
@@ -200,8 +210,8 @@ def _summed(field: Field, shape: np.ndarray, source: str) -> np.ndarray:
 
 FRICTIONS = {
     "linear": Term("linear friction", FRICTION, "linear", ("rate",), resistance(1)),
-    "square": Term("v^2 friction", FRICTION, "square", ("rate",), resistance(2), positive=True),
-    "dry": Term("dry friction", FRICTION, "dry", ("rate",), resistance(0), positive=True),
+    "square": Term("v^2 friction", FRICTION, "square", ("rate",), resistance(2), positive=1),
+    "dry": Term("dry friction", FRICTION, "dry", ("rate",), resistance(0), positive=1),
 }
 
 
@@ -219,7 +229,7 @@ def together(first: Term, second: Term) -> Term:
         (*first.coefficients, *second.coefficients),
         columns,
         second.scale,
-        positive=True,
+        positive=2,
         shape=f"{first.shape}+{second.shape}",
         source=first.source,
         parts=(first, second),
@@ -254,8 +264,7 @@ NEARBY = (0.75, 0.85, 0.93, 1.0, 1.07, 1.17, 1.33)  # over the best length so fa
 
 def pair_term(kind: str, scale: float | None, source: str) -> Term:
     """The term of one pair force."""
-    shapes = ("spring", "rest-length") if kind == "rest-length" else (kind,)
-    names = ("stiffness", "offset") if kind == "rest-length" else ("strength",)
+    shapes, names = TWO_SHAPES.get(kind, ((kind,), ("strength",)))
     group = "contact" if kind == "contact" else "pair"
     length = "" if scale is None else f", length {scale:.3g}"
     return Term(
@@ -265,7 +274,7 @@ def pair_term(kind: str, scale: float | None, source: str) -> Term:
         names,
         attraction(shapes, scale or 1.0, source),
         scale,
-        positive=kind in ("contact", "cut-off"),  # a repulsion that ends is a contact
+        positive=POSITIVE.get(kind, 0),
         shape=kind,
         source=source,
         remade=None if scale is None else lambda other: pair_term(kind, other, source),
@@ -290,6 +299,7 @@ def pair_terms(distance: np.ndarray, source: str, near: Sequence[Term] = ()) -> 
         "gaussian": [usual * x for x in WIDTHS],
         "contact": [least * x for x in CONTACTS],
         "point": [None],
+        "lennard-jones": [None],
         "spring": [None],
         "rest-length": [None],
     }
@@ -311,7 +321,7 @@ def external_terms(space: int, angles: bool) -> list[Term]:
     names = ("x", "y", "z")[:space]
     uniform = Term("uniform field", EXTERNAL, "uniform", names, axes)
     held = ("stiffness", *(f"centre pull {x}" for x in names))
-    terms = [uniform, Term("trap", EXTERNAL, "trap", held, trap, positive=True)]
+    terms = [uniform, Term("trap", EXTERNAL, "trap", held, trap, positive=1)]
     if space == 1 and not angles:
         terms.append(Term("well", EXTERNAL, "well", ("stiffness", "push", "second", "third"), well))
     if angles:

@@ -139,10 +139,7 @@ def price(rows: int, numbers: int) -> float:
 
 def is_wrong(structure: Structure) -> bool:
     """Whether a number has a sign with which its term would not be what its name says."""
-    return any(
-        term.positive and (structure.of(term)[: max(1, len(term.parts))] <= 0).any()
-        for term in structure.terms
-    )
+    return any((structure.of(term)[: term.positive] <= 0).any() for term in structure.terms)
 
 
 def _shows(structure: Structure, places: Sequence[list[int]], normal: Normal, least: float) -> bool:

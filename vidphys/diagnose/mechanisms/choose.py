@@ -107,7 +107,9 @@ def fits_of(
         others += [x for x in elliptic(clips) if makes_sense(x)]
     if alone and not holds:
         others += [x for x in forced(clips, angles) if makes_sense(x)]
-    if not angles and not all_told:  # what a lens leaves is no sign that something turns a body
+    if (
+        alone and not angles and not all_told
+    ):  # what a lens leaves is no sign that something turns a body
         others += [x for x in crosswise(clips) if makes_sense(x)]
     if not angles and something_left and not any(x.holds for x in others):
         others += centred(clips)
