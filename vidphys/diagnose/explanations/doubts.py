@@ -22,6 +22,7 @@ RESTED = 0.02  # of its usual speed, that what has come to rest has at most
 # of its speed over its distance from the place that it goes round, and of the cosine between both,
 # that they vary on a circle or a spiral at most
 ROUND = 0.03
+TOLD = 0.05  # standard error of a power of the distance that a slow turn of an orbit tells
 WIDE = 0.375  # of ab/L^2: by it a pendulum's ellipse turns, over its rate (Airy 1851)
 LEVEL = 0.2  # tangent of a line's angle to the picture's edge, below which it is level
 PASSES = "In doubt: nothing acts on it, as on something that passes by. Look at what is followed."
@@ -136,8 +137,10 @@ def circles(fit: Fit) -> bool:
     On a circle at one speed, or on a spiral on which its speed and its distance shrink alike.
     """
     law, charts = fit.model.law, fit.model.charts
-    alone = len(charts) == 1 and charts[0].name == "plane"  # several circles tell of the law
+    alone = len(charts) == 1 and charts[0].name in ("plane", "turned")  # several circles tell
     if not alone or law.restoring not in ("trap", "centre") or law.walls or law.turning:
+        return False
+    if law.restoring == "centre" and fit.numbers["steeper"][1] < TOLD:
         return False
     return all(_evenly(_from_the_middle(fit, r[:, 0]), r[:, 1]) for r in _rolled(fit))
 
@@ -151,7 +154,8 @@ def _from_the_middle(fit: Fit, places: np.ndarray) -> np.ndarray:
     law, numbers = fit.model.law, fit.numbers
     if law.restoring == "centre":
         return places - law.centre(numbers)
-    return places - np.array([numbers[x][0] for x in law.forces]) / numbers["stiffness"][0]
+    stiffness = [value for name, (value, _) in numbers.items() if name.startswith("stiffness")]
+    return places - np.array([numbers[x][0] for x in law.forces]) / np.array(stiffness)
 
 
 def _evenly(away: np.ndarray, v: np.ndarray) -> bool:

@@ -100,18 +100,16 @@ def fits_of(
     found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
     sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
     others: list[Fit] = []
-    holds = any(x.holds for x in sensible[:1])
-    something_left = any(x.errors.smooth > x.errors.white for x in sensible[:1])
-    all_told = holds if camera else bool(sensible) and not something_left
+    holds, all_told = (any(map(said, sensible[:1])) for said in (_holds, _tells_all))
+    told = _holds if camera else _tells_all  # what a lens leaves tells of no other law
     if not angles and not holds:
         others += [x for x in elliptic(clips) if makes_sense(x)]
     if alone and not holds:
         others += [x for x in forced(clips, angles) if makes_sense(x)]
-    if (
-        alone and not angles and not all_told
-    ):  # what a lens leaves is no sign that something turns a body
+    if alone and not angles and not any(map(told, sensible[:1])):
         others += [x for x in crosswise(clips) if makes_sense(x)]
-    if not angles and something_left and not any(x.holds for x in others):
+    round_it = any(map(_goes_round, sensible[:1]))  # or goes round on an orbit
+    if not angles and (round_it or (sensible and not all_told and not any(map(told, others)))):
         others += centred(clips)
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None
@@ -280,6 +278,23 @@ def _flat(found: Fit) -> bool:
         return False
     swings = [x[:, 0, 0] for x in found.model.coordinates(found.values, found.clips)]
     return max(float(np.ptp(x)) for x in swings) < FLAT
+
+
+def _holds(found: Fit) -> bool:
+    return found.holds
+
+
+def _tells_all(found: Fit) -> bool:
+    """Whether it leaves nothing that lasts."""
+    return found.errors.smooth <= found.errors.white
+
+
+def _goes_round(found: Fit) -> bool:
+    """Whether it goes over the top of its arc."""
+    if not isinstance(found.model.charts[0], Arc):
+        return False
+    swings = [x[:, 0, 0] for x in found.model.coordinates(found.values, found.clips)]
+    return max(float(np.ptp(x)) for x in swings) > 2 * np.pi
 
 
 def _hanging(fits: Sequence[Fit]) -> list[Fit]:
