@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 
 from dynamics import from_config, terms
 from vidphys.diagnose.explanations.mechanism import ByMechanism
+from vidphys.diagnose.explanations.verdict import EXPLAINED
 from vidphys.diagnose.mechanisms import bodies, let_go, mechanism, view
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.mechanisms.chain import linked
@@ -454,6 +455,39 @@ def test_two_rods_that_hang_end_on_end_give_their_law_and_the_first_seconds_ahea
     fitted = find_mechanism(motion.cut(0, 210), angles=True).groups[0].fit.numbers
     for name, true in (("link", link), ("inertia", inertia), ("swing 1", 24.5), ("swing 2", 6.13)):
         assert fitted[name][0] == pytest.approx(true, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("start", "noise"),
+    [((1.2, -0.4), 0.01), ((0.3, 0.2), 0.003)],  # wild and roughly measured; a small swing
+)
+def test_two_angles_of_a_double_pendulum_tell_its_masses_and_lengths(start, noise):
+    heavier, lighter, upper, lower, gravity = 1.0, 0.5, 1.0, 0.7, 9.81
+
+    def slope(_, y):
+        a, b, *v = y
+        d, both = a - b, heavier + lighter
+        matrix = [[both * upper, lighter * lower * np.cos(d)], [upper * np.cos(d), lower]]
+        force = [
+            -lighter * lower * v[1] ** 2 * np.sin(d) - both * gravity * np.sin(a),
+            upper * v[0] ** 2 * np.sin(d) - gravity * np.sin(b),
+        ]
+        return [*v, *np.linalg.solve(matrix, force)]
+
+    times = np.arange(700) / 100
+    found = solve_ivp(slope, (0, 7), [*start, 0, 0], t_eval=times, rtol=1e-9)
+    given = answer(noisy(found.y[:2].T[:, :, None], noise, 0.01), True, 0.3)
+    assert given.data["terms"] == ["chain"] and given.data["status"] == EXPLAINED
+    told = given.data["mechanism"][0]["quantities"]
+    truth = {
+        "rate 1": (gravity / upper) ** 0.5,
+        "rate 2": (gravity / lower) ** 0.5,
+        "length 2 over length 1": lower / upper,
+        "mass ratio": lighter / heavier,
+    }
+    for name, value in truth.items():
+        assert abs(told[name]["value"] - value) < 3 * told[name]["standard_error"], name
+        assert told[name]["value"] == pytest.approx(value, rel=0.03), name
 
 
 # units

@@ -20,11 +20,11 @@ from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
 
-WINDOWS = 6
+WINDOWS = (2, 6)  # of a recording, at least and at most
 RADIANS = 4.0  # that a window's angles turn through, about
-LONGEST = 60  # frames of a window
+LONGEST = 150  # frames of a window
 SHOWN = 0.7  # of a window's frames, in which all is seen
-HALVES = (2, 4)  # frames on each side of a local polynomial
+HALVES = (2, 4, 8)  # frames on each side of a local polynomial
 SMALL = 1e-3
 # standard errors, by which the link between two rods is there: by their angles alone; and by two
 # weights in a picture, that keep their distance
@@ -72,8 +72,10 @@ def linked(rods: Fit, angles: bool) -> bool:
         angles: whether these were recorded; else the weights were seen in a picture.
     """
     link, error = rods.numbers["link"]
-    most = GOOD if angles or link < SURELY * error else ROUGHLY
-    return rods.left < most * rods.spread and link > (SURELY if angles else AS_SEEN) * error
+    if angles:
+        return rods.holds and link > SURELY * error
+    most = GOOD if link < SURELY * error else ROUGHLY
+    return rods.left < most * rods.spread and link > AS_SEEN * error
 
 
 def _windows(motion: Motion, size: int) -> list[Frames]:
@@ -85,7 +87,8 @@ def _windows(motion: Motion, size: int) -> list[Frames]:
             least = max(LEAST_FRAMES, SHOWN * long)
             whole = np.flatnonzero(seen[: len(shown)] & (shown >= least))
             if len(whole):
-                some = np.linspace(0, len(whole) - 1, WINDOWS).astype(int)
+                most = int(np.clip(len(seen) // long, *WINDOWS))  # that share no frames, or few
+                some = np.linspace(0, len(whole) - 1, most).astype(int)
                 spots += [(int(first), number, long) for first in np.unique(whole[some])]
                 break
     out = []

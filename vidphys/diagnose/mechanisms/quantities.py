@@ -17,6 +17,7 @@ from vidphys.diagnose.recordings.units import Ends
 from vidphys.statistics import NORMAL_95
 
 NUDGE = 1e-5
+SLIGHT = 1e-6  # of two masses, that one has at least
 # Over a fit's own standard errors, of what was seen in a picture. Of 289 numbers of clips that were
 # filmed for development, 92 % lay inside intervals without it, and 96 % with it.
 SEEN = 1.3
@@ -133,8 +134,10 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         root, _, which = name.partition(" ")
         of = f" {which}" if which and law.apart else ""
         if root in ("stiffness", "swing"):
-            yield f"rate{of}", _rate(at[name], 1.0), 0, -1
-            yield f"period{of}", _rate(at[name], -1.0), 0, 1
+            # Of the lower one of two rods, as if it hung alone.
+            over = at["inertia"] if name == "swing 2" and law.restoring == "chain" else None
+            yield f"rate{of}", _rate(at[name], 1.0, over), 0, -1
+            yield f"period{of}", _rate(at[name], -1.0, over), 0, 1
         elif root in ("linear", "square", "dry"):
             length, seconds = {"linear": (0, -1), "square": (-1, 0), "dry": (1, -2)}[root]
             turns = fit.model.charts[0].name in ("arc", "angle")
@@ -189,6 +192,8 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
             0,
         )
         yield "nearest distance", lambda values, _: nearest(replace(fit, values=values)), 1, 0
+    if law.restoring == "chain" and not isinstance(fit, RodsFit):
+        yield from _of_weights(fit)
     if law.restoring == "uniform":
         forces = [at[name] for name in law.forces]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
@@ -202,12 +207,32 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         yield "degrees from x to direction 1", lambda _, geometry: chart.degrees(geometry[0]), 0, 0
 
 
-def _rate(at: int, power: float) -> Joint:
+def _rate(at: int, power: float, over: int | None = None) -> Joint:
     def told(values: np.ndarray, _: tuple[np.ndarray, ...]) -> float:
-        rate = float(np.sqrt(max(values[at], np.finfo(float).tiny)))
+        square = values[at] if over is None else values[at] / values[over]
+        rate = float(np.sqrt(max(square, np.finfo(float).tiny)))
         return rate if power > 0 else 2 * np.pi / rate
 
     return told
+
+
+def _of_weights(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
+    """What two angles tell of two weights on rods without mass, if that is what they may be.
+
+    With link b = m_2 l_2 / ((m_1 + m_2) l_1) and inertia a = b l_2 / l_1, what the lower one hangs
+    by is b times what the upper one hangs by.
+    """
+    at = {name: i for i, name in enumerate(fit.model.law.names)}
+    upper, lower, link, inertia = (at[x] for x in ("swing 1", "swing 2", "link", "inertia"))
+    off, error = _with_error(fit, lambda x, _: float(x[lower] - x[link] * x[upper]))
+    if abs(off) > NORMAL_95 * error:
+        return
+
+    def share(values: np.ndarray) -> float:  # of both masses, that the lower one has
+        return float(np.clip(values[link] ** 2 / values[inertia], SLIGHT, 1 - SLIGHT))
+
+    yield "length 2 over length 1", lambda x, _: float(x[inertia] / x[link]), 0, 0
+    yield "mass ratio", lambda x, _: share(x) / (1 - share(x)), 0, 0
 
 
 def _with_error(fit: Fit, told: Joint) -> tuple[float, float]:
