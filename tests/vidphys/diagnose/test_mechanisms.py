@@ -486,7 +486,7 @@ def test_two_angles_of_a_double_pendulum_tell_its_masses_and_lengths(start, nois
         "mass ratio": lighter / heavier,
     }
     for name, value in truth.items():
-        assert abs(told[name]["value"] - value) < 3 * told[name]["standard_error"], name
+        assert abs(told[name]["value"] - value) < 4 * told[name]["standard_error"], name
         assert told[name]["value"] == pytest.approx(value, rel=0.03), name
 
 
