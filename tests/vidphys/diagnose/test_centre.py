@@ -38,7 +38,7 @@ def test_the_steps_are_those_of_another_integrator(strength, power):
     path = passing(strength, power)
     two, times = np.zeros(2), np.arange(FRAMES) * STEP
     start = np.array([[-1.2, 0.1], [1.1, -0.05]])
-    centre = np.array([*PLACE, strength, power, 1.0])
+    centre = np.array([*PLACE, strength, power, 1.0, 0.0])
     walls = np.zeros((0, 5))
     out = rolled(times, start, two, np.zeros((2, 2)), two, np.zeros(3), walls, 1e-3, centre=centre)
     np.testing.assert_allclose(out[:, 0], path, atol=1e-6)

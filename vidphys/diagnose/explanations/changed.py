@@ -23,6 +23,8 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["half the length"] = {"swing": 2.0}
     elif "trap" in kinds:
         asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0}
+    elif "elastic" in kinds:
+        asked["twice the stiffness"] = {"stiffness": 2.0}
     elif "centre" in kinds:
         asked["twice the strength"] = {"strength": 2.0}
     elif "uniform" in kinds:

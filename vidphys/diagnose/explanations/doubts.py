@@ -43,6 +43,7 @@ PRECESSES = (
     "In doubt: the ellipse of a pendulum that swings wide turns alike. Let it go from rest, or "
     "swing less wide."
 )
+STIFF = "In doubt: its spring hardly stretches, as a rod or a string does not."
 HIDDEN = (
     "In doubt: a second body that was not followed, tied to this one, moves it alike. Film what is "
     "beside it."
@@ -65,6 +66,7 @@ def doubts(fit: Fit) -> list[str]:
         PASSES: passes(fit),
         CIRCLES: circles(fit),
         PRECESSES: precesses(fit),
+        STIFF: stiff(fit),
         HIDDEN: fit.kinds & {"forcing", "linear"} == {"forcing"},
         MISSED: missed(fit),
         UNTOLD: untold(fit),
@@ -152,7 +154,7 @@ def _rolled(fit: Fit) -> list[np.ndarray]:
 def _from_the_middle(fit: Fit, places: np.ndarray) -> np.ndarray:
     """Of what pulls a body, to its places ``(t, d)``."""
     law, numbers = fit.model.law, fit.numbers
-    if law.restoring == "centre":
+    if law.restoring in ("centre", "elastic"):
         return places - law.centre(numbers)
     stiffness = [value for name, (value, _) in numbers.items() if name.startswith("stiffness")]
     return places - np.array([numbers[x][0] for x in law.forces]) / np.array(stiffness)
@@ -164,6 +166,14 @@ def _evenly(away: np.ndarray, v: np.ndarray) -> bool:
     share, cosine = speed / far, (away * v).sum(-1) / (far * speed)
     round_it = abs(cosine.mean()) < 1 - ROUND
     return bool(round_it and share.std() < ROUND * share.mean() and cosine.std() < ROUND)
+
+
+def stiff(fit: Fit) -> bool:
+    """Whether a spring from a fixed place keeps its length as well as a rod."""
+    if fit.model.law.restoring != "elastic":
+        return False
+    far = [np.linalg.norm(_from_the_middle(fit, r[:, 0]), axis=-1) for r in _rolled(fit)]
+    return all(bool(x.std() < ROUND * x.mean()) for x in far)
 
 
 def precesses(fit: Fit) -> bool:

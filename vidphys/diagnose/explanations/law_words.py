@@ -28,6 +28,7 @@ BY = {
     "pendulum": "as a pendulum",
     "chain": "as two rods that hang end on end",
     "centre": "a fixed place pushes it away, by a power of the distance",
+    "elastic": "a spring of a rest length ties it to a fixed place, under a constant acceleration",
 }
 LOSES = {
     "linear": "friction goes with its speed",
@@ -42,6 +43,7 @@ SHORT = {
     "trap": "spring to a place",
     "pendulum": "pendulum on an arc",
     "centre": "a fixed place that pushes or pulls",
+    "elastic": "spring from a fixed place, constant acceleration",
     "lift": "lift by its spin",
     "turning": "force across its way ~ v",
     "forcing": "sinusoid that drives it",

@@ -45,6 +45,7 @@ from vidphys.statistics import NORMAL_95
 UNWRITTEN = {
     "centre": "a fixed place that pushes or pulls",
     "lift": "a lift that goes with a spin",
+    "elastic": "a spring from a fixed place",
     "turning": "a force across the way",
     "forcing": "a sinusoid that drives it",
 }

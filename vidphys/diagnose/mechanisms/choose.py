@@ -11,6 +11,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.crosswise import crosswise
+from vidphys.diagnose.mechanisms.elastic import elastic
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
@@ -106,11 +107,13 @@ def fits_of(
         others += [x for x in elliptic(clips) if makes_sense(x)]
     if alone and not holds:
         others += [x for x in forced(clips, angles) if makes_sense(x)]
-    if alone and not angles and not any(map(told, sensible[:1])):
-        others += [x for x in crosswise(clips) if makes_sense(x)]
     round_it = any(map(_goes_round, sensible[:1]))  # or goes round on an orbit
     if not angles and (round_it or (sensible and not all_told and not any(map(told, others)))):
         others += centred(clips)
+    if alone and not angles and not any(map(told, sensible[:1])):
+        others += [x for x in crosswise(clips) if makes_sense(x)]
+    if alone and not (angles or camera or any(map(told, [*sensible[:1], *others]))):
+        others += [x for x in elastic(clips) if makes_sense(x)]
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None
     if spinning is None or makes_sense(spinning):

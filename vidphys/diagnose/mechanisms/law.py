@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.recordings.inputs import Signal
 
-RESTORING = ("none", "uniform", "trap", "pendulum", "chain", "centre")
+RESTORING = ("none", "uniform", "trap", "pendulum", "chain", "centre", "elastic")
 FRICTIONS = ("none", "linear", "square", "dry", "linear+dry", "linear+square")
 RATES = ("linear", "square", "dry")  # the order in which the kernel takes them
 COULOMB = 2.0  # the power of the distance, as of gravity
@@ -54,8 +54,9 @@ class Law:
     Args:
         coordinates: k.
         restoring: of :data:`RESTORING`; a uniform field, a trap about any centre, what an angle
-            hangs in, two rods that hang end on end, by their angles, or a fixed place that pushes
-            or pulls every body by a power of the distance.
+            hangs in, two rods that hang end on end, by their angles, a fixed place that pushes or
+            pulls every body by a power of the distance, or a spring of a rest length from a fixed
+            place, in a uniform field.
         friction: of :data:`FRICTIONS`.
         apart: each coordinate has its own trap, or swing, and its own friction.
         coupled: springs between all pairs of coordinates, where they are apart.
@@ -99,13 +100,15 @@ class Law:
         names = []
         if self.restoring == "trap":
             names += [f"stiffness{x}" for x in each]
-        names += self.forces
+        names += self.forces if self.restoring != "elastic" else ()
         if self.restoring in ("pendulum", "chain"):
             names += [f"swing{x}" for x in each]
         if self.restoring == "chain":
             names += ["link", "inertia"]
         if self.restoring == "centre":
             names += ["strength", "steeper", *self._place]
+        if self.restoring == "elastic":
+            names += ["stiffness", "rest", *self._place, *self.forces]
         if self.coupled:
             names += [f"coupling {i + 1}" for i in range(k)]
         if self.friction != "none":
@@ -126,7 +129,8 @@ class Law:
     @property
     def forces(self) -> tuple[str, ...]:
         """Names of its steady force's numbers, one for each coordinate."""
-        return self._steady(self.coordinates) if self.restoring in ("uniform", "trap") else ()
+        steady = self.restoring in ("uniform", "trap", "elastic")
+        return self._steady(self.coordinates) if steady else ()
 
     @staticmethod
     def _steady(count: int) -> tuple[str, ...]:
@@ -169,7 +173,7 @@ class Law:
         stiff += [numbers[name] ** 2 for name in ("lift", *self.turns) if name in numbers]
         stiff += [numbers[FORCING[-1]] ** 2] if self.forced else []
         if self.restoring == "centre":
-            near = float(self._centre(numbers)[-1])
+            near = float(self._centre(numbers)[-2])
             stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
         return float(np.sqrt(max(sum(stiff), 0.0)))
 
@@ -181,7 +185,8 @@ class Law:
     @property
     def _place(self) -> tuple[str, ...]:
         """Names of the fixed place's coordinates."""
-        return tuple(f"centre {i + 1}" for i in range(len(self.turned_at)))
+        count = self.coordinates if self.restoring == "elastic" else len(self.turned_at)
+        return tuple(f"centre {i + 1}" for i in range(count))
 
     def centre(self, numbers: Mapping[str, tuple[float, float]]) -> np.ndarray:
         """The fixed place ``(d,)``, of numbers with their errors."""
@@ -189,11 +194,14 @@ class Law:
 
     def _centre(self, numbers: Mapping[str, float]) -> np.ndarray:
         """As the kernel takes it; empty where there is none."""
-        if self.restoring != "centre":
+        if self.restoring not in ("centre", "elastic"):
             return np.empty(0)
         place = np.array([numbers[name] for name in self._place])
+        if self.restoring == "elastic":
+            stiffness = numbers["stiffness"]
+            return np.array([*place, -stiffness, -1.0, 1.0, stiffness * numbers["rest"]])
         near = max(float(np.linalg.norm(place - self.turned_at)), np.finfo(float).tiny)
-        return np.array([*place, numbers["strength"], self.power(numbers), near])
+        return np.array([*place, numbers["strength"], self.power(numbers), near, 0.0])
 
     def roll(
         self,
@@ -246,7 +254,8 @@ class Law:
         for i in range(k):
             own = f" {i + 1}" if self.apart and k > 1 else ""
             force[i] = numbers.get(f"force {i + 1}", 0.0)
-            stiffness[i, i] = numbers.get(f"stiffness{own}", 0.0)
+            if self.restoring == "trap":
+                stiffness[i, i] = numbers[f"stiffness{own}"]
             swing[i] = numbers.get(f"swing{own}", 0.0)
             if self.coupled:
                 pull = numbers[f"coupling {i + 1}"]

@@ -10,10 +10,11 @@ hang end on end, with link b, inertia a and d = s_1 - s_2,
     dv_1/dt + b (cos d dv_2/dt + sin d v_2^2) = -swing_1 sin s_1 - friction
     a dv_2/dt + b (cos d dv_1/dt - sin d v_1^2) = -swing_2 sin s_2 - friction
 
-A fixed place c may push with strength (near / r)^power along s - c, r = |s - c|; what pulls has a
-strength below zero. What is known to push adds an acceleration of its own, straight between the
-times at which it was recorded. A lift pushes what spins across its way in the plane, by
-lift (-v_2, v_1), and fades with its spin (Magnus effect; Mehta 1985, Annu. Rev. Fluid Mech. 17).
+A fixed place c may push with strength (near / r)^power + steady along s - c, r = |s - c|; what
+pulls has a strength below zero. With power -1 it is a spring, and steady what its rest length adds.
+What is known to push adds an acceleration of its own, straight between the times at which it was
+recorded. A lift pushes what spins across its way in the plane, by lift (-v_2, v_1), and fades with
+its spin (Magnus effect; Mehta 1985, Annu. Rev. Fluid Mech. 17).
 A magnetic field, or a frame that turns, adds turning x v, which does not fade.
 There are walls n.s = place, at which the speed across them turns round and shrinks. A solid ball
 that spins in the plane slips at a wall with u = v.t + w, where t is the normal turned by a right
@@ -43,12 +44,12 @@ def _from_centre(s: np.ndarray, first: int, centre: np.ndarray) -> float:
     """Acceleration away from a fixed place, over the distance, of the body whose coordinates begin
     with the ``first``.
     """
-    size, squared = len(centre) - 3, 0.0
+    size, squared = len(centre) - 4, 0.0
     for i in range(size):
         squared += (s[first + i] - centre[i]) ** 2
     strength, power, near = centre[size], centre[size + 1], centre[size + 2]
     far = np.sqrt(squared) / near + CLOSEST
-    return strength / near * far ** (-power - 1.0)
+    return strength / near * far ** (-power - 1.0) + centre[size + 3] / (near * far)
 
 
 @part
@@ -119,7 +120,7 @@ def _accelerate(
         out[1] -= friction[4] * v[2]
         out[2] += friction[4] * v[1] - friction[5] * v[0]
     if len(centre) > 0:
-        each = len(centre) - 3
+        each = len(centre) - 4
         for first in range(0, size, each):
             away = _from_centre(s, first, centre)
             for i in range(each):
@@ -145,7 +146,7 @@ def _holds(
     floor: np.ndarray,
 ) -> bool:
     """Whether dry friction holds what stands at ``s``."""
-    pull, into, away, each = 0.0, 0.0, 0.0, max(len(centre) - 3, 1)
+    pull, into, away, each = 0.0, 0.0, 0.0, max(len(centre) - 4, 1)
     for i in range(len(s)):
         total = _pull(i, s, force, stiffness, swing, hung)
         if len(centre) > 0:
@@ -401,8 +402,9 @@ def rolled(
         pushed: times in seconds, two or more, and what is known to push then, accelerations
             ``(u, k)``.
         spin: of a ball in the plane, the speed of its surface at the start; ``None``: none spins.
-        centre: a place that pushes each body, its strength, its power and the distance at which it
-            has that strength, ``(d + 3,)``; empty: there is none.
+        centre: a place that pushes each body, its strength, its power, the distance at which it has
+            that strength, and a push that is the same at all distances, ``(d + 4,)``; empty: there
+            is none.
         hung: of pendulums that springs join, where each hangs along a level line, over their
             length, ``(k,)``; empty: springs join the coordinates.
         lift: across the way over the speed, per second, at time zero; and the share a second by

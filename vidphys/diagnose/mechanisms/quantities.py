@@ -194,7 +194,9 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         yield "nearest distance", lambda values, _: nearest(replace(fit, values=values)), 1, 0
     if law.restoring == "chain" and not isinstance(fit, RodsFit):
         yield from _of_weights(fit)
-    if law.restoring == "uniform":
+    if law.restoring == "elastic":
+        yield "rest length", number("rest"), 1, 0
+    if law.restoring in ("uniform", "elastic"):
         forces = [at[name] for name in law.forces]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
     if law.coupled and law.coordinates == 2:
