@@ -100,25 +100,33 @@ def fits_of(
             found.append(base)
     found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
     sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
-    others: list[Fit] = []
-    holds, all_told = (any(map(said, sensible[:1])) for said in (_holds, _tells_all))
-    told = _holds if camera else _tells_all  # what a lens leaves tells of no other law
-    if not angles and not holds:
-        others += [x for x in elliptic(clips) if makes_sense(x)]
-    if alone and not holds:
-        others += [x for x in forced(clips, angles) if makes_sense(x)]
-    round_it = any(map(_goes_round, sensible[:1]))  # or goes round on an orbit
-    if not angles and (round_it or (sensible and not all_told and not any(map(told, others)))):
-        others += centred(clips)
-    if alone and not angles and not any(map(told, sensible[:1])):
-        others += [x for x in crosswise(clips) if makes_sense(x)]
-    if alone and not (angles or camera or any(map(told, [*sensible[:1], *others]))):
-        others += [x for x in elastic(clips) if makes_sense(x)]
+    others = _rarer(clips, sensible[:1], angles, camera, alone)
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None
     if spinning is None or makes_sense(spinning):
         return ranked([*sensible, *others, *([spinning] if spinning else [])])
     return [*ranked([*sensible, *others]), spinning]  # later frames may tell how it is gripped
+
+
+def _rarer(
+    clips: Sequence[Frames], best: Sequence[Fit], angles: bool, camera: bool, alone: bool
+) -> list[Fit]:
+    """Laws that are tried only where the best of the usual ones, if any, leaves something."""
+    holds, all_told = (any(map(said, best)) for said in (_holds, _tells_all))
+    told = _holds if camera else _tells_all  # what a lens leaves tells of no other law
+    others: list[Fit] = []
+    if not angles and not holds:
+        others += [x for x in elliptic(clips) if makes_sense(x)]
+    if alone and not holds:
+        others += [x for x in forced(clips, angles) if makes_sense(x)]
+    round_it = any(map(_goes_round, best))  # or goes round on an orbit
+    if not angles and (round_it or (best and not all_told and not any(map(told, others)))):
+        others += centred(clips)
+    if alone and not angles and not any(map(told, best)):
+        others += [x for x in crosswise(clips) if makes_sense(x)]
+    if alone and not (angles or camera or any(map(told, [*best, *others]))):
+        others += [x for x in elastic(clips) if makes_sense(x)]
+    return others
 
 
 def pictured(clips: Sequence[Frames], base: Fit) -> Fit:

@@ -28,7 +28,7 @@ TINY = 1e-4  # of SOFT squared: the cost of a frame below which no law is droppe
 STEEP = 4.0  # tangent of an arc's slant, from which it is no law, and drops none
 SETTLED = 2.0  # times a frame's cost so far, up to which a law foretold the frames that are new
 MOST = 1e6  # times the spread, by which a law that flew apart counts as missing a frame
-PURE = ("restitution", "along", "grip", "spin", "turn", "mass", "rub", "steeper")  # of no unit
+PURE = ("restitution", "along", "grip", "spin", "turn ", "mass", "rub", "steeper")  # of no unit
 SOFT = 0.03  # of the spread: errors beyond count by their size while a fit begins
 
 

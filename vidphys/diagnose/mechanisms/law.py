@@ -100,15 +100,15 @@ class Law:
         names = []
         if self.restoring == "trap":
             names += [f"stiffness{x}" for x in each]
-        names += self.forces if self.restoring != "elastic" else ()
+        if self.restoring == "elastic":
+            names += ["stiffness", "rest", *self._place]
+        names += self.forces
         if self.restoring in ("pendulum", "chain"):
             names += [f"swing{x}" for x in each]
         if self.restoring == "chain":
             names += ["link", "inertia"]
         if self.restoring == "centre":
             names += ["strength", "steeper", *self._place]
-        if self.restoring == "elastic":
-            names += ["stiffness", "rest", *self._place, *self.forces]
         if self.coupled:
             names += [f"coupling {i + 1}" for i in range(k)]
         if self.friction != "none":
