@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vidphys.diagnose.explanations.doubts import CIRCLES, MISSED, SETTLES, UNTOLD, doubts
+from vidphys.diagnose.explanations.doubts import (
+    CIRCLES,
+    MISSED,
+    SETTLES,
+    STRUCK,
+    UNTOLD,
+    doubts,
+)
 from vidphys.diagnose.explanations.rivals import rivals, undecided
 from vidphys.diagnose.mechanisms.bodies import of_lawful_bodies
 from vidphys.diagnose.mechanisms.mechanism import find_mechanism
@@ -64,3 +71,12 @@ def test_a_circle_does_not_tell_what_pulls_to_its_middle(wide, round_):
     found = find_mechanism(noisy(way))
     assert found.groups[0].fit.kinds == {"trap"}
     assert (CIRCLES in doubts(found.groups[0].fit)) is round_
+
+
+@pytest.mark.parametrize("camera", [True, False])
+def test_what_turns_round_once_may_have_been_struck_by_a_body_that_was_not_followed(camera):
+    times, met = np.arange(110) * STEP, 2.03  # seconds, between two frames
+    across = np.where(times < met, 0.3 * times, 0.3 * met - 0.17 * (times - met))
+    path = np.stack([across - 0.3, 0.1 * times - 0.2], 1)
+    fit = find_mechanism(noisy(path[:, None]), camera=camera).groups[0].fit
+    assert fit.kinds == {"wall"} and (STRUCK in doubts(fit)) is camera

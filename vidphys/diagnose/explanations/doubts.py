@@ -43,6 +43,10 @@ PRECESSES = (
     "In doubt: the ellipse of a pendulum that swings wide turns alike. Let it go from rest, or "
     "swing less wide."
 )
+STRUCK = (
+    "In doubt: it turned round once, which a body that was not followed may have done as well as a "
+    "wall. Look at what it bounces off."
+)
 STIFF = "In doubt: its spring hardly stretches, as a rod or a string does not."
 HIDDEN = (
     "In doubt: a second body that was not followed, tied to this one, moves it alike. Film what is "
@@ -67,6 +71,7 @@ def doubts(fit: Fit) -> list[str]:
         CIRCLES: circles(fit),
         PRECESSES: precesses(fit),
         STIFF: stiff(fit),
+        STRUCK: struck_once(fit),
         HIDDEN: fit.kinds & {"forcing", "linear"} == {"forcing"},
         MISSED: missed(fit),
         UNTOLD: untold(fit),
@@ -166,6 +171,14 @@ def _evenly(away: np.ndarray, v: np.ndarray) -> bool:
     share, cosine = speed / far, (away * v).sum(-1) / (far * speed)
     round_it = abs(cosine.mean()) < 1 - ROUND
     return bool(round_it and share.std() < ROUND * share.mean() and cosine.std() < ROUND)
+
+
+def struck_once(fit: Fit) -> bool:
+    """Whether a camera sees what nothing pulls turn round once: so do two bodies that collide."""
+    law = fit.model.law
+    if "collision" in fit.kinds or not (law.walls and law.pictured and law.restoring == "none"):
+        return False
+    return sum(len(clip.impacts) for clip in fit.clips) == 1
 
 
 def stiff(fit: Fit) -> bool:
