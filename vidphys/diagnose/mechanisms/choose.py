@@ -122,7 +122,7 @@ def _rarer(
     round_it = any(map(_goes_round, best))  # or goes round on an orbit
     if not angles and (round_it or (best and not all_told and not any(map(told, others)))):
         others += centred(clips)
-    if alone and not angles and not any(map(told, best)):
+    if alone and not (angles or camera or any(map(told, best))):
         others += [x for x in crosswise(clips) if makes_sense(x)]
     if alone and not (angles or camera or any(map(told, [*best, *others]))):
         others += [x for x in elastic(clips) if makes_sense(x)]
