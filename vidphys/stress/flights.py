@@ -13,6 +13,8 @@ TRIES = 48  # places at which the next bounce is looked for
 BEYOND = 1.05  # of the time in which it must come, so that rounding does not hide it
 MOST = 400  # bounces, after which the body lies at the wall
 SHORTEST = 1e-5  # of the recording, of a flight, below which it lies there too
+WEAK, STEEP = 1.0, 20.0  # square of an angle, and friction's exponent, up to which nodes suffice
+NODES = 32  # of Gauss and Legendre
 SMALL = 1e-6  # of the square of an angle, below which its cosine is a parabola
 
 
@@ -91,9 +93,8 @@ class _Flight:
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places and speeds, ``t`` seconds after its start."""
         wall, away = self.wall, self.s - self.wall.place
-        half, angle = 0.5 * wall.rate, self.omega * t
-        fade = np.exp(-half * t)
-        swing, kick = fade * np.cos(angle).real, fade * t * np.sinc(angle / np.pi).real
+        half, kick = 0.5 * wall.rate, self._kick(t)
+        swing = np.exp(-half * t) * np.cos(self.omega * t).real
         still = swing + half * kick
         place = away * still + self.v * kick + wall.pull * self._driven(t, still)
         speed = (wall.pull - wall.stiffness * away) * kick + self.v * (swing - half * kick)
@@ -104,15 +105,25 @@ class _Flight:
         """Radians per second, imaginary where friction lets nothing swing."""
         return complex(np.sqrt(complex(self.wall.stiffness - 0.25 * self.wall.rate**2)))
 
+    def _kick(self, t: np.ndarray) -> np.ndarray:
+        """Displacement by a unit of speed at first."""
+        return np.exp(-0.5 * self.wall.rate * t) * t * np.sinc(self.omega * t / np.pi).real
+
     def _driven(self, t: np.ndarray, still: np.ndarray) -> np.ndarray:
-        """Displacement by a unit of constant acceleration; ``still``: what is left of a place."""
-        stiffness, faded = self.wall.stiffness, self.wall.rate * t
+        """Displacement by a unit of constant acceleration; ``still``: what is left of a place.
+
+        By weak terms it is the integral of what a unit of speed does; the difference from what is
+        left would be rounding errors.
+        """
+        stiffness, rate = self.wall.stiffness, self.wall.rate
         longest = float(t.max(initial=0.0))
+        weak = abs(stiffness) * longest**2 < WEAK and abs(rate) * longest < STEEP
+        if weak:
+            nodes, weights = np.polynomial.legendre.leggauss(NODES)
+            return 0.5 * t * (self._kick(t[..., None] * 0.5 * (1 + nodes)) @ weights)
         if abs(stiffness) * longest**2 > SMALL:
             return (1 - still) / stiffness
-        if abs(self.wall.rate) * longest > SMALL**0.5:
-            return (faded + np.expm1(-faded)) / self.wall.rate**2
-        return 0.5 * t**2 * (1 - faded / 3)
+        return (rate * t + np.expm1(-rate * t)) / rate**2
 
     def next_bounce(self) -> float:
         """Seconds until the wall is reached; infinite if it never is."""

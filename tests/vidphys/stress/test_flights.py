@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vidphys.stress.flights import Wall
@@ -35,6 +35,7 @@ def test_flights_follow_the_same_motion_in_small_steps(wall):
 
 
 @given(st.floats(0, 6), st.floats(0, 9), st.floats(0, 6), st.floats(0.1, 3.0), st.booleans())
+@example(0.0, 6.0, 3.0, 3.0, False)
 def test_a_flight_obeys_its_equation_of_motion_however_weak_its_terms(
     trap, weaker, friction, late, injects
 ):
