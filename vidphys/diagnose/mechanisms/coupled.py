@@ -9,7 +9,7 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart
 from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
-from vidphys.diagnose.mechanisms.fit import fit, race
+from vidphys.diagnose.mechanisms.fit import fit, race, without_friction
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
@@ -55,7 +55,7 @@ def coupled(
         return []
     best = _rehung(clips, best)
     best = pictured(clips, best) if camera else best
-    likely = ranked([x for x in (best, _without_friction(clips, best)) if x and makes_sense(x)])
+    likely = ranked([x for x in (best, without_friction(clips, best)) if x and makes_sense(x)])
     alone = sum(fits[0].score for fits in laws)
     return likely if likely and likely[0].score > alone + CLEARLY else []
 
@@ -91,12 +91,6 @@ def _rehung(clips: Sequence[Frames], found: Fit) -> Fit:
     law, charts = found.model.law, found.model.charts
     again = Model(replace(law, hung=_hung(charts, found.geometry)), charts)
     return (fit(clips, again, found.values) if law.hung else None) or found
-
-
-def _without_friction(clips: Sequence[Frames], found: Fit) -> Fit | None:
-    law = found.model.law
-    model = Model(replace(law, friction="none"), found.model.charts)
-    return fit(clips, model, np.delete(found.values, law.names.index("linear")))
 
 
 def _pulled(restoring: str) -> Callable[[Law], bool]:
