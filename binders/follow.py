@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from binders.blobs import Blobs
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged
+from binders.struck import strike
 
 STRONG = 0.5  # of the usual energy of what is followed: as strong is no shadow of it
 SAME = 0.5  # share of its frames, in which a hypothesis is where a better one is
@@ -26,12 +26,10 @@ OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, 
 WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.8  # or seen so, foretold so, and as steady in looks
 ON_A_ROD = 0.25  # and if it keeps at one distance from the likeliest, as the end of a rod does
 EVENLY = 0.04  # of the distance, by which most of the distances may differ
+STRUCK = 0.15  # and if both strike each other: what is slow is foretold less well
 SWAYS = 0.5  # radians, by which the rod between them turns at least
 MOST = 8  # bodies, where nobody says how many
-TURNING = 0.5  # of the frames, in which three are seen that turn as one
-RESTS = 0.1  # of their distance from their middle, that it and they may vary
-MOSTLY = 0.8  # of the frames, in which they are seen at the ends of a rod, or have turned alike
-ROUND = np.pi  # radians that they turn at least: a rod that sways about its middle is no wheel
+MOSTLY = 0.8  # of the frames, in which both ends of a rod are seen
 HARDLY = 0.02  # how likely what turns in its place, or is but a shadow, is a body
 
 
@@ -142,6 +140,8 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
             bodies.append(each.body)
         elif score >= ON_A_ROD and _on_a_rod(each, first[0]):
             bodies.insert(1, each.body)
+        elif score >= STRUCK and strike(each.body, first[0].body):
+            bodies.append(each.body)
     return bodies
 
 
@@ -171,22 +171,6 @@ def _size(candidate: Candidate) -> float:
     return candidate.body.usual_size
 
 
-def wheels(candidates: list[Candidate]) -> list[Candidate]:
-    """The same candidates; three that turn about their middle as one, as a fan's blades, come last.
-
-    Any law of each may be right, but what turns in its place is no body that goes anywhere.
-    """
-    turning: set[int] = set()
-    for trio in combinations(range(min(len(candidates), MOST)), 3):
-        places = np.stack([candidates[k].body.positions for k in trio], 1)
-        seen = np.isfinite(places).all((1, 2))
-        if seen.mean() < TURNING:
-            continue
-        if _turns_in_its_place(places[seen]):
-            turning |= set(trio)
-    return put_last(candidates, turning)
-
-
 def put_last(candidates: list[Candidate], which: set[int]) -> list[Candidate]:
     """The same candidates, of which some are hardly bodies."""
     weighed = [
@@ -194,21 +178,6 @@ def put_last(candidates: list[Candidate], which: set[int]) -> list[Candidate]:
         for k, c in enumerate(candidates)
     ]
     return sorted(weighed, key=lambda c: -c.judged.score)
-
-
-def _turns_in_its_place(places: np.ndarray) -> bool:
-    """Whether bodies ``(t, n, 2)`` stay as far from a middle that rests, and turn round alike."""
-    middle = places.mean(1)
-    away = places - middle[:, None]
-    arms = np.linalg.norm(away, axis=-1)
-    rests = np.hypot(*middle.std(0)) < RESTS * arms.mean()
-    turned = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=0)
-    turned = turned - turned[0]
-    alike = (
-        np.abs(turned - turned.mean(1, keepdims=True)) < RESTS * np.ptp(turned)
-    ).mean() > MOSTLY
-    round_ = (np.ptp(turned, axis=0) > ROUND).all()
-    return bool(rests and round_ and (arms.std(0) < RESTS * arms.mean()).all() and alike)
 
 
 def path_of(blobs: list[Blobs], bodies: list[Hypothesis]) -> Path:

@@ -19,7 +19,7 @@ from binders.blobs import Blobs
 from binders.camera import background_of
 from binders.candidates import Judging, alone, by_colour, by_corners, in_parts, untangled
 from binders.exchanged import apart, told_apart
-from binders.follow import Candidate, likely, path_of, put_last, ranked, wheels
+from binders.follow import MOST, Candidate, likely, path_of, put_last, ranked
 from binders.hypotheses import Hypothesis, hypotheses
 from binders.lookalike import seen_again
 from binders.placed import placed
@@ -29,6 +29,7 @@ from binders.shade import shadows
 from binders.steadied import Steadied
 from binders.tracks import Tracks
 from binders.wanted import Wanted, in_working_pixels
+from binders.wheels import wheels
 
 HIDING = 1.5, 4.0  # radii, and pixels
 LARGE = 0.2  # of the picture's shorter side, a radius beyond which the background is not cleaned
@@ -157,9 +158,10 @@ def _view(clip: Steadied, settings: MotionBinder) -> _View:
     judged += in_parts(judging, candidates)
     if settings.wanted.colour is None:
         inside = settings.wanted.where(background.shape[0], background.shape[1], clip.factor)
-        judged += alone(by_colour(judging, blobs, changed, inside, settings.thin), judged)
-        judged += alone(by_corners(judging, background, changed, inside), judged)
-    found = wheels(ranked(untangled(judging, judged)))
+        coloured = by_colour(judging, blobs, changed, inside, settings.thin)
+        judged += alone(coloured + by_corners(judging, background, changed, inside), judged)
+    found = ranked(untangled(judging, judged))
+    found = put_last(found, wheels([each.body for each in found[:MOST]]))
     if settings.shadow != 1:
         found = put_last(found, shadows(found, clip.still, background))
     return _View(blobs, changed, found)

@@ -138,6 +138,20 @@ def test_what_draws_one_way_along_for_a_while_is_outvoted() -> None:
     assert np.abs(mended - path).max() < 2
 
 
+def test_corners_of_a_turning_body_with_a_board_behind_it_are_not_its_middle() -> None:
+    """They move along the board's edge, smoothly, while the weight goes up and down."""
+    angle, t = 1.2 * np.cos(0.15 * np.arange(FRAMES)), np.arange(FRAMES)
+    path = np.stack([48 + 35 * np.sin(angle), 32 + 35 * np.cos(angle)], 1)
+    seen = np.stack([path[:, 0], np.full(FRAMES, 58.0)], 1)
+    drawn_at = path + np.random.default_rng(1).normal(scale=0.2, size=path.shape)
+    changed = np.hypot(X - drawn_at[:, 0, None, None], Y - drawn_at[:, 1, None, None]) < RADIUS
+    ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    turned = (t / 10)[:, None] * np.ones(3)  # its looks: no picture tells its place
+    blobs = Hypothesis(seen, ones, size, size, turned, ones, 0 * ones)
+    found = placed(blobs, drawn(path, rod=0.0), changed, t.astype(float)).positions
+    assert np.abs(found - path).max() < 4 < 10 < np.abs(seen - path).max()
+
+
 def test_what_is_seen_in_parts_alone_keeps_its_places() -> None:
     ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
     size[::3] = 4.0

@@ -9,13 +9,14 @@ import pytest
 
 from binders.candidates import Judging, untangled
 from binders.exchanged import continued, crossed
-from binders.follow import Candidate, likely, ranked, wheels
+from binders.follow import Candidate, likely, put_last, ranked
 from binders.halves import halves
 from binders.hypotheses import Hypothesis
 from binders.lawful import Judged, foretold
 from binders.motion import MotionBinder
 from binders.steadied import Steadied
 from binders.wanted import Wanted
+from binders.wheels import wheels
 from tests.binders.test_motion import HEIGHT, WIDTH, disc, draw, pixels, still, times
 
 T = np.arange(60)
@@ -274,14 +275,46 @@ def test_two_halves_that_a_stripe_parts_are_one_body(turns, away, size, bodies) 
         assert found[0].seen.sum() == 57 and found[0].usual_size == pytest.approx(5 * 2**0.5)
 
 
+def turning(*found: Candidate) -> set[int]:
+    return wheels([each.body for each in found])
+
+
 def test_the_blades_of_a_fan_are_no_bodies() -> None:
     turns = 0.3 * T[:, None] + np.arange(3) * 2 * np.pi / 3
     blades = np.stack([30 + 12 * np.cos(turns), 40 + 12 * np.sin(turns)], -1)
     fan = [candidate(blades[:, k], 2.0 - 0.1 * k) for k in range(3)]
     ball = candidate(BALL, 0.7)
-    assert wheels([*fan, ball])[0] is ball
-    assert wheels([*fan[:2], ball]) == [*fan[:2], ball]  # two may be bodies on a rod
-    assert likely(wheels([*fan, ball])) == [ball.body]
+    assert turning(*fan, ball) == {0, 1, 2}
+    assert turning(*fan[:2], ball) == set()  # two may be bodies on a rod
+    assert likely(put_last([*fan, ball], {0, 1, 2})) == [ball.body]
+
+
+def test_blades_are_known_though_who_follows_them_exchanges_them() -> None:
+    rng = np.random.default_rng(0)
+    turns = 0.5 * T[:, None] + rng.integers(0, 3, (60, 4)) * 2 * np.pi / 3
+    blades = np.stack([30 + 12 * np.cos(turns), 40 + 12 * np.sin(turns)], -1)
+    fan = [candidate(blades[:, k], 1.0) for k in range(3)]
+    hub = candidate(np.array([31.0, 40.0]) + 2 * rng.normal(size=(60, 2)), 1.0)
+    larger = candidate(30 + 2 * (blades[:, 3] - [30, 40]), 1.0)  # as of a body on its orbit
+    assert turning(candidate(BALL, 0.7), *fan, hub, larger) == {1, 2, 3, 4}
+    seldom = candidate(np.where(T[:, None] < 24, blades[:, 2], np.nan), 1.0)
+    assert turning(*fan[:2], larger, seldom) == set()
+
+
+@pytest.mark.parametrize(
+    ("given", "taken", "bodies"),
+    [(0.5, 1.0, 2), (0.5, 0.0, 1), (-0.5, 1.0, 1)],
+    ids=["a puck", "what stays", "what is drawn along"],
+)
+def test_what_strikes_a_body_is_one_too_however_slow_it_is(given, taken, bodies) -> None:
+    since = np.maximum(T - 30.0, 0)[:, None]
+    fast = np.array([30.0, 40.0]) + (T - 30.0)[:, None] * [1.5, 0.2] - since * [taken * 2.0, 0.0]
+    slow = np.array([41.0, 40.0]) + since * [given, 0.0]
+    slow[29:32] = fast[29:32] + [[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]]  # they are seen as one
+    other = replace(candidate(slow, 0.4, size=6.0), kind=1)
+    other = replace(other, judged=replace(other.judged, foretold=0.4, steady=0.8))
+    assert 0.15 < other.judged.score / 1.6 < 0.3
+    assert len(likely([candidate(fast, 1.6), other])) == bodies
 
 
 def test_a_body_that_moves_little_is_one_if_it_is_as_large() -> None:
@@ -370,7 +403,7 @@ def test_what_turns_by_different_angles_is_no_fan() -> None:
     angles = np.stack([0.8 * np.sin(0.3 * T), 2.1 + 0.1 * np.sin(0.2 * T), 4.2 + 0 * T], -1)
     places = middle + 12 * np.stack([np.cos(angles), np.sin(angles)], -1)
     three = [candidate(places[:, k], 2.0 - 0.1 * k) for k in range(3)]
-    assert wheels(three) == three
+    assert turning(*three) == set()
 
 
 def test_a_rod_that_sways_about_its_middle_is_no_fan() -> None:
@@ -379,4 +412,4 @@ def test_a_rod_that_sways_about_its_middle_is_no_fan() -> None:
     swaying = 40 + along * np.array([75.0, 5.0, -80.0])[:, None, None]
     noise = np.random.default_rng(0).normal(0, 3, swaying.shape)  # turns what is near the middle
     three = [candidate(path, 2.0 - 0.1 * k) for k, path in enumerate(swaying + noise)]
-    assert wheels(three) == three
+    assert turning(*three) == set()
