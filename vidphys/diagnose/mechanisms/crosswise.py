@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Plane
-from vidphys.diagnose.mechanisms.fit import race, without_friction
+from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
@@ -35,9 +35,7 @@ def crosswise(clips: Sequence[Frames]) -> list[Fit]:
     for restoring in ("none", "uniform", "trap"):
         model = Model(Law(size, restoring, "linear", turning=True), (Plane(size),))
         runners.append((model, [_begun(one, restoring, size) for one in seen]))
-    found = race(clips, runners)
-    found += [x for x in (without_friction(clips, one) for one in found) if x is not None]
-    return [x for x in found if _told(x)]
+    return [x for x in with_friction_or_none(clips, runners) if _told(x)]
 
 
 def _begun(seen: Sequence[Local], restoring: str, size: int) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from vidphys.diagnose.mechanisms.charts import Plane
-from vidphys.diagnose.mechanisms.fit import race, without_friction
+from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Local, halves, local, start_of
@@ -37,9 +37,7 @@ def elastic(clips: Sequence[Frames]) -> list[Fit]:
         for half in halves(clips)
         for guess in _begun(local(stretch.times, stretch.places, half))
     ]
-    found = race(clips, [(model, begun)])
-    found += [x for x in (without_friction(clips, one) for one in found) if x is not None]
-    return [x for x in found if _told(x)]
+    return [x for x in with_friction_or_none(clips, [(model, begun)]) if _told(x)]
 
 
 def _begun(seen: Local) -> list[np.ndarray]:

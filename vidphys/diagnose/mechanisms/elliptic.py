@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Turned
-from vidphys.diagnose.mechanisms.fit import race, without_friction
+from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Local, frequency, halves, seen_in, start_of
@@ -30,8 +30,8 @@ def elliptic(clips: Sequence[Frames]) -> list[Fit]:
     seen = [seen_in(clips, places, half) for half in halves(clips)]
     along = min((_axis(one) for one in seen), key=lambda x: x[1])[0]
     model = Model(Law(FLAT, "trap", "linear", apart=True), (Turned(along),))
-    fits = race(clips, [(model, [guess for one in seen for guess in _begun(one, model)])])
-    fits += [x for x in (without_friction(clips, one) for one in fits) if x is not None]
+    begun = [guess for one in seen for guess in _begun(one, model)]
+    fits = with_friction_or_none(clips, [(model, begun)])
     return sorted((x for x in fits if not _on_an_arc(x)), key=lambda x: -x.score)
 
 

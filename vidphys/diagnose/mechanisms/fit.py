@@ -102,6 +102,14 @@ def race(
     return [x for x in fits if x is not None and not _steep(x.model, x.geometry)]
 
 
+def with_friction_or_none(
+    clips: Sequence[Frames], runners: Sequence[tuple[Model, Sequence[np.ndarray]]]
+) -> list[Fit]:
+    """:func:`race` of laws with a friction that goes with the speed; and what wins without it."""
+    found = race(clips, runners)
+    return found + [x for x in (without_friction(clips, one) for one in found) if x is not None]
+
+
 def _steep(model: Model, geometry: Sequence[np.ndarray]) -> bool:
     """Whether an arc is seen so steeply that it shows whatever moves on a line."""
     each = zip(model.charts, geometry, strict=True)

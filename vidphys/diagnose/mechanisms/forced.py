@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vidphys.diagnose.mechanisms.charts import Angle, Plane
-from vidphys.diagnose.mechanisms.fit import race, without_friction
+from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import Local, halves, local, start_of
@@ -39,9 +39,7 @@ def forced(clips: Sequence[Frames], angles: bool) -> list[Fit]:
         for half in halves(clips)
         for guess in _begun(local(stretch.times, stretch.places, half), angles)
     ]
-    found = race(clips, [(model, begun)])
-    found += [x for x in (without_friction(clips, one) for one in found) if x is not None]
-    return [x for x in found if _told(x)]
+    return [x for x in with_friction_or_none(clips, [(model, begun)]) if _told(x)]
 
 
 def _begun(seen: Local, angles: bool) -> Iterator[np.ndarray]:
