@@ -168,5 +168,6 @@ def _joined(before: Hypothesis, after: Hypothesis, frame: int) -> Hypothesis:
     parts = {
         f.name: np.concatenate([getattr(before, f.name)[:frame], getattr(after, f.name)[frame:]])
         for f in fields(before)
+        if f.name != "cornered"
     }
-    return replace(before, **parts)
+    return replace(before, **parts, cornered=before.cornered and after.cornered)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,7 @@ class Hypothesis:
         energy, size, radius, compact, lit: of its blob, as in :class:`Blobs`, ``(t,)``; NaN where
             no blob shows it.
         colour: ``(t, 3)``.
+        cornered: whether corners that move as one tell its places, not the middle of a blob.
     """
 
     positions: Float[np.ndarray, "t 2"]
@@ -47,6 +48,7 @@ class Hypothesis:
     colour: Float[np.ndarray, "t 3"]
     compact: Float[np.ndarray, " t"]
     lit: Float[np.ndarray, " t"]
+    cornered: bool = field(default=False, kw_only=True)
 
     @property
     def seen(self) -> np.ndarray:

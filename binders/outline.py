@@ -61,6 +61,7 @@ def outlined(
         _lab(colour),
         columns["compact"],
         columns["lit"],
+        cornered=True,
     )
 
 

@@ -32,7 +32,10 @@ AS_USUAL = 1.2  # times the usual difference from its picture, that is found the
 TOGETHER = 0.1  # sizes, within which three ways are at one place
 OFF = 4.0  # times as far as usual from what two of three agree on, and a place's error: it is wrong
 OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
-LEAVES, USUALLY = 0.9, 95  # sizes, by which blobs leave the body; per cent of the frames that count
+LEAVES, USUALLY = (
+    0.9,
+    95,
+)  # sizes, by which corners leave the body; per cent of the frames that count
 AS_LAWFUL = 0.6  # times as well as theirs its outline's way is foretold then, or something hides it
 
 
@@ -55,9 +58,9 @@ def placed(
     They are the middles of its outline, those of its blobs, and, unless it changes its looks as
     what turns or is seen from ever another side does, those of its picture. In frames where one
     is off from what two of the three agree on, as where something passes, it is there. Where
-    outline and picture agree against the blobs throughout, or where these leave the body, they do
-    not count: what stands out of a body only before a white board moves along the board, and so
-    does a corner that the body's edge makes with the board's, which is a law as well.
+    outline and picture agree against the blobs throughout, these do not count: what stands out of
+    a body only before a white board moves along the board, which is a law as well. Nor do corners
+    that leave its outline: those of its edge with the board's do the same.
 
     Args:
         body: as blobs show it, pixels of the frames.
@@ -67,7 +70,7 @@ def placed(
     """
     outline, _ = _refined(body, frames, changed, None)
     ways, best, told = [outline, body.positions], outline, -np.inf
-    left = _strays(body.positions, outline, times, body.usual_size)
+    left = body.cornered and _strays(body.positions, outline, times, body.usual_size)
     if steadiness(body) > STEADY:
         exposed = _exposed(frames, np.nonzero(body.seen)[0])
         if not _turns(body, frames, outline, exposed):
@@ -80,11 +83,11 @@ def placed(
     return replace(body, positions=other if as_told > told + MUCH_BETTER else best)
 
 
-def _strays(blobs: np.ndarray, outline: np.ndarray, times: np.ndarray, size: float) -> bool:
-    """Whether blobs leave what an outline shows, that goes about as lawfully."""
-    off = blobs - outline
+def _strays(places: np.ndarray, outline: np.ndarray, times: np.ndarray, size: float) -> bool:
+    """Whether places leave what an outline shows, that goes about as lawfully."""
+    off = places - outline
     far = np.nanpercentile(_length(off - np.nanmedian(off, 0)), USUALLY)
-    lawful = foretold(outline, times) > AS_LAWFUL * foretold(blobs, times)
+    lawful = foretold(outline, times) > AS_LAWFUL * foretold(places, times)
     return bool(far > LEAVES * size and lawful)
 
 

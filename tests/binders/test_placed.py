@@ -147,8 +147,8 @@ def test_corners_of_a_turning_body_with_a_board_behind_it_are_not_its_middle() -
     changed = np.hypot(X - drawn_at[:, 0, None, None], Y - drawn_at[:, 1, None, None]) < RADIUS
     ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
     turned = (t / 10)[:, None] * np.ones(3)  # its looks: no picture tells its place
-    blobs = Hypothesis(seen, ones, size, size, turned, ones, 0 * ones)
-    found = placed(blobs, drawn(path, rod=0.0), changed, t.astype(float)).positions
+    corners = Hypothesis(seen, ones, size, size, turned, ones, 0 * ones, cornered=True)
+    found = placed(corners, drawn(path, rod=0.0), changed, t.astype(float)).positions
     assert np.abs(found - path).max() < 4 < 10 < np.abs(seen - path).max()
 
 

@@ -12,6 +12,7 @@ from vidphys.data.formats.base import (
     sources_of,
     suffixes_of,
 )
+from vidphys.data.formats.captured import is_captured, read_captured
 from vidphys.data.formats.matlab import matlab_table, read_matlab
 from vidphys.data.formats.opencv import read_clip
 from vidphys.data.formats.structured import read_structured, structured_table
@@ -33,6 +34,8 @@ FILMS = (".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v")
 OLD_FILMS = (".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".3gp", ".ts", ".mts")
 VIDEO = ClipFormat((*FILMS, *OLD_FILMS), read_clip)
 TEXTS = (".txt", ".dat", ".tab", ".asc")  # where they hold numbers
+CAPTURED = TrackFormat((".trc", ".tsv", ".csv", ".txt"), read_captured, is_captured)
+FORMATS.register("captured", CAPTURED)
 FORMATS.register("csv", TrackFormat((".csv", ".tsv"), read_text, table=text_table))
 BOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 FORMATS.register("workbook", TrackFormat(BOOKS, read_workbook, table=workbook_table))

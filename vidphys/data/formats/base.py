@@ -114,7 +114,7 @@ def format_of(path: Path, kind: type[Kind]) -> Kind | None:
 def suffixes_of(kind: type[Format]) -> tuple[str, ...]:
     """Of all formats of a kind."""
     every = (f.suffixes for f in FORMATS.values() if isinstance(f, kind))
-    return tuple(suffix for suffixes in every for suffix in suffixes)
+    return tuple(dict.fromkeys(suffix for suffixes in every for suffix in suffixes))
 
 
 def read_recording(

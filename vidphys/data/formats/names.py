@@ -23,7 +23,7 @@ ROLES = {
     | {"datetime", "clock", "uhrzeit", "heure", "hora", "tid", "tijd", "czas", "aika", "idő"}
     | {"čas", "время", "zaman"},
     "frame": {"frame", "frames", "frame number", "frame no", "index", "idx", "step", "bild"}
-    | {"sample", "sample number"}
+    | {"sample", "sample number", "frame idx", "frame index", "frame id", "frame num"}
     | {"coords", "slice"},  # as DeepLabCut and ImageJ call it
     "clip": {"clip", "episode", "trial", "run", "video", "sequence", "experiment", "versuch"},
     "body": {"body", "id", "track", "track id", "object", "particle", "label", "trackid"},
@@ -49,6 +49,7 @@ INPUTS = {"torque", "tau", "force", "input", "u", "command", "cmd", "voltage", "
 INPUTS |= {"effort", "control", "drive", "moment", "kraft", "fuerza", "força", "forza"}
 INPUTS |= {"commanded", "setpoint"}
 OTHERS = {"err", "error", "sigma", "std", "unc", "uncertainty", "likelihood", "confidence", "conf"}
+OTHERS |= {"orientation", "quaternion", "quat"}
 OTHERS |= {"score", "energy", "area", "radius", "temperature", "note", "width", "probability"}
 MEASURES = {"length", "lengths", "länge", "lengde", "longueur", "longitud", "lunghezza", "lengte"}
 MEASURES |= {"period", "periods", "periode", "période", "periodo", "período", "okres"}
@@ -181,5 +182,5 @@ def _words(name: str) -> list[str]:
     text = CAMEL.sub(" ", text.replace("{", "").replace("}", "").replace("_", " "))
     text = text.lower().replace("\\", " ")
     text = re.sub(r"^([vad]) (?=[xyz]\b)", r"\1", text.strip())
-    text = re.sub(r"\b(?:pos|c)([xyz])\b", r"pos \1", text)
+    text = re.sub(r"\b(?:pos|c|t)([xyz])\b", r"pos \1", text)
     return re.findall(r"[^\W\d_]+|\d+", text)

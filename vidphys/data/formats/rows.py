@@ -9,6 +9,7 @@ import numpy as np
 
 from vidphys.data.formats.base import Recording, Unit
 from vidphys.data.formats.bounded import require_room
+from vidphys.data.formats.boxes import centred
 from vidphys.data.formats.columns import Columns, Table, detect_columns, shown
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS, meaning_of
 from vidphys.data.formats.stamps import cleaned, moments, restarts
@@ -16,6 +17,7 @@ from vidphys.errors import InputError
 
 TURNS = 4 * np.pi
 MILLISECONDS = (5, 2000)  # whole numbers that step by so many are no seconds
+EPOCHS = {"ns": (1e17, 1e-9), "µs": (1e14, 1e-6), "ms": (1e11, 1e-3)}  # since 1970, from so many on
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ def recording_of(
     Raises:
         InputError: columns that cannot be told, or that hold no numbers.
     """
+    table, boxes = (table, ()) if given else centred(table)
+    notes = (*notes, *boxes)
     columns = detect_columns(list(table), given, table)
     if columns.alone and "pendul" in called.lower() and _turns(table, columns):
         columns = replace(columns, angles=True)
@@ -172,7 +176,7 @@ def _taken(columns: Columns, clock: Clock, kind: Unit, length: str, names: np.nd
     unit = f" in {length}" if length and kind != "pixels" else ""
     told = [f"{what[kind]} {read}{unit}", f"time {clock.said}"]
     if columns.body is not None:
-        told.append(f"{len(names)} bodies by {columns.body}")
+        told.append(f"{len(names)} {'body' if len(names) == 1 else 'bodies'} by {columns.body}")
     if columns.rates:
         told.append(f"rates, not taken: {', '.join(columns.rates)}")
     if columns.inputs:
@@ -225,6 +229,9 @@ def _seconds(table: Table, name: str, unit: str, interval: float | None) -> Cloc
     step = float(np.median(steps))
     if interval is not None and step == 1:
         return Clock(times * interval, True, f"{name}, whole numbers, times the interval")
+    for unit, (least, second) in EPOCHS.items():
+        if known.min() > least:
+            return Clock((times - known.min()) * second, True, f"{name}, in {unit} since 1970")
     if MILLISECONDS[0] <= step <= MILLISECONDS[1]:
         return Clock(times * 1e-3, True, f"{name}, whole numbers, taken for ms")
     return Clock(times, True, f"{name}, whole numbers, taken for s (frames? give `interval`)")
@@ -298,10 +305,15 @@ def _padded(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
 
 
 def _of_bodies(table: Table, columns: Columns, names: np.ndarray, clips: int) -> np.ndarray | None:
-    """Masses, one for each body, where the table has them."""
+    """Masses, one for each body, where the table has them.
+
+    What changes from row to row, as the brightness that trackers call so, is none.
+    """
     if columns.mass is None or columns.body is None:
         return None
     mass, labels = _numbers(table, columns.mass), table[columns.body]
+    if any(len(np.unique(mass[labels == name])) > 1 for name in names):
+        return None
     return np.tile(np.array([np.median(mass[labels == name]) for name in names]), (clips, 1))
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 COARSE = 0.1  # share of frames with the time of the frame before, from which a clock is coarse
+CLOCK = re.compile(r"(\d+:)?\d+:\d+(\.\d*)?")  # hours, minutes and seconds
 LEAST = 4  # rows of a trial, in the mean, that times which begin anew may tell
 
 
@@ -68,12 +71,15 @@ def _spread(times: np.ndarray) -> np.ndarray:
 
 
 def moments(words: np.ndarray) -> np.ndarray:
-    """Seconds of dates or clock times (``2024-05-01 12:00:00.033``, ``00:01:02.5``).
+    """Seconds of dates or clock times (``2024-05-01 12:00:00.033``, ``0:01:02,5``, ``01:02.5``).
 
     Raises:
         ValueError: words that are no times.
     """
-    text = [str(word).strip().replace("/", "-").rstrip("Z") for word in words]
-    text = [word if "-" in word else f"1970-01-01T{word}" for word in text]
+    text = [str(word).strip().replace("/", "-").replace(",", ".").rstrip("Z") for word in words]
+    if all(CLOCK.fullmatch(word) for word in text):
+        parts = [[float(part) for part in word.split(":")] for word in text]
+        seconds = np.array([sum(x * 60**k for k, x in enumerate(p[::-1])) for p in parts])
+        return seconds - seconds[0]
     stamps = np.array([word.replace(" ", "T", 1) for word in text], "datetime64[us]")
     return (stamps - stamps[0]).astype("timedelta64[us]").astype(float) * 1e-6

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vidphys.data.formats.boxes import MOT, is_mot
 from vidphys.data.formats.names import meaning_of
 from vidphys.data.formats.shapes import is_rate_of, numbers_trials, rising
 from vidphys.errors import InputError
@@ -81,6 +82,8 @@ def _before(names: Sequence[str], columns: Sequence[np.ndarray]) -> list[str]:
 def _guessed(columns: Sequence[np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Names for a table of numbers alone: a trial or a frame, a time, then places without rates."""
     rest = list(columns)
+    if is_mot(rest):
+        return dict(zip(MOT, columns, strict=False)), ("boxes of tracks, as MOTChallenge has them",)
     heads: list[str] = []
     if len(rest) > 2 and rising(rest[1]):
         whole = bool((np.asarray(rest[0]) == np.round(rest[0])).all())

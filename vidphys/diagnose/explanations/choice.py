@@ -138,8 +138,7 @@ def _known(
     """
     part = motion.cut(0, end)
     struck = strikes(part) if part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS else []
-    moves = bool(np.nanmax(np.nanstd(part.positions, axis=1)) > 0)
-    laws = _best_of(FITTED, motion, end, angles, camera, units) if moves else None
+    laws = _best_of(FITTED, motion, end, angles, camera, units) if part.moves else None
     known = None if laws is None else Standing.of(laws)
     walled = bool(struck) and (part.bodies == 1 or (known is not None and known.status != NOT))
     if laws is not None and known is not None:

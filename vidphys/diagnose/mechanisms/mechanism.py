@@ -271,7 +271,7 @@ def lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
 
     Which of them is the first lawful one takes far longer to tell.
     """
-    if motion.clips > 1 or motion.bodies > MOST_BODIES:
+    if motion.clips > 1 or motion.bodies > MOST_BODIES or not motion.moves:
         return
     stride, motion = _stride(motion), thinned(motion)
     total = motion.positions.shape[1]

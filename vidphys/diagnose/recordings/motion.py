@@ -95,6 +95,11 @@ class Motion:
         """Which bodies were seen in which frame, ``(e, t, n)``."""
         return np.isfinite(self.positions).all(-1)
 
+    @property
+    def moves(self) -> bool:
+        """Whether any body is ever at another place."""
+        return bool(np.nanmax(np.nanstd(self.positions, axis=1)) > 0)
+
     def shown(self) -> tuple[int, int]:
         """First frame in which a body was seen, and the frame after the last; of any clip."""
         frames = np.flatnonzero(self.seen.any((0, 2)))

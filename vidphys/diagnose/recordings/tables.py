@@ -11,6 +11,7 @@ import numpy as np
 from vidphys.data.formats import Recording, read_recording
 from vidphys.diagnose.recordings.inputs import Signal
 from vidphys.diagnose.recordings.motion import Motion
+from vidphys.diagnose.recordings.resting import without_resting
 from vidphys.diagnose.recordings.rigid import as_rigid
 from vidphys.diagnose.recordings.units import Units
 from vidphys.diagnose.recordings.used import Used
@@ -85,8 +86,11 @@ def read_tracks(
         named = ", ".join(found.input_names)
         notes = (*notes, f"{named} not taken: which of several coordinates it pushes is not told")
     angles = found.unit == "angles"
-    motion, rigid = (motion, ()) if angles else as_rigid(motion, Units(found.length, 1.0))
-    return Loaded(motion, angles, (*notes, *rigid), Units(found.length))
+    if not angles:
+        motion, resting = without_resting(motion)
+        motion, rigid = as_rigid(motion, Units(found.length, 1.0))
+        notes = (*notes, *resting, *rigid)
+    return Loaded(motion, angles, notes, Units(found.length))
 
 
 def _count(number: int, one: str, many: str = "") -> str:
