@@ -36,6 +36,7 @@ LEAVES, USUALLY = (
     0.9,
     95,
 )  # sizes, by which corners leave the body; per cent of the frames that count
+LEAST = 5.0  # pixels, by which they do at least: the outline of what is small is rough
 AS_LAWFUL = 0.6  # times as well as theirs its outline's way is foretold then, or something hides it
 
 
@@ -88,7 +89,7 @@ def _strays(places: np.ndarray, outline: np.ndarray, times: np.ndarray, size: fl
     off = places - outline
     far = np.nanpercentile(_length(off - np.nanmedian(off, 0)), USUALLY)
     lawful = foretold(outline, times) > AS_LAWFUL * foretold(places, times)
-    return bool(far > LEAVES * size and lawful)
+    return bool(far > max(LEAVES * size, LEAST) and lawful)
 
 
 def _most_lawful(ways: list[np.ndarray], times: np.ndarray) -> tuple[np.ndarray, float]:

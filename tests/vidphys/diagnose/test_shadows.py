@@ -122,6 +122,13 @@ def test_the_shadow_of_a_tossed_ball_on_a_floor_is_left_out(frames):
     assert "thing 2 moves in proportion to thing 1" in looked_at(ball, shadow)[1]
 
 
+def test_the_shadow_of_a_tossed_ball_on_a_wall_is_left_out():
+    """Light comes from above and the side: it goes less far up and down than the ball."""
+    ball = tossed(0.9)
+    shadow = np.stack([0.1 + 0.9 * ball[:, 0] - 0.2 * ball[:, 1], -0.9 + 0.5 * ball[:, 1]], -1)
+    assert "thing 2 moves in proportion to thing 1" in looked_at(ball, shadow)[1]
+
+
 def test_two_that_meet_are_no_shadows_though_each_turns_when_the_other_does():
     since = TIMES[:40] - TIMES[20]
     turned = np.maximum(since, 0)

@@ -25,7 +25,8 @@ PART = "goes with {} wherever it goes, as a part of it does"
 SHADOW = "moves in proportion to {}, as its shadow, reflection or a piece of it does"
 SMOOTH = 0.1  # of what bends a flight, that is left of it beside a constant acceleration, at most
 DOWN = 0.9  # of its acceleration, that is down, at least
-FALLS_ELSE = 0.6  # of its acceleration, by which that of what does not fall with it differs
+FALLS_ELSE = 0.4  # of its acceleration, by which that of what does not fall with it differs: two
+# that are thrown fall alike, or the farther one seems to by the ratio of their distances
 TOGETHER = 0.9  # of the frames in which the less seen one is seen, so that both are
 
 
