@@ -1,7 +1,8 @@
-"""Files of motion capture systems, boxes of detectors, and clocks of robots."""
+"""Files of motion capture systems, boxes of detectors, clocks of robots, JSON as pandas has it."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -188,3 +189,36 @@ def test_the_orientation_of_a_robot_is_no_second_body(tmp_path) -> None:
     names = "time," + ",".join(f"pose.{p}.{a}" for p in ("position", "orientation") for a in "xyz")
     rows = "".join(f"{t},{u},{v},0.5,0,0,0.1\n" for t, u, v in zip(T, U, V, strict=True))
     assert read(tmp_path, f"{names}\n{rows}", "ros.csv").positions.shape == (1, FRAMES, 1, 3)
+
+
+def test_json_as_pandas_writes_it_is_a_table(tmp_path) -> None:
+    table = [{"t": t, "x": u, "y": v} for t, u, v in zip(T, U, V, strict=True)]
+    split = {"columns": list(table[0]), "index": [], "data": [[*row.values()] for row in table]}
+    by_row = {name: {str(k): row[name] for k, row in enumerate(table)} for name in table[0]}
+    lines = "\n".join(map(json.dumps, table)) + "\n\n"
+    for text, name in (
+        (json.dumps(split), "split.json"),
+        (json.dumps(by_row), "table.json"),
+        (lines, "rows.jsonl"),
+        (lines, "rows.json"),
+    ):
+        found = read(tmp_path, text, name)
+        np.testing.assert_allclose(found.positions[0, :, 0], np.stack([U, V], 1))
+        np.testing.assert_allclose(found.times[0], T)
+    with pytest.raises(InputError, match="not JSON"):
+        read(tmp_path, lines + '{"t": 3', "cut.jsonl")
+
+
+def test_an_array_alone_is_a_table_or_places(tmp_path) -> None:
+    places = np.stack([BALL, TIP], 1)
+    for held in (places, places[None]):
+        np.save(tmp_path / "places.npy", held)
+        found = read_recording(tmp_path / "places.npy", interval=1 / RATE)
+        np.testing.assert_array_equal(found.positions[0], places)
+        np.testing.assert_allclose(found.times[0], T)
+    np.save(tmp_path / "rows.npy", np.stack([T, U, V], 1))
+    found = read_recording(tmp_path / "rows.npy")
+    np.testing.assert_allclose(found.positions[0, :, 0], np.stack([U, V], 1))
+    np.save(tmp_path / "any.npy", np.array([{"x": 1}], object), allow_pickle=True)
+    with pytest.raises(InputError, match="not an npy file of numbers"):
+        read_recording(tmp_path / "any.npy")

@@ -19,6 +19,7 @@ from vidphys.data.formats.structured import read_structured, structured_table
 from vidphys.data.formats.tables import (
     arrays_table,
     parquet_table,
+    read_array,
     read_arrays,
     read_parquet,
     read_text,
@@ -40,9 +41,11 @@ FORMATS.register("csv", TrackFormat((".csv", ".tsv"), read_text, table=text_tabl
 BOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 FORMATS.register("workbook", TrackFormat(BOOKS, read_workbook, table=workbook_table))
 FORMATS.register("parquet", TrackFormat((".parquet",), read_parquet, table=parquet_table))
-FORMATS.register("json", TrackFormat((".json",), read_structured, table=structured_table))
+JSONS = (".json", ".jsonl", ".ndjson")
+FORMATS.register("json", TrackFormat(JSONS, read_structured, table=structured_table))
 FORMATS.register("tapvid", TrackFormat((".npz",), read_tapvid, is_tapvid, table=points_table))
 FORMATS.register("npz", TrackFormat((".npz",), read_arrays, table=arrays_table))
+FORMATS.register("npy", TrackFormat((".npy",), read_array))
 FORMATS.register("text", TrackFormat(TEXTS, read_text, holds_numbers, table=text_table))
 FORMATS.register("matlab", TrackFormat((".mat",), read_matlab, table=matlab_table))
 TRACKER = TrackFormat((".trk", ".trz", ".zip"), read_project, is_project, read_marks)

@@ -20,7 +20,10 @@ MOST_JSON = 2**25  # bytes; as objects it takes some twenty times as many
 
 
 def read_structured(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
-    """A JSON file: ``{"t": [...], "x": [...]}``, a list of ``{"t": 0, "x": 1}``, COCO, TAP-Vid."""
+    """A JSON file: ``{"t": [...], "x": [...]}``, a list of ``{"t": 0, "x": 1}``, COCO, TAP-Vid.
+
+    Also a row in each line, and a table as pandas writes it by default or split.
+    """
     held = parsed(path)
     if is_coco(held):
         return boxes_of(held, columns, interval)
@@ -43,8 +46,16 @@ def parsed(path: Path) -> Any:
     """
     if path.stat().st_size > MOST_JSON:
         raise InputError(f"more than {MOST_JSON >> 20} MiB of JSON; give fewer rows, or a Parquet")
+    data = path.read_bytes()
     with reading("JSON"):
-        return json.loads(path.read_bytes(), parse_constant=_nothing)
+        try:
+            return json.loads(data, parse_constant=_nothing)
+        except json.JSONDecodeError as error:
+            if error.msg != "Extra data":
+                raise
+        return [
+            json.loads(row, parse_constant=_nothing) for row in data.splitlines() if row.strip()
+        ]
 
 
 def _nothing(_word: str) -> None:
@@ -54,6 +65,7 @@ def _nothing(_word: str) -> None:
 
 def _table(held: Any) -> dict[str, np.ndarray]:
     """Columns of equal length, numbers or words."""
+    held = _unpacked(held)
     if isinstance(held, list) and held and all(isinstance(row, dict) for row in held):
         names = list(dict.fromkeys(name for row in held[:MOST_COLUMNS] for name in row))
         held = {name: [row.get(name) for row in held] for name in names[:MOST_COLUMNS]}
@@ -65,6 +77,18 @@ def _table(held: Any) -> dict[str, np.ndarray]:
         lengths = ", ".join(f"{name} {len(cells)}" for name, cells in list(lists.items())[:20])
         raise InputError(f"no columns of one length; has {lengths or 'no lists'}")
     return {name: _column(name, cells) for name, cells in lists.items()}
+
+
+def _unpacked(held: Any) -> Any:
+    """What pandas wrote with the names or numbers of its rows, without these."""
+    if not isinstance(held, dict):
+        return held
+    if set(held) == {"columns", "index", "data"}:
+        rows = [dict(zip(held["columns"], row, strict=False)) for row in held["data"]]
+        return rows if all(isinstance(name, str) for name in held["columns"]) else held
+    if held and all(isinstance(cells, dict) for cells in held.values()):
+        return {name: list(cells.values()) for name, cells in held.items()}
+    return held
 
 
 def _column(name: str, cells: list[Any]) -> np.ndarray:

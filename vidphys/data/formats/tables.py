@@ -1,4 +1,4 @@
-"""Tracks in tables: texts of any dialect, workbooks, Parquet, and arrays of NPZ.
+"""Tracks in tables: texts of any dialect, workbooks, Parquet, and arrays of NPZ or NPY.
 
 A table has a row for each time (``t, x1, y1, x2, ...``; ``u1, v1, ...`` in pixels) or for each time
 and body (``t, body, x, y``); an NPZ has ``positions`` or ``pixels`` of ``(t, n, d)`` or
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -85,27 +86,44 @@ def read_arrays(path: Path, _columns: Mapping[str, str], interval: float | None)
     with reading("an npz file of numbers"):
         arrays = _arrays(path)
     name = next(name for name in NAMES if name in arrays)
-    q = np.asarray(arrays[name], float)
-    if q.ndim == 3:
-        q = q[None]
-    if q.ndim != 4:
-        raise InputError(f"'{name}' must be (t, n, d) or (e, t, n, d), got {arrays[name].shape}")
-    if not q.size:
-        raise InputError(f"'{name}' {arrays[name].shape} holds nothing")
     step = float(arrays["dt"].item()) if "dt" in arrays else interval
-    times = None
-    if step is not None and step > 0:
-        times = np.tile(np.arange(q.shape[1]) * step, (len(q), 1))
+    found = _placed(np.asarray(arrays[name], float), name, step)
+    q, times = found.positions, found.times
     if "times" in arrays:
         times = np.broadcast_to(np.asarray(arrays["times"], float), q.shape[:2]).copy()
     mass = np.broadcast_to(arrays.get("mass", np.ones(1)), (q.shape[0], q.shape[2]))
     coupling = arrays.get("coupling")
     if coupling is not None:
         coupling = np.broadcast_to(np.asarray(coupling, float), len(q)).copy()
+    return replace(found, times=times, mass=np.array(mass, float), coupling=coupling)
+
+
+def _placed(held: np.ndarray, name: str, step: float | None) -> Recording:
+    """Places ``(t, n, d)`` or ``(e, t, n, d)``, with so many seconds between frames."""
+    q = held[None] if held.ndim == 3 else held
+    if q.ndim != 4:
+        raise InputError(f"'{name}' must be (t, n, d) or (e, t, n, d), got {held.shape}")
+    if not q.size:
+        raise InputError(f"'{name}' {held.shape} holds nothing")
+    times = None
+    if step is not None and step > 0:
+        times = np.tile(np.arange(q.shape[1]) * step, (len(q), 1))
     unit: Unit = "pixels" if name == "pixels" else "world"
-    notes = (f"array '{name}' {arrays[name].shape}",)
     length = "px" if name == "pixels" else ""
-    return Recording(q, times, unit, np.array(mass, float), coupling, notes, length)
+    return Recording(q, times, unit, notes=(f"array '{name}' {held.shape}",), length=length)
+
+
+def read_array(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
+    """The array of an NPY file: columns of a table ``(rows, k)``, or places of bodies."""
+    with reading("an npy file of numbers"):
+        held = np.load(path, mmap_mode="r", allow_pickle=False)
+    require_room(held.shape, BYTES, "it")
+    if held.dtype.kind not in "fiub":
+        raise InputError(f"holds {held.dtype}, which are no numbers")
+    if held.ndim < 3:
+        table, notes = named((), (), list(np.array(held, float).reshape(len(held), -1).T))
+        return recording_of(table, columns, interval, notes, path.stem)
+    return _placed(np.array(held, float), "array", interval)
 
 
 def arrays_table(path: Path) -> dict[str, np.ndarray]:
