@@ -37,10 +37,12 @@ def require_file(path: Path, instead: str) -> None:
     """Refuse a file that is not there, with the nearest name that is.
 
     Raises:
-        InputError: no such file.
+        InputError: no such file, or a folder.
     """
     if path.is_file():
         return
+    if path.is_dir():
+        raise InputError(f"{path}: a folder, of no kind that is known; {instead}")
     beside = path.parent.iterdir() if path.parent.is_dir() else ()
     near = difflib.get_close_matches(path.name, [each.name for each in beside], 1)
     also = f"did you mean {path.with_name(near[0])}?" if near else instead

@@ -219,6 +219,9 @@ def test_an_array_alone_is_a_table_or_places(tmp_path) -> None:
     np.save(tmp_path / "rows.npy", np.stack([T, U, V], 1))
     found = read_recording(tmp_path / "rows.npy")
     np.testing.assert_allclose(found.positions[0, :, 0], np.stack([U, V], 1))
+    np.save(tmp_path / "film.npy", np.zeros((5, 4, 4, 3), np.uint8))
+    with pytest.raises(InputError, match="holds bytes, as frames do"):
+        read_recording(tmp_path / "film.npy")
     np.save(tmp_path / "any.npy", np.array([{"x": 1}], object), allow_pickle=True)
     with pytest.raises(InputError, match="not an npy file of numbers"):
         read_recording(tmp_path / "any.npy")

@@ -18,7 +18,7 @@ from vidphys.cli import main
 from vidphys.data.dataset import clip_file, find_dataset
 from vidphys.data.labels import read_labels
 from vidphys.data.rendered import write_video
-from vidphys.data.sets import SETS, set_of
+from vidphys.data.sets import SETS, only_clip, set_of
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
 
@@ -323,7 +323,7 @@ def test_a_pickle_is_not_opened(tmp_path: Path) -> None:
 
 
 def test_a_set_is_known_by_what_is_in_it(tmp_path: Path) -> None:
-    assert list(SETS) == ["lerobot", "huggingface", "webdataset", "arrays"]
+    assert list(SETS) == ["lerobot", "huggingface", "webdataset", "arrays", "pictures"]
     np.savez(tmp_path / "tracks.npz", positions=np.zeros((3, 1, 2)))
     assert set_of(tmp_path / "tracks.npz") is None and set_of(tmp_path) is None
     with pytest.raises(InputError, match="no such clip; .*set.h5 has a, b"):
@@ -384,3 +384,38 @@ class TestVerbs:
         assert "1: " in capsys.readouterr().out
         assert main(["diagnose", str(made / "trial 9"), *look]) == 2
         assert "no such clip" in capsys.readouterr().err
+
+
+def test_folders_of_numbered_pictures_are_clips(tmp_path, capsys) -> None:
+    for clip in range(CLIPS):
+        folder = tmp_path / "set" / f"clip {clip}"
+        folder.mkdir(parents=True)
+        for k, frame in enumerate(film(clip)):
+            (folder / f"img_{k}.png").write_bytes(png(frame))  # 2 comes before 10
+    found = find_dataset(tmp_path / "set")
+    for k, file in enumerate(found.files):
+        with pytest.raises(InputError, match="frames without times; give the frames per second"):
+            open_video(file.path, WHOLE)
+        video = open_video(file.path, ClipSelection(rate=RATE))
+        assert np.array_equal(np.asarray(video.frames), film(k))
+        np.testing.assert_allclose(video.times, TIMES)
+    one = tmp_path / "set" / "clip 1"
+    (alone,) = find_dataset(one).files
+    assert np.array_equal(
+        np.asarray(open_video(alone.path, ClipSelection(rate=RATE)).frames), film(1)
+    )
+    assert only_clip(one) == alone.path
+    with pytest.raises(InputError, match="3 clips; give one of them: .*clip 0.0, .*clip 1.0"):
+        only_clip(tmp_path / "set")
+    assert main(["diagnose", str(one), "--rate", "25", "--out", str(tmp_path / "run")]) in (0, 1)
+    assert "no such file" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("other", ["notes.txt", "clip.mp4", "cover.png"])
+def test_a_folder_with_something_else_in_it_is_no_clip(tmp_path, other) -> None:
+    for k, frame in enumerate(film(0)):
+        (tmp_path / f"{k}.png").write_bytes(png(frame))
+    assert set_of(tmp_path) is SETS["pictures"]
+    (tmp_path / other).write_bytes(b"?")
+    assert set_of(tmp_path) is None
+    assert only_clip(tmp_path) == tmp_path

@@ -32,8 +32,9 @@ from vidphys.data.formats.text import holds_numbers
 from vidphys.data.formats.tracker import is_project, read_marks, read_project
 
 FILMS = (".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v")
-OLD_FILMS = (".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".3gp", ".ts", ".mts")
-VIDEO = ClipFormat((*FILMS, *OLD_FILMS), read_clip)
+OLD_FILMS = (".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".3gp", ".ts", ".mts", ".m2ts")
+RAW_FILMS = (".y4m", ".h264", ".hevc")
+VIDEO = ClipFormat((*FILMS, *OLD_FILMS, *RAW_FILMS), read_clip)
 TEXTS = (".txt", ".dat", ".tab", ".asc")  # where they hold numbers
 CAPTURED = TrackFormat((".trc", ".tsv", ".csv", ".txt"), read_captured, is_captured)
 FORMATS.register("captured", CAPTURED)

@@ -118,6 +118,8 @@ def read_array(path: Path, columns: Mapping[str, str], interval: float | None) -
     with reading("an npy file of numbers"):
         held = np.load(path, mmap_mode="r", allow_pickle=False)
     require_room(held.shape, BYTES, "it")
+    if held.dtype == np.uint8:
+        raise InputError("holds bytes, as frames do; numpy.savez(NAME, frames=..., fps=...) them")
     if held.dtype.kind not in "fiub":
         raise InputError(f"holds {held.dtype}, which are no numbers")
     if held.ndim < 3:

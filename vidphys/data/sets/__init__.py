@@ -13,6 +13,7 @@ from vidphys.data.sets.arrays import ARRAYS
 from vidphys.data.sets.base import SETS, SetFormat, in_plane, labels_of
 from vidphys.data.sets.huggingface import HUGGING_FACE
 from vidphys.data.sets.lerobot import LEROBOT
+from vidphys.data.sets.pictures import PICTURES
 from vidphys.data.sets.shards import WEBDATASET
 from vidphys.errors import InputError
 
@@ -20,6 +21,7 @@ SETS.register("lerobot", LEROBOT)
 SETS.register("huggingface", HUGGING_FACE)
 SETS.register("webdataset", WEBDATASET)
 SETS.register("arrays", ARRAYS)
+SETS.register("pictures", PICTURES)
 KEPT = 4  # sets whose list of clips is kept
 TOLD = ("meta/info.json", "state.json", "dataset_dict.json")  # what says that a set changed
 NAMED = 8  # clips that an error names
@@ -31,6 +33,7 @@ __all__ = [
     "in_plane",
     "is_in_set",
     "labels_of",
+    "only_clip",
     "read_set",
     "set_of",
 ]
@@ -72,6 +75,21 @@ def is_in_set(path: Path) -> bool:
     """Whether a path is that of a data set and a name therein."""
     root = next((parent for parent in path.parents if parent.exists()), path)
     return not path.exists() and set_of(root) is not None
+
+
+def only_clip(path: Path) -> Path:
+    """The path of the clip of a data set that holds but one; any other path as it is.
+
+    Raises:
+        InputError: a data set of several clips.
+    """
+    if not path.exists() or set_of(path) is None:
+        return path
+    found = [file.path for file in read_set(path).files]
+    if len(found) == 1:
+        return found[0]
+    named = ", ".join(str(each) for each in found[:NAMED]) + (", ..." if found[NAMED:] else "")
+    raise InputError(f"{path}: {len(found)} clips; give one of them: {named}")
 
 
 def clip_in_set(path: Path) -> ClipFile:
