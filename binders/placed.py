@@ -32,10 +32,8 @@ AS_USUAL = 1.2  # times the usual difference from its picture, that is found the
 TOGETHER = 0.1  # sizes, within which three ways are at one place
 OFF = 4.0  # times as far as usual from what two of three agree on, and a place's error: it is wrong
 OUTVOTED = 0.3  # of how far the blobs are from each of two other ways: those that are nearer agree
-LEAVES, USUALLY = (
-    0.9,
-    95,
-)  # sizes, by which corners leave the body; per cent of the frames that count
+LEAVES = 0.9  # sizes, by which corners leave the body
+USUALLY = 95  # per cent of the frames that count for that
 LEAST = 5.0  # pixels, by which they do at least: the outline of what is small is rough
 AS_LAWFUL = 0.6  # times as well as theirs its outline's way is foretold then, or something hides it
 

@@ -23,7 +23,7 @@ def strike(one: Hypothesis, other: Hypothesis) -> bool:
         return False
     meet = int(np.nanargmin(apart))
     last = meet - AT_ONE - 1  # frame before they meet
-    if last < BESIDE or not apart[last] < NEAR * (one.usual_size + other.usual_size):
+    if last < BESIDE or not 0 < apart[last] < NEAR * (one.usual_size + other.usual_size):
         return False
     before, after = slice(last + 1 - BESIDE, last + 1), slice(meet + AT_ONE + 1, None)
     speeds = [_speed(body, part) for part in (before, after) for body in (one, other)]

@@ -195,3 +195,16 @@ def with_error(value: float, error: float) -> str:
         return f"{value:.4g} ± {error:.2g}"
     after = max(places, 0)
     return f"{round(value, places):.{after}f} ± {round(error, places):.{after}f}"
+
+
+def noise_of(positions: np.ndarray) -> float:
+    """Standard deviation of the noise of a coordinate, from third differences.
+
+    It is robust against what is broken; infinite where fewer than four frames in a row are seen.
+
+    Args:
+        positions: of evenly spaced frames, ``(t, ...)``; NaN where nothing was seen.
+    """
+    third = np.diff(positions, 3, axis=0)
+    third = third[np.isfinite(third)]
+    return float(ROBUST * np.median(np.abs(third)) / np.sqrt(20)) if len(third) else np.inf

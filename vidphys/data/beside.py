@@ -9,7 +9,6 @@ from vidphys.data.formats import TrackFormat, format_of, suffixes_of
 from vidphys.errors import InputError
 
 UNREAD = {
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "save it as CSV"),
     **dict.fromkeys((".feather", ".arrow", ".orc"), "save it as Parquet"),
     **dict.fromkeys((".npy", ".pt", ".h5", ".hdf5"), "save its arrays as NPZ"),
     **dict.fromkeys((".pkl", ".pickle"), "a pickle can run any code; save its arrays as NPZ"),

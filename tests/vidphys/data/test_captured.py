@@ -51,7 +51,7 @@ def qualisys() -> str:
     return (
         f"NO_OF_FRAMES\t{FRAMES}\nNO_OF_MARKERS\t2\nFREQUENCY\t{RATE}\nDESCRIPTION\t--\n"
         "TIME_STAMP\t2021-01-01, 12:00:00\nMARKER_NAMES\tball\ttip\n"
-        + cells(BALL, tip, between="\t", head=False)
+        + cells(BALL, tip, between="\t", head=False).replace("\n", "\t\n")
     )
 
 

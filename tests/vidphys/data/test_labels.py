@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -158,7 +159,7 @@ def test_two_boxes_of_a_category_need_tracks(clip: Path) -> None:
 
 
 def test_a_table_that_cannot_be_used_beside_a_clip_is_an_error(clip: Path) -> None:
-    for suffix, hint in ((".xlsx", "save it as CSV"), (".pkl", "a pickle can run any code")):
+    for suffix, hint in ((".feather", "save it as Parquet"), (".pkl", "a pickle can run any code")):
         other = clip.with_suffix(suffix)
         other.write_bytes(b"x")
         with pytest.raises(InputError, match=f"clip{suffix} beside it would not be used: {hint}"):
@@ -171,6 +172,15 @@ def test_a_table_that_cannot_be_used_beside_a_clip_is_an_error(clip: Path) -> No
     clip.with_suffix(".CSV").unlink()
     clip.with_suffix(".txt").write_text("Filmed on a Sunday.\n")
     assert find_dataset(clip).labelled
+
+
+def test_a_workbook_beside_a_clip_has_its_labels(clip: Path) -> None:
+    book = openpyxl.Workbook()
+    for row in (["frame", "u1", "v1"], *([k, *PLACES[k, 0].tolist()] for k in range(len(PLACES)))):
+        book.active.append(row)
+    book.save(clip.with_suffix(".xlsx"))
+    (file,) = find_dataset(clip).files
+    np.testing.assert_allclose(file.labels.read({}).positions[0, :, 0], PLACES[:, 0])
 
 
 def test_frames_that_have_no_row_were_not_seen(clip: Path) -> None:

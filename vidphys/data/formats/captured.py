@@ -82,10 +82,9 @@ def _qualisys(lines: Lines) -> _Take:
     told = {line[0]: line[1:] for line in lines if line[0].isupper()}
     names = [name for name in told["MARKER_NAMES"] if name]
     rows = lines[next(k for k, line in enumerate(lines) if line[0] == "MARKER_NAMES") + 1 :]
-    rows = rows[1:] if rows[0][0] == "Frame" else rows
-    before = max(map(len, rows)) - SPACE * len(names)  # where frames and times come first
-    at = [before + SPACE * k for k in range(len(names))]
-    rows = [_without_origin(row, at) for row in rows]
+    headed = rows[0][0] == "Frame"  # then frames and times come first
+    at = [2 * headed + SPACE * k for k in range(len(names))]
+    rows = [_without_origin(row, at) for row in rows[headed:]]
     return _Take(float(told["FREQUENCY"][0]), "mm", names, at, rows)
 
 

@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from vidphys.diagnose.recordings.broken import noise_of
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
+from vidphys.statistics import noise_of
 
 # of its way: what two bodies leave of the proportion at least that move by themselves; a lens bends
 # that of a shadow by up to 0.031, as was seen in a filmed clip

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from binders.base import Pictures
-from vidphys.statistics import ROBUST
+from vidphys.statistics import noise_of
 
 STANDS = 0.12  # of the steps before and after, that a body may seem to move in a frame shown twice
 ONWARD = 0.5  # least cosine between those steps; it does not turn there
@@ -82,13 +82,6 @@ def mend(
     for frame, count in missing:
         times[frame:] += count * usual
     return Mended(seen, times, tuple(doubled), tuple(paused), tuple(missing))
-
-
-def noise_of(positions: np.ndarray) -> float:
-    """Of a coordinate, from third differences; robust against what is broken."""
-    third = np.diff(positions, 3, axis=0)
-    third = third[np.isfinite(third)]
-    return float(ROBUST * np.median(np.abs(third)) / np.sqrt(20)) if len(third) else np.inf
 
 
 def _length(step: np.ndarray) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vidphys.diagnose.recordings.broken import noise_of
 from vidphys.diagnose.recordings.motion import Motion
+from vidphys.statistics import noise_of
 
 SMALL = 0.02  # of the way of what goes farthest, that what rests seems to go
 NOISY = 1.5  # times its noise, that this is at most: what drifts, or is pulled, goes smoothly
