@@ -112,6 +112,11 @@ def open_video(path: Path, selection: ClipSelection) -> Video:
             except ValueError as error:
                 raise InputError(f"{path}: frame {count} is {error}; convert the clip") from error
             indices.append(count)
+    if not stamps:
+        raise InputError(
+            f"{path}: opens, but none of its frames can be decoded: it is cut short, or of a codec "
+            "that OpenCV does not have (AV1 is one); convert it: ffmpeg -i CLIP clip.mp4"
+        )
     if held.size is None:
         raise InputError(
             f"{path}: no frame could be decoded in the selection (frames {selection.start} to "

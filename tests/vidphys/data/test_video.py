@@ -52,6 +52,14 @@ def test_every_frame_is_the_one_it_says(clip: Path) -> None:
     assert video.size == (48, BLOCK * BITS)
 
 
+def test_a_clip_of_an_unknown_codec_is_refused_with_what_to_do(
+    clip: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vidphys.data.video._decoding", lambda *_: (RATE, FRAMES, iter(())))
+    with pytest.raises(InputError, match="none of its frames can be decoded: .*convert it"):
+        open_video(clip, ClipSelection())
+
+
 def test_channels_are_red_first(clip: Path) -> None:
     red, green, blue = open_video(clip, ClipSelection(stop=1)).frames[0][-8:].mean((0, 1))
     assert red > 150 > 60 > max(green, blue)
