@@ -18,7 +18,7 @@ OFF = 0.2  # of its radius, by which few places of a blade are off the circle; a
 AT_ONE = 0.3  # of the radius, within which the middles of their circles are
 AS_FAR = 1.3  # times, by which their radii may differ
 STAYS = 0.7  # of its frames, in which a thing is within such a circle: a piece of the wheel
-SECTORS, ROUND = 12, 6  # of a circle, and how many of them it goes through
+SECTORS, ROUND = 12, 9  # of a circle, and how many of them it goes through
 ROUNDS = 3
 
 
@@ -29,7 +29,7 @@ class _Circle:
 
 
 def wheels(bodies: Sequence[Hypothesis]) -> set[int]:
-    """Which of the things that were followed are blades, or stay where these turn."""
+    """Which of the things that were followed are blades, or go round with them."""
     circles = [circle for body in bodies if (circle := _circle(body)) is not None]
     for blade in circles:
         if sum(_alike(circle, blade) for circle in circles) >= BLADES:
@@ -44,8 +44,18 @@ def _alike(one: _Circle, other: _Circle) -> bool:
 
 
 def _stays(body: Hypothesis, blade: _Circle) -> bool:
-    away = np.linalg.norm(body.positions[body.seen] - blade.middle, axis=1)
-    return bool((away < AS_FAR * blade.radius).mean() > STAYS)
+    """Whether it goes round within the blades' circle; or on it, also where an edge cuts that."""
+    away = body.positions[body.seen] - blade.middle
+    far = np.linalg.norm(away, axis=1)
+    within = far < AS_FAR * blade.radius
+    on_it = np.percentile(np.abs(far - blade.radius), 100 * (1 - OFF)) < OFF * blade.radius
+    return bool(within.mean() > STAYS and (on_it or _through(away) >= ROUND))
+
+
+def _through(away: np.ndarray) -> int:
+    """How many sectors about a middle places ``(t, 2)`` from it lie in."""
+    turned = np.arctan2(away[:, 1], away[:, 0]) % (2 * np.pi)
+    return len(set((turned / (2 * np.pi) * SECTORS).astype(int)))
 
 
 def _circle(body: Hypothesis) -> _Circle | None:
@@ -62,6 +72,5 @@ def _circle(body: Hypothesis) -> _Circle | None:
         away = places - middle
         off = np.abs(np.linalg.norm(away, axis=1) - radius)
         on_it = np.argsort(off)[: int((1 - OFF) * len(places))]
-    turned = np.arctan2(away[:, 1], away[:, 0]) % (2 * np.pi)
-    through = len(set((turned / (2 * np.pi) * SECTORS).astype(int)))
-    return _Circle(middle, radius) if off[on_it].max() < OFF * radius and through >= ROUND else None
+    round_ = off[on_it].max() < OFF * radius and _through(away) >= ROUND
+    return _Circle(middle, radius) if round_ else None

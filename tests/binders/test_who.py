@@ -301,6 +301,24 @@ def test_blades_are_known_though_who_follows_them_exchanges_them() -> None:
     assert turning(*fan[:2], larger, seldom) == set()
 
 
+def test_glimpses_here_and_there_are_no_blades() -> None:
+    """As of the coils of a spring between two weights, each of which is followed now and then."""
+    places = [50, 40] + 20 * np.array([[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3])
+    rng = np.random.default_rng(0)
+    glimpses = [candidate(places[rng.integers(0, 6, 60)], 0.3) for _ in range(4)]
+    weight = candidate(np.stack([50 + 15 * np.sin(0.3 * T), 45 + 0 * T], 1), 1.6)
+    assert turning(weight, *glimpses) == set()
+
+
+def test_a_pendulum_before_a_fan_is_none_of_its_blades() -> None:
+    turns = 0.5 * T[:, None] + np.arange(3) * 2 * np.pi / 3
+    blades = np.stack([30 + 12 * np.cos(turns), 40 + 12 * np.sin(turns)], -1)
+    cut = np.where(blades[:, 0, 1:] > 40, blades[:, 0], np.nan)  # by the picture's edge
+    swings = np.stack([30 + 10 * np.sin(0.3 * T), 44 + 0 * T], 1)
+    fan = [candidate(blades[:, k], 1.0) for k in range(3)]
+    assert turning(candidate(swings, 1.6), *fan, candidate(cut, 1.0)) == {1, 2, 3, 4}
+
+
 @pytest.mark.parametrize(
     ("given", "taken", "bodies"),
     [(0.5, 1.0, 2), (0.5, 0.0, 1), (-0.5, 1.0, 1)],
