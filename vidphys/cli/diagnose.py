@@ -116,7 +116,9 @@ def diagnose(config: DiagnoseConfig) -> None:
     if config.scale is not None:
         _units(config, (1, 1))
     given = given_columns(config.columns)
-    config = replace(config, input=_input(config.input))
+    from vidphys.data.sets import only_clip
+
+    config = replace(config, input=only_clip(config.input))
     _check(config)
     config = with_profile(config, "diagnose")
     if config.look:
@@ -210,13 +212,6 @@ def _measured(folder: Path) -> list[Point]:
             f"--trade {folder}: nothing was measured there; `vidphys trade --out {folder}` does"
         )
     return load_points(folder)
-
-
-def _input(path: Path) -> Path:
-    """The input, or the one clip of a data set that it is."""
-    from vidphys.data.sets import only_clip
-
-    return only_clip(path)
 
 
 def _check(config: DiagnoseConfig) -> None:

@@ -31,23 +31,18 @@ def without_resting(motion: Motion) -> tuple[Motion, tuple[str, ...]]:
     return motion.of(moving), (f"{rests} while others move: left out, and the others counted anew",)
 
 
+def _shown(motion: Motion, body: int) -> list[np.ndarray]:
+    """Its places ``(t, d)`` in the frames of each clip in which it is seen."""
+    seen = motion.seen[:, :, body]
+    each = zip(motion.positions, seen, strict=True)
+    return [places[s, body] for places, s in each if s.any()]
+
+
 def _way(motion: Motion, body: int) -> float:
     """How far it goes at most in a clip, by its spread; NaN where it is not seen."""
-    seen = motion.seen[:, :, body]
-    spreads = [
-        np.ptp(x[s, body], axis=0).max()
-        for x, s in zip(motion.positions, seen, strict=True)
-        if s.any()
-    ]
-    return max(spreads, default=np.nan)
+    return max((np.ptp(x, axis=0).max() for x in _shown(motion, body)), default=np.nan)
 
 
 def _is_noise(motion: Motion, body: int) -> bool:
-    seen = motion.seen[:, :, body]
-    coordinates = [
-        axis
-        for places, s in zip(motion.positions, seen, strict=True)
-        if s.any()
-        for axis in places[s, body].T
-    ]
-    return all(axis.std() <= NOISY * noise_of(axis) for axis in coordinates)
+    axes = [axis for places in _shown(motion, body) for axis in places.T]
+    return all(axis.std() <= NOISY * noise_of(axis) for axis in axes)
