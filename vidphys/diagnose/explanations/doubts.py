@@ -209,7 +209,7 @@ def only_slows(fit: Fit) -> bool:
     law = fit.model.law
     if law.restoring != "uniform" or law.frictions or law.walls or not law.pictured:
         return False
-    if "collision" in fit.kinds:  # such bodies do not go straight
+    if fit.kinds & {"collision", "curve"}:  # such bodies do not go straight
         return False
     rates = np.concatenate([r[:, 1] for r in fit.model.coordinates(fit.values, fit.clips)])
     force = np.array([fit.numbers[name][0] for name in law.forces])

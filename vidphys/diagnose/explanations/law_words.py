@@ -20,6 +20,7 @@ ON = {
     "line": "moves on a line",
     "angle": "swings",
     "arc": "swings on an arc",
+    "curve": "moves along a curve, which all frames draw",
 }
 BY = {
     "none": "nothing pulls it",
@@ -47,6 +48,7 @@ SHORT = {
     "lift": "lift by its spin",
     "turning": "force across its way ~ v",
     "forcing": "sinusoid that drives it",
+    "curve": "a curve that it keeps to",
 }
 
 
@@ -159,7 +161,7 @@ def _ruler(law: Law, told: Sequence[Quantity], units: Units) -> list[str]:
             long = f"{units.told(known['length'], 1) / metres:.4g} {unit}"
             return [f"{length} (a plain pendulum), and 1 m is {long}"]
         return [f"{length} (a plain pendulum)"]
-    if "acceleration" in known and units.name == "px":
+    if "acceleration" in known and units.name == "px" and law.curve is None:  # it may roll
         metre = units.told(known["acceleration"], 1) / GRAVITY
         return [f"if it falls at {GRAVITY} m/s², 1 m is {metre:.4g} px"]
     return []

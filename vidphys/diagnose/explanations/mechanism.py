@@ -48,6 +48,7 @@ UNWRITTEN = {
     "elastic": "a spring from a fixed place",
     "turning": "a force across the way",
     "forcing": "a sinusoid that drives it",
+    "curve": "a curve that it keeps to",
 }
 STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what nothing acts on
 SAME = {  # forecasts that say what a law of such terms says
@@ -126,7 +127,8 @@ class ByMechanism(Explanation):
         cls, motion: Motion, end: int, angles: bool, camera: bool, units: Units
     ) -> ByMechanism | None:
         """The laws of a recording before ``end``, if any can be fitted."""
-        found = find_mechanism(motion.cut(0, end), angles, camera)
+        before = replace(motion.cut(0, end), ahead=motion.positions[:, end:])
+        found = find_mechanism(before, angles, camera)
         return None if found is None else cls(found, *found.refitted(motion), motion, end, units)
 
     @property

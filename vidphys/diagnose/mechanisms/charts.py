@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from vidphys.diagnose.mechanisms.curve import Curve
+
 
 class Chart:
     """Places of a body from its coordinates; linear in a few numbers of geometry.
@@ -16,6 +18,7 @@ class Chart:
 
     name = ""
     size = 1  # coordinates that it takes
+    free = 0  # numbers beside its geometry that the recording drew it by
 
     def fixed(self, s: np.ndarray) -> np.ndarray:
         """What does not depend on the geometry, ``(t, d)``."""
@@ -109,6 +112,24 @@ class Line(Chart):
 
     def columns(self, s: np.ndarray) -> np.ndarray:
         return np.concatenate([x[:, :, None] * self.across for x in (np.ones_like(s), s)], -1)
+
+
+@dataclass(frozen=True)
+class Bound(Chart):
+    """A body on a curve that all of its places draw; the coordinate is the length along it."""
+
+    curve: Curve
+    name = "curve"
+
+    @property
+    def free(self) -> int:  # type: ignore[override]
+        return self.curve.free
+
+    def fixed(self, s: np.ndarray) -> np.ndarray:
+        return self.curve.at(s[:, 0])
+
+    def columns(self, s: np.ndarray) -> np.ndarray:
+        return np.zeros((len(s), 2, 0))
 
 
 @dataclass(frozen=True)

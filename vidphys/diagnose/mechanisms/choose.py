@@ -11,6 +11,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.crosswise import crosswise
+from vidphys.diagnose.mechanisms.curved import curved, keeps_to_it
 from vidphys.diagnose.mechanisms.elastic import elastic
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
@@ -42,6 +43,7 @@ BENT = 2.0  # times what an arc to the side leaves: what other laws leave, as a 
 # in clips filmed for development it was better by up to 9 where there was dry friction
 COASTING = 12.0
 STRAIGHT = 0.97  # of its way, that a body ends away from its beginning, which goes one way
+LENS = 0.01  # of the spread, that a lens leaves at most of a law that holds in a clip
 VAGUE = 0.5  # standard error of a restitution, along a wall too, from which no bounce tells of it
 
 
@@ -101,6 +103,8 @@ def fits_of(
     found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
     sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
     others = _rarer(clips, sensible[:1], angles, camera, alone)
+    if alone and not angles and not any(map(_follows if camera else _tells_all, sensible[:1])):
+        others += _curved(clips, sensible[:1])
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None
     if spinning is None or makes_sense(spinning):
@@ -184,7 +188,7 @@ def _plain(found: Fit) -> tuple[int, int]:
     than dry friction.
     """
     law = found.model.law
-    if law.restoring == "none":
+    if law.restoring == "none" or law.curve is not None:
         return len(found.covariance), 0
     usual = "linear" if law.restoring in ("trap", "pendulum") else "square"
     odd = law.friction not in ("none", usual) or _only_pulled_back(found)
@@ -278,7 +282,8 @@ def makes_sense(found: Fit) -> bool:
         if name == "linear" and value < 0:  # a drive, which the menu tells of
             return False
     law = found.model.law
-    if law.restoring == "uniform" and "dry" in law.frictions and _goes_one_way(found):
+    along = law.restoring == "uniform" and law.curve is None
+    if along and "dry" in law.frictions and _goes_one_way(found):
         return False
     return _pulls_back(found) and told(found) and not _flat(found)
 
@@ -293,6 +298,17 @@ def _flat(found: Fit) -> bool:
 
 def _holds(found: Fit) -> bool:
     return found.holds
+
+
+def _follows(found: Fit) -> bool:
+    """Whether it leaves no more than a lens does."""
+    return found.left < LENS * found.spread
+
+
+def _curved(clips: Sequence[Frames], usual: Sequence[Fit]) -> list[Fit]:
+    """Laws of a body that keeps to a curve, where they tell more than a usual one that holds."""
+    found = [x for x in curved(clips) if makes_sense(x)]
+    return [x for x in found if all(keeps_to_it(x, one) for one in usual)]
 
 
 def _tells_all(found: Fit) -> bool:

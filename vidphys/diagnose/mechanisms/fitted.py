@@ -105,7 +105,8 @@ class Fit:
     @property
     def score(self) -> float:
         """Log likelihood less Schwarz's price of every number, and of an arc's slant."""
-        price = 0.5 * np.log(self.count) * len(self.covariance)
+        free = len(self.covariance) + sum(chart.free for chart in self.model.charts)
+        price = 0.5 * np.log(self.count) * free
         return self.log_likelihood - price - self._slanted
 
     @property

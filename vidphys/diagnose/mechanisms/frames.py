@@ -25,6 +25,7 @@ class Frames:
         begin: seconds from the recording's first frame to the first of these.
         inputs: what drives the bodies and is known, by the seconds since the clip's first frame.
         spin_fades: share a second by which the spin of a body that is seen to spin fades.
+        ahead: places of the first body in later frames that are held out, ``(h, d)``.
     """
 
     times: np.ndarray
@@ -33,6 +34,7 @@ class Frames:
     begin: float = 0.0
     inputs: Signal | None = None
     spin_fades: float | None = None
+    ahead: np.ndarray | None = None
 
     @cached_property
     def impacts(self) -> list[Impact]:
@@ -53,6 +55,7 @@ class Frames:
             self.begin,
             self.inputs,
             self.spin_fades,
+            self.ahead,
         )
 
 
@@ -61,16 +64,16 @@ def frames_of(motion: Motion) -> list[Frames]:
     clips = []
     known = motion.inputs or (None,) * motion.clips
     recorded = zip(motion.positions, motion.seen, motion.times, known, strict=True)
-    for path, seen, times, signal in recorded:
+    for clip, (path, seen, times, signal) in enumerate(recorded):
         at = [np.flatnonzero(of_body) for of_body in seen.T]
         since = times - times[0]
         stretches = tuple(
             Stretch(since[i], path[i, body], np.ones(len(i))) for body, i in enumerate(at)
         )
         signal = None if signal is None else signal.since(float(times[0]))
-        clips.append(
-            Frames(since, tuple(at), stretches, inputs=signal, spin_fades=motion.spin_fades)
-        )
+        later = None if motion.ahead is None else motion.ahead[clip, :, 0]
+        ahead = None if later is None else later[np.isfinite(later).all(-1)]
+        clips.append(Frames(since, tuple(at), stretches, 0.0, signal, motion.spin_fades, ahead))
     return clips
 
 

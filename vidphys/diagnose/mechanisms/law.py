@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from vidphys.diagnose.mechanisms import view
+from vidphys.diagnose.mechanisms.curve import Curve
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
+from vidphys.diagnose.mechanisms.sliding_kernel import slid
 from vidphys.diagnose.recordings.inputs import Signal
 
 RESTORING = ("none", "uniform", "trap", "pendulum", "chain", "centre", "elastic")
@@ -74,6 +76,9 @@ class Law:
         nears: the body nears the camera, or goes away from it, at a steady speed: its picture's
             distance from the middle grows as 1 / (1 - nearing t).
         pictured: a camera sees the plane of motion slightly askew; see :mod:`.view`.
+        curve: that the body keeps to, by whose length its one coordinate is; the uniform field is
+            the plane's, and dry friction a share of what presses the body to the curve.
+        upright: that field is along the plane's second axis.
     """
 
     coordinates: int
@@ -91,6 +96,8 @@ class Law:
     turning: bool = False
     nears: bool = False
     pictured: bool = False
+    curve: Curve | None = None
+    upright: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -129,6 +136,8 @@ class Law:
     @property
     def forces(self) -> tuple[str, ...]:
         """Names of its steady force's numbers, one for each coordinate."""
+        if self.curve is not None:
+            return self._steady(2)[int(self.upright) :]
         steady = self.restoring in ("uniform", "trap", "elastic")
         return self._steady(self.coordinates) if steady else ()
 
@@ -164,6 +173,7 @@ class Law:
         kinds |= {"forcing"} if self.forced else set()
         kinds |= {"lift"} if self.lift_fades is not None else set()
         kinds |= {"turning"} if self.turning else set()
+        kinds |= {"curve"} if self.curve is not None else set()
         return frozenset(kinds | ({"pair"} if self.coupled else set()))
 
     def rate(self, numbers: Mapping[str, float]) -> float:
@@ -172,6 +182,9 @@ class Law:
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
         stiff += [numbers[name] ** 2 for name in ("lift", *self.turns) if name in numbers]
         stiff += [numbers[FORCING[-1]] ** 2] if self.forced else []
+        if self.curve is not None:
+            pull = np.linalg.norm([numbers[name] for name in self.forces])
+            stiff += [float(pull * np.abs(self.curve.bends).max())]
         if self.restoring == "centre":
             near = float(self._centre(numbers)[-2])
             stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
@@ -216,12 +229,15 @@ class Law:
             inputs: that are known, by the same times.
         """
         numbers = dict(zip(self.names, values.tolist(), strict=True))
-        force, stiffness, swing, friction = self._forces(numbers)
         # The usual interval: a gap is stepped over as finely as frames in a row.
         gaps, middle = times[1:] - times[:-1], (len(times) - 1) // 2
         gaps.partition(middle)
         interval = float(gaps[middle])
         steps = min(max(np.ceil(self.rate(numbers) * interval / FINE), STEPS[0]), STEPS[1])
+        most = interval / float(steps) * (1 + 1e-9)
+        if self.curve is not None:
+            return self._slid(numbers, start, times, most)
+        force, stiffness, swing, friction = self._forces(numbers)
         with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
             out = rolled(
                 times,
@@ -231,7 +247,7 @@ class Law:
                 swing,
                 friction,
                 self._walls(numbers),
-                interval / float(steps) * (1 + 1e-9),
+                most,
                 apart=self.apart,
                 rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
                 pushed=self._pushed(numbers, inputs, times),
@@ -246,6 +262,15 @@ class Law:
                     :, None
                 ]
             return out
+
+    def _slid(
+        self, numbers: Mapping[str, float], start: np.ndarray, times: np.ndarray, most: float
+    ) -> np.ndarray:
+        """Lengths along the curve and their rates ``(t, 2, 1)``."""
+        assert self.curve is not None
+        force = np.array([numbers.get(name, 0.0) for name in self._steady(2)])
+        friction = np.array([numbers.get(name, 0.0) for name in RATES])
+        return slid(times, start, force, friction, self.curve.table, self.curve.spacing, most)
 
     def _forces(self, numbers: Mapping[str, float]) -> tuple[np.ndarray, ...]:
         """As the kernel takes them: force, stiffness, swing and frictions."""

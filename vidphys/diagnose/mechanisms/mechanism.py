@@ -201,7 +201,12 @@ def thinned(motion: Motion) -> Motion:
     step = _stride(motion)
     if step == 1:
         return motion
-    return replace(motion, positions=motion.positions[:, ::step], times=motion.times[:, ::step])
+    return replace(
+        motion,
+        positions=motion.positions[:, ::step],
+        times=motion.times[:, ::step],
+        ahead=None if motion.ahead is None else motion.ahead[:, ::step],
+    )
 
 
 def _stride(motion: Motion) -> int:

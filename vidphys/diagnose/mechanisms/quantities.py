@@ -73,6 +73,9 @@ def quantities(fit: Fit, ruler: Ends | None = None) -> list[Quantity]:
     ]
     if isinstance(fit, RodsFit):
         return [*asked, *_of_rods(fit, ruler)]
+    if fit.model.law.curve is not None:  # which is drawn no better than by what is left
+        share = fit.left / fit.spread
+        asked = [replace(x, error=float(np.hypot(x.error, share * x.value))) for x in asked]
     if camera is None:
         return asked
     share = ASKEW if seen is not None else float(np.hypot(ASKEW, _unevenness(fit, camera)))
@@ -141,6 +144,9 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         elif root in ("linear", "square", "dry"):
             length, seconds = {"linear": (0, -1), "square": (-1, 0), "dry": (1, -2)}[root]
             turns = fit.model.charts[0].name in ("arc", "angle")
+            if root == "dry" and law.curve is not None:
+                yield "friction coefficient", number(name), 0, 0
+                continue
             whose = f"{root} friction {which}".strip()
             yield whose, number(name), 0 if turns else length, seconds
         elif root == "mass":  # over the first body's

@@ -31,6 +31,8 @@ class Motion:
         inputs: what drives the scene and was recorded, of each clip, over all of its time.
         colour: of the noise, where it is known to have a memory.
         spin_fades: share a second by which the spin of a body that is seen to spin fades.
+        ahead: places in frames after these that are held out, ``(e, f, n, d)``: they may draw the
+            curve that a body keeps to, not tell when it is where.
 
     Raises:
         ValueError: shapes that do not belong together, times that do not increase, or too few
@@ -44,6 +46,7 @@ class Motion:
     inputs: tuple[Signal, ...] = ()
     colour: Colour | None = None
     spin_fades: float | None = None
+    ahead: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         clips, frames, bodies, _ = self.positions.shape
@@ -120,7 +123,10 @@ class Motion:
     def of(self, bodies: Sequence[int]) -> Motion:
         """Some of the bodies."""
         some = list(bodies)
-        return replace(self, positions=self.positions[:, :, some], mass=self.mass[:, some])
+        ahead = None if self.ahead is None else self.ahead[:, :, some]
+        return replace(
+            self, positions=self.positions[:, :, some], mass=self.mass[:, some], ahead=ahead
+        )
 
     def take(self, clips: np.ndarray) -> Motion:
         """Some of the clips."""
@@ -133,6 +139,7 @@ class Motion:
             mass=self.mass[clips],
             coupling=coupling,
             inputs=inputs,
+            ahead=None if self.ahead is None else self.ahead[clips],
         )
 
 

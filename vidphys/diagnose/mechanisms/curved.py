@@ -1,0 +1,81 @@
+"""A body that keeps to a curve under a steady force, as on a ramp, in a bowl or through a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from vidphys.diagnose.mechanisms.charts import Bound
+from vidphys.diagnose.mechanisms.curve import Curve, curve_through
+from vidphys.diagnose.mechanisms.fit import race
+from vidphys.diagnose.mechanisms.fitted import Fit, Model
+from vidphys.diagnose.mechanisms.frames import Frames
+from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.law import Law
+
+FLAT = 2  # dimensions of the plane
+BENT = 0.3  # radians from end to end, below which a curve is a line
+VAGUE = 0.15  # of the force: a standard error from which it is not told
+NEARER = 0.5  # times what a usual law leaves along the curve: what is left at most
+LENS = 0.02  # of the spread, by which a lens bends a curve at most
+ACROSS = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns a tangent's component to the normal's
+FRICTIONS = ("none", "linear", "square", "dry")
+
+
+def curved(clips: Sequence[Frames]) -> list[Fit]:
+    """Laws of a body that a steady force pulls along the curve that all of its places draw.
+
+    Args:
+        clips: of the body.
+    """
+    places = [clip.stretches[0].places for clip in clips]
+    if places[0].shape[1] != FLAT or clips[0].inputs is not None:
+        return []
+    each = zip(places, clips, strict=True)
+    drawn = [p if clip.ahead is None else np.concatenate([p, clip.ahead]) for p, clip in each]
+    curve = curve_through(drawn)
+    if curve is None or curve.turn < BENT:
+        return []
+    along = [curve.read(p)[:, None] for p in places]
+    seen = [seen_in(clips, along, half) for half in halves(clips)]
+    runners = []
+    for friction, upright in product(FRICTIONS, (True, False)):
+        law = Law(1, "uniform", friction, curve=curve, upright=upright)
+        runners.append((Model(law, (Bound(curve),)), [_begun(one, law, curve) for one in seen]))
+    return [x for x in race(clips, runners) if _told(x)]
+
+
+def keeps_to_it(found: Fit, usual: Fit) -> bool:
+    """Whether a usual law misses the curve by more than a lens bends it, or far more along it.
+
+    A curve that all places draw leaves nothing across it, whatever moves the body.
+    """
+    curve = found.model.law.curve
+    assert curve is not None
+    rows = [curve.row(curve.read(clip.stretches[0].places)) for clip in found.clips]
+    tangents = curve.tangents[np.concatenate(rows)]
+    own, other = (np.concatenate(x.residuals) for x in (found, usual))
+    across = np.sqrt(np.mean((other @ ACROSS * tangents).sum(1) ** 2))
+    along, left = (np.linalg.norm((x * tangents).sum(1)) for x in (other, own))
+    return bool(across > LENS * found.spread or left < NEARER * along)
+
+
+def _begun(seen: Sequence[Local], law: Law, curve: Curve) -> np.ndarray:
+    """The law's numbers by least squares, and the starts."""
+    s, v, a = (np.concatenate([getattr(x, name) for x in seen]).ravel() for name in "sva")
+    x, y, bend = curve.table[curve.row(s)].T
+    pulls = y[:, None] if law.upright else np.column_stack([x, y])
+    *level, up = np.linalg.lstsq(pulls, a, rcond=None)[0]
+    pressed = np.abs(bend * v**2 + sum(level) * y - up * x)
+    lost = {"none": [], "linear": [v], "square": [np.abs(v) * v], "dry": [pressed * np.sign(v)]}
+    design = np.column_stack([pulls, *(-x for x in lost[law.friction])])
+    return np.concatenate([np.linalg.lstsq(design, a, rcond=None)[0], *map(start_of, seen)])
+
+
+def _told(found: Fit) -> bool:
+    """Whether the recording tells the force."""
+    forces = [found.numbers[name] for name in found.model.law.forces]
+    size = float(np.linalg.norm([value for value, _ in forces]))
+    return max(error for _, error in forces) < VAGUE * size
