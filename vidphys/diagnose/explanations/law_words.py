@@ -14,6 +14,8 @@ from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
 from vidphys.diagnose.recordings.units import GRAVITY, Units
 from vidphys.statistics import NORMAL_95, with_error
 
+ROLLS = 5 / 7  # of gravity, that speeds up a solid ball that rolls (2/5 m r^2 turns with it)
+
 ON = {
     "plane": "moves freely",
     "turned": "moves freely",
@@ -161,8 +163,11 @@ def _ruler(law: Law, told: Sequence[Quantity], units: Units) -> list[str]:
             long = f"{units.told(known['length'], 1) / metres:.4g} {unit}"
             return [f"{length} (a plain pendulum), and 1 m is {long}"]
         return [f"{length} (a plain pendulum)"]
-    if "acceleration" in known and units.name == "px" and law.curve is None:  # it may roll
+    if "acceleration" in known and units.name == "px":
         metre = units.told(known["acceleration"], 1) / GRAVITY
+        if law.curve is not None:
+            slides = f"if it slides in {GRAVITY} m/s², 1 m is {metre:.4g} px"
+            return [f"{slides}; if it rolls as a solid ball, {metre / ROLLS:.4g} px"]
         return [f"if it falls at {GRAVITY} m/s², 1 m is {metre:.4g} px"]
     return []
 

@@ -96,7 +96,7 @@ class ByMechanism(Explanation):
             known = {x.name: x.value for x in quantities(group.fit)}
             if "length" in known and "rate" in known:
                 return Units("m", gravity / known["rate"] ** 2 / known["length"])
-            if "acceleration" in known:
+            if "acceleration" in known and group.fit.model.law.curve is None:  # where it may roll
                 return Units("m", gravity / known["acceleration"])
         return self.units
 
