@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.vidphys.diagnose.test_mechanisms import noisy
+from tests.vidphys.diagnose.test_mechanisms import noisy, swing
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.mechanisms.curve import curve_through
 from vidphys.diagnose.mechanisms.sliding_kernel import slid
@@ -128,3 +128,13 @@ def test_energy_is_kept_without_friction():
     out = slid(times, start, force, np.zeros(3), curve.table, curve.spacing, 5e-3)
     energy = 0.5 * out[:, 1, 0] ** 2 + G * curve.at(out[:, 0, 0])[:, 1]
     assert np.ptp(energy) < 2e-3 * G * 0.25
+
+
+def test_a_pendulum_whose_arc_is_seen_bent_is_told_as_one():
+    """As a tracker errs by the place; a curve that all places draw would follow that."""
+    angle = swing(G, 0.1, 0.7, 200, step=0.04)
+    places = np.stack([np.sin(angle), 0.3 - np.cos(angle)], -1)
+    wave = np.stack([np.sin(3 * places[:, 0]), np.cos(20 * places[:, 0])], -1)
+    given = told((places + 0.01 * wave)[:, None], 0.04)
+    assert given.data["terms"] == ["linear", "pendulum"]
+    assert quantity(given, "rate")[0] == pytest.approx(np.sqrt(G), rel=0.02)

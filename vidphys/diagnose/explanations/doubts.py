@@ -7,6 +7,7 @@ import numpy as np
 from vidphys.diagnose.explanations.law_words import SHORT
 from vidphys.diagnose.explanations.verdict import ALL
 from vidphys.diagnose.mechanisms.charts import Chart, Line
+from vidphys.diagnose.mechanisms.elastic import stretches
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
@@ -183,10 +184,7 @@ def struck_once(fit: Fit) -> bool:
 
 def stiff(fit: Fit) -> bool:
     """Whether a spring from a fixed place keeps its length as well as a rod."""
-    if fit.model.law.restoring != "elastic":
-        return False
-    far = [np.linalg.norm(_from_the_middle(fit, r[:, 0]), axis=-1) for r in _rolled(fit)]
-    return all(bool(x.std() < ROUND * x.mean()) for x in far)
+    return fit.model.law.restoring == "elastic" and not stretches(fit)
 
 
 def precesses(fit: Fit) -> bool:

@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.crosswise import crosswise
 from vidphys.diagnose.mechanisms.curved import curved, keeps_to_it
-from vidphys.diagnose.mechanisms.elastic import elastic
+from vidphys.diagnose.mechanisms.elastic import elastic, stretches
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
@@ -129,7 +129,10 @@ def _rarer(
     if alone and not (angles or camera or any(map(told, best))):
         others += [x for x in crosswise(clips) if makes_sense(x)]
     if alone and not (angles or camera or any(map(told, [*best, *others]))):
-        others += [x for x in elastic(clips) if makes_sense(x)]
+        springs = [x for x in elastic(clips) if makes_sense(x)]
+        others += [
+            x for x in springs if stretches(x) or not holds
+        ]  # what holds may keep its length
     return others
 
 

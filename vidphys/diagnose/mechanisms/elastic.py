@@ -18,6 +18,7 @@ from vidphys.diagnose.mechanisms.law import Law
 SPACES = (2, 3)  # dimensions in which it swings and stretches
 AROUND = np.linspace(-3.0, 3.0, 7)  # extents of the path, in which the fixed place is sought
 BEST = 2  # places with which fits begin
+STIFF = 0.03  # of its length, by which what keeps it seems to vary at most
 VAGUE = 0.1  # of the rest length: its standard error, and the place's, from which they do not show
 
 
@@ -38,6 +39,14 @@ def elastic(clips: Sequence[Frames]) -> list[Fit]:
         for guess in _begun(local(stretch.times, stretch.places, half))
     ]
     return [x for x in with_friction_or_none(clips, [(model, begun)]) if _told(x)]
+
+
+def stretches(found: Fit) -> bool:
+    """Whether a spring changes its length by more than a rod or a string seems to."""
+    centre = found.model.law.centre(found.numbers)
+    rolled = found.model.coordinates(found.values, found.clips)
+    far = [np.linalg.norm(r[:, 0] - centre, axis=-1) for r in rolled]
+    return any(bool(x.std() > STIFF * x.mean()) for x in far)
 
 
 def _begun(seen: Local) -> list[np.ndarray]:
