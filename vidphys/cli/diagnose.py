@@ -66,7 +66,9 @@ class DiagnoseConfig(WhoOptions):
         stop: frame to stop before.
         rate: frames per second of a clip, in place of the container's time stamps.
         scale: a length that is known in a clip's picture, and the pixels between which it lies
-            ("0.30 m = 10,200 310,200"): numbers are told in its unit.
+            ("0.30 m = 10,200 310,200"): numbers are told in its unit. Or the sides of a rectangle
+            in the plane that bodies move in, and its corners in order round it ("2.2 x 1.1 m =
+            80,60 550,70 600,400 30,380"): that plane may be seen from anywhere.
         gravity: m/s² of what hangs or falls freely (9.81): such a body is a ruler, and numbers are
             told in metres.
         trade: what `vidphys trade` has measured, its run folder or profile: which integrator and
@@ -256,10 +258,12 @@ def _load(config: DiagnoseConfig, given: dict[str, str]) -> tuple[Loaded, Frames
         binder = make_binder(config.binder, config.bodies, config.shadow, config, count=True)
         followed = follow_clip(config.input, selection, binder)
         motion, video, notes = followed.motion, followed.video, followed.notes
+        units = _units(config, video.size)
+        if units.plane is not None:
+            motion = replace(motion, positions=units.plane.flat(motion.positions))
         if config.bodies is None and not config.given:
             motion, left_out = of_lawful_bodies(motion)
             notes = (*notes, *left_out)
-        units = _units(config, video.size)
         return Loaded(motion, False, notes, units, followed.used), video.frames
     loaded = read_tracks(config.input, given, config.interval)
     try:
@@ -369,5 +373,6 @@ def _film(drawing: Drawing, config: DiagnoseConfig, found: Answered, frames: Fra
     from vidphys.cli.recordings import draw_film, followed_alone
 
     if config.video is not None and frames is not None:
-        shown = drawing.arrays or followed_alone(found.times, found.positions, frames)
+        alone = found.shown(found.positions)
+        shown = drawing.arrays or followed_alone(found.times, alone, frames)
         draw_film(shown, config.video, found.law, STAYS if found.stays else "forecast")

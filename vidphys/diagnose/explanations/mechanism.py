@@ -92,12 +92,13 @@ class ByMechanism(Explanation):
         gravity = self.units.gravity
         if gravity is None:
             return self.units
+        metres = Units("m", plane=self.units.plane)
         for group in self.whole.groups:
             known = {x.name: x.value for x in quantities(group.fit)}
             if "length" in known and "rate" in known:
-                return Units("m", gravity / known["rate"] ** 2 / known["length"])
+                return replace(metres, per=gravity / known["rate"] ** 2 / known["length"])
             if "acceleration" in known and group.fit.model.law.curve is None:  # where it may roll
-                return Units("m", gravity / known["acceleration"])
+                return replace(metres, per=gravity / known["acceleration"])
         return self.units
 
     @property

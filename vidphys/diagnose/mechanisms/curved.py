@@ -33,6 +33,8 @@ def curved(clips: Sequence[Frames]) -> list[Fit]:
     places = [clip.stretches[0].places for clip in clips]
     if places[0].shape[1] != FLAT or clips[0].inputs is not None:
         return []
+    if any(clip.impacts for clip in clips):  # what is struck leaves its curve
+        return []
     each = zip(places, clips, strict=True)
     drawn = [p if clip.ahead is None else np.concatenate([p, clip.ahead]) for p, clip in each]
     curve = curve_through(drawn)

@@ -89,16 +89,21 @@ class Answered:
         arrays: dict[str, Any] = {
             **({} if frames is None else {"frames": frames}),
             "frame_times": self.times,
-            "readout": _plane(self.positions),
-            "rollout": _plane(path),
+            "readout": self.shown(_plane(self.positions)),
+            "rollout": self.shown(_plane(path)),
             "rollout_times": when,
             "half_extent": np.asarray(extent),
             "train_end": np.asarray(when[0]),
         }
         if self.law:
             when, path = self.rolled[self.law]
-            arrays |= {"changed_times": when, "changed": _plane(path)}
+            arrays |= {"changed_times": when, "changed": self.shown(_plane(path))}
         return arrays
+
+    def shown(self, places: np.ndarray) -> np.ndarray:
+        """Places ``(…, 2)`` as the clip's picture shows them."""
+        plane = self.told_in.plane
+        return places if plane is None else plane.shown(places)
 
 
 def _plane(positions: np.ndarray) -> np.ndarray:
