@@ -68,7 +68,7 @@ def drawing_of(run: Path, name: str, found: Answered, frames: Frames | None) -> 
         frames: of the clip, where it was one.
     """
     units, wall = found.told_in, found.data.get("wall")
-    flat = frames is None or units.plane is not None  # in whose plane no picture is drawn
+    behind = frames if units.plane is None else None  # a picture lies in no other plane
     figure = {
         "times": found.times,
         "positions": units.per * found.positions,
@@ -76,7 +76,7 @@ def drawing_of(run: Path, name: str, found: Answered, frames: Frames | None) -> 
         "path": None if found.path is None else (found.path[0], units.per * found.path[1]),
         "said": found.headline,
         "unit": units.name,
-        "picture": None if flat else (frames[len(frames) // 2], units.per),
+        "picture": None if behind is None else (behind[len(behind) // 2], units.per),
         "probability": found.probability,
         "wall": None if wall is None else {**wall, "place": units.per * wall["place"]},
         "holds": found.data["terms"] if found.data["explained"] else (),
