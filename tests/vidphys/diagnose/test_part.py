@@ -40,3 +40,17 @@ def test_a_law_is_told_up_to_an_impact_that_it_has_not(kick, struck):
     found = given.data["mechanism"][0]["quantities"]
     assert abs(found["restitution"]["value"] - 0.75) < 0.02
     assert abs(found["acceleration"]["value"] - PULL) < 0.3
+
+
+def test_what_is_followed_after_a_long_gap_may_be_something_else():
+    """A ball that leaves the picture; then somebody's sleeve takes its place."""
+    rng, times = np.random.default_rng(3), np.arange(60) * STEP
+    flown = np.stack([0.8 * times, 1.2 * times - PULL / 2 * times**2], -1)
+    sleeve = np.array([-0.6, -0.9]) + np.cumsum(0.01 * rng.standard_normal((50, 2)), 0)
+    path = np.concatenate([flown, np.full((15, 2), np.nan), sleeve])
+    given = answer(
+        motion_of((path + 0.002 * rng.standard_normal(path.shape))[None, :, None], STEP), False, 0.3
+    )
+    assert given.data["terms"] == ["uniform"] and given.data["status"] == "mostly explained"
+    assert given.data["frames"]["last"] == 59
+    assert "after 59 comes a gap of 15 frames" in given.lines[0]

@@ -16,6 +16,7 @@ from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.units import Units
 from vidphys.progress import Progress
 
+LONG = 10  # frames in which nothing is seen, after which something else may be followed
 FEWEST = 10  # frames that are fitted at least, where some are held out
 
 
@@ -28,14 +29,14 @@ class Part:
         first: of all frames, the one that they begin with.
         end: of their own, the first that nothing was fitted to.
         understood: what they show.
-        struck: whether they end before an impact that the law does not foretell.
+        then: what comes after them, which the law does not foretell; empty where nothing does.
     """
 
     motion: Motion
     first: int
     end: int
     understood: Understood
-    struck: bool = False
+    then: str = ""
 
 
 def understood_part(
@@ -73,14 +74,14 @@ def understood_part(
         return _sought(asked(first + motion.cut(first).shown()[0], total))
     if whole.understood.status != NOT:
         return whole
-    for first, stop in _lawful(whole, angles):
+    for first, stop, then in _lawful(whole, angles):
         try:
             part = _sought(asked(first, stop))
         except Unseen:  # too little of it is seen
             continue
         told = part.understood.explanation
         if part.understood.status != NOT and isinstance(told, ByMechanism):
-            return replace(part, struck=stop < total)
+            return replace(part, then=then)
     return whole
 
 
@@ -93,14 +94,25 @@ def _sought(part: Part) -> Part:
     return replace(part, understood=understood)
 
 
-def _lawful(whole: Part, angles: bool) -> Iterator[tuple[int, int]]:
-    """First frame of each part that a law may hold in, and the one after the last."""
+def _lawful(whole: Part, angles: bool) -> Iterator[tuple[int, int, str]]:
+    """First frame of each part that a law may hold in, the one after the last, and what comes."""
     total = whole.motion.positions.shape[1]
     told = whole.understood.explanation
     if told is not None and (struck := _struck(whole)):
-        yield told.first, struck
+        yield told.first, struck, "an impact that the law does not foretell"
     if first := first_lawful(whole.motion, angles):
-        yield first, total
+        yield first, total, ""
+    for lost, again in _gaps(whole.motion):
+        yield 0, lost, f"a gap of {again - lost} frames; what is seen later may be something else"
+
+
+def _gaps(motion: Motion) -> list[tuple[int, int]]:
+    """Of one clip: frames from which nothing is seen for long, and seen again; the last first."""
+    if motion.clips > 1:
+        return []
+    seen = np.flatnonzero(motion.seen[0].any(-1))
+    ends = [(int(a) + 1, int(b)) for a, b in zip(seen[:-1], seen[1:], strict=True)]
+    return [(a, b) for a, b in reversed(ends) if b - a >= LONG and a >= FEWEST + LEAST_FRAMES]
 
 
 def _struck(whole: Part) -> int:

@@ -18,6 +18,7 @@ from vidphys.diagnose.mechanisms.law import Law
 FLAT = 2  # dimensions of the plane
 BENT = 0.3  # radians from end to end, below which a curve is a line
 VAGUE = 0.15  # of the force: a standard error from which it is not told
+LIKELIER = 10.0  # of log likelihood after its price, than a usual law
 NEARER = 0.5  # times what a usual law leaves along the curve: what is left at most
 LENS = 0.02  # of the spread, by which a lens bends a curve at most
 ACROSS = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns a tangent's component to the normal's
@@ -32,8 +33,6 @@ def curved(clips: Sequence[Frames]) -> list[Fit]:
     """
     places = [clip.stretches[0].places for clip in clips]
     if places[0].shape[1] != FLAT or clips[0].inputs is not None:
-        return []
-    if any(clip.impacts for clip in clips):  # what is struck leaves its curve
         return []
     each = zip(places, clips, strict=True)
     drawn = [p if clip.ahead is None else np.concatenate([p, clip.ahead]) for p, clip in each]
@@ -50,12 +49,15 @@ def curved(clips: Sequence[Frames]) -> list[Fit]:
 
 
 def keeps_to_it(found: Fit, usual: Fit) -> bool:
-    """Whether a usual law misses the curve by more than a lens bends it, or far more along it.
+    """Whether a usual law is far less likely, and misses the curve by more than a lens bends it, or
+    far more along it.
 
     A curve that all places draw leaves nothing across it, whatever moves the body.
     """
     curve = found.model.law.curve
     assert curve is not None
+    if found.score < usual.score + LIKELIER:
+        return False
     rows = [curve.row(curve.read(clip.stretches[0].places)) for clip in found.clips]
     tangents = curve.tangents[np.concatenate(rows)]
     own, other = (np.concatenate(x.residuals) for x in (found, usual))

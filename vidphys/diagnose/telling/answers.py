@@ -192,8 +192,8 @@ def _answer(
     )
     said = about(found, identity, advice, answered.told_in)
     lawful = later + (0 if explanation is None else explanation.first)
-    struck = later + len(motion.times[0]) if part.struck else 0
-    _left_out(answered, recorded, used, (begin, stop), lawful, struck)
+    then = (later + len(motion.times[0]), part.then)
+    _left_out(answered, recorded, used, (begin, stop), lawful, then)
     if understood.no_formula:
         answered.data["no_formula"] = understood.no_formula
         answered.lines.append(f"{understood.no_formula[0].upper()}{understood.no_formula[1:]}.")
@@ -246,14 +246,15 @@ def _left_out(
     used: Used,
     free: tuple[int, int],
     lawful: int,
-    struck: int,
+    then: tuple[int, str],
 ) -> None:
     """Say which frames are looked at, and why the others are not.
 
     Args:
         free: the first frame in which nothing holds a body, and the one after the last.
         lawful: frames after that first one, from which one law holds.
-        struck: frames after that first one, from which it does not any more; 0: it does.
+        then: frames after that first one, from which it does not any more, and what comes there;
+            nothing where it does.
     """
     (first, stop), (begin, end) = recorded.shown(), free
     last, why = recorded.positions.shape[1], []
@@ -273,9 +274,10 @@ def _left_out(
         why.append(f"something holds the {noun} from {used.first + end} on")
     if lawful:
         why.append(f"one law holds from {used.first + begin + lawful} on")
-    if struck:
-        end = begin + struck
-        why.append(f"after {used.first + end - 1} comes an impact that the law does not foretell")
+    count, comes = then
+    if comes:
+        end = begin + count
+        why.append(f"after {used.first + end - 1} comes {comes}")
     begin += lawful
     answered.data["frames"] = used.data(begin, end)
     answered.lines.insert(0, used.line(begin, end, why))
