@@ -138,3 +138,9 @@ def test_a_pendulum_whose_arc_is_seen_bent_is_told_as_one():
     given = told((places + 0.01 * wave)[:, None], 0.04)
     assert given.data["terms"] == ["linear", "pendulum"]
     assert quantity(given, "rate")[0] == pytest.approx(np.sqrt(G), rel=0.02)
+
+
+def test_places_at_both_ends_alone_draw_no_curve():
+    """Nothing is seen where a part of the spline is."""
+    ends = np.concatenate([np.linspace(0, 0.002, 20), [0.94, 0.96, 0.98, 1.0]])
+    assert curve_through([np.stack([ends, ends**2], -1)]) is None

@@ -99,10 +99,11 @@ def curve_through(paths: Sequence[np.ndarray]) -> Curve | None:
     longest = max((way for path in paths for way in _ways(path)), key=_length, default=None)
     if longest is None or len(longest) <= DEGREE + 1:
         return None
-    curve = _evenly(longest, 0)
+    curve: Curve | None = _evenly(longest, 0)
     for _ in range(ROUNDS):
-        s = np.concatenate([curve.read(path) for path in paths])
-        curve = _drawn(s, np.concatenate(list(paths)))
+        if curve is not None:
+            s = np.concatenate([curve.read(path) for path in paths])
+            curve = _drawn(s, np.concatenate(list(paths)))
     return curve
 
 
@@ -136,8 +137,11 @@ def _evenly(path: np.ndarray, free: int) -> Curve:
     return Curve(points, float(along[-1]), free)
 
 
-def _drawn(s: np.ndarray, places: np.ndarray) -> Curve:
-    """The spline through places at their lengths, of as many knots as Schwarz's price allows."""
+def _drawn(s: np.ndarray, places: np.ndarray) -> Curve | None:
+    """The spline through places at their lengths, of as many knots as Schwarz's price allows.
+
+    ``None`` where a part even of the plainest is drawn by no place.
+    """
     best, least = None, np.inf
     for count in KNOTS:
         inner = np.linspace(s.min(), s.max(), count + 2)
@@ -151,6 +155,7 @@ def _drawn(s: np.ndarray, places: np.ndarray) -> Curve:
         price = 0.5 * len(s) * np.log(max(left, np.finfo(float).tiny)) + 0.5 * free * np.log(len(s))
         if price < least:
             best, least = (BSpline(knots, found, DEGREE), inner, free), price
-    assert best is not None  # a curve without knots always has a price
+    if best is None:
+        return None
     spline, inner, free = best
     return _evenly(spline(np.linspace(inner[0], inner[-1], 4 * POINTS)), free)
