@@ -23,6 +23,8 @@ WALL, HELD = "#222222", "#f3ece4"
 WRAP = 130  # letters of a line above
 MARKERS = (".", "+", "x")  # of the axes of what is left
 INSIDE = 98  # per cent of what is left, that is drawn; outliers would hide it
+COLUMNS, WIDE = 6, 95  # of a legend at most, and its letters in a row
+HANDLE = 7  # letters that the mark of a label takes
 Path = tuple[np.ndarray, np.ndarray]
 
 
@@ -79,7 +81,7 @@ def diagnosis_figure(
                 panel.axvspan(first, last, color=HELD, zorder=-1, lw=0, label="held out")
         handles, labels = named_handles(axes[:rows])
         sides[0].legend(
-            handles, labels, loc="outside upper center", ncols=min(6, len(labels)), frameon=False
+            handles, labels, loc="outside upper center", ncols=_columns(labels), frameon=False
         )
         axes[rows].set_xlabel("seconds")
         if len(sides) > 1:
@@ -99,6 +101,17 @@ def _say(figure: Figure, said: Sequence[str]) -> None:
         title = figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=10)
         if len(lines) == 1:
             title.set_fontsize(13)
+
+
+def _columns(labels: Sequence[str]) -> int:
+    """Of a legend, as many as its figure is wide enough for."""
+    fits = [
+        count
+        for count in range(2, COLUMNS + 1)
+        if sum(len(max(labels[k::count], key=len, default="")) + HANDLE for k in range(count))
+        < WIDE
+    ]
+    return min(max(fits, default=1), max(len(labels), 1))
 
 
 def _in(name: str, unit: str) -> str:
