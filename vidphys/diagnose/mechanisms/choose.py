@@ -191,9 +191,10 @@ def _plain(found: Fit) -> tuple[int, int]:
     than dry friction.
     """
     law = found.model.law
-    if law.restoring == "none" or law.curve is not None:
+    if law.restoring == "none" or (law.curve is not None and _goes_one_way(found)):
         return len(found.covariance), 0
-    usual = "linear" if law.restoring in ("trap", "pendulum") else "square"
+    swings = law.restoring in ("trap", "pendulum") or law.curve is not None
+    usual = "linear" if swings else "square"
     odd = law.friction not in ("none", usual) or _only_pulled_back(found)
     return len(found.covariance), int(odd)
 

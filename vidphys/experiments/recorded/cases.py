@@ -103,11 +103,13 @@ def bob(random: Random) -> Case:
 def bowl(random: Random) -> Case:
     """A bead on a curve."""
     power = float(random.choice([2.0, 3.0, 4.0]))
-    width = random.uniform(0.2, 0.4)
-    numbers = np.array([random.uniform(0.1, 0.3), width, power, random.uniform(0, 0.2), width])
+    width, damping = random.uniform(0.2, 0.4), random.uniform(0.03, 0.25)
+    numbers = np.array([random.uniform(0.1, 0.3), width, power, damping, width])
     rate = float(random.choice([30, 60]))
     path = BOWL.path(numbers, np.arange(int(6 * rate)) / rate)
-    return Case("bowl", pixels(random, path, rate), None)
+    known = {"acceleration": PIXELS * GRAVITY, "linear friction": damping}
+    kinds = frozenset({"curve", "linear", "uniform"})
+    return Case("bowl", pixels(random, path, rate), kinds, known)
 
 
 def slack(random: Random) -> Case:
