@@ -27,7 +27,7 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["twice the stiffness"] = {"stiffness": 2.0}
     elif "centre" in kinds:
         asked["twice the strength"] = {"strength": 2.0}
-    elif "uniform" in kinds:
+    elif kinds & {"uniform", "string"}:
         asked["twice the field"] = {"force": 2.0}
     if "collision" in kinds:
         asked["a second body of twice the mass"] = {"mass 2": 2.0}

@@ -32,6 +32,7 @@ BY = {
     "chain": "as two rods that hang end on end",
     "centre": "a fixed place pushes it away, by a power of the distance",
     "elastic": "a spring of a rest length ties it to a fixed place, under a constant acceleration",
+    "string": "on a string that goes slack, under a constant acceleration",
 }
 LOSES = {
     "linear": "friction goes with its speed",
@@ -47,6 +48,7 @@ SHORT = {
     "pendulum": "pendulum on an arc",
     "centre": "a fixed place that pushes or pulls",
     "elastic": "spring from a fixed place, constant acceleration",
+    "string": "a string that goes slack, constant acceleration",
     "lift": "lift by its spin",
     "turning": "force across its way ~ v",
     "forcing": "sinusoid that drives it",

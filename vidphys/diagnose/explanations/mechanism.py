@@ -46,6 +46,7 @@ UNWRITTEN = {
     "centre": "a fixed place that pushes or pulls",
     "lift": "a lift that goes with a spin",
     "elastic": "a spring from a fixed place",
+    "string": "a string that goes slack",
     "turning": "a force across the way",
     "forcing": "a sinusoid that drives it",
     "curve": "a curve that it keeps to",

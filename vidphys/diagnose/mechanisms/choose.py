@@ -22,6 +22,7 @@ from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import FRICTIONS
 from vidphys.diagnose.mechanisms.lift import lifted
 from vidphys.diagnose.mechanisms.rubbed import rubbed
+from vidphys.diagnose.mechanisms.slack import slack
 from vidphys.diagnose.mechanisms.spin import spun
 from vidphys.diagnose.mechanisms.walled import walled
 
@@ -104,6 +105,7 @@ def fits_of(
     sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
     others = _rarer(clips, sensible[:1], angles, camera, alone)
     if alone and not angles and not any(map(_follows if camera else _tells_all, sensible[:1])):
+        others += [x for x in slack(clips) if makes_sense(x)]
         others += _curved(clips, sensible[:1])
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None

@@ -12,12 +12,14 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.curve import Curve
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.mechanisms.sliding_kernel import slid
+from vidphys.diagnose.mechanisms.string_kernel import swung
 from vidphys.diagnose.recordings.inputs import Signal
 
-RESTORING = ("none", "uniform", "trap", "pendulum", "chain", "centre", "elastic")
+RESTORING = ("none", "uniform", "trap", "pendulum", "chain", "centre", "elastic", "string")
 FRICTIONS = ("none", "linear", "square", "dry", "linear+dry", "linear+square")
 RATES = ("linear", "square", "dry")  # the order in which the kernel takes them
 COULOMB = 2.0  # the power of the distance, as of gravity
+OVER_TOP = 5.0  # times g over the length, the square of the rate of what goes over the top
 FINE = 0.15  # radians of the fastest motion that one step turns at most
 FORCING = ("forcing 1", "forcing 2", "forcing rate")  # with its cosine and its sine; radians/s
 MOST_POINTS = 100_000  # through which a sinusoid is drawn
@@ -109,6 +111,8 @@ class Law:
             names += [f"stiffness{x}" for x in each]
         if self.restoring == "elastic":
             names += ["stiffness", "rest", *self._place]
+        if self.restoring == "string":
+            names += ["rest", *self._place]
         names += self.forces
         if self.restoring in ("pendulum", "chain"):
             names += [f"swing{x}" for x in each]
@@ -138,7 +142,7 @@ class Law:
         """Names of its steady force's numbers, one for each coordinate."""
         if self.curve is not None:
             return self._steady(2)[int(self.upright) :]
-        steady = self.restoring in ("uniform", "trap", "elastic")
+        steady = self.restoring in ("uniform", "trap", "elastic", "string")
         return self._steady(self.coordinates) if steady else ()
 
     @staticmethod
@@ -182,6 +186,9 @@ class Law:
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
         stiff += [numbers[name] ** 2 for name in ("lift", *self.turns) if name in numbers]
         stiff += [numbers[FORCING[-1]] ** 2] if self.forced else []
+        if self.restoring == "string":
+            pull = np.linalg.norm([numbers[name] for name in self.forces])
+            stiff += [OVER_TOP * float(pull) / max(abs(numbers["rest"]), np.finfo(float).tiny)]
         if self.curve is not None:
             pull = np.linalg.norm([numbers[name] for name in self.forces])
             stiff += [float(pull * np.abs(self.curve.bends).max())]
@@ -198,7 +205,8 @@ class Law:
     @property
     def _place(self) -> tuple[str, ...]:
         """Names of the fixed place's coordinates."""
-        count = self.coordinates if self.restoring == "elastic" else len(self.turned_at)
+        here = self.restoring in ("elastic", "string")
+        count = self.coordinates if here else len(self.turned_at)
         return tuple(f"centre {i + 1}" for i in range(count))
 
     def centre(self, numbers: Mapping[str, tuple[float, float]]) -> np.ndarray:
@@ -237,6 +245,8 @@ class Law:
         most = interval / float(steps) * (1 + 1e-9)
         if self.curve is not None:
             return self._slid(numbers, start, times, most)
+        if self.restoring == "string":
+            return self._swung(numbers, start, times, most)
         force, stiffness, swing, friction = self._forces(numbers)
         with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
             out = rolled(
@@ -271,6 +281,14 @@ class Law:
         force = np.array([numbers.get(name, 0.0) for name in self._steady(2)])
         friction = np.array([numbers.get(name, 0.0) for name in RATES])
         return slid(times, start, force, friction, self.curve.table, self.curve.spacing, most)
+
+    def _swung(
+        self, numbers: Mapping[str, float], start: np.ndarray, times: np.ndarray, most: float
+    ) -> np.ndarray:
+        """Places of a weight on a string and their rates ``(t, 2, 2)``."""
+        string = np.array([*(numbers[name] for name in self._place), numbers["rest"]])
+        force = np.array([numbers[name] for name in self.forces])
+        return swung(times, start, string, force, numbers.get("linear", 0.0), most)
 
     def _forces(self, numbers: Mapping[str, float]) -> tuple[np.ndarray, ...]:
         """As the kernel takes them: force, stiffness, swing and frictions."""

@@ -202,7 +202,9 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         yield from _of_weights(fit)
     if law.restoring == "elastic":
         yield "rest length", number("rest"), 1, 0
-    if law.restoring in ("uniform", "elastic"):
+    if law.restoring == "string":
+        yield "length", number("rest"), 1, 0
+    if law.restoring in ("uniform", "elastic", "string"):
         forces = [at[name] for name in law.forces]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
     if law.coupled and law.coordinates == 2:

@@ -116,9 +116,11 @@ def slack(random: Random) -> Case:
     """A weight on a string that goes slack."""
     length, rate = random.uniform(0.25, 0.5), float(random.choice([30, 60]))
     speed = np.sqrt(GRAVITY * length * random.uniform(2.4, 4.4))
-    numbers = np.array([length, random.uniform(0.0, 0.1), speed])
+    numbers = np.array([length, random.uniform(0.03, 0.15), speed])
     path = SLACK.path(numbers, np.arange(int(4 * rate)) / rate)
-    return Case("slack string", pixels(random, path, rate), None)
+    known = {"acceleration": PIXELS * GRAVITY, "length": PIXELS * length}
+    kinds = frozenset({"string", "linear"})
+    return Case("slack string", pixels(random, path, rate), kinds, known)
 
 
 def bent_trap(random: Random) -> Case:

@@ -1,4 +1,4 @@
-"""Motions on a bowl; and, which no term of the menu has, on a slack string or in a bent trap."""
+"""Motions on a bowl, on a string that goes slack, and, which no term has, in a bent trap."""
 
 from __future__ import annotations
 
