@@ -280,7 +280,7 @@ def test_what_rolls_until_it_rests_is_rubbed(space, rests):
 )
 def test_dry_friction_is_likelier_than_a_pull_that_only_slows(monkeypatch, behind, coasts, first):
     def fitted(restoring, friction, numbers, score):
-        law = SimpleNamespace(restoring=restoring, friction=friction)
+        law = SimpleNamespace(restoring=restoring, friction=friction, curve=None)
         model = SimpleNamespace(law=law)
         return SimpleNamespace(model=model, score=score, covariance=np.eye(numbers))
 

@@ -11,7 +11,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import centred, told
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.crosswise import crosswise
-from vidphys.diagnose.mechanisms.curved import curved, keeps_to_it
+from vidphys.diagnose.mechanisms.curved import curved
 from vidphys.diagnose.mechanisms.elastic import elastic, stretches
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.fit import fit, race
@@ -104,9 +104,6 @@ def fits_of(
     found += [x for x in (_smooth(clips, x) for x in found if _speeds_up(x)) if x is not None]
     sensible = ranked(_hanging(_near_surely([x for x in found if makes_sense(x)])))
     others = _rarer(clips, sensible[:1], angles, camera, alone)
-    if alone and not angles and not any(map(_follows if camera else _tells_all, sensible[:1])):
-        others += [x for x in slack(clips) if makes_sense(x)]
-        others += _curved(clips, sensible[:1])
     others = [pictured(clips, x) if camera else x for x in others]
     spinning = spun(clips, sensible[0]) if sensible else None
     if spinning is None or makes_sense(spinning):
@@ -132,9 +129,9 @@ def _rarer(
         others += [x for x in crosswise(clips) if makes_sense(x)]
     if alone and not (angles or camera or any(map(told, [*best, *others]))):
         springs = [x for x in elastic(clips) if makes_sense(x)]
-        others += [
-            x for x in springs if stretches(x) or not holds
-        ]  # what holds may keep its length
+        others += [x for x in springs if stretches(x) or not holds]  # else a rod holds it
+    if alone and not (angles or any(map(_follows if camera else _tells_all, best))):
+        others += [x for x in (*slack(clips), *curved(clips, best)) if makes_sense(x)]
     return others
 
 
@@ -309,12 +306,6 @@ def _holds(found: Fit) -> bool:
 def _follows(found: Fit) -> bool:
     """Whether it leaves no more than a lens does."""
     return found.left < LENS * found.spread
-
-
-def _curved(clips: Sequence[Frames], usual: Sequence[Fit]) -> list[Fit]:
-    """Laws of a body that keeps to a curve, where they tell more than a usual one that holds."""
-    found = [x for x in curved(clips) if makes_sense(x)]
-    return [x for x in found if all(keeps_to_it(x, one) for one in usual)]
 
 
 def _tells_all(found: Fit) -> bool:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 DEGREE = 3
 KNOTS = (0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36)  # within a curve, of which one count is taken
@@ -142,6 +141,8 @@ def _drawn(s: np.ndarray, places: np.ndarray) -> Curve | None:
 
     ``None`` where a part even of the plainest is drawn by no place.
     """
+    from scipy.interpolate import BSpline  # takes a moment to load, which few recordings need
+
     best, least = None, np.inf
     for count in KNOTS:
         inner = np.linspace(s.min(), s.max(), count + 2)

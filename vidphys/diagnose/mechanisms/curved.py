@@ -25,11 +25,12 @@ ACROSS = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns a tangent's component to t
 FRICTIONS = ("none", "linear", "square", "dry")
 
 
-def curved(clips: Sequence[Frames]) -> list[Fit]:
+def curved(clips: Sequence[Frames], usual: Sequence[Fit] = ()) -> list[Fit]:
     """Laws of a body that a steady force pulls along the curve that all of its places draw.
 
     Args:
         clips: of the body.
+        usual: other laws of it, which may as well be the true ones.
     """
     places = [clip.stretches[0].places for clip in clips]
     if places[0].shape[1] != FLAT or clips[0].inputs is not None:
@@ -45,10 +46,11 @@ def curved(clips: Sequence[Frames]) -> list[Fit]:
     for friction, upright in product(FRICTIONS, (True, False)):
         law = Law(1, "uniform", friction, curve=curve, upright=upright)
         runners.append((Model(law, (Bound(curve),)), [_begun(one, law, curve) for one in seen]))
-    return [x for x in race(clips, runners) if _told(x)]
+    told = [x for x in race(clips, runners) if _told(x)]
+    return [x for x in told if all(_keeps_to_it(x, one) for one in usual)]
 
 
-def keeps_to_it(found: Fit, usual: Fit) -> bool:
+def _keeps_to_it(found: Fit, usual: Fit) -> bool:
     """Whether a usual law is far less likely, and misses the curve by more than a lens bends it, or
     far more along it.
 

@@ -41,7 +41,8 @@ def slack(clips: Sequence[Frames]) -> list[Fit]:
         seen = seen_in(clips, places, half)
         s, v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "sva")
         across = (s - centre) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)  # where no string pulls
+        far = np.linalg.norm(across, axis=1, keepdims=True)
+        across /= np.maximum(far, np.finfo(float).tiny)  # where no string pulls
         design = np.column_stack([across, -(v * across).sum(1)])
         told = np.linalg.lstsq(design, (a * across).sum(1), rcond=None)[0]
         begun.append(np.concatenate([[length], centre, told, *map(start_of, seen)]))
@@ -51,34 +52,39 @@ def slack(clips: Sequence[Frames]) -> list[Fit]:
 def _string(places: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Where a string hangs, and its length: the circle on which most places lie and outside of
     which none does, if some lie within.
-
-    It is sought among the circles through three places (Fischler and Bolles 1981, Commun. ACM 24).
     """
     half = 0.5 * float(np.ptp(places, axis=0).max())
     cells = np.floor(places / (CELL * half)) if half else places
-    apart = np.unique(cells, axis=0, return_index=True)[1]
-    places = places[np.sort(apart).astype(int)]  # where it hangs at last, many lie
-    draws = np.random.default_rng(0).integers(len(places), size=(TRIED, 3))
-    one, two, three = places[draws.T]
+    places = places[np.unique(cells, axis=0, return_index=True)[1]]  # it hangs still for long
+    centres, radii = _circles(places)
+    out = np.linalg.norm(places - centres[:, None], axis=2) - radii[:, None]
+    on = (np.abs(out) < NEAR * half) & (out < BEYOND * half).all(1)[:, None]
+    if not on.any():
+        return None
+    rim = places[on[on.sum(1).argmax()]]
+    centre = circle_through(rim)
+    if centre is None:
+        return None
+    length = float(np.linalg.norm(rim - centre, axis=1).mean())
+    within = np.linalg.norm(places - centre, axis=1).min() < LEAST * length
+    return (centre, length) if within else None
+
+
+def _circles(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres ``(c, 2)`` and radii ``(c,)`` of circles through three places drawn by chance.
+
+    So a circle is found on which many lie, but not all (Fischler and Bolles 1981, Commun. ACM 24).
+    """
+    draws = np.random.default_rng(0).integers(len(places), size=(3, TRIED))
+    one, two, three = places[draws]
     b, c = two - one, three - one
     twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
     bent = np.abs(twice) > SLIM * (b**2).sum(1)
-    b, c, twice, one = b[bent], c[bent], twice[bent], one[bent]
+    one, b, c, twice = one[bent], b[bent], c[bent], twice[bent]
     bb, cc = (b**2).sum(1), (c**2).sum(1)
     turned = np.stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb], 1)
-    centres = one + turned / twice[:, None]
-    radii = np.linalg.norm(one - centres, axis=1)
-    out = np.linalg.norm(places - centres[:, None], axis=2) - radii[:, None]
-    on = (np.abs(out) < NEAR * half) & (out.max(1) < BEYOND * half)[:, None]
-    best = int(on.sum(1).argmax()) if len(on) else 0
-    if not on[best : best + 1].any():
-        return None
-    centre = circle_through(places[on[best]])
-    if centre is None:
-        return None
-    length = float(np.linalg.norm(places[on[best]] - centre, axis=1).mean())
-    within = np.linalg.norm(places - centre, axis=1).min() < LEAST * length
-    return (centre, length) if within else None
+    away = turned / twice[:, None]
+    return one + away, np.linalg.norm(away, axis=1)
 
 
 def _told(found: Fit) -> bool:
