@@ -105,13 +105,12 @@ def _say(figure: Figure, said: Sequence[str]) -> None:
 
 def _columns(labels: Sequence[str]) -> int:
     """Of a legend, as many as its figure is wide enough for."""
-    fits = [
-        count
-        for count in range(2, COLUMNS + 1)
-        if sum(len(max(labels[k::count], key=len, default="")) + HANDLE for k in range(count))
-        < WIDE
-    ]
-    return min(max(fits, default=1), max(len(labels), 1))
+    sizes = [len(label) + HANDLE for label in labels]
+    for count in range(min(COLUMNS, len(labels)), 1, -1):
+        columns = np.array_split(sizes, count)  # each as wide as its widest label
+        if sum(int(column.max()) for column in columns) < WIDE:
+            return count
+    return 1
 
 
 def _in(name: str, unit: str) -> str:

@@ -32,18 +32,24 @@ def test_the_rectangle_has_its_sides_and_right_angles():
 
 
 def test_the_plane_lies_as_the_picture_does():
-    """To the right and upwards stay so, nothing is mirrored, and the middle is the middle."""
-    units = on_it()
-    assert units.plane is not None
-    assert units.plane.flat(np.zeros(2)) == pytest.approx(np.zeros(2), abs=1e-12)
-    left, right, near, _ = corners(units)
+    """To the right and upwards stay so, and nothing is mirrored; the middle is the table's."""
+    assert corners(on_it()).mean(0) == pytest.approx(np.zeros(2), abs=1e-12)
+    left, right, near, _ = corners(on_it())
     assert right[0] - left[0] > 1.1 and near[1] < right[1] - 0.7
 
 
 def test_places_go_there_and_back():
-    plane, places = on_it().plane, np.random.default_rng(0).uniform(-0.9, 0.9, (30, 2, 2))
+    plane, places = on_it().plane, np.random.default_rng(0).uniform(-0.7, 0.7, (30, 2, 2))
     assert plane is not None
     assert plane.shown(plane.flat(places)) == pytest.approx(places, abs=1e-12)
+
+
+def test_what_is_seen_beyond_the_horizon_is_not_on_the_table():
+    """A head behind it: the table's plane ends 1.3 half widths above the picture's middle."""
+    plane = on_it().plane
+    assert plane is not None
+    assert np.isfinite(plane.flat(np.array([0.0, 1.2]))).all()
+    assert np.isnan(plane.flat(np.array([0.0, 1.4]))).all()
 
 
 @pytest.mark.parametrize("turned", [1, 2, 3])
