@@ -7,6 +7,7 @@ import numpy as np
 from vidphys.diagnose.explanations.law_words import SHORT
 from vidphys.diagnose.explanations.verdict import ALL
 from vidphys.diagnose.mechanisms.charts import Chart, Line
+from vidphys.diagnose.mechanisms.curved import once
 from vidphys.diagnose.mechanisms.elastic import stretches
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.quantities import quantities
@@ -48,6 +49,10 @@ STRUCK = (
     "In doubt: it turned round once, which a body that was not followed may have done as well as a "
     "wall. Look at what it bounces off."
 )
+ONCE = (
+    "In doubt: it passes its curve once. What flies, and is pushed across its way as by its spin, "
+    "goes alike. Film it to and fro."
+)
 STIFF = "In doubt: its spring hardly stretches, as a rod or a string does not."
 HIDDEN = (
     "In doubt: a second body that was not followed, tied to this one, moves it alike. Film what is "
@@ -72,6 +77,7 @@ def doubts(fit: Fit) -> list[str]:
         CIRCLES: circles(fit),
         PRECESSES: precesses(fit),
         STIFF: stiff(fit),
+        ONCE: once(fit),
         STRUCK: struck_once(fit),
         HIDDEN: fit.kinds & {"forcing", "linear"} == {"forcing"},
         MISSED: missed(fit),

@@ -22,6 +22,8 @@ LIKELIER = 10.0  # of log likelihood after its price, than a usual law
 NEARER = 0.5  # times what a usual law leaves along the curve: what is left at most
 LENS = 0.02  # of the spread, by which a lens bends a curve at most
 ACROSS = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns a tangent's component to the normal's
+PRESSED = 0.3  # of the force, that presses a body to its curve at least
+AGAIN = 1.1  # times a curve's length, that a way along it is long at most which passes it once
 FRICTIONS = ("none", "linear", "square", "dry")
 
 
@@ -81,7 +83,22 @@ def _begun(seen: Sequence[Local], law: Law, curve: Curve) -> np.ndarray:
 
 
 def _told(found: Fit) -> bool:
-    """Whether the recording tells the force."""
-    forces = [found.numbers[name] for name in found.model.law.forces]
+    """Whether the recording tells the force, and that the curve presses: what flies needs none."""
+    law = found.model.law
+    forces = [found.numbers[name] for name in law.forces]
     size = float(np.linalg.norm([value for value, _ in forces]))
-    return max(error for _, error in forces) < VAGUE * size
+    if max(error for _, error in forces) >= VAGUE * size:
+        return False
+    assert law.curve is not None
+    level, up = ([0.0] * law.upright + [value for value, _ in forces])[:FLAT]
+    s, v = np.concatenate(found.model.coordinates(found.values, found.clips))[..., 0].T
+    x, y, bend = law.curve.table[law.curve.row(s)].T
+    return bool(np.median(np.abs(bend * v**2 + level * y - up * x)) > PRESSED * size)
+
+
+def once(found: Fit) -> bool:
+    """Whether a body passes its curve once, as what flies and is pushed across its way does too."""
+    if found.model.law.curve is None:
+        return False
+    ways = [r[:, 0, 0] for r in found.model.coordinates(found.values, found.clips)]
+    return all(bool(np.abs(np.diff(s)).sum() < AGAIN * np.ptp(s)) for s in ways)
