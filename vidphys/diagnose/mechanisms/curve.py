@@ -38,6 +38,11 @@ class Curve:
         return self.length / (len(self.points) - 1)
 
     @cached_property
+    def along(self) -> np.ndarray:
+        """Lengths from the first point to each, ``(n,)``."""
+        return np.linspace(0.0, self.length, len(self.points))
+
+    @cached_property
     def tangents(self) -> np.ndarray:
         """Directions of length one, ``(n, 2)``."""
         slope = np.gradient(self.points, axis=0)
@@ -46,8 +51,18 @@ class Curve:
     @cached_property
     def bends(self) -> np.ndarray:
         """Curvature, positive to the left, ``(n,)``."""
+        return np.gradient(self._headings, self.spacing)
+
+    @cached_property
+    def _headings(self) -> np.ndarray:
+        """Radians from the first axis, ``(n,)``."""
         x, y = self.tangents.T
-        return np.gradient(np.unwrap(np.arctan2(y, x)), self.spacing)
+        return np.unwrap(np.arctan2(y, x))
+
+    @cached_property
+    def sharpest(self) -> float:
+        """The largest curvature."""
+        return float(np.abs(self.bends).max())
 
     @cached_property
     def table(self) -> np.ndarray:
@@ -61,14 +76,12 @@ class Curve:
     @property
     def turn(self) -> float:
         """Radians between the directions that differ most."""
-        x, y = self.tangents.T
-        return float(np.ptp(np.unwrap(np.arctan2(y, x))))
+        return float(np.ptp(self._headings))
 
     def at(self, s: np.ndarray) -> np.ndarray:
         """Places ``(t, 2)`` of lengths ``(t,)`` from the first point."""
-        along = np.linspace(0.0, self.length, len(self.points))
         inside = np.clip(s, 0.0, self.length)
-        on = np.stack([np.interp(inside, along, x) for x in self.points.T], 1)
+        on = np.stack([np.interp(inside, self.along, x) for x in self.points.T], 1)
         ends = np.where((s > inside)[:, None], self.tangents[-1], self.tangents[0])
         return on + (s - inside)[:, None] * ends
 
@@ -77,15 +90,14 @@ class Curve:
 
         Where the curve meets itself a body goes on.
         """
-        along = np.linspace(0.0, self.length, len(self.points))
         out = np.empty(len(places))
         for i, place in enumerate(places):
             miss = ((self.points - place) ** 2).sum(1)
             if i > 0:
                 step = out[i - 1] - out[i - 2] if i > 1 else 0.0
-                miss += (AHEAD * (along - out[i - 1] - step)) ** 2
+                miss += (AHEAD * (self.along - out[i - 1] - step)) ** 2
             near = int(miss.argmin())
-            out[i] = along[near] + (place - self.points[near]) @ self.tangents[near]
+            out[i] = self.along[near] + (place - self.points[near]) @ self.tangents[near]
         return out
 
 

@@ -73,10 +73,10 @@ def _keeps_to_it(found: Fit, usual: Fit) -> bool:
 def _begun(seen: Sequence[Local], law: Law, curve: Curve) -> np.ndarray:
     """The law's numbers by least squares, and the starts."""
     s, v, a = (np.concatenate([getattr(x, name) for x in seen]).ravel() for name in "sva")
-    x, y, bend = curve.table[curve.row(s)].T
+    x, y, _ = curve.table[curve.row(s)].T
     pulls = y[:, None] if law.upright else np.column_stack([x, y])
     *level, up = np.linalg.lstsq(pulls, a, rcond=None)[0]
-    pressed = np.abs(bend * v**2 + sum(level) * y - up * x)
+    pressed = _pressed(curve, s, v, sum(level), up)
     lost = {"none": [], "linear": [v], "square": [np.abs(v) * v], "dry": [pressed * np.sign(v)]}
     design = np.column_stack([pulls, *(-x for x in lost[law.friction])])
     return np.concatenate([np.linalg.lstsq(design, a, rcond=None)[0], *map(start_of, seen)])
@@ -92,8 +92,13 @@ def _told(found: Fit) -> bool:
     assert law.curve is not None
     level, up = ([0.0] * law.upright + [value for value, _ in forces])[:FLAT]
     s, v = np.concatenate(found.model.coordinates(found.values, found.clips))[..., 0].T
-    x, y, bend = law.curve.table[law.curve.row(s)].T
-    return bool(np.median(np.abs(bend * v**2 + level * y - up * x)) > PRESSED * size)
+    return bool(np.median(_pressed(law.curve, s, v, level, up)) > PRESSED * size)
+
+
+def _pressed(curve: Curve, s: np.ndarray, v: np.ndarray, level: float, up: float) -> np.ndarray:
+    """What presses a body to the curve, at lengths and their rates ``(t,)``, under a force."""
+    x, y, bend = curve.table[curve.row(s)].T
+    return np.abs(bend * v**2 + level * y - up * x)
 
 
 def once(found: Fit) -> bool:

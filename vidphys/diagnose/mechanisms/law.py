@@ -191,7 +191,7 @@ class Law:
             stiff += [OVER_TOP * float(pull) / max(abs(numbers["rest"]), np.finfo(float).tiny)]
         if self.curve is not None:
             pull = np.linalg.norm([numbers[name] for name in self.forces])
-            stiff += [float(pull * np.abs(self.curve.bends).max())]
+            stiff += [float(pull) * self.curve.sharpest]
         if self.restoring == "centre":
             near = float(self._centre(numbers)[-2])
             stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
