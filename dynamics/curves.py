@@ -72,7 +72,20 @@ class TangentCurve(Curve):
         return self.cotangent(s) * force
 
 
-class Line(TangentCurve):
+class ByLength(TangentCurve):
+    """A curve whose coordinate is the way along it, so that its tangent has length one."""
+
+    @abstractmethod
+    def bend(self, s: Float[Tensor, "*b n 1"]) -> Float[Tensor, "*b n d"]:
+        """d^2q/ds^2, towards the centre of the circle that fits best, of its curvature's length."""
+
+    @property
+    @abstractmethod
+    def sharpest(self) -> float:
+        """The largest curvature, over world units."""
+
+
+class Line(ByLength):
     """A straight rail; s is the way along it from ``point``, in world units.
 
     Args:
@@ -99,6 +112,13 @@ class Line(TangentCurve):
 
     def tangent(self, s: Tensor) -> Tensor:
         return self.along.to(s).expand(*s.shape[:-1], -1)
+
+    def bend(self, s: Tensor) -> Tensor:
+        return torch.zeros_like(self.tangent(s))
+
+    @property
+    def sharpest(self) -> float:
+        return 0.0
 
     def coordinate(self, q: Tensor) -> Tensor:
         return ((q - self.point.to(q)) * self.along.to(q)).sum(-1, keepdim=True)
@@ -153,7 +173,7 @@ class Arc(TangentCurve):
         return torch.linalg.pinv(self.frame)
 
 
-class Drawn(TangentCurve):
+class Drawn(ByLength):
     """A smooth curve through points; s is the way along it from the first, in world units.
 
     It is closed where the last point is the first, and goes on straight beyond its ends otherwise.
@@ -206,6 +226,15 @@ class Drawn(TangentCurve):
         _, b, c, d, x = self._piece(self._inside(s)[0])
         return b + x * (2 * c + 3 * x * d)
 
+    def bend(self, s: Tensor) -> Tensor:
+        inside, beyond = self._inside(s)
+        _, _, c, d, x = self._piece(inside)
+        return torch.where(beyond == 0, 2 * c + 6 * x * d, 0)
+
+    @property
+    def sharpest(self) -> float:
+        return float(2 * self.pieces[2].norm(dim=-1).max())
+
     def velocity(self, s: Tensor, rate: Tensor) -> Tensor:
         return self._ahead(s) * rate
 
@@ -225,10 +254,7 @@ class Drawn(TangentCurve):
         return self._nearer(q, s.detach())
 
     def _nearer(self, q: Tensor, s: Tensor) -> Tensor:
-        inside, beyond = self._inside(s)
-        _, _, c, d, x = self._piece(inside)
-        tangent, off = self.tangent(s), q - self.place(s)
-        bend = torch.where(beyond == 0, 2 * c + 6 * x * d, 0)
+        tangent, off, bend = self.tangent(s), q - self.place(s), self.bend(s)
         along = (off * tangent).sum(-1, keepdim=True)
         return s + along / (tangent.square() - off * bend).sum(-1, keepdim=True)
 

@@ -1,4 +1,4 @@
-"""Fields that pull a body by its mass: gravity near the ground, free or on a circle."""
+"""Fields of one body: gravity near the ground, free or on a circle, wells, and fixed places."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from torch import Tensor, nn
 
 from dynamics.numbers import number
 from dynamics.state import Parameters
+
+NEAR_ONE = 1e-6  # of a power, up to which its potential is a logarithm
 
 
 class UniformField(nn.Module):
@@ -150,3 +152,97 @@ class EllipticTrap(nn.Module):
 
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         return -(q - self.centre.to(q)) @ self.stiffness.to(q)
+
+
+class Tether(nn.Module):
+    """V = stiffness sum_i (|q_i - centre| - rest)^2 / 2: a spring from a fixed place.
+
+    Args:
+        stiffness: per second squared, of a unit mass.
+        rest: the distance at which it does not pull, world units.
+        centre: the place, ``(d,)``, world units.
+        learned: whether they are.
+
+    Example:
+        >>> spring = Tether(4.0, 1.0, (0.0, 0.0), learned=False)
+        >>> law = Parameters(torch.ones(()), torch.ones(1))
+        >>> spring.force(torch.tensor([[1.5, 0.0]]), law).tolist()
+        [[-2.0, -0.0]]
+    """
+
+    stiffness: Tensor
+    rest: Tensor
+    centre: Tensor
+
+    def __init__(
+        self, stiffness: float, rest: float, centre: Sequence[float], learned: bool = True
+    ) -> None:
+        super().__init__()
+        number(self, "stiffness", stiffness, learned)
+        number(self, "rest", rest, learned)
+        number(self, "centre", centre, learned)
+
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
+        _, far = _away(q, self.centre)
+        return 0.5 * self.stiffness.to(q) * (far - self.rest.to(q)).square().sum((-2, -1))
+
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
+        away, far = _away(q, self.centre)
+        return -self.stiffness.to(q) * (1 - self.rest.to(q) / far) * away
+
+
+class Centre(nn.Module):
+    """A fixed place that pushes, F = strength (r / near)^-power at the distance r from it.
+
+    Args:
+        strength: at the distance ``near``, world units per second squared, of a unit mass; below
+            zero where it pulls.
+        power: of the distance, by which it grows less.
+        centre: the place, ``(d,)``, world units.
+        near: world units.
+        learned: whether strength, power and place are.
+
+    Example:
+        >>> sun = Centre(-4.0, 2.0, (0.0, 0.0), learned=False)
+        >>> law = Parameters(torch.ones(()), torch.ones(1))
+        >>> sun.force(torch.tensor([[2.0, 0.0]]), law).tolist()
+        [[-1.0, -0.0]]
+    """
+
+    strength: Tensor
+    power: Tensor
+    centre: Tensor
+
+    def __init__(
+        self,
+        strength: float,
+        power: float,
+        centre: Sequence[float],
+        near: float = 1.0,
+        learned: bool = True,
+    ) -> None:
+        super().__init__()
+        if not near > 0:
+            raise ValueError(f"Centre: near must be > 0, got {near}")
+        self.near = near
+        number(self, "strength", strength, learned)
+        number(self, "power", power, learned)
+        number(self, "centre", centre, learned)
+
+    def energy(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b"]:
+        log = (_away(q, self.centre)[1] / self.near).log()
+        less = 1 - self.power.to(q)
+        # (x^less - 1) / less, which goes to log x as less goes to zero
+        close = less.abs() < NEAR_ONE
+        grown = torch.where(close, log, torch.expm1(less * log) / torch.where(close, 1, less))
+        return -self.strength.to(q) * self.near * grown.sum((-2, -1))
+
+    def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
+        away, far = _away(q, self.centre)
+        return self.strength.to(q) * (far / self.near) ** -self.power.to(q) * away / far
+
+
+def _away(q: Tensor, centre: Tensor) -> tuple[Tensor, Tensor]:
+    """From a place to bodies ``(..., n, d)``, and the distance ``(..., n, 1)``, never zero."""
+    away = q - centre.to(q)
+    return away, away.norm(dim=-1, keepdim=True).clamp_min(torch.finfo(q.dtype).tiny)

@@ -54,7 +54,8 @@ class Hamiltonian(Head):
 
     @property
     def conserves(self) -> bool:
-        return not len(self.ports) and getattr(self.potential, "conservative", True)
+        works = any(cast(Port, port).works for port in self.ports)
+        return not works and getattr(self.potential, "conservative", True)
 
     @property
     def box(self) -> float | None:

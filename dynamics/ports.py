@@ -5,18 +5,28 @@ A port is a flow of the momenta alone, stepped exactly where a closed form exist
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import ClassVar
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynamics.findings import Finding
+from dynamics.numbers import number
 from dynamics.state import Parameters, PhaseState
 
 SLOW = -3.0  # raw start value: softplus(-3) is a rate of 0.05 per second
 
 
 class Port(nn.Module):
-    """A flow of the momenta that acts beside Hamilton's equations."""
+    """A flow of the momenta that acts beside Hamilton's equations.
+
+    Attributes:
+        works: of the class: whether it gives or takes energy.
+    """
+
+    works: ClassVar[bool] = True
 
     def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
         """Momenta after ``dt`` seconds of this port alone, ``(..., n, d)``."""
@@ -54,3 +64,48 @@ class LinearFriction(Port):
 
     def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
         return -self.rate * state.p
+
+
+class Turning(Port):
+    """dp/dt = rate x p, stepped exactly: velocities turn and lose nothing, as by a magnetic field.
+
+    Args:
+        rate: radians per second, ``(1,)`` in the plane, about the axis out of it, or ``(3,)``.
+        learned: whether it is.
+
+    Example:
+        >>> turn = Turning((torch.pi,), learned=False)
+        >>> east = PhaseState(torch.zeros(1, 2), torch.tensor([[1.0, 0.0]]))
+        >>> law = Parameters(torch.ones(()), torch.ones(1))
+        >>> turn.kick(east, law, dt=0.5).round(decimals=6).tolist()  # north
+        [[-0.0, 1.0]]
+    """
+
+    works = False
+    rate: Tensor
+
+    def __init__(self, rate: Sequence[float], learned: bool = True) -> None:
+        super().__init__()
+        number(self, "rate", rate, learned)
+
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
+        angle = self.rate.to(state.p) * dt
+        size = angle.norm()
+        # Rodrigues' formula; sin(x) / x and (1 - cos(x)) / x^2 = (sin(x/2) / (x/2))^2 / 2
+        across = self._cross(angle, state.p)
+        first, second = _sinc(size), 0.5 * _sinc(size / 2).square()
+        return state.p + first * across + second * self._cross(angle, across)
+
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        return self._cross(self.rate.to(state.p), state.p)
+
+    @staticmethod
+    def _cross(rate: Tensor, p: Tensor) -> Tensor:
+        if p.shape[-1] == 2:
+            return rate * torch.stack([-p[..., 1], p[..., 0]], -1)
+        return torch.linalg.cross(rate.expand_as(p), p)
+
+
+def _sinc(x: Tensor) -> Tensor:
+    """Sin(x) / x."""
+    return torch.sinc(x / torch.pi)

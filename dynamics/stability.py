@@ -18,17 +18,18 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from dynamics.around import Around
 from dynamics.bound import Bound
 from dynamics.each import Each
-from dynamics.fields import EllipticTrap, Pendulum
+from dynamics.fields import EllipticTrap, Pendulum, Tether
 from dynamics.hamiltonian import Hamiltonian
 from dynamics.head import Head
 from dynamics.kinetic import FixedKinetic
 from dynamics.pairs import FEW, pair_indices, pair_tiles
 from dynamics.potentials import HarmonicTrap, PairPotential
+from dynamics.sliding import Along
 from dynamics.state import Parameters, PhaseState
 from dynamics.stiffness import QuadraticPotential
-from dynamics.walls import Walled
 
 # World units: shortest and longest distance at which K is tabulated, and how many in each decade.
 EXACT = 1e-8, 1e8, 40
@@ -217,7 +218,7 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
         return [rate for rate in rates if isinstance(rate, ConstantRates)]
     if isinstance(head, Each):
         return [rate for each in head.laws for rate in rates_of(cast(Head, each), start, params)]
-    if isinstance(head, Walled):
+    if isinstance(head, Around):
         head = head.free
     if not isinstance(head, Hamiltonian) or not isinstance(head.kinetic, FixedKinetic):
         return []
@@ -229,6 +230,12 @@ def rates_of(head: Head, start: PhaseState, params: Parameters) -> list[Rates]:
             elif isinstance(part, HarmonicTrap):
                 squared = abs(cast(float, part.stiffness)) / params.mass.amin(-1)
                 found.append(ConstantRates("HarmonicTrap", squared))
+            elif isinstance(part, Tether):
+                squared = part.stiffness.abs() / params.mass.amin(-1)
+                found.append(ConstantRates("Tether", squared))
+            elif isinstance(part, Along):
+                squared = (part.curve.sharpest * part.acceleration.norm()).to(params.mass)
+                found.append(ConstantRates("Along", squared.expand(params.coupling.shape)))
             elif isinstance(part, EllipticTrap):
                 steepest = torch.linalg.eigvalsh(part.stiffness).abs().amax()
                 found.append(ConstantRates("EllipticTrap", steepest / params.mass.amin(-1)))

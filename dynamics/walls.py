@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynamics.around import Around
 from dynamics.findings import Finding, OverlapWarning, counted
 from dynamics.hamiltonian import Hamiltonian
-from dynamics.head import Head
 from dynamics.integrators import Memory
 from dynamics.state import Parameters, PhaseState
 
@@ -92,7 +92,7 @@ class Wall(nn.Module):
         return torch.where(hit, back, depth), torch.where(hit, speed, v)
 
 
-class Walled(Head):
+class Walled(Around):
     """A Hamiltonian model beside a wall.
 
     Args:
@@ -101,8 +101,8 @@ class Walled(Head):
     """
 
     def __init__(self, free: Hamiltonian, wall: Wall) -> None:
-        super().__init__()
-        self.free, self.wall = free, wall
+        super().__init__(free)
+        self.wall = wall
 
     def advance(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
@@ -112,18 +112,8 @@ class Walled(Head):
             return state, memory
         return self.wall.bounced(state, self.force(state, params), params.mass), None
 
-    def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
-        """Of the model without the wall, which stores none."""
-        return self.free.energy(state, params)
-
-    def force(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
-        return self.free.force(state, params)
-
-    def check(self, params: Parameters) -> None:
-        self.free.check(params)
-
     def concerns(self, params: Parameters, start: PhaseState | None = None) -> list[Finding]:
-        found = self.free.concerns(params, start)
+        found = super().concerns(params, start)
         if start is None:
             return found
         behind = (self.wall.depth(start.q) > 0).any(-1)
@@ -135,11 +125,3 @@ class Walled(Head):
     @property
     def conserves(self) -> bool:
         return self.free.conserves and self.wall.restitution == 1
-
-    @property
-    def box(self) -> float | None:
-        return self.free.box
-
-    @property
-    def depends_on(self) -> tuple[str, ...]:
-        return self.free.depends_on

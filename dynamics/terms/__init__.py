@@ -4,8 +4,19 @@
 :func:`dynamics.build` makes the model of it, and :func:`to_config` writes it down.
 """
 
-from dynamics.terms.bound import Contact, Each, Links, OnArc, OnChain, OnCurve, OnLine, Spring
+from dynamics.terms.bound import Links, OnArc, OnChain, OnCurve, OnLine, Rubbed, Strung
 from dynamics.terms.config import from_config, to_config
+from dynamics.terms.each import Contact, Each, Spring
+from dynamics.terms.fields import (
+    Along,
+    Centre,
+    EllipticTrap,
+    Pendulum,
+    Tether,
+    Trap,
+    Uniform,
+    Well,
+)
 from dynamics.terms.heads import (
     Attention,
     Diffusion,
@@ -31,30 +42,28 @@ from dynamics.terms.ports import (
     LinearFriction,
     Restitution,
     StateDependentBath,
+    Turning,
     UntiedBath,
 )
 from dynamics.terms.potentials import (
     Displacement,
-    EllipticTrap,
     FreePotential,
     Knots,
     Mapped,
     NoPotential,
     Pair,
-    Pendulum,
     Radial,
     Shortcut,
-    Trap,
     Triple,
-    Uniform,
-    Well,
 )
 from dynamics.terms.table import HEADS
 from dynamics.terms.term import TERMS, HeadTerm, KineticTerm, PortTerm, PotentialTerm, Sizes, Term
 
 __all__ = [
+    "Along",
     "Attention",
     "Bath",
+    "Centre",
     "ConstantBath",
     "Contact",
     "Diffusion",
@@ -96,14 +105,18 @@ __all__ = [
     "Radial",
     "Residual",
     "Restitution",
+    "Rubbed",
     "Shortcut",
     "Sizes",
     "Spring",
     "StateDependentBath",
+    "Strung",
     "TERMS",
     "Term",
+    "Tether",
     "Trap",
     "Triple",
+    "Turning",
     "Uniform",
     "UntiedBath",
     "Walled",

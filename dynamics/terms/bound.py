@@ -1,4 +1,4 @@
-"""Models of bodies that are bound to something, or each follow a law of their own."""
+"""Models of bodies that are bound to curves, to chains of rods, or to strings."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
+from dynamics.terms.heads import Hamiltonian
 from dynamics.terms.ports import Drag
-from dynamics.terms.term import TERMS, HeadTerm, Sizes, Term
+from dynamics.terms.term import TERMS, HeadTerm, Sizes, dimensions, scaled
 from registry import unknown
 
 if TYPE_CHECKING:
-    from dynamics import collide, curves, each, links
+    from dynamics import curves, links, sliding, strings
     from dynamics.bound import Bound
 
 B = TypeVar("B", bound="OnCircle")
@@ -30,7 +31,8 @@ class BoundTerm(HeadTerm):
         from dynamics.bound import Bound
 
         curve = self.curve()
-        return Bound(curve, self.law.build(replace(sizes, space=1, box=None)))
+        within = replace(sizes, space=1, box=None, curve=curve)
+        return Bound(curve, self.law.build(within))
 
 
 @TERMS.register("on-line")
@@ -63,7 +65,7 @@ class OnLine(BoundTerm):
     def counted_in(self, length: float, seconds: float) -> OnLine:
         return replace(
             self,
-            point=_scaled(self.point, 1 / length),
+            point=scaled(self.point, 1 / length),
             law=self.law.counted_in(length, seconds),
         )
 
@@ -80,9 +82,9 @@ class OnCircle(BoundTerm):
         law = {"law": self.law.counted_in(1.0, seconds)}  # of angles
         return replace(
             self,
-            pivot=_scaled(self.pivot, 1 / length),
-            across=_scaled(self.across, 1 / length),
-            down=_scaled(self.down, 1 / length),
+            pivot=scaled(self.pivot, 1 / length),
+            across=scaled(self.across, 1 / length),
+            down=scaled(self.down, 1 / length),
             **law,
         )
 
@@ -128,6 +130,16 @@ class OnCurve(BoundTerm):
     Args:
         points: ``(k, d)``, world units; see :class:`dynamics.curves.Drawn`.
         law: of the bodies along it.
+
+    Example:
+        A bead in a bowl, y upwards, whose dry friction is a tenth of what presses it to the bowl:
+
+        >>> from dynamics import build, terms
+        >>> bowl = tuple((x / 4, (x / 4) ** 2) for x in range(-4, 5))
+        >>> fall = terms.Hamiltonian(potentials=(terms.Along((0.0, -9.81)),))
+        >>> head = build(terms.OnCurve(bowl, terms.Rubbed(fall, coefficient=0.1)), 1, dt=0.01)
+        >>> round(head.curve.length, 2)
+        2.96
     """
 
     points: tuple[tuple[float, ...], ...]
@@ -139,7 +151,7 @@ class OnCurve(BoundTerm):
         return curves.Drawn(self.points)
 
     def counted_in(self, length: float, seconds: float) -> OnCurve:
-        points = tuple(_scaled(point, 1 / length) for point in self.points)
+        points = tuple(scaled(point, 1 / length) for point in self.points)
         return replace(self, points=points, law=self.law.counted_in(length, seconds))
 
 
@@ -170,6 +182,61 @@ class OnChain(OnCircle):
                 f"{self.lengths}"
             )
         return super().build(sizes)
+
+
+@TERMS.register("rubbed")
+@dataclass(frozen=True)
+class Rubbed(HeadTerm):
+    """Dry friction on a curve, a share of what presses the bodies to it; see :class:`OnCurve`.
+
+    Args:
+        free: the model without it, whose potentials have an :class:`Along`.
+        coefficient: that share, zero or above.
+        learned: whether it is, from there on.
+    """
+
+    free: Hamiltonian
+    coefficient: float
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> sliding.Rubbed:
+        from dynamics import sliding
+
+        return sliding.Rubbed(self.free.build(sizes), self.coefficient, self.learned)
+
+
+@TERMS.register("strung")
+@dataclass(frozen=True)
+class Strung(HeadTerm):
+    """Bodies on strings from a fixed place, which go slack and catch them again.
+
+    Args:
+        free: the model without the strings.
+        centre: where they hang, ``(d,)``, world units.
+        length: of each, world units.
+        learned: whether both are, from there on.
+
+    Example:
+        >>> from dynamics import build, terms
+        >>> fall = terms.Hamiltonian(potentials=(terms.Uniform((0.0, -9.81)),))
+        >>> build(terms.Strung(fall, centre=(0.0, 1.0), length=0.5), bodies=1, dt=0.01).conserves
+        False
+    """
+
+    free: Hamiltonian
+    centre: tuple[float, ...]
+    length: float
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> strings.Strung:
+        from dynamics import strings
+
+        dimensions("Strung: centre", self.centre, sizes)
+        return strings.Strung(self.free.build(sizes), self.centre, self.length, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> Strung:
+        changed = super().counted_in(length, seconds)
+        return replace(changed, centre=scaled(self.centre, 1 / length), length=self.length / length)
 
 
 @TERMS.register("links")
@@ -229,143 +296,3 @@ class Links(HeadTerm):
             raise ValueError(f"Links: angles are in radians and cannot be counted in {length}")
         ports = tuple(port.counted_in(1.0, seconds) for port in self.ports)
         return replace(self, gravity=self.gravity * seconds**2, ports=ports)
-
-
-@TERMS.register("spring")
-@dataclass(frozen=True)
-class Spring(Term):
-    """Pulls two bodies' coordinates s_i and s_j together; see :class:`Each`.
-
-    Args:
-        first, second: indices i and j of the bodies, from 0.
-        stiffness: per second squared, of unit masses.
-        rest: s_i - s_j where it does not pull, in the coordinates' unit.
-        apart: of pendulums whose ends it joins, from the first one's pivot to the second one's
-            along a level line, over their length; it is then ``rest`` longer than that where it
-            does not pull. 0: it joins the coordinates.
-        learned: whether stiffness and rest are, from there on.
-    """
-
-    first: int
-    second: int
-    stiffness: float
-    rest: float = 0.0
-    apart: float = 0.0
-    learned: bool = True
-
-    def build(self, sizes: Sizes) -> each.Spring:
-        from dynamics import each
-
-        _two_of("Spring", self.first, self.second, sizes)
-        ends = self.first, self.second
-        return each.Spring(*ends, self.stiffness, self.rest, self.apart, self.learned)
-
-    def counted_in(self, length: float, seconds: float) -> Spring:
-        return replace(self, stiffness=self.stiffness * seconds**2, rest=self.rest / length)
-
-
-@TERMS.register("contact")
-@dataclass(frozen=True)
-class Contact(Term):
-    """Two bodies that collide; see :class:`Each` and :class:`dynamics.collide.Contact`.
-
-    Args:
-        first, second: indices i and j of the bodies, from 0.
-        reach: their distance as they touch, in the coordinates' unit.
-        restitution: speed at which they part over that at which they met.
-        rub: share of the speed across the line between them that a collision takes.
-        side: on a line, 1 where the second lies ahead of the first, else -1.
-        learned: whether reach and restitution are, from there on.
-    """
-
-    first: int
-    second: int
-    reach: float
-    restitution: float
-    rub: float = 0.0
-    side: float = 1.0
-    learned: bool = True
-
-    def build(self, sizes: Sizes) -> collide.Contact:
-        from dynamics import collide
-
-        _two_of("Contact", self.first, self.second, sizes)
-        return collide.Contact(
-            self.first,
-            self.second,
-            self.reach,
-            self.restitution,
-            self.rub,
-            self.side,
-            self.learned,
-        )
-
-    def counted_in(self, length: float, seconds: float) -> Contact:
-        return replace(self, reach=self.reach / length)
-
-
-@TERMS.register("each")
-@dataclass(frozen=True)
-class Each(HeadTerm):
-    """A law for each body, and springs and contacts between their coordinates.
-
-    Args:
-        laws: of one body each, in the bodies' order.
-        springs: between bodies on curves, or in one dimension of space.
-        contacts: of bodies that may collide.
-
-    Example:
-        Two carts on one rail, each on a spring of its own, and one between them:
-
-        >>> from dynamics import build, terms
-        >>> cart = terms.Hamiltonian(potentials=(terms.Trap(9.0),))
-        >>> pair = terms.Each((cart, cart), (terms.Spring(0, 1, stiffness=2.0),))
-        >>> len(build(pair, bodies=2, dt=0.01, space=1).laws)
-        2
-    """
-
-    laws: tuple[HeadTerm, ...]
-    springs: tuple[Spring, ...] = ()
-    contacts: tuple[Contact, ...] = ()
-
-    def build(self, sizes: Sizes) -> each.Each:
-        from dynamics import each
-
-        if len(self.laws) != sizes.bodies:
-            raise ValueError(
-                f"Each: laws must have {sizes.bodies} entries, one of each body, got "
-                f"{len(self.laws)}"
-            )
-        springs = [spring.build(sizes) for spring in self.springs]
-        for spring in self.springs:
-            for body in (spring.first, spring.second):
-                if sizes.space > 1 and not isinstance(self.laws[body], BoundTerm):
-                    raise ValueError(
-                        f"Each: a spring acts along curves, but body {body} is free in "
-                        f"{sizes.space} dimensions; bind it, or use a pair's potential"
-                    )
-        one = replace(sizes, bodies=1, conditions=sizes.conditions - sizes.bodies + 1)
-        laws = [law.build(one) for law in self.laws]
-        return each.Each(laws, springs, [contact.build(sizes) for contact in self.contacts])
-
-    def counted_in(self, length: float, seconds: float) -> Each:
-        def unit(pair: Spring | Contact) -> float:
-            return 1.0 if isinstance(self.laws[pair.first], OnCircle) else length
-
-        return Each(
-            tuple(law.counted_in(length, seconds) for law in self.laws),
-            tuple(spring.counted_in(unit(spring), seconds) for spring in self.springs),
-            tuple(contact.counted_in(unit(contact), seconds) for contact in self.contacts),
-        )
-
-
-def _two_of(what: str, first: int, second: int, sizes: Sizes) -> None:
-    bodies = range(sizes.bodies)
-    if first not in bodies or second not in bodies or first == second:
-        raise ValueError(
-            f"{what}: joins two of {sizes.bodies} bodies, counted from 0, got {first} and {second}"
-        )
-
-
-def _scaled(vector: tuple[float, ...], factor: float) -> tuple[float, ...]:
-    return tuple(factor * x for x in vector)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-from dynamics.terms.term import TERMS, PortTerm, Sizes
+from dynamics.terms.term import TERMS, PortTerm, Sizes, scaled
 
 if TYPE_CHECKING:
     from dynamics import bath
@@ -50,6 +50,33 @@ class Drag(PortTerm):
             return self
         unit = {"linear": seconds, "square": length, "dry": seconds**2 / length}[self.law]
         return replace(self, rate=self.rate * unit)
+
+
+@TERMS.register("turning")
+@dataclass(frozen=True)
+class Turning(PortTerm):
+    """A force across the way that goes with the speed, rate x v: a magnetic field's.
+
+    Args:
+        rate: at which velocities turn, radians per second: one number in the plane, three in space.
+        learned: whether it is, from there on.
+    """
+
+    rate: tuple[float, ...]
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> Port:
+        from dynamics import ports
+
+        if (len(self.rate), sizes.space) not in ((1, 2), (3, 3)):
+            raise ValueError(
+                f"Turning: rate must have one number in the plane and three in space, got "
+                f"{self.rate} in {sizes.space} dimensions"
+            )
+        return ports.Turning(self.rate, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> Turning:
+        return replace(self, rate=scaled(self.rate, seconds))
 
 
 @TERMS.register("restitution")

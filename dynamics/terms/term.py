@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from registry import Registry, unknown
 
 if TYPE_CHECKING:
+    from dynamics.curves import Curve
     from dynamics.head import Head
     from dynamics.kinetic import Kinetic
     from dynamics.ports import Port
@@ -27,6 +28,7 @@ class Sizes:
         conditions: entries of the parameters' vector, for networks that are given it.
         dt: seconds of one application of a transition map.
         box: side of the periodic box in world units, or ``None``.
+        curve: that the bodies are bound to, or ``None``.
     """
 
     bodies: int
@@ -34,6 +36,7 @@ class Sizes:
     conditions: int
     dt: float
     box: float | None = None
+    curve: Curve | None = None
 
     @property
     def coordinates(self) -> int:
@@ -139,3 +142,20 @@ class PortTerm(Term):
 
 
 TERMS: Registry[type[Term]] = Registry("term", "vidphys.terms")
+
+
+def dimensions(what: str, vector: tuple[object, ...] | None, sizes: Sizes) -> None:
+    """Refuse a vector that has not one number for each dimension of space.
+
+    Raises:
+        ValueError: what it is, and how many it must have.
+    """
+    if vector is not None and len(vector) != sizes.space:
+        raise ValueError(
+            f"{what} must have {sizes.space} numbers, one of each dimension of space, got {vector}"
+        )
+
+
+def scaled(vector: tuple[float, ...], factor: float) -> tuple[float, ...]:
+    """A vector times a number."""
+    return tuple(factor * x for x in vector)

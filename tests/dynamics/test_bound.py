@@ -215,6 +215,7 @@ def test_pendulums_with_pivots_of_their_own_share_nothing_but_their_spring(apart
     assert not head.conserves
 
 
+FALL = terms.Hamiltonian(potentials=(terms.Along((0.3, -9.8)),))
 UNITS = [
     (on(BRAKED), 1),
     (terms.OnLine(PIVOT, ACROSS, terms.Hamiltonian(potentials=(terms.Uniform((0.4,)),))), 1),
@@ -228,6 +229,8 @@ UNITS = [
         1,
     ),
     (terms.OnLine(PIVOT, ACROSS, terms.Walled(SWING, 0.2, 0.8, (1.0,))), 1),
+    (terms.OnCurve(tuple(CIRCLE), FALL), 1),
+    (terms.OnCurve(tuple(CIRCLE), terms.Rubbed(FALL, 0.02)), 1),
 ]
 
 

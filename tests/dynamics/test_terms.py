@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -40,6 +41,15 @@ NEEDED |= {
     terms.OnArc: {**ON_CIRCLE, "law": FREE},
     terms.OnCurve: {"points": ((0.0, 0.0), (1.0, 0.5), (2.0, 0.0)), "law": FREE},
     terms.OnChain: {**ON_CIRCLE, "lengths": (1.0, 0.5), "law": FREE},
+    terms.Along: {"acceleration": (0.0, -9.8)},
+    terms.Rubbed: {
+        "free": terms.Hamiltonian(potentials=(terms.Along((0.0, -9.8)),)),
+        "coefficient": 0.1,
+    },
+    terms.Strung: {"free": FREE, "centre": (0.0, 1.0), "length": 0.5},
+    terms.Tether: {"stiffness": 4.0, "rest": 0.5, "centre": (0.0, 1.0)},
+    terms.Centre: {"strength": -4.0, "power": 2.0, "centre": (0.0, 1.0)},
+    terms.Turning: {"rate": (2.0,)},
     terms.Links: {"lengths": (1.0, 0.5), "masses": (1.0, 2.0), "gravity": 9.8},
 }
 each_head = pytest.mark.parametrize("name", HEADS.ours())
@@ -172,6 +182,47 @@ def test_numbers_with_units_are_converted_wherever_they_stand():
     assert (found.place, found.free.box, knots.reach) == (0.5, 2.0, 1.0)
     assert shortcut.beside == (terms.Trap(8.0),)
     assert terms.HardDisks(4.0).counted_in(2.0, 1.0).box == 2.0
+
+
+FALL = terms.Uniform((0.3, -9.8))
+PLACED = [
+    terms.Hamiltonian(potentials=(terms.Tether(20.0, 0.5, (0.1, 0.2)), FALL)),
+    terms.Hamiltonian(potentials=(terms.Centre(-4.0, 1.7, (0.1, 0.2), near=0.8),)),
+    terms.Hamiltonian(potentials=(FALL,), ports=(terms.Turning((2.0,)),)),
+    terms.Strung(terms.Hamiltonian(potentials=(FALL,)), (0.1, 0.2), 0.7),
+]
+
+
+@pytest.mark.parametrize("term", PLACED)
+def test_in_other_units_a_body_moves_alike(term):
+    length, seconds, steps = 3.0, 0.7, 60
+    start = PhaseState(*torch.tensor([[[[0.5, 0.3]]], [[[0.4, 0.9]]]]).double())
+    law = Parameters(torch.ones(1).double(), torch.ones(1, 1).double())
+    head = build(term, 1, 0.01).double().requires_grad_(False)
+    path = head.trajectory(start, law, steps, 0.014)
+    counted = PhaseState(start.q / length, start.p * seconds / length)
+    other = build(term.counted_in(length, seconds), 1, 0.01).double()
+    again = other.trajectory(counted, law, steps, 0.014 / seconds)
+    torch.testing.assert_close(again.states.q * length, path.states.q, rtol=0, atol=1e-5)
+    assert float((path.states.q - start.q[:, None]).abs().max()) > 0.3
+
+
+def test_a_magnetic_field_turns_velocities_exactly_and_does_no_work():
+    momentum = torch.tensor([[[0.3, -1.0, 0.5]]], dtype=torch.float64)
+    start = PhaseState(torch.zeros_like(momentum), momentum)
+    law = Parameters(torch.ones(1).double(), torch.full((1, 1), 2.0).double())
+    free = terms.Hamiltonian(
+        potentials=(terms.NoPotential(),), ports=(terms.Turning((0.0, 0.0, 2.0), learned=False),)
+    )
+    head = build(free, 1, 0.01, space=3).double()
+    later = head.trajectory(start, law, 7, 0.2).states.p[0, -1, 0]
+    c, s = math.cos(2.0 * 1.4), math.sin(2.0 * 1.4)
+    turned = [0.3 * c + 1.0 * s, 0.3 * s - 1.0 * c, 0.5]
+    expected = torch.tensor(turned, dtype=torch.float64)
+    torch.testing.assert_close(later, expected, rtol=0, atol=1e-13)
+    assert head.conserves
+    with pytest.raises(ValueError, match="one number in the plane and three in space"):
+        build(free, 1, 0.01, space=2)
 
 
 def test_a_shortcut_among_other_potentials_is_not_taken_for_a_conserved_energy():

@@ -16,17 +16,20 @@ from dynamics.collide import Contact
 from dynamics.couplings import PairLaw
 from dynamics.curves import Arc, Chain
 from dynamics.each import Spring
-from dynamics.fields import EllipticTrap, Pendulum, UniformField, Well
+from dynamics.fields import Centre, EllipticTrap, Pendulum, Tether, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging, LinkMetric
 from dynamics.numbers import unbent
-from dynamics.ports import LinearFriction
+from dynamics.ports import LinearFriction, Turning
 from dynamics.potentials import HarmonicTrap
+from dynamics.sliding import Along, Rubbed
+from dynamics.strings import Strung
 from dynamics.walls import Wall
 from vidphys.errors import InputError
 
 MASS, PAIR = "mass", "pair"
-SIGNED = ("gravity", "stiffness", PAIR, "electric", "drive")  # a negative factor has a meaning
+# A negative factor on these has a meaning.
+SIGNED = ("gravity", "stiffness", "centre", "turning", PAIR, "electric", "drive")
 
 
 def _times(*names: str, power: int = 1) -> Callable[[Any, float], None]:
@@ -75,19 +78,33 @@ def _longer(metric: Any, factor: float) -> None:
 Change = Callable[[Any, float], None]
 # What can be asked, and what it does to each kind of part that has such a number.
 QUANTITIES: dict[str, dict[type[nn.Module], Change]] = {
-    "friction": {Friction: _resisted, LinearFriction: _slowed, ConstantBath: _bathed},
+    "friction": {
+        Friction: _resisted,
+        LinearFriction: _slowed,
+        ConstantBath: _bathed,
+        Rubbed: _times("coefficient"),
+    },
     "gravity": {
         UniformField: _times("acceleration"),
+        Along: _times("acceleration"),
         Pendulum: _times("rate2"),
         Hanging: _times("gravity"),
     },
-    "length": {Pendulum: _times("rate2", power=-1), LinkMetric: _longer},
+    "length": {
+        Pendulum: _times("rate2", power=-1),
+        LinkMetric: _longer,
+        Strung: _times("length"),
+        Tether: _times("rest"),
+    },
     "stiffness": {
         HarmonicTrap: _times("stiffness"),
         EllipticTrap: _times("rows"),
+        Tether: _times("stiffness"),
         Spring: _times("stiffness"),
         Well: _times("coefficients"),
     },
+    "centre": {Centre: _times("strength")},
+    "turning": {Turning: _times("rate")},
     "restitution": {Wall: _bounce, Contact: _bounce},
 }
 SHAPED: dict[type[nn.Module], Change] = {Arc: _times("frame"), Chain: _times("lengths")}

@@ -7,10 +7,13 @@ from torch import nn
 
 from dynamics.bath import ConstantBath
 from dynamics.each import Each, Spring
-from dynamics.fields import EllipticTrap, Pendulum, UniformField, Well
+from dynamics.fields import Centre, EllipticTrap, Pendulum, Tether, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging
+from dynamics.ports import Turning
 from dynamics.potentials import HarmonicTrap
+from dynamics.sliding import Along, Rubbed
+from dynamics.strings import Strung
 from vidphys.reading.fitted import Fitted
 
 
@@ -50,7 +53,20 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
     if isinstance(part, EllipticTrap):
         each = torch.linalg.eigvalsh(part.stiffness) / seconds**2
         return {f"trap_stiffness_across_{k}": x for k, x in enumerate(each.tolist(), 1)}
-    if isinstance(part, UniformField):
+    if isinstance(part, Tether):
+        rest = float(part.rest) * length
+        return {"tether_stiffness": float(part.stiffness) / seconds**2, "tether_rest": rest}
+    if isinstance(part, Centre):
+        strength = float(part.strength) * length / seconds**2
+        return {"centre_strength": strength, "centre_power": float(part.power)}
+    if isinstance(part, Strung):
+        return {"string_length": float(part.length) * length}
+    if isinstance(part, Rubbed):
+        return {"friction_coefficient": float(part.coefficient)}
+    if isinstance(part, Turning):
+        names = ["turning"] if len(part.rate) == 1 else [f"turning_{axis}" for axis in "xyz"]
+        return dict(zip(names, (part.rate / seconds).tolist(), strict=True))
+    if isinstance(part, UniformField | Along):
         pull = (part.acceleration * length / seconds**2).tolist()
         return {f"uniform_{axis}": x for axis, x in zip("xyz", pull, strict=False)}
     if isinstance(part, ConstantBath):

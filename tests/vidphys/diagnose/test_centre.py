@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.vidphys.diagnose.modelled import modelled
+from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.mechanisms.centre import centred
 from vidphys.diagnose.mechanisms.choose import fits_of
 from vidphys.diagnose.mechanisms.frames import frames_of
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
 from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.telling.answers import answer
 
 STEP, FRAMES = 0.04, 60
 PLACE = np.array([0.25, -0.35])
@@ -67,3 +70,10 @@ def test_no_fixed_place_is_told_of_a_flight_or_of_what_coasts(seed):
     assert fits_of(clips(flight, seed), angles=False)[0].kinds == {"uniform"}
     assert fits_of(clips(straight, seed), angles=False)[0].kinds == frozenset()
     assert centred(clips(straight, seed)) == []
+
+
+def test_the_model_of_a_fixed_place_moves_as_it_does():
+    path = passing(-0.4, 2.0)
+    given = answer(noisy(path[:, None], 0.002, STEP), False, 0.3)
+    assert given.data["terms"] == ["centre"]
+    assert np.abs(modelled(given, path, STEP) - path).max() < 0.02

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
@@ -35,19 +36,23 @@ def quantity(given: Answered, name: str) -> float:
 
 
 def test_a_charge_drifts_in_a_magnetic_and_an_electric_field():
-    given = told(moved(lambda _, v: [2 * v[1] + 0.8, -2 * v[0]], [0, 0, 1, 0.3]))
+    places = moved(lambda _, v: [2 * v[1] + 0.8, -2 * v[0]], [0, 0, 1, 0.3])
+    given = told(places)
     assert given.data["terms"] == [TURNING, "uniform"] and given.data["status"] == EXPLAINED
     assert quantity(given, TURNING) == pytest.approx(-2.0, rel=0.01)
     assert quantity(given, "acceleration") == pytest.approx(0.8, rel=0.01)
     _, path = given.rolled["nothing that turns it"]
     assert np.allclose(np.diff(path[:, 0, 1], 2), 0, atol=1e-6)  # steady along y
+    assert np.abs(modelled(given, places[:, 0], STEP) - places[:, 0]).max() < 0.02
 
 
 def test_a_charge_flies_on_a_helix_in_space():
-    given = told(moved(lambda _, v: np.cross(v, FIELD), [0, 0, 0, 1, 0.3, 0.5]))
+    places = moved(lambda _, v: np.cross(v, FIELD), [0, 0, 0, 1, 0.3, 0.5])
+    given = told(places)
     assert given.data["terms"] == [TURNING] and given.data["status"] == EXPLAINED
     about = [quantity(given, f"turning about {axis}") for axis in "xyz"]
     assert about == pytest.approx(-FIELD, abs=0.01)
+    assert np.abs(modelled(given, places[:, 0], STEP) - places[:, 0]).max() < 0.02
 
 
 def test_the_plane_of_a_pendulum_turns_slowly():

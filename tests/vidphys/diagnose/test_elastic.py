@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED
@@ -31,12 +32,14 @@ def hung(start, frames=400, pivot=0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("start", [(0.6, -1.2), (0.5, 0.3, -1.3)])
 def test_a_weight_that_swings_and_stretches_its_spring(start):
-    given = answer(noisy(hung(start, pivot=2.0), 0.001, STEP), False, 0.3)
+    path = hung(start, pivot=2.0)
+    given = answer(noisy(path, 0.001, STEP), False, 0.3)
     assert given.data["terms"] == ["elastic"] and given.data["status"] == EXPLAINED
     told = given.data["mechanism"][0]["quantities"]
     truth = {"rate": STIFFNESS**0.5, "rest length": REST, "acceleration": GRAVITY}
     for name, value in truth.items():
         assert told[name]["value"] == pytest.approx(value, rel=0.01), name
+    assert np.abs(modelled(given, path, STEP) - path).max() < 0.02
 
 
 def test_a_spring_without_a_rest_length_stays_a_trap():

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
-from dynamics import Parameters, PhaseState, build, from_config
+from tests.vidphys.diagnose.modelled import modelled
 from vidphys.diagnose.mechanisms.choose import fits_of
 from vidphys.diagnose.mechanisms.elliptic import elliptic
 from vidphys.diagnose.mechanisms.frames import frames_of
@@ -75,12 +74,4 @@ def test_the_specification_goes_on_as_the_body_does():
     path = swung(2.0, 3.1, 20.0)
     given = answer(motion_of(noisy(path, 55)[None, :, None], STEP), False, 0.3)
     assert given.data["status"] == "explained"
-    term = from_config(given.specification["terms"])
-    head = build(term, bodies=1, dt=STEP / 8, space=2)
-    start, rate = path[0], (path[1] - path[0]) / STEP
-    rate = rate - 0.5 * (path[2] - 2 * path[1] + path[0]) / STEP  # of the first frame
-    state = PhaseState(*(torch.tensor(x)[None, None] for x in (start, rate)))
-    law = Parameters(torch.ones(1), torch.ones(1, 1)).map(lambda x: x.double())
-    with torch.no_grad():
-        rolled = head.double().trajectory(state, law, 8 * 150, STEP / 8).states.q[0, ::8, 0]
-    assert np.abs(rolled.numpy()[:150] - path[:150]).max() < 0.03
+    assert np.abs(modelled(given, path, STEP)[:150] - path[:150]).max() < 0.03

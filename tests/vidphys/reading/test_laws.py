@@ -65,3 +65,45 @@ def test_only_what_has_a_sign_takes_a_negative_factor():
     assert factors_of(("pair=-1", "drive=-0.5")) == {"pair": -1.0, "drive": -0.5}
     with pytest.raises(InputError, match="friction must be zero or above"):
         factors_of(("friction=-1",))
+
+
+FALL = terms.Hamiltonian(potentials=(terms.Uniform((0.0, -9.8)),))
+BEAD = terms.Hamiltonian(potentials=(terms.Along((0.0, -9.8)),))
+BOWL = ((-1.0, 1.0), (-0.5, 0.25), (0.0, 0.0), (0.5, 0.25), (1.0, 1.0))
+# a model, a quantity, and the number that it is
+NUMBERS = [
+    (terms.OnCurve(BOWL, terms.Rubbed(BEAD, 0.2)), "friction", "law.coefficient"),
+    (terms.OnCurve(BOWL, BEAD), "gravity", "law.potential.acceleration"),
+    (terms.Strung(FALL, (0.0, 1.0), 0.5), "length", "length"),
+    (terms.Strung(FALL, (0.0, 1.0), 0.5), "gravity", "free.potential.acceleration"),
+    (
+        terms.Hamiltonian(potentials=(terms.Tether(20.0, 0.5, (0.0, 1.0)),)),
+        "stiffness",
+        "potential.stiffness",
+    ),
+    (
+        terms.Hamiltonian(potentials=(terms.Tether(20.0, 0.5, (0.0, 1.0)),)),
+        "length",
+        "potential.rest",
+    ),
+    (
+        terms.Hamiltonian(potentials=(terms.Centre(-4.0, 2.0, (0.0, 1.0)),)),
+        "centre",
+        "potential.strength",
+    ),
+    (
+        terms.Hamiltonian(potentials=(terms.NoPotential(),), ports=(terms.Turning((2.0,)),)),
+        "turning",
+        "ports.0.rate",
+    ),
+]
+
+
+@pytest.mark.parametrize(("term", "name", "number"), NUMBERS)
+def test_a_factor_multiplies_just_the_number_that_it_names(term, name, number):
+    law = Law(build(term, bodies=1, dt=0.01), Parameters(torch.ones(1), torch.ones(1, 1)))
+    assert name in law.quantities
+    before, after = (dict(x.head.named_parameters()) for x in (law, law.changed({name: 3.0})))
+    for each, value in before.items():
+        factor = 3.0 if each == number else 1.0
+        torch.testing.assert_close(after[each], factor * value)

@@ -45,12 +45,19 @@ ASKED: dict[str, terms.Term] = {
     "pendulum": terms.Pendulum(4.0),
     "elliptic-trap": terms.EllipticTrap(((4.0, 1.0), (1.0, 9.0)), (0.5, 0.0)),
     "well": terms.Well(4.0, 0.3, 0.5, -0.2),
+    "tether": terms.Tether(4.0, 0.5, (0.3, -6.0)),
+    "centre": terms.Centre(-4.0, 1.7, (0.3, -6.0), near=2.0),
+    "turning": terms.Turning((0.7,)),
+    "strung": terms.Strung(terms.Hamiltonian(), (0.0, 0.0), 100.0),
 }
 REFUSED = ("state-dependent-bath",)  # says why it cannot be built
 DISKS = "hard-disks"  # may not overlap, as the bodies of the other checks do
 IMPULSES = ("free-impulse", "restitution")  # act at once where bodies meet
 # of places on a curve, where states of other checks are not; see tests/dynamics/test_bound.py
-BOUND = ("on-line", "on-arc", "on-curve", "on-chain", "links", "spring", "contact", "each")
+BOUND = (
+    *("on-line", "on-arc", "on-curve", "on-chain"),
+    *("links", "spring", "contact", "each", "along", "rubbed"),
+)
 SPECIAL = (*JOINTS, *REFUSED, DISKS, *BOUND)
 
 

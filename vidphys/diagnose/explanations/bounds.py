@@ -22,6 +22,8 @@ POSITIVE = {  # by term; numbers that are a size or a strength
     "links": {"lengths", "masses"},
     "on-chain": {"lengths"},
     "contact": {"reach"},
+    "centre": {"near"},
+    "strung": {"length"},
     "hamiltonian": {"box"},
     "hard-disks": {"box"},
 }

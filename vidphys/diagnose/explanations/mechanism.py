@@ -43,13 +43,8 @@ from vidphys.statistics import NORMAL_95
 
 # Kinds that no scene's term has.
 UNWRITTEN = {
-    "centre": "a fixed place that pushes or pulls",
     "lift": "a lift that goes with a spin",
-    "elastic": "a spring from a fixed place",
-    "string": "a string that goes slack",
-    "turning": "a force across the way",
     "forcing": "a sinusoid that drives it",
-    "curve": "a curve that it keeps to",
 }
 STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what nothing acts on
 SAME = {  # forecasts that say what a law of such terms says

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from dynamics import terms
-from dynamics.terms import HeadTerm, PotentialTerm
+from dynamics.terms import HeadTerm, PortTerm, PotentialTerm
 from vidphys.diagnose.explanations.specification import as_specification
-from vidphys.diagnose.mechanisms.charts import Angle, Arc, Chart, Line, Turned
+from vidphys.diagnose.mechanisms.charts import Angle, Arc, Bound, Chart, Line, Turned
 from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
@@ -18,6 +18,7 @@ from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.recordings.units import GRAVITY
 
 SLOWEST = 1e-6  # per second, of a friction that is there
+BETWEEN = 6  # points of a fitted curve from one of the model's, which is smooth between its own
 
 
 def as_scene(mechanism: Mechanism, interval: float, explained: bool, space: int) -> dict[str, Any]:
@@ -162,12 +163,31 @@ class _Body:
         if isinstance(self.chart, Line):
             point, direction = self._rail()
             return terms.OnLine(_row(point), _row(direction), law)
+        if isinstance(self.chart, Bound):
+            return self._on_curve(self.chart)
+        if self.law.restoring == "string":
+            centre = self.law.centre(self.fit.numbers)
+            return terms.Strung(self._free(), _row(centre), self.number("rest"))
         return law
+
+    def _on_curve(self, chart: Bound) -> terms.OnCurve:
+        field = tuple(self.fit.numbers.get(f"force {i}", (0.0, 0.0))[0] for i in (1, 2))
+        law: HeadTerm = terms.Hamiltonian(potentials=(terms.Along(field),), ports=self._ports())
+        if "dry" in self.law.frictions:
+            free = terms.Hamiltonian(potentials=(terms.Along(field),))
+            law = terms.Rubbed(free, max(self.number("dry"), 0.0))
+        points = chart.curve.points
+        kept = np.concatenate([points[:-1:BETWEEN], points[-1:]])
+        return terms.OnCurve(tuple(map(_row, kept)), law)
 
     def _free(self) -> terms.Hamiltonian:
         potentials: tuple[PotentialTerm, ...] = (terms.NoPotential(),)
-        if self.law.restoring == "uniform":
+        if self.law.restoring in ("uniform", "string"):
             potentials = (terms.Uniform(_row(self._force())),)
+        elif self.law.restoring == "elastic":
+            potentials = (self._tether(), terms.Uniform(_row(self._force())))
+        elif self.law.restoring == "centre":
+            potentials = (self._centre(),)
         elif isinstance(self.chart, Turned):
             potentials = (self._elliptic(self.chart),)
         elif self.law.restoring == "trap":
@@ -184,6 +204,16 @@ class _Body:
         own = [names[i % len(names)] for i in range(self.part.start, self.part.stop)]
         return self.longer * np.array([self.number(name) for name in own])
 
+    def _tether(self) -> terms.Tether:
+        stiffness, rest = self.mass * self.number("stiffness"), self.number("rest")
+        return terms.Tether(stiffness, rest, _row(self.law.centre(self.fit.numbers)))
+
+    def _centre(self) -> terms.Centre:
+        centre = self.law.centre(self.fit.numbers)
+        near = float(np.linalg.norm(centre - self.law.turned_at))
+        power = self.law.power({name: value for name, (value, _) in self.fit.numbers.items()})
+        return terms.Centre(self.mass * self.number("strength"), power, _row(centre), near)
+
     def _elliptic(self, chart: Turned) -> terms.EllipticTrap:
         rates = np.array([self.number(f"stiffness {i + 1}") for i in range(chart.size)])
         axes = chart.turned(self.geometry)
@@ -192,12 +222,14 @@ class _Body:
         rows = 0.5 * (rows + rows.T)
         return terms.EllipticTrap(tuple(map(_row, rows)), _row(self._force() / rates @ axes))
 
-    def _ports(self) -> tuple[terms.Drag, ...]:
-        ports = []
+    def _ports(self) -> tuple[PortTerm, ...]:
+        ports: list[PortTerm] = []
         for friction in self.law.frictions:
             unit = {"linear": 1.0, "square": 1 / self.longer}.get(friction, self.longer)
             rate = self.mass * unit * self.number(friction + (self.own if self.collides else ""))
             ports.append(terms.Drag(friction, "positive" if rate > 0 else "free", rate=rate))
+        if self.law.turning:
+            ports.append(terms.Turning(tuple(self.number(name) for name in self.law.turns)))
         return tuple(ports)
 
     def _walled(self, free: terms.Hamiltonian) -> HeadTerm:
