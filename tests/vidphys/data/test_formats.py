@@ -280,6 +280,31 @@ def test_what_programs_export_is_told(tmp_path):
     slices = ",Label,Area,X,Y,Slice\n"
     slices += "".join(f"{k + 1},img{k},9,{X[k]},{Y[k]},{k + 1}\n" for k in frames)
     assert read(tmp_path, slices, interval=0.04).positions.shape == (1, 40, 1, 2)  # ImageJ's
+    marks = " ,Track n°,Slice n°,X,Y,Distance,Velocity,Pixel Value\n"
+    marks += "".join(f"{k + 1},1,{k + 1},{X[k]},{Y[k]},2.5,60,255\n" for k in frames)
+    marked = read(tmp_path, marks, interval=0.04)  # Manual Tracking's
+    assert marked.positions.shape == (1, 40, 1, 2)
+    assert np.diff(marked.times[0]) == pytest.approx(0.04)
+
+
+def test_a_name_that_says_time_in_another_language_numbers_tracks(tmp_path):
+    """MTrackJ's TID, beside a time that rises."""
+    text = "Nr,TID,PID,x [pixel],y [pixel],t [sec],I [val]\n"
+    for n in (1, 2):
+        text += "".join(f"{n},{n},{k + 1},{X[k] + n},{Y[k]},{k / 25:.3f},9\n" for k in range(40))
+    found = read(tmp_path, text)
+    assert found.positions.shape == (1, 40, 2, 2) and found.unit == "pixels"
+    assert np.diff(found.times[0]) == pytest.approx(0.04)
+
+
+def test_a_third_axis_along_which_nothing_moves_is_left_out(tmp_path):
+    """As of programs that write z for flat pictures as well."""
+    text = "\n".join(["t,x,y,z", *(f"{k / 25},{X[k]},{X[k] ** 2},0.0" for k in range(40))])
+    found = read(tmp_path, text)
+    assert found.positions.shape == (1, 40, 1, 2)
+    assert any("z left out: without a change" in note for note in found.notes)
+    deep = text.replace(",0.0", ",0.5", 1)
+    assert read(tmp_path, deep).positions.shape == (1, 40, 1, 3)
 
 
 def test_columns_override_names_and_say_units(tmp_path):

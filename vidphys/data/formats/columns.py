@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, ROLES, Meaning, meaning_of
-from vidphys.data.formats.shapes import is_rate_of, rising
+from vidphys.data.formats.shapes import is_rate_of, numbers_trials, rising
 from vidphys.errors import InputError
 
 Table = Mapping[str, np.ndarray]
@@ -117,14 +117,18 @@ def detect_columns(
 def shown(columns: Columns, table: Table) -> tuple[Columns, tuple[str, ...]]:
     """The columns without those that show nothing, and which these are, a line each.
 
-    Left out are bodies that no row shows, coordinates alone that rest while others move, as those
-    of a sensor that was connected but not used, and inputs that never change.
+    Left out are bodies that no row shows, a third axis along which nothing moves, coordinates alone
+    that rest while others move, as those of a sensor that was connected but not used, and inputs
+    that never change.
     """
     bodies, lines = columns.coordinates, []
     seen = tuple(body for body in bodies if all(_values(table[name]) for name in body))
     if 0 < len(seen) < len(bodies):
         lines.append(f"{_named(bodies, seen)} left out: no row has a number")
         bodies = seen
+    if all(len(body) == len(AXES) and _values(table[body[-1]]) < RESTING for body in bodies):
+        lines.append(f"{', '.join(body[-1] for body in bodies)} left out: without a change")
+        bodies = tuple(body[:-1] for body in bodies)
     moving = tuple(body for body in bodies if len(body) > 1 or _values(table[body[0]]) > RESTING)
     if 0 < len(moving) < len(bodies):
         lines.append(f"{_named(bodies, moving)} left out: at rest")
@@ -178,7 +182,7 @@ def _by_numbers(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Mean
 
     Columns that are the rate of another are told by their integral.
     """
-    known = dict(meanings)
+    known = _one_time(meanings, table)
     body = _first(known, "body")
     if body is not None and len(np.unique(table[body])) == len(table[body]):
         known[body] = Meaning()  # a name for each row
@@ -199,6 +203,21 @@ def _by_numbers(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Mean
     if len(places) == 1:
         unit = known[places[0]].unit
         known[places[0]] = Meaning("place", "angle" if unit in RADIANS else "q", unit=unit)
+    return known
+
+
+def _one_time(meanings: Mapping[str, Meaning], table: Table) -> dict[str, Meaning]:
+    """Of several columns that are times by their names, those that do not rise are none.
+
+    What stays for many rows numbers tracks instead, as MTrackJ's TID, which is Norwegian for time.
+    """
+    known = dict(meanings)
+    times = [n for n, m in known.items() if m.kind == "time" and table[n].dtype.kind in "fiu"]
+    rise = [name for name in times if rising(table[name])]
+    for name in times if rise else []:
+        if name not in rise:
+            alone = _first(known, "body") is None and numbers_trials(table[name])
+            known[name] = Meaning("body" if alone else "")
     return known
 
 

@@ -24,9 +24,10 @@ ROLES = {
     | {"čas", "время", "zaman"},
     "frame": {"frame", "frames", "frame number", "frame no", "index", "idx", "step", "bild"}
     | {"sample", "sample number", "frame idx", "frame index", "frame id", "frame num"}
-    | {"coords", "slice"},  # as DeepLabCut and ImageJ call it
+    | {"coords", "slice", "slice n"},  # as DeepLabCut, ImageJ and its Manual Tracking call it
     "clip": {"clip", "episode", "trial", "run", "video", "sequence", "experiment", "versuch"},
-    "body": {"body", "id", "track", "track id", "object", "particle", "label", "trackid"},
+    "body": {"body", "id", "track", "track id", "object", "particle", "label", "trackid"}
+    | {"track n", "track no", "track number"},
     "mass": {"mass", "m"},
     "coupling": {"coupling", "g", "strength"},
 }

@@ -70,7 +70,7 @@ def read_tracks(
         )
     positions = found.positions
     if found.unit == "pixels":
-        positions = positions * np.array([1.0, -1.0])
+        positions = positions * np.where(np.arange(positions.shape[-1]) == 1, -1.0, 1.0)
     mass = np.ones((len(positions), positions.shape[2])) if found.mass is None else found.mass
     try:
         motion = Motion(positions, found.times, mass, found.coupling, _inputs(found))
