@@ -188,7 +188,7 @@ class Tether(nn.Module):
 
     def force(self, q: Float[Tensor, "*b n d"], params: Parameters) -> Float[Tensor, "*b n d"]:
         away, far = _away(q, self.centre)
-        return -self.stiffness.to(q) * (1 - self.rest.to(q) / far) * away
+        return -self.stiffness.to(q) * (far - self.rest.to(q)) * (away / far)
 
 
 class Centre(nn.Module):

@@ -66,9 +66,7 @@ class Strung(Around):
             return found
         out = (self._beyond(start.q) > BEYOND * self.length.to(start.q)).any(-1)
         if bool(out.any()):
-            text = (
-                f"Strung: bodies start beyond a string's end in {counted(out)}; they are put on it"
-            )
+            text = f"Strung: bodies start beyond a string's end in {counted(out)}; it takes them in"
             found.append(Finding(OverlapWarning, text, out, 0, term="Strung"))
         return found
 
@@ -126,9 +124,8 @@ class Strung(Around):
         # one step of Newton's method more, through which a gradient knows when that was
         path, way = start + high * (first + high * second), first + 2 * high * second
         slope = 2 * (path * way).sum(-1, keepdim=True)
-        steep = slope > torch.finfo(slope.dtype).eps ** 0.5 * length * way.norm(
-            dim=-1, keepdim=True
-        )
+        least = torch.finfo(slope.dtype).eps ** 0.5 * length * way.norm(dim=-1, keepdim=True)
+        steep = slope > least
         newton = beyond(high) / torch.where(steep, slope, 1)
         return torch.where(steep & (high > 0), high - newton, high).clamp(0, 1)
 
