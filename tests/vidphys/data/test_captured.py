@@ -187,7 +187,7 @@ def test_the_brightness_that_a_tracker_calls_mass_is_none(tmp_path) -> None:
 
 def test_the_orientation_of_a_robot_is_no_second_body(tmp_path) -> None:
     names = "time," + ",".join(f"pose.{p}.{a}" for p in ("position", "orientation") for a in "xyz")
-    rows = "".join(f"{t},{u},{v},0.5,0,0,0.1\n" for t, u, v in zip(T, U, V, strict=True))
+    rows = "".join(f"{t},{u},{v},{0.5 + t},0,0,0.1\n" for t, u, v in zip(T, U, V, strict=True))
     assert read(tmp_path, f"{names}\n{rows}", "ros.csv").positions.shape == (1, FRAMES, 1, 3)
 
 
