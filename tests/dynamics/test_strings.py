@@ -68,7 +68,7 @@ def test_a_weight_that_falls_is_caught_and_loses_what_goes_along_the_string():
 
 def test_it_keeps_its_energy_round_and_round_and_nothing_is_ever_beyond_its_end():
     head, (start, params) = hung(), let_go(CENTRE - [0.0, LENGTH], [7.0, 0.0])
-    found, path = places(head, start, params, 20_000, 0.005, 20)
+    found, path = places(head, start, params, 3000, 0.005, 20)
     assert np.abs(np.linalg.norm(found, axis=1) - LENGTH).max() < 1e-7
     energy = head.energy(path.states, params)[0].detach().numpy()
     assert np.ptp(energy) < 2e-3 * 1.7 * 7.0**2
