@@ -99,10 +99,6 @@ class Rubbed(Around):
         q, p = torch.where(rests, state.q, later.q), torch.where(rests, 0, later.p)
         return PhaseState(q, p), None
 
-    @property
-    def conserves(self) -> bool:
-        return False
-
     def _slowed(
         self, state: PhaseState, pressing: tuple[Tensor, Tensor], params: Parameters, dt: float
     ) -> PhaseState:

@@ -156,26 +156,27 @@ class _Body:
 
     def term(self) -> HeadTerm:
         """The body's whole model."""
-        law = self._walled(self._free())
+        if isinstance(self.chart, Bound):
+            return self._on_curve(self.chart)
+        free = self._free()
+        if self.law.restoring == "string":
+            centre = self.law.centre(self.fit.numbers)
+            return terms.Strung(free, _row(centre), self.number("rest"))
+        law = self._walled(free)
         if isinstance(self.chart, Arc):
             lowest, across, up = self.chart.vectors(self.geometry)
             return terms.OnArc(_row(lowest + up), _row(across), _row(-up), law)
         if isinstance(self.chart, Line):
             point, direction = self._rail()
             return terms.OnLine(_row(point), _row(direction), law)
-        if isinstance(self.chart, Bound):
-            return self._on_curve(self.chart)
-        if self.law.restoring == "string":
-            centre = self.law.centre(self.fit.numbers)
-            return terms.Strung(self._free(), _row(centre), self.number("rest"))
         return law
 
     def _on_curve(self, chart: Bound) -> terms.OnCurve:
         field = tuple(self.fit.numbers.get(f"force {i}", (0.0, 0.0))[0] for i in (1, 2))
-        law: HeadTerm = terms.Hamiltonian(potentials=(terms.Along(field),), ports=self._ports())
-        if "dry" in self.law.frictions:
-            free = terms.Hamiltonian(potentials=(terms.Along(field),))
-            law = terms.Rubbed(free, max(self.number("dry"), 0.0))
+        rubs = "dry" in self.law.frictions
+        ports = () if rubs else self._ports()
+        free = terms.Hamiltonian(potentials=(terms.Along(field),), ports=ports)
+        law = terms.Rubbed(free, max(self.number("dry"), 0.0)) if rubs else free
         points = chart.curve.points
         kept = np.concatenate([points[:-1:BETWEEN], points[-1:]])
         return terms.OnCurve(tuple(map(_row, kept)), law)
