@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.vidphys.diagnose.test_mechanisms import noisy
-from vidphys.diagnose.explanations.verdict import EXPLAINED
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT
 from vidphys.diagnose.recordings.flat import in_its_plane
 from vidphys.diagnose.telling.answers import answer
 
@@ -32,6 +32,15 @@ def test_a_planet_whose_orbit_is_aslant_in_space_is_told_in_its_plane():
     x, y = (np.array(given.data["plane"][axis]) for axis in "xy")
     assert np.cross(x, y) @ [0, -0.4, 0.7] / np.hypot(0.4, 0.7) == pytest.approx(1, abs=1e-3)
     assert given.lines[-1].startswith("The motion stays in a plane")
+
+
+def test_a_pendulum_measured_in_space_is_no_stiff_spring():
+    times = np.arange(120) / 30
+    swing = 0.6 * np.exp(-0.05 * times) * np.cos(4 * times)
+    path = np.stack([np.sin(swing), -np.cos(swing), np.zeros_like(swing)], 1)
+    given = answer(noisy(path, 0.0025), False, 0.3)
+    assert given.data["terms"] == ["linear", "pendulum"] and given.data["status"] != NOT
+    assert given.data["plane"]["y"] == pytest.approx([0, 1, 0], abs=0.01)
 
 
 def test_a_nearly_round_orbit_is_no_pendulum_that_goes_over_the_top():

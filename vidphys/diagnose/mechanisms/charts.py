@@ -163,15 +163,15 @@ class Arc(Chart):
         return np.zeros((len(s), 2))
 
     def columns(self, s: np.ndarray) -> np.ndarray:
-        x, y, one, none = np.sin(s), 1 - np.cos(s), np.ones_like(s), np.zeros_like(s)
-        right, up = np.concatenate([x, none], 1), np.concatenate([none, x], 1)
+        x, y = np.sin(s[:, 0]), 1 - np.cos(s[:, 0])
+        out = np.zeros((len(s), 2, 6 if self.aslant else 4))
+        out[:, 0, 0] = out[:, 1, 1] = 1.0
+        out[:, 0, 2] = out[:, 1, 3] = x
         if self.aslant:
-            rest = [np.concatenate([y, none], 1), np.concatenate([none, y], 1)]
-            turned = [right, up, *rest]
+            out[:, 0, 4] = out[:, 1, 5] = y
         else:
-            turned = [np.concatenate([x, y], 1), np.concatenate([-y, x], 1)]
-        centre = [np.concatenate([one, none], 1), np.concatenate([none, one], 1)]
-        return np.stack([*centre, *turned], -1)
+            out[:, 1, 2], out[:, 0, 3] = y, -y
+        return out
 
     def vectors(self, geometry: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The lowest point, the vector along the arc there, and the one up to the pivot."""

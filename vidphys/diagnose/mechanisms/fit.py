@@ -133,7 +133,7 @@ def _lengths(frames: int) -> list[int]:
 def _missing(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> np.ndarray:
     parts = [r.ravel() for r in residuals_of(clips, model, values)[0]]
     joined = np.concatenate(parts) / scale
-    return np.where(np.isfinite(joined), np.clip(joined, -MOST, MOST), MOST)
+    return np.fmin(np.fmax(joined, -MOST), MOST)  # what is no number counts as one of them
 
 
 def _held(model: Model, count: int, scale: float) -> tuple[np.ndarray, np.ndarray]:

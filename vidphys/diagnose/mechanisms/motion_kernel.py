@@ -417,7 +417,7 @@ def rolled(
     steady, ramp, floor = force.copy(), np.zeros(len(force)), np.zeros(len(force))
     lossy = np.zeros(6)  # frictions, then turning about z, x and y
     lossy[:3] = friction
-    lossy[3 : 3 + len(turning)] = np.roll(turning, 1)
+    lossy[3 : 3 + len(turning)] = turning[[-1, 0, 1][: len(turning)]]
     law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung, floor)
     when, known = pushed or (np.empty(0), np.empty((0, len(force))))
     spins = np.empty(0) if spin is None else np.array([spin])

@@ -32,7 +32,7 @@ def seen(places: np.ndarray, view: np.ndarray) -> np.ndarray:
     straight = across / np.maximum(1 - across @ view[:2], NEAREST)[..., None]
     out = straight
     for _ in range(ROUNDS if view[2] else 0):
-        out = straight / (1 - view[2] * (out**2).sum(-1, keepdims=True)).clip(NEAREST)
+        out = straight / np.maximum(1 - view[2] * (out**2).sum(-1, keepdims=True), NEAREST)
     return out
 
 

@@ -14,7 +14,7 @@ from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
 from vidphys.diagnose.explanations.part import understood_part
-from vidphys.diagnose.explanations.verdict import EXPLAINED, RANK
+from vidphys.diagnose.explanations.verdict import NOT
 from vidphys.diagnose.recordings.flat import in_its_plane
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -125,7 +125,7 @@ def answer(
 ) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
-    Motion in space that stays in a plane is told in that plane where more is told of it there.
+    Motion in space that stays in a plane is told in that plane, where anything is told of it there.
     Of several trials a tail is held out of each; the longest one is rolled on, and drawn.
 
     Args:
@@ -141,20 +141,20 @@ def answer(
     Raises:
         ValueError: a recording that is too short.
     """
-    given = _answer(motion, angles, hold_out, points, camera, units, used, progress)
-    flat = None if given.data["status"] == EXPLAINED else in_its_plane(motion)
+    about = (angles, hold_out, points, camera, units, used, progress)
+    flat = in_its_plane(motion)
     if flat is None:
-        return given
-    motion, (x, y) = flat
-    other = _answer(motion, angles, hold_out, points, camera, units, used, progress)
-    if RANK.index(other.data["status"]) <= RANK.index(given.data["status"]):
-        return given
-    other.data["plane"] = {"x": x.tolist(), "y": y.tolist()}
-    other.lines.append(
+        return _answer(motion, *about)
+    inside, (x, y) = flat
+    told = _answer(inside, *about)
+    if told.data["status"] == NOT:
+        return _answer(motion, *about)
+    told.data["plane"] = {"x": x.tolist(), "y": y.tolist()}
+    told.lines.append(
         f"The motion stays in a plane, and is told in it: x along {_direction(x)}, y along "
         f"{_direction(y)}."
     )
-    return other
+    return told
 
 
 def _direction(axis: np.ndarray) -> str:
