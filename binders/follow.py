@@ -23,10 +23,13 @@ ALWAYS, STEADY = 0.95, 0.9  # seen, and steady in looks, is what is surely one t
 FIFTH_AS = 0.2  # and if that one thing goes as bodies do
 THIRD_AS = 0.3  # and if it goes as bodies do and is no shadow: as :class:`Judged` counts it,
 OFTEN, FORETOLD, UNLIT = 0.85, 1.0, 0.1  # seen and foretold by more than that, and lit by less;
-WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.8  # or seen so, foretold so, and as steady in looks
+WHOLLY, ROUGHLY, ALIKE = 0.98, 0.75, 0.6  # or seen so, foretold so, and as steady in looks;
+SURELY, HALF_LIT = 1.5, 0.5  # or as often, surely foretold and steady, and half of it unlit
 ON_A_ROD = 0.25  # and if it keeps at one distance from the likeliest, as the end of a rod does
 EVENLY = 0.04  # of the distance, by which most of the distances may differ
 STRUCK = 0.15  # and if both strike each other: what is slow is foretold less well
+LITTLE, TOUCHES, ALONG = 0.4, 1.5, 0.6  # times the size of a body that goes as bodies do, of a
+# piece of what that hangs by; as near as that to it; and what its way leaves of the piece's
 SWAYS = 0.5  # radians, by which the rod between them turns at least
 MOST = 8  # bodies, where nobody says how many
 MOSTLY = 0.8  # of the frames, in which both ends of a rod are seen
@@ -122,11 +125,14 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
 
     What is as large as the first and is steady in all frames need be less likely: a body that
     moves little is foretold less well. So need what no shadow explains and goes as bodies do: one
-    that has the colour of what is behind it is told by its brightness alone.
+    that has the colour of what is behind it is told by its brightness alone. A piece of the string
+    or spring by which a body hangs is none.
     """
     first = candidates[:1]
     bodies = []
-    for each in candidates[:MOST]:
+    for number, each in enumerate(candidates[:MOST]):
+        if any(_hangs_at(each, other) for other in candidates[:number]):
+            continue
         largest = AS_LARGE[each.kind == first[0].kind]
         alike = abs(np.log(_size(each) / _size(first[0]))) < np.log(largest)
         certain = alike and each.judged.seen > ALWAYS and each.judged.steady > STEADY
@@ -147,8 +153,24 @@ def likely(candidates: list[Candidate]) -> list[Hypothesis]:
 
 def _goes_as_bodies_do(judged: Judged) -> bool:
     foretold = judged.seen > OFTEN and judged.foretold > FORETOLD
-    always = judged.seen > WHOLLY and judged.foretold > ROUGHLY and judged.steady > ALIKE
-    return (foretold or always) and judged.lit < UNLIT
+    whole = judged.seen > WHOLLY
+    always = whole and judged.foretold > ROUGHLY and judged.steady > ALIKE
+    surely = whole and judged.foretold > SURELY and judged.steady > STEADY
+    return ((foretold or always) and judged.lit < UNLIT) or (surely and judged.lit < HALF_LIT)
+
+
+def _hangs_at(piece: Candidate, body: Candidate) -> bool:
+    """Whether something small keeps to a body that goes as bodies do, and mostly goes with it."""
+    one, other = piece.body, body.body
+    if _size(piece) > LITTLE * _size(body) or not _goes_as_bodies_do(body.judged):
+        return False
+    apart = np.linalg.norm(one.positions - other.positions, axis=-1)
+    if (apart < TOUCHES * _size(body)).sum() < HELD * one.seen.sum():
+        return False
+    way, own = (x.positions[one.seen & other.seen] for x in (other, one))
+    way, own = way - way.mean(0), own - own.mean(0)
+    share = (way * own).sum() / max((way**2).sum(), np.finfo(float).tiny)
+    return bool(((own - share * way) ** 2).sum() < ALONG * (own**2).sum())
 
 
 def _on_a_rod(one: Candidate, other: Candidate) -> bool:

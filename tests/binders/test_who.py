@@ -362,14 +362,38 @@ def test_what_goes_as_bodies_do_and_is_no_shadow_need_be_less_clear(odd, bodies)
 
 
 @pytest.mark.parametrize(
-    ("odd", "bodies"), [({}, 2), ({"seen": 0.95}, 1), ({"steady": 0.7}, 1), ({"foretold": 0.6}, 1)]
+    ("odd", "bodies"), [({}, 2), ({"seen": 0.95}, 1), ({"steady": 0.59}, 1), ({"foretold": 0.6}, 1)]
 )
 def test_what_is_always_seen_and_looks_alike_may_be_foretold_less_well(odd, bodies) -> None:
-    first = candidate(BALL, 2.0)
-    other = replace(candidate(0.5 * BALL + 60, 0.8, 1.6, 0.85), kind=1)
+    first = candidate(BALL, 1.9)
+    other = replace(candidate(0.5 * BALL + 60, 0.84, 1.6, 0.85), kind=1)
     other = replace(other, judged=replace(other.judged, **odd))
     assert 0.25 < other.judged.score / first.judged.score < 0.45
     assert len(likely([first, other])) == bodies
+
+
+@pytest.mark.parametrize(
+    ("odd", "bodies"), [({}, 2), ({"seen": 0.9}, 1), ({"steady": 0.8}, 1), ({"lit": 0.6}, 1)]
+)
+def test_what_goes_very_lawfully_may_have_half_the_colour_of_what_is_behind_it(odd, bodies):
+    first = candidate(BALL, 1.5)
+    other = replace(candidate(0.5 * BALL + 60, 1.6, 3.0), kind=1)
+    other = replace(other, judged=replace(other.judged, clear=0.7, fits=0.7, lit=0.4))
+    other = replace(other, judged=replace(other.judged, **odd))
+    assert 0.3 < other.judged.score / first.judged.score < 0.45
+    assert len(likely([first, other])) == bodies
+
+
+@pytest.mark.parametrize(
+    ("size", "high", "share", "bodies"),
+    [(2.0, 6.0, 0.9, 1), (2.0, 6.0, -0.9, 2), (2.0, 20.0, 0.9, 2), (3.0, 6.0, 0.9, 2)],
+    ids=["of its string", "goes its own way", "away from it", "as large"],
+)
+def test_a_piece_of_the_string_by_which_a_body_hangs_is_none(size, high, share, bodies):
+    swing = np.stack([8 * np.sin(0.3 * T), 0 * T], -1)
+    slides = np.random.default_rng(0).normal(size=(60, 2)) * [1.0, 0.5]
+    piece = candidate(60 + share * swing - [0.0, high] + slides, 1.0, size)
+    assert len(likely([candidate(60 + swing, 1.5), piece])) == bodies
 
 
 @pytest.mark.parametrize(

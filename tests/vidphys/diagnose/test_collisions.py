@@ -148,11 +148,12 @@ def test_magnets_that_repel_at_a_distance_do_not_collide(strength, power, noise)
     assert not colliding(frames)
 
 
-def test_a_tracker_that_sets_near_bodies_apart_is_no_push_at_a_distance():
+@pytest.mark.parametrize("by, within", [(0.004, 0.1), (0.012, 0.05)])
+def test_a_tracker_that_sets_near_bodies_apart_is_no_push_at_a_distance(by, within):
     path = PUCKS.path(GLANCING, TIMES)
     apart = path[:, 1] - path[:, 0]
     distance = np.linalg.norm(apart, axis=-1, keepdims=True)
-    off = 0.004 * apart / distance * np.exp(-(distance - GLANCING[2]) / 0.1)
+    off = by * apart / distance * np.exp(-(distance - GLANCING[2]) / within)
     fits = colliding(frames_of(recorded(path + np.stack([-off, off], 1), 0.0005)))
     assert fits and fits[0].numbers["mass 2"][0] == pytest.approx(2.2, rel=0.01)
 

@@ -13,7 +13,7 @@ from vidphys.diagnose.mechanisms.uncertainty import slopes_of
 
 WIDTHS = (0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 14.0, 20.0)  # frames that a push lasts, tried
 AT_ONCE = 1.2  # frames of a push that is still at once
-PART = 0.2  # of the change of speed at a meeting, that must come before and after it, at least
+PART = 0.45  # of the change of speed at a meeting, that must come before and after it, at least
 SURELY = 15.0  # of log likelihood, by which a push that lasts is likelier
 SUDDEN = 8.0  # times the usual acceleration over a step, from which a velocity jumps
 TINY = 1e-3  # of the fastest speed, that jumps at least
