@@ -22,6 +22,8 @@ FREE = 0.25  # sizes by which a body that goes on as it went may be off its way
 FAST = 0.03  # and of the way of a frame
 STANDS = 0.3  # sizes that a body moves in a frame that stands
 TRIES = 3  # frames in a row without it, after which it is not looked for
+SAMPLED = 12  # frames that tell what is usual
+AS_LARGE = 0.2  # of its area, by which what changes around it may be more or less, if that is it
 FOUND = 0.5  # of the usual energy, which is what confidence stands on
 
 
@@ -65,11 +67,20 @@ class _Search:
         self.found = replace(body, positions=body.positions.copy(), energy=body.energy.copy())
         self.usual = float(np.nanmedian(body.energy))
         self.unlike = self._usual_difference()
+        self.area, self.middle = self._usually()
+
+    def _usually(self) -> tuple[float, np.ndarray]:
+        """Area of what changes where it is, and the middle of that from its place."""
+        seen = np.flatnonzero(self.found.seen).tolist()
+        places = [(k, self.found.positions[k]) for k in seen[:: max(1, len(seen) // SAMPLED)]]
+        areas, middles = zip(*(self._stands_out(k, at) for k, at in places), strict=True)
+        off = [m - (at - np.rint(at)) for m, (_, at) in zip(middles, places, strict=True)]
+        return max(float(np.median(areas)), 1.0), np.median(off, 0)
 
     def _usual_difference(self) -> float:
         seen = np.nonzero(self.found.seen)[0].tolist()
         pairs = [(a, b) for a, b in zip(seen[:-1], seen[1:], strict=True) if b == a + 1]
-        chosen = pairs[:: max(1, len(pairs) // 12)]
+        chosen = pairs[:: max(1, len(pairs) // SAMPLED)]
         known = [self._difference(a, b, self.found.positions[b], 1.0) for a, b in chosen]
         least = [k[0] for k in known if k is not None]
         return float(np.median(least)) if least else LEAST_UNLIKE
@@ -118,10 +129,31 @@ class _Search:
             return None
         if not ((at >= 0) & (at <= np.array(self.changed.shape[:0:-1]) - 1)).all():
             return None
+        at = self._centred(frame, at)
         goes_on = np.linalg.norm(at - guess) <= 1 + FREE * self.size + FAST * speed
         stands = np.linalg.norm(at - self.found.positions[model]) <= STANDS * self.size
         alone = stands and not self._touched(frame, at, self._shape(model))
         return at if between or goes_on or alone else None
+
+    def _centred(self, frame: int, at: np.ndarray) -> np.ndarray:
+        """The place by the middle of what changed there, where that is as large as the body.
+
+        A mark that turns draws the place of what looks alike along, farther in every frame.
+        """
+        area, middle = self._stands_out(frame, at)
+        if not self._as_large(area):
+            return at
+        return np.asarray(np.rint(at) + middle - self.middle)
+
+    def _as_large(self, area: float) -> bool:
+        return area > 0 and bool(abs(np.log(area / self.area)) < AS_LARGE)
+
+    def _stands_out(self, frame: int, at: np.ndarray) -> tuple[float, np.ndarray]:
+        """Area of what changed at a place, and its middle from the pixel there; pixels."""
+        y, x = np.nonzero(self._changed_around(frame, at) & self.disc)
+        if not len(x):
+            return 0.0, np.zeros(2)
+        return float(len(x)), np.array([x.mean(), y.mean()]) - self.half
 
     def _shape(self, frame: int) -> np.ndarray:
         """Which pixels around it are the body's."""

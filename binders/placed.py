@@ -59,7 +59,8 @@ def placed(
     is off from what two of the three agree on, as where something passes, it is there. Where
     outline and picture agree against the blobs throughout, these do not count: what stands out of
     a body only before a white board moves along the board, which is a law as well. Nor do corners
-    that leave its outline: those of its edge with the board's do the same.
+    that leave its outline: those of its edge with the board's do the same; nor those of what turns,
+    which go round with its mark.
 
     Args:
         body: as blobs show it, pixels of the frames.
@@ -72,7 +73,9 @@ def placed(
     left = body.cornered and _strays(body.positions, outline, times, body.usual_size)
     if steadiness(body) > STEADY:
         exposed = _exposed(frames, np.nonzero(body.seen)[0])
-        if not _turns(body, frames, outline, exposed):
+        if _turns(body, frames, _middles(body, outline, changed), exposed):
+            left = left or body.cornered
+        else:
             picture, unlike = _refined(body, frames, changed, exposed)
             ways.append(picture)
             mended = _mended(body, ways, unlike)
@@ -135,6 +138,17 @@ def _apart(one: np.ndarray, other: np.ndarray) -> float:
     """Root mean square distance of places ``(t, 2)``, but for a usual one: of another point."""
     off = one - other
     return float(np.sqrt(np.nanmean((off - np.nanmedian(off, 0)) ** 2)))
+
+
+def _middles(body: Hypothesis, places: np.ndarray, changed: Pictures) -> np.ndarray:
+    """Places that keep to a point of a body, moved to the usual middle of what stands out there."""
+    half, seen, off = int(np.ceil(AROUND * body.usual_size)), np.nonzero(body.seen)[0], []
+    for k in seen[:: max(1, len(seen) // MODEL)].tolist():
+        corner = np.rint(places[k]).astype(int) - half
+        y, x = np.nonzero(_window(changed[k], corner, 2 * half + 1))
+        if len(x):
+            off.append(np.array([x.mean(), y.mean()]) + corner - places[k])
+    return places + np.median(off, 0) if off else places
 
 
 def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray, exposed: np.ndarray) -> bool:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from binders.exchanged import apart, told_apart
 from binders.hypotheses import Hypothesis
+from binders.lookalike import seen_again
 from binders.motion import MotionBinder
 from binders.placed import _mended, placed
 
@@ -85,8 +88,25 @@ def test_the_mark_of_a_puck_that_turns_does_not_draw_its_place_along() -> None:
     changed = np.hypot(X - seen[:, 0, None, None], Y - seen[:, 1, None, None]) < RADIUS
     ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
     blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
-    off = placed(blobs, frames, changed, t.astype(float)).positions - path
-    assert np.abs(off[:15].mean(0) - off[-15:].mean(0)).max() < 0.3
+    mark = path + 4 * np.stack([np.cos(turned), np.sin(turned)], 1)
+    for found in (blobs, replace(blobs, positions=mark, cornered=True)):
+        off = placed(found, frames, changed, t.astype(float)).positions - path
+        assert np.abs(off[:15].mean(0) - off[-15:].mean(0)).max() < 0.3
+
+
+def test_nor_does_it_where_the_puck_is_looked_for_by_its_looks() -> None:
+    t = np.arange(FRAMES)
+    path = np.stack([30 + 0.3 * t, 40 + 0.2 * t], 1)
+    frames = drawn(path, rod=0.0)
+    for k, (x, y) in enumerate(path):
+        mark = x + 4 * np.cos(0.06 * k), y + 4 * np.sin(0.06 * k)
+        frames[k][np.hypot(X - mark[0], Y - mark[1]) < 2.5] = 250
+    changed = np.hypot(X - path[:, 0, None, None], Y - path[:, 1, None, None]) < RADIUS
+    late, ones, size = t[:, None] >= 40, np.ones(FRAMES), np.full(FRAMES, RADIUS)
+    known = np.where(late, path, np.nan)
+    blobs = Hypothesis(known, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
+    found = seen_again(blobs, frames, changed)
+    assert np.abs(found.positions - path).max() < 0.7
 
 
 def test_a_ball_stays_where_it_is_while_the_exposure_drifts() -> None:
