@@ -64,19 +64,18 @@ def placed(
 
     Args:
         body: as blobs show it, pixels of the frames.
-        frames: before a still camera.
+        frames: before a still camera, evenly lit.
         changed: what differs from the background in each.
         times: of each frame, in units of the usual interval.
     """
-    outline, _ = _refined(body, frames, changed, None)
+    outline, _ = _refined(body, frames, changed, pictured=False)
     ways, best, told = [outline, body.positions], outline, -np.inf
     left = body.cornered and _strays(body.positions, outline, times, body.usual_size)
     if steadiness(body) > STEADY:
-        exposed = _exposed(frames, np.nonzero(body.seen)[0])
-        if _turns(body, frames, _middles(body, outline, changed), exposed):
+        if _turns(body, frames, _middles(body, outline, changed)):
             left = left or body.cornered
         else:
-            picture, unlike = _refined(body, frames, changed, exposed)
+            picture, unlike = _refined(body, frames, changed, pictured=True)
             ways.append(picture)
             mended = _mended(body, ways, unlike)
             left = left or _agree(outline, picture, body.positions)
@@ -151,23 +150,22 @@ def _middles(body: Hypothesis, places: np.ndarray, changed: Pictures) -> np.ndar
     return places + np.median(off, 0) if off else places
 
 
-def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray, exposed: np.ndarray) -> bool:
+def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray) -> bool:
     import cv2
 
     half, seen = int(np.ceil(body.usual_size)), np.nonzero(body.seen)[0]
     square = (2 * half + 1, 2 * half + 1)
-    some = range(0, len(seen), max(1, len(seen) // MODEL))
     patches = [
-        cv2.getRectSubPix(frames[k].astype(np.float32) * exposed[n], square, places[k].tolist())
-        for n, k in ((n, seen[n]) for n in some)
+        cv2.getRectSubPix(frames[k].astype(np.float32), square, places[k].tolist())
+        for k in seen[:: max(1, len(seen) // MODEL)].tolist()
     ]
     return turns(np.stack(patches), body.usual_size)
 
 
 def _refined(
-    body: Hypothesis, frames: Pictures, changed: Pictures, exposed: np.ndarray | None
+    body: Hypothesis, frames: Pictures, changed: Pictures, pictured: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Its places by its picture, of frames made equally bright; or by its outline.
+    """Its places by its picture, or by its outline.
 
     And how unlike it is there, ``(t,)``.
     """
@@ -183,10 +181,8 @@ def _refined(
         return cv2.GaussianBlur(cut, (0, 0), SOFT)
 
     def picture(n: int) -> np.ndarray:
-        cut = _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
-        return cut if exposed is None else cut * exposed[n]
+        return _window(frames[seen[n]], corners[n], 2 * far + 1).astype(np.float32)
 
-    pictured = exposed is not None
     shown = picture if pictured else outline
     within = body.positions[seen] - corners
     for reach in REACH:
@@ -197,12 +193,6 @@ def _refined(
     places[seen] = within + corners
     unlike[seen] = [each for _, each in found]
     return places, unlike
-
-
-def _exposed(frames: Pictures, seen: np.ndarray) -> np.ndarray:
-    """What makes frames as bright as usual, of each channel: exposure and white balance drift."""
-    levels = np.array([frames[k].mean((0, 1)) for k in seen]) + 1
-    return (np.median(levels, 0) / levels).astype(np.float32)
 
 
 def _window(image: np.ndarray, corner: np.ndarray, side: int) -> np.ndarray:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from binders.bars import without_bars
 from binders.base import Pictures
 from binders.camera import background_of, camera_drift, turned_by, undo_drift
+from binders.exposure import evenly_lit
 from binders.pan import through, turning, unturned
 from binders.reel import Masks, Reel, Through, filled
 
@@ -25,8 +26,8 @@ class Steadied:
         times: seconds.
 
     Attributes:
-        still: RGB bytes ``(t, h, w, 3)`` of the working size, before a background that stands; in
-            a file where they are many.
+        still: RGB bytes ``(t, h, w, 3)`` of the working size, evenly lit, before a background that
+            stands; in a file where they are many.
         sample: frames that the background is known by.
         drift: of the background, ``(t, 2)`` pixels of the working image; where the camera turns
             far, that of the picture's middle from the first frame on.
@@ -51,6 +52,7 @@ class Steadied:
             self.still = _steady(small, self.drift)
         else:
             self.still = _filled(*unturned(small, self._turns), self.sample)
+        self.still = evenly_lit(self.still, self.sample)
         self.steps = (times - times[0]) / np.median(np.diff(times))
 
     def seen(self, places: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t n 2"]:

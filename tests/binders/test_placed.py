@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from binders.exchanged import apart, told_apart
+from binders.exposure import evenly_lit
 from binders.hypotheses import Hypothesis
 from binders.lookalike import seen_again
 from binders.motion import MotionBinder
 from binders.placed import _mended, placed
+from binders.reel import filled
 
 FRAMES, SIDE, RADIUS = 60, 96, 7.0
 Y, X = np.mgrid[:SIDE, :SIDE]
@@ -123,8 +125,21 @@ def test_a_ball_stays_where_it_is_while_the_exposure_drifts() -> None:
     changed = np.hypot(X - seen[:, 0, None, None], Y - seen[:, 1, None, None]) < RADIUS
     ones, size = np.ones(FRAMES), np.full(FRAMES, RADIUS)
     blobs = Hypothesis(seen, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
-    found = placed(blobs, frames, changed, t.astype(float))
+    lit_evenly = evenly_lit(filled(frames), list(range(0, FRAMES, 4)))
+    found = placed(blobs, lit_evenly, changed, t.astype(float))
     assert np.abs(found.positions - path).max() < 0.5
+
+
+def test_frames_are_as_bright_as_usual_before_they_are_looked_at() -> None:
+    """As a phone sets it, of each channel its own; what moves says nothing of it."""
+    frames, t = drawn(swing(), rod=0.0), np.arange(FRAMES)
+    light = np.exp(0.3 * np.sin(0.1 * t)[:, None] * [1.0, 0.7, 0.4])[:, None, None]
+    dark = filled(np.clip(0.6 * frames * light, 0, 255).astype(np.uint8))
+    even = np.stack(list(evenly_lit(dark, list(range(0, FRAMES, 4)))))
+    usual = np.median(even, 0)
+    assert np.abs(np.median(even / usual, (1, 2)) - 1).max() < 0.01
+    steady = filled(frames)
+    assert evenly_lit(steady, [0, 20, 40]) is steady
 
 
 def test_a_body_that_a_post_half_hides_is_not_in_the_middle_of_what_it_leaves() -> None:
