@@ -9,7 +9,8 @@ from binders.reel import Reel, filled
 
 KNOWN = 30.0, 225.0  # levels between which a pixel tells of the exposure: neither black nor blown
 EVERY = 4  # pixels, of which one is looked at
-DRIFTS = 1.02  # times the least exposure, from which the most is another
+MOST, AGREES = 1.5, 0.1  # logarithms of it that are looked for, and within which pixels agree
+DRIFTS = 1.04  # times the least exposure, from which the most is another
 
 
 def evenly_lit(still: Reel, sample: list[int]) -> Reel:
@@ -32,11 +33,14 @@ def evenly_lit(still: Reel, sample: list[int]) -> Reel:
 
 
 def _exposure(frame: np.ndarray, usual: np.ndarray) -> Float[np.ndarray, " 3"]:
-    """Of each channel, times the usual one; 1 where nothing tells of it."""
+    """Of each channel, times the usual one, as most pixels agree on; 1 where none tells of it."""
     out = np.ones(3, np.float32)
     for channel in range(3):
         shown, known = frame[..., channel], usual[..., channel]
         tells = (known > KNOWN[0]) & (known < KNOWN[1]) & (shown > 0)
         if tells.any():
-            out[channel] = np.median(shown[tells] / known[tells])
+            light = np.log(shown[tells] / known[tells])
+            count, edges = np.histogram(light, np.arange(-MOST, MOST, AGREES))
+            near = np.abs(light - edges[count.argmax()] - AGREES / 2) < AGREES
+            out[channel] = np.exp(np.median(light[near])) if near.any() else 1.0
     return out

@@ -142,6 +142,15 @@ def test_frames_are_as_bright_as_usual_before_they_are_looked_at() -> None:
     assert evenly_lit(steady, [0, 20, 40]) is steady
 
 
+def test_what_fills_much_of_the_picture_is_no_exposure() -> None:
+    frames = drawn(swing(), rod=0.0)
+    hand = np.random.default_rng(0).uniform(20, 130, (SIDE, SIDE, 3))
+    for k in range(40, 46):
+        frames[k, :, : 6 * SIDE // 10] = hand[:, : 6 * SIDE // 10]
+    even = evenly_lit(filled(frames), list(range(0, FRAMES, 4)))
+    assert np.abs(np.stack(list(even)).astype(float) - frames).max() <= 3
+
+
 def test_a_body_that_a_post_half_hides_is_not_in_the_middle_of_what_it_leaves() -> None:
     path, t = swing(), np.arange(FRAMES)
     frames, post = drawn(path, rod=0.0), np.abs(X - 76) < 6
