@@ -88,7 +88,8 @@ class Look:
         self, clips: Float[Tensor, "n f c H W"], size: tuple[int, int], dtype: torch.dtype
     ) -> Float[Tensor, "n f 3 h w"]:
         """Clips as RGB of the network's size, normalised, cast last."""
-        frames = resize(to_rgb(clips.flatten(0, 1)), size, self.mode)
+        # in order: on some processors a picture's sums depend on how its pixels lie in memory
+        frames = resize(to_rgb(clips.flatten(0, 1).contiguous()), size, self.mode)
         mean, std = (frames.new_tensor(x)[:, None, None] for x in (self.mean, self.std))
         return ((frames - mean) / std).to(dtype).unflatten(0, clips.shape[:2])
 

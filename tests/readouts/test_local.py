@@ -133,7 +133,7 @@ def test_a_glance_reads_what_the_whole_map_gives_there() -> None:
 
 
 def test_readers_that_learned_apart_are_nearer_together_and_their_spread_tells() -> None:
-    torch.manual_seed(0)
+    torch.manual_seed(2)
     train, held_out, unseen = labelled(128), labelled(128), labelled(256)
     readout = RefinedReadout(CHANNELS, 2, GRID, readers=3)
     settings = ReadoutSettings(FitSettings(900, 64, 1e-2, 1.0), stop=StopSettings(10))

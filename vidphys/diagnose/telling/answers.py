@@ -14,7 +14,7 @@ from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import Validation
 from vidphys.diagnose.explanations.menu import ASKED, ByMenu
 from vidphys.diagnose.explanations.part import understood_part
-from vidphys.diagnose.explanations.verdict import NOT
+from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, RANK
 from vidphys.diagnose.recordings.flat import in_its_plane
 from vidphys.diagnose.recordings.identity import check_identity
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -28,6 +28,8 @@ from vidphys.diagnose.weak.spectrum import Mode
 from vidphys.points.point import Point
 from vidphys.progress import Progress
 from vidphys.statistics import NORMAL_95, with_error
+
+ARCS = {"pendulum", "double pendulum"}  # terms of what swings on arcs, as it does in a plane only
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,8 @@ def answer(
 ) -> Answered:
     """Diagnose a recording, and roll a long one on into a tail that was held out.
 
-    Motion in space that stays in a plane is told in that plane, where anything is told of it there.
+    Motion in space that stays in a plane is told in that plane where it swings on an arc there, or
+    where it is not explained in space, nor less so in the plane.
     Of several trials a tail is held out of each; the longest one is rolled on, and drawn.
 
     Args:
@@ -147,8 +150,11 @@ def answer(
         return _answer(motion, *about)
     inside, (x, y) = flat
     told = _answer(inside, *about)
-    if told.data["status"] == NOT:
-        return _answer(motion, *about)
+    if told.data["status"] == NOT or not ARCS & set(told.data["terms"]):
+        given = _answer(motion, *about)
+        ranks = [RANK.index(each.data["status"]) for each in (told, given)]
+        if given.data["status"] == EXPLAINED or told.data["status"] == NOT or ranks[0] < ranks[1]:
+            return given
     told.data["plane"] = {"x": x.tolist(), "y": y.tolist()}
     told.lines.append(
         f"The motion stays in a plane, and is told in it: x along {_direction(x)}, y along "
