@@ -141,12 +141,9 @@ class _Search:
         A mark that turns draws the place of what looks alike along, farther in every frame.
         """
         area, middle = self._stands_out(frame, at)
-        if not self._as_large(area):
+        if area == 0 or abs(np.log(area / self.area)) >= AS_LARGE:
             return at
         return np.asarray(np.rint(at) + middle - self.middle)
-
-    def _as_large(self, area: float) -> bool:
-        return area > 0 and bool(abs(np.log(area / self.area)) < AS_LARGE)
 
     def _stands_out(self, frame: int, at: np.ndarray) -> tuple[float, np.ndarray]:
         """Area of what changed at a place, and its middle from the pixel there; pixels."""

@@ -139,10 +139,16 @@ def _apart(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean((off - np.nanmedian(off, 0)) ** 2)))
 
 
+def _some(body: Hypothesis) -> list[int]:
+    """Frames that tell its looks, of those in which it is seen."""
+    seen = np.nonzero(body.seen)[0].tolist()
+    return seen[:: max(1, len(seen) // MODEL)]
+
+
 def _middles(body: Hypothesis, places: np.ndarray, changed: Pictures) -> np.ndarray:
     """Places that keep to a point of a body, moved to the usual middle of what stands out there."""
-    half, seen, off = int(np.ceil(AROUND * body.usual_size)), np.nonzero(body.seen)[0], []
-    for k in seen[:: max(1, len(seen) // MODEL)].tolist():
+    half, off = int(np.ceil(AROUND * body.usual_size)), []
+    for k in _some(body):
         corner = np.rint(places[k]).astype(int) - half
         y, x = np.nonzero(_window(changed[k], corner, 2 * half + 1))
         if len(x):
@@ -153,11 +159,11 @@ def _middles(body: Hypothesis, places: np.ndarray, changed: Pictures) -> np.ndar
 def _turns(body: Hypothesis, frames: Pictures, places: np.ndarray) -> bool:
     import cv2
 
-    half, seen = int(np.ceil(body.usual_size)), np.nonzero(body.seen)[0]
+    half = int(np.ceil(body.usual_size))
     square = (2 * half + 1, 2 * half + 1)
     patches = [
         cv2.getRectSubPix(frames[k].astype(np.float32), square, places[k].tolist())
-        for k in seen[:: max(1, len(seen) // MODEL)].tolist()
+        for k in _some(body)
     ]
     return turns(np.stack(patches), body.usual_size)
 
