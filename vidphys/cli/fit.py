@@ -81,6 +81,7 @@ def fit(config: FitConfig) -> int:
     from vidphys.cli.fitted import TRACKS
     from vidphys.data.formats import sources_of
     from vidphys.diagnose.explanations.specification import read_specification
+    from vidphys.diagnose.recordings.flat import laid
     from vidphys.diagnose.recordings.release import free_frames
     from vidphys.diagnose.recordings.tables import read_tracks, write_tracks
     from vidphys.reading.fitted import save_fitted
@@ -95,7 +96,7 @@ def fit(config: FitConfig) -> int:
         motion = motion.cut(config.start, config.stop)
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
-    motion = motion.cut(*free_frames(motion))
+    motion = laid(motion.cut(*free_frames(motion)), held.get("plane"))
     end = round(config.train_share * motion.positions.shape[1])
     names = {TERMS.name_of(type(part)) for part in term.parts()}
     about = {

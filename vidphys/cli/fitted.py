@@ -95,6 +95,7 @@ def roll_fitted(config: RolloutConfig, aim: Aim | None = None) -> None:
 def _recorded(config: RolloutConfig, fitted: Fitted) -> Recorded:
     from vidphys.data.dataset import is_clip
     from vidphys.data.sets import is_in_set
+    from vidphys.diagnose.recordings.flat import laid
     from vidphys.diagnose.recordings.tables import read_tracks
 
     if config.input is not None and not is_in_set(config.input):
@@ -109,7 +110,7 @@ def _recorded(config: RolloutConfig, fitted: Fitted) -> Recorded:
     if not source.is_file():
         raise InputError(f"{config.run}: it kept no tracks; give the table that it was fitted to")
     loaded = read_tracks(source, given_columns(config.columns), fitted.interval)
-    return Recorded(_cut(config, loaded.motion))
+    return Recorded(laid(_cut(config, loaded.motion), fitted.plane))
 
 
 def _cut(config: RolloutConfig, motion: Motion) -> Motion:

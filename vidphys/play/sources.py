@@ -133,6 +133,7 @@ class FitSource:
 
     def stage(self, name: str) -> Stage:
         """See :class:`Source`."""
+        from vidphys.diagnose.recordings.flat import laid
         from vidphys.diagnose.recordings.tables import read_tracks
         from vidphys.reading.fitted import load_fitted
         from vidphys.shooting.step import model_step
@@ -149,7 +150,7 @@ class FitSource:
             from vidphys.reading.specified import at_specified
 
             fitted = at_specified(*read_specification(self.path / SPECIFICATION), motion)
-        motion = motion.cut(*motion.shown())
+        motion = laid(motion.cut(*motion.shown()), fitted.plane)
         start, law = fitted.last(motion), fitted.law(motion)
         if fitted.kicked:
             paths = torch.zeros(PATHS, dtype=torch.long)

@@ -96,6 +96,7 @@ class Fitted:
         params: batch of one, in its own units.
         interval: seconds between frames that it was trained on.
         seen: how far the recording reached that it was trained on.
+        plane: axes of the plane of space that it is of, ``(2, 3)``, where it was told in one.
     """
 
     term: HeadTerm
@@ -105,6 +106,7 @@ class Fitted:
     params: Parameters
     interval: float
     seen: Seen
+    plane: list[list[float]] | None = None
 
     @property
     def kicked(self) -> bool:
@@ -255,6 +257,7 @@ def save_fitted(folder: Path, fitted: Fitted, step: int) -> None:
         "mass": law.mass[0].tolist(),
         "scalars": {name: float(value[0]) for name, value in law.scalars.items()},
         "seen": asdict(fitted.seen),
+        "plane": fitted.plane,
     }
     checkpoint.save(folder / FILE, dict(fitted.head.state_dict()), meta)
 
@@ -277,7 +280,8 @@ def load_fitted(run: Path) -> Fitted:
     head = built(term, units, params, meta["interval"], *size)
     head.load_state_dict(tensors)
     origin, seen = np.asarray(meta["origin"]), Seen(**meta["seen"])
-    return Fitted(term, head.eval(), units, origin, params, meta["interval"], seen)
+    told = meta["interval"], seen, meta.get("plane")
+    return Fitted(term, head.eval(), units, origin, params, *told)
 
 
 def law_of(mass: Any, scalars: Mapping[str, float]) -> Parameters:

@@ -13,6 +13,7 @@ from binders import Tracks
 from dynamics import Parameters
 from dynamics.bath import ConstantBath
 from dynamics.terms import Bath, Each, HeadTerm, Links
+from vidphys.diagnose.recordings.flat import laid
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
 from vidphys.progress import Progress
@@ -73,7 +74,7 @@ def train_specified(
         FloatingPointError: a loss or a gradient is not finite.
         InputError: tracks of another scene.
     """
-    _check(held, motion)
+    motion = _laid(held, motion)
     known = even(motion.cut(0, end))
     fitted = _untrained(term, held, known, seed)
     tracks, law = fitted.tracks(known), fitted.law(known)
@@ -103,8 +104,7 @@ def at_specified(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> Fit
     Raises:
         InputError: tracks of another scene, or a model with a network, which has no such numbers.
     """
-    _check(held, motion)
-    fitted = _untrained(term, held, even(motion), 0)
+    fitted = _untrained(term, held, even(_laid(held, motion)), 0)
     if not is_few(fitted.head):
         raise InputError(
             "the specification has a term of unknown form, which must be trained; "
@@ -113,12 +113,15 @@ def at_specified(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> Fit
     return fitted
 
 
-def _check(held: Mapping[str, Any], motion: Motion) -> None:
+def _laid(held: Mapping[str, Any], motion: Motion) -> Motion:
+    """The tracks by the coordinates of the specification, if they are of its scene."""
+    motion = laid(motion, held.get("plane"))
     if (motion.bodies, motion.space) != (held["bodies"], held["space"]):
         raise InputError(
             f"fit: the specification is of {held['bodies']} bodies in {held['space']} "
             f"dimensions, the tracks are of {motion.bodies} in {motion.space}"
         )
+    return motion
 
 
 def _untrained(term: HeadTerm, held: Mapping[str, Any], motion: Motion, seed: int) -> Fitted:
@@ -132,7 +135,8 @@ def _untrained(term: HeadTerm, held: Mapping[str, Any], motion: Motion, seed: in
     torch.manual_seed(seed)
     head = built(term, units, params, motion.interval, motion.bodies, motion.space)
     origin, seen = np.asarray(held["origin"], float), Seen.of(motion.times[0], motion.positions[0])
-    return Fitted(term, head, units, origin, params, motion.interval, seen)
+    plane = held.get("plane")
+    return Fitted(term, head, units, origin, params, motion.interval, seen, plane)
 
 
 def _of_angles(term: HeadTerm) -> bool:

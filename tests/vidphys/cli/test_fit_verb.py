@@ -1,7 +1,9 @@
 """`vidphys fit`: the diagnosed model is trained on its tracks; only what has an effect is asked."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -9,6 +11,7 @@ from tests.shared.bouncing import thrown
 from vidphys.cli import main
 from vidphys.diagnose.recordings.tables import write_tracks
 from vidphys.diagnose.telling.answers import answer
+from vidphys.play.sources import FitSource
 from vidphys.runs import checkpoint
 from vidphys.runs.atomic import write_json
 
@@ -64,3 +67,21 @@ def test_what_would_have_no_effect_is_not_taken(diagnosed, tmp_path, capsys):
     for option in ("--encoder", "--device", "--widths"):
         assert fit(diagnosed, tmp_path / "run", option, "cpu") == 2
         assert option in capsys.readouterr().err
+
+
+def test_a_table_in_space_is_fitted_and_rolled_in_the_plane_that_it_was_told_in(
+    diagnosed, tmp_path
+):
+    flat, axes = thrown(), [[0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]
+    motion = replace(flat, positions=flat.positions @ np.array(axes))
+    write_tracks(tmp_path / "space.csv", motion)
+    held = json.loads(diagnosed[1].read_text())
+    write_json(tmp_path / "plane.json", {**held, "plane": axes})
+    told = (tmp_path / "space.csv", tmp_path / "plane.json")
+    assert fit(told, tmp_path / "run", "--steps", "3") == 0
+    given = ["rollout", str(tmp_path / "run"), str(tmp_path / "space.csv"), "--quiet"]
+    assert main([*given, "--out", str(tmp_path / "on")]) == 0
+    with np.load(tmp_path / "on" / "rollout.npz") as rolled:
+        assert rolled["rollout"].shape[-1] == 2
+    stage = FitSource(tmp_path / "run", tmp_path / "space.csv").stage("tracks/specified")
+    assert stage.start.q.shape[-1] == 2

@@ -41,6 +41,7 @@ def test_a_pendulum_measured_in_space_is_no_stiff_spring():
     given = answer(noisy(path, 0.0025), False, 0.3)
     assert given.data["terms"] == ["linear", "pendulum"] and given.data["status"] != NOT
     assert given.data["plane"]["y"] == pytest.approx([0, 1, 0], abs=0.01)
+    assert given.specification["plane"] == [given.data["plane"][axis] for axis in "xy"]
 
 
 def test_a_nearly_round_orbit_is_no_pendulum_that_goes_over_the_top():

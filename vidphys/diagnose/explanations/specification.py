@@ -127,8 +127,15 @@ class Estimate(Closed):
     standard_error: Annotated[float, Field(ge=0)] | None
 
 
+Axis = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
 class Specification(Closed):
-    """What ``specification.json`` holds; see :func:`as_specification`."""
+    """What ``specification.json`` holds; see :func:`as_specification`.
+
+    Its plane is there where the bodies move in a plane of space: the axes along which the model's
+    two coordinates are counted.
+    """
 
     schema_version: Literal[1]
     bodies: Annotated[int, Field(ge=1, le=MOST_BODIES)]
@@ -140,6 +147,7 @@ class Specification(Closed):
     explained: bool
     mass: Annotated[list[Above], Field(max_length=MOST_BODIES)] | None = None
     inputs: Annotated[list[Word], Field(max_length=1000)] = []
+    plane: Annotated[list[Axis], Field(min_length=2, max_length=2)] | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -38,4 +38,14 @@ def in_its_plane(motion: Motion) -> tuple[Motion, np.ndarray] | None:
     found = asked - (asked @ normal) * normal
     found /= np.linalg.norm(found)
     both = np.stack([found, np.cross(normal, found)] if level else [np.cross(found, normal), found])
-    return replace(motion, positions=motion.positions @ both.T), both
+    return laid(motion, both), both
+
+
+def laid(motion: Motion, axes: np.ndarray | None) -> Motion:
+    """The same motion by its coordinates along the axes of a plane of space ``(2, 3)``.
+
+    What is not in space stays as it is, and so does everything where there is no plane.
+    """
+    if axes is None or motion.space != SPACE:
+        return motion
+    return replace(motion, positions=motion.positions @ np.asarray(axes).T)

@@ -156,6 +156,8 @@ def answer(
         if given.data["status"] == EXPLAINED or told.data["status"] == NOT or ranks[0] < ranks[1]:
             return given
     told.data["plane"] = {"x": x.tolist(), "y": y.tolist()}
+    if told.specification is not None:
+        told = replace(told, specification=told.specification | {"plane": [x.tolist(), y.tolist()]})
     told.lines.append(
         f"The motion stays in a plane, and is told in it: x along {_direction(x)}, y along "
         f"{_direction(y)}."
