@@ -19,6 +19,7 @@ from vidphys.data.clip_files import Decoded
 from vidphys.data.clip_files import Source as ClipSource
 from vidphys.data.formats import FORMATS, VIDEO, ClipFormat, format_of
 from vidphys.data.formats.opencv import opencv
+from vidphys.data.formats.stamps import unrounded
 from vidphys.data.frames import Frames, Holding, Source
 from vidphys.data.sets import clip_in_set
 from vidphys.errors import InputError
@@ -230,7 +231,7 @@ def _times(path: Path, stamps: np.ndarray, rate: float | None) -> tuple[np.ndarr
             "give the frame rate as `rate`"
         )
     if good.all():
-        return stamps, []
+        return unrounded(stamps)[0], []
     usual = float(np.median(steps[good]))
     times = stamps.copy()
     replaced = 0

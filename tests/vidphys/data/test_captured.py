@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vidphys.data.formats import Recording, read_recording
-from vidphys.data.formats.stamps import moments
+from vidphys.data.formats.stamps import moments, unrounded
 from vidphys.errors import InputError
 
 FRAMES = 12
@@ -172,6 +172,33 @@ def test_whole_numbers_since_1970_are_seconds(tmp_path, unit, second) -> None:
 def test_clock_times_may_have_a_decimal_comma_and_no_hours() -> None:
     for words in (["0:00:59,96", "0:01:00,04"], ["00:59.96", "01:00.04"]):
         np.testing.assert_allclose(moments(np.array(words)), [0.0, 0.08], atol=1e-9)
+
+
+def test_a_fourth_number_of_a_clock_time_is_hundredths_or_counts_frames() -> None:
+    words = np.array(["0:00:01:96", "0:00:02:00", "0:00:02:03"])
+    np.testing.assert_allclose(moments(words), [0.0, 0.04, 0.07], atol=1e-9)
+    with pytest.raises(ValueError, match="counts frames"):
+        moments(np.array(["00:00:01:23", "00:00:01:24", "00:00:02:00", "00:00:02:01"]))
+
+
+@pytest.mark.parametrize("written", [np.round, lambda x, n: np.floor(x * 10**n) / 10**n])
+@pytest.mark.parametrize("rate", [24, 29.97, 30, 60, 240])
+def test_times_of_few_digits_are_even_again(written, rate) -> None:
+    frames = np.delete(np.arange(90), [7, 8, 40])
+    for digits in (2, 3):
+        if rate * 0.1**digits > 1:
+            continue  # a clock coarser than the frames
+        even, quantum = unrounded(written(frames / rate, digits))
+        assert np.abs(np.diff(even) * rate - np.diff(frames)).max() < 0.01
+        assert quantum in (0.0, 10.0**-digits)  # none where it is fine enough
+
+
+def test_times_that_are_uneven_stay_so() -> None:
+    late = np.random.default_rng(0).uniform(-0.3, 0.3, 90) / 30
+    in_turn = np.cumsum(np.tile([0.05, 0.03], 45))
+    for times in (np.arange(90) / 30 + late, np.round(np.arange(90) / 30 + late, 3), in_turn):
+        found, quantum = unrounded(times)
+        assert quantum == 0 and (found == times).all()
 
 
 def test_the_brightness_that_a_tracker_calls_mass_is_none(tmp_path) -> None:

@@ -12,7 +12,7 @@ from vidphys.data.formats.bounded import require_room
 from vidphys.data.formats.boxes import centred
 from vidphys.data.formats.columns import Columns, Table, detect_columns, shown
 from vidphys.data.formats.names import LENGTHS, PIXELS, RADIANS, SECONDS, meaning_of
-from vidphys.data.formats.stamps import cleaned, moments, restarts
+from vidphys.data.formats.stamps import cleaned, moments, restarts, unrounded
 from vidphys.errors import InputError
 
 TURNS = 4 * np.pi
@@ -70,12 +70,15 @@ def recording_of(
         parts = [(times, q) for times, q, _ in done if len(times)]
         said = list(dict.fromkeys(line for *_, lines in done for line in lines))
     times, positions = _padded(parts)
+    even = [unrounded(each) for each, _ in parts] if clock.seconds else []
+    if any(quantum for _, quantum in even):
+        said.append(f"times rounded to {max(q for _, q in even):g} s, spread evenly")
     kind: Unit = "angles" if columns.angles else "pixels" if columns.pixels else "world"
     taken = _taken(columns, clock, kind, length, names)
     counted = columns.frame if columns.time is None and interval is None else None
     return Recording(
         positions,
-        times if clock.seconds else None,
+        _padded([(t, q) for (t, _), (_, q) in zip(even, parts, strict=True)])[0] if even else None,
         kind,
         _of_bodies(table, columns, names, len(parts)),
         _of_clips(table, columns.coupling, clip),

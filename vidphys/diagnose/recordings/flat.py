@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vidphys.diagnose.recordings.motion import Motion
 
@@ -41,7 +42,7 @@ def in_its_plane(motion: Motion) -> tuple[Motion, np.ndarray] | None:
     return laid(motion, both), both
 
 
-def laid(motion: Motion, axes: np.ndarray | None) -> Motion:
+def laid(motion: Motion, axes: ArrayLike | None) -> Motion:
     """The same motion by its coordinates along the axes of a plane of space ``(2, 3)``.
 
     What is not in space stays as it is, and so does everything where there is no plane.
