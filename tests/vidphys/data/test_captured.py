@@ -1,15 +1,17 @@
-"""Files of motion capture systems, boxes of detectors, clocks of robots, JSON as pandas has it."""
+"""Files of motion capture systems, nodes of SLEAP, boxes of detectors, clocks of robots, JSON as pandas has it."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from vidphys.data.formats import Recording, read_recording
 from vidphys.data.formats.stamps import moments, unrounded
+from vidphys.data.sets import only_clip
 from vidphys.errors import InputError
 
 FRAMES = 12
@@ -252,3 +254,40 @@ def test_an_array_alone_is_a_table_or_places(tmp_path) -> None:
     np.save(tmp_path / "any.npy", np.array([{"x": 1}], object), allow_pickle=True)
     with pytest.raises(InputError, match="not an npy file of numbers"):
         read_recording(tmp_path / "any.npy")
+
+
+def sleap(path: Path, animals: list[str], nodes: list[str]) -> np.ndarray:
+    """A file as SLEAP exports it; its places ``(frames, animals * nodes, 2)``."""
+    places = np.random.default_rng(0).uniform(0, 300, (FRAMES, len(animals), len(nodes), 2))
+    places[3, 0, 0] = np.nan
+    with h5py.File(path, "w") as out:
+        out["track_names"], out["node_names"] = animals, nodes
+        out["tracks"] = places.transpose(1, 3, 2, 0)
+        out["track_occupancy"] = np.ones((FRAMES, len(animals)))
+    return places.reshape(FRAMES, -1, 2)
+
+
+@pytest.mark.parametrize("animals", [[""], ["fly", "mate"]])
+def test_nodes_of_sleap_are_bodies_by_their_names(tmp_path, animals) -> None:
+    path = tmp_path / "video.analysis.h5"
+    places = sleap(path, animals, ["head", "tail"])
+    found = read_recording(path, interval=0.04)
+    assert found.unit == "pixels" and found.times[0, 1] == 0.04
+    np.testing.assert_array_equal(found.positions[0], places)
+    name = f"{animals[-1]} tail".strip()
+    one = read_recording(path, {"body": name}, 0.04)
+    np.testing.assert_array_equal(one.positions[0], places[:, -1:])
+    assert name in one.notes[0] and "head" not in one.notes[0]
+    with pytest.raises(InputError, match="`columns`: the markers are "):
+        read_recording(path, {"body": "wing"}, 0.04)
+
+
+def test_an_hdf5_file_of_another_kind_says_what_to_give(tmp_path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as out:
+        out["df_with_missing/table"] = np.zeros(5)
+    with pytest.raises(InputError, match="no group in it has an array called frames"):
+        only_clip(tmp_path / "other.h5")
+    with h5py.File(tmp_path / "short.h5", "w") as out:
+        out["tracks"], out["node_names"], out["track_names"] = np.zeros((2, 9)), ["a"], ["b"]
+    with pytest.raises(InputError, match="SLEAP has"):
+        read_recording(tmp_path / "short.h5", interval=0.1)

@@ -15,6 +15,7 @@ from vidphys.data.formats.base import (
 from vidphys.data.formats.captured import is_captured, read_captured
 from vidphys.data.formats.matlab import matlab_table, read_matlab
 from vidphys.data.formats.opencv import read_clip
+from vidphys.data.formats.sleap import HDF5, is_sleap, read_sleap
 from vidphys.data.formats.structured import read_structured, structured_table
 from vidphys.data.formats.tables import (
     arrays_table,
@@ -51,6 +52,7 @@ FORMATS.register("text", TrackFormat(TEXTS, read_text, holds_numbers, table=text
 FORMATS.register("matlab", TrackFormat((".mat",), read_matlab, table=matlab_table))
 TRACKER = TrackFormat((".trk", ".trz", ".zip"), read_project, is_project, read_marks)
 FORMATS.register("tracker", TRACKER)
+FORMATS.register("sleap", TrackFormat(HDF5, read_sleap, is_sleap))
 FORMATS.register("video", VIDEO)
 
 __all__ = [

@@ -69,7 +69,7 @@ def read_captured(path: Path, columns: Mapping[str, str], _interval: float | Non
         raise InputError(
             f"begins as a motion capture file ({kind}), but goes on otherwise"
         ) from error
-    return _recording(take, _wanted(take.markers, columns))
+    return _recording(take, wanted(take.markers, columns))
 
 
 def _opensim(lines: Lines) -> _Take:
@@ -124,7 +124,7 @@ KINDS: Mapping[str, Callable[[Lines], _Take]] = {
 }
 
 
-def _wanted(markers: Sequence[str], columns: Mapping[str, str]) -> list[int]:
+def wanted(markers: Sequence[str], columns: Mapping[str, str]) -> list[int]:
     """Which markers are taken: all, or those that are said.
 
     Raises:

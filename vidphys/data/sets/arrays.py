@@ -18,6 +18,7 @@ import numpy as np
 
 from vidphys.data.clip_files import ClipFile, Dataset
 from vidphys.data.formats.bounded import reading
+from vidphys.data.formats.sleap import HDF5, is_sleap
 from vidphys.data.formats.tables import arrays_of, headers_of
 from vidphys.data.sets.apart import Group, frames_of, groups_of
 from vidphys.data.sets.base import SetFormat, facts_of, labels_of, times_of
@@ -25,7 +26,7 @@ from vidphys.data.sets.sources import arrays, frames_in
 from vidphys.errors import InputError
 
 FRAMES = ("frames", "video", "images")
-NPZ, HDF5 = ".npz", (".h5", ".hdf5", ".hdf")
+NPZ = ".npz"
 
 
 def looks(path: Path) -> bool:
@@ -33,7 +34,7 @@ def looks(path: Path) -> bool:
     if not path.is_file():
         return False
     if path.suffix.lower() in HDF5:
-        return True
+        return not is_sleap(path)
     if path.suffix.lower() != NPZ:
         return False
     try:
@@ -50,7 +51,13 @@ def read(path: Path) -> Dataset:
             return Dataset((_npz(path),), stored=(path,))
     if importlib.util.find_spec("h5py") is None:
         raise InputError("reading HDF5 needs h5py: pip install 'vidphys[sets]'")
-    return Dataset(tuple(_of_group(path, one) for one in groups_of(path, FRAMES)), stored=(path,))
+    clips = tuple(_of_group(path, one) for one in groups_of(path, FRAMES))
+    if not clips:
+        raise InputError(
+            f"no group in it has an array called {', '.join(FRAMES)}, nor is it SLEAP's; if it "
+            "holds tracks, give them as CSV (DeepLabCut writes one as well)"
+        )
+    return Dataset(clips, stored=(path,))
 
 
 def _clip(

@@ -107,12 +107,19 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     if "collision" in law.kinds:
         how[0] = "nothing pulls them" if law.restoring == "none" else how[0]
         how.append("they collide")
+    how = [_of_several(x) for x in how] if several else how
     known = quantities(fit, units.ends)
     numbers = (*collided(fit, group.bodies), *(number(x, units) for x in known))
     return [
         f"{who} {moves}: {'; '.join(how)}.",
         *(f"  {x}" for x in (*numbers, *_ruler(law, known, units))),
     ]
+
+
+def _of_several(said: str) -> str:
+    """What is said of a body, of each of several."""
+    each = "each " if said.startswith("about a place") else ""
+    return each + said.replace(" its speed", " their speed").replace("drives it", "drives them")
 
 
 def _named(bodies: Sequence[int]) -> str:

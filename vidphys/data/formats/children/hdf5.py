@@ -71,19 +71,19 @@ class Clips:
         """The frames of a group, if it has some."""
         held = self.own(group)
         found = next((held[name] for name in self.names if name in held), None)
-        return _in_here(found) if isinstance(found, h5py.Dataset) else None
+        return in_here(found) if isinstance(found, h5py.Dataset) else None
 
     def send_clip(self, name: str, group: h5py.Group) -> None:
         """Send what it holds beside its frames."""
         shown = self.frames(group)
         assert shown is not None
-        arrays, facts = {}, {k: _plain(x) for k, x in group.attrs.items() if not np.ndim(x)}
+        arrays, facts = {}, {k: plain(x) for k, x in group.attrs.items() if not np.ndim(x)}
         for key, held in self.own(group).items():
             if key in self.names or not isinstance(held, h5py.Dataset) or held.shape is None:
                 continue
-            kind = _in_here(held).dtype.kind
+            kind = in_here(held).dtype.kind
             if not held.shape and kind in "fiubO":
-                facts[key] = _plain(held[()])
+                facts[key] = plain(held[()])
             elif kind in "fiub":
                 require_room(held.shape, self.most_bytes, held.name)
                 arrays[key] = held[()]
@@ -92,13 +92,19 @@ class Clips:
         send(arrays, name=name, facts=facts, **about)
 
 
-def _in_here(held: h5py.Dataset) -> h5py.Dataset:
+def in_here(held: h5py.Dataset) -> h5py.Dataset:
+    """The same, whose numbers lie in this file.
+
+    Raises:
+        RefusedError: they lie in another one.
+    """
     if held.external or held.is_virtual:
         raise RefusedError(f"{held.name} lies in another file; copy it into this one")
     return held
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A single number or word as Python's."""
     value = value.item() if isinstance(value, np.generic) else value
     value = value.decode(errors="replace") if isinstance(value, bytes) else value
     return value[:WORDS] if isinstance(value, str) else value
@@ -106,7 +112,7 @@ def _plain(value: Any) -> Any:
 
 def frames(held: h5py.Dataset, seconds: int) -> None:
     """Send all frames, as many at once as are stored together."""
-    _in_here(held)
+    in_here(held)
     together = held.chunks[0] if held.chunks else 1
     each = max(1, min(together, BLOCK // int(np.prod(held.shape[1:]))))
     for first in range(0, len(held), each):

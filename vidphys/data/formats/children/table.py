@@ -1,4 +1,4 @@
-"""The program that reads one Parquet or MATLAB file, or one workbook.
+"""The program that reads one Parquet or MATLAB file, one workbook, or SLEAP's tracks.
 
 Its message says the name, type and shape of each array; their bytes follow, in that order.
 """
@@ -126,9 +126,34 @@ def _workbook(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
     return {"lines": np.array(lines, str)}
 
 
+def _prepare_sleap() -> None:
+    """See :func:`_prepare_parquet`."""
+    import hdf5  # noqa: F401
+
+
+def _sleap(most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
+    """Its tracks and their names; nothing where it has none."""
+    import h5py
+    from hdf5 import in_here, plain
+
+    names = "tracks", "node_names", "track_names"
+    with h5py.File(FILE, "r") as file:
+        own = {name: file.get(name) for name in names}
+        held = {name: in_here(x) for name, x in own.items() if isinstance(x, h5py.Dataset)}
+        if len(held) < len(names):
+            return {}
+        for name, x in held.items():
+            require_room(x.shape, most_bytes, name)
+        words = {
+            name: np.array([plain(word) for word in held[name][()]], str) for name in names[1:]
+        }
+        return {"tracks": held["tracks"][()], **words}
+
+
 READERS = {
     "parquet": ("a table", _prepare_parquet, _parquet),
     "matlab": ("a MATLAB file", _prepare_matlab, _matlab),
+    "sleap": ("a file of SLEAP", _prepare_sleap, _sleap),
     "workbook": ("a workbook", _prepare_workbook, _workbook),
 }
 

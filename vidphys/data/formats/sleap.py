@@ -1,0 +1,61 @@
+"""Tracks as SLEAP exports them (``.analysis.h5``): nodes of skeletons, in pixels.
+
+DeepLabCut's HDF5 keeps the names of its columns in pickles, which can run any code; its CSV is
+read.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from vidphys.data.formats.base import Recording
+from vidphys.data.formats.captured import wanted
+from vidphys.data.formats.foreign import read_apart
+from vidphys.errors import InputError
+
+HDF5 = (".h5", ".hdf5", ".hdf")
+LOOKED_AT = 4  # files whose kind is kept
+
+
+def is_sleap(path: Path) -> bool:
+    """Whether an HDF5 file has SLEAP's arrays; not told where h5py is missing."""
+    if path.suffix.lower() not in HDF5 or importlib.util.find_spec("h5py") is None:
+        return False
+    return _has_tracks(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(LOOKED_AT)
+def _has_tracks(path: Path, _changed: int) -> bool:
+    try:
+        return "tracks" in read_apart(path, "sleap", ["h5py"])
+    except InputError:
+        return False
+
+
+def read_sleap(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
+    """The nodes of all skeletons, each a body; NaN where one was not seen.
+
+    Raises:
+        InputError: arrays of another shape, or a node that it does not have.
+    """
+    held = read_apart(path, "sleap", ["h5py"])
+    tracks, nodes = held["tracks"], held["node_names"].tolist()
+    if tracks.ndim != 4 or tracks.shape[1] != 2 or tracks.shape[2] != len(nodes):
+        raise InputError(
+            f"'tracks' {tracks.shape} of {len(nodes)} nodes; SLEAP has (tracks, 2, nodes, frames)"
+        )
+    animals = held["track_names"].tolist() if len(tracks) > 1 else [""]
+    names = [f"{animal} {node}".strip() for animal in animals for node in nodes]
+    places = tracks.transpose(3, 0, 2, 1).reshape(tracks.shape[3], -1, 2).astype(float)
+    taken = [n for n in wanted(names, columns) if np.isfinite(places[:, n]).any()]
+    if not taken:
+        raise InputError("none of these nodes is seen in any frame")
+    frames = np.arange(len(places))
+    times = None if interval is None else (frames * interval)[None]
+    note = f"SLEAP's nodes, in pixels: {', '.join(names[n] for n in taken)}"
+    return Recording(places[None][:, :, taken], times, "pixels", notes=(note,), frames=frames)
