@@ -1,4 +1,4 @@
-"""Files of motion capture systems, nodes of SLEAP, boxes of detectors, clocks of robots, JSON as pandas has it."""
+"""Files of motion capture, of SLEAP and of detectors, clocks of robots, JSON as pandas has it."""
 
 from __future__ import annotations
 
