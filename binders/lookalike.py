@@ -161,8 +161,15 @@ class _Search:
         return self.shapes[frame]
 
     def _changed_around(self, frame: int, at: np.ndarray) -> np.ndarray:
-        (x, y), n = np.rint(at).astype(int), 2 * self.half + 1
-        return np.pad(self.changed[frame], self.half)[y : y + n, x : x + n]
+        """In a square about a place, of which nothing changes outside the picture."""
+        (left, top), n = np.rint(at).astype(int) - self.half, 2 * self.half + 1
+        changed, out = self.changed[frame], np.zeros((n, n), bool)
+        (y0, y1), (x0, x1) = (
+            np.clip([first, first + n], 0, side)
+            for first, side in zip((top, left), changed.shape, strict=True)
+        )
+        out[y0 - top : y1 - top, x0 - left : x1 - left] = changed[y0:y1, x0:x1]
+        return out
 
     def _touched(self, frame: int, at: np.ndarray, shape: np.ndarray) -> bool:
         import cv2

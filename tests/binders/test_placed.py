@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from binders.exchanged import apart, told_apart
 from binders.exposure import evenly_lit
@@ -109,6 +110,20 @@ def test_nor_does_it_where_the_puck_is_looked_for_by_its_looks() -> None:
     blobs = Hypothesis(known, ones, size, size, np.zeros((FRAMES, 3)), ones, 0 * ones)
     found = seen_again(blobs, frames, changed)
     assert np.abs(found.positions - path).max() < 0.7
+
+
+@pytest.mark.parametrize("ahead", [6, 60])
+def test_a_body_may_be_placed_outside_the_picture(ahead) -> None:
+    path = np.stack([3.0 * np.arange(FRAMES) - ahead, np.full(FRAMES, 40.0)], 1)
+    path = path[path[:, 0] < X.max()]
+    frames = drawn(path, rod=0.0)
+    changed = np.hypot(X - path[:, 0, None, None], Y - path[:, 1, None, None]) < RADIUS
+    ones, size = np.ones(len(path)), np.full(len(path), RADIUS)
+    body = Hypothesis(path, ones, size, size, np.zeros((len(path), 3)), ones, 0 * ones)
+    missed = replace(body, positions=np.where(np.arange(len(path))[:, None] % 5 == 4, np.nan, path))
+    found = seen_again(missed, frames, changed).positions
+    whole = (path[:, 0] > 2 * RADIUS) & (path[:, 0] < X.max() - 2 * RADIUS)
+    assert np.abs(found - path)[whole].max() < 0.7
 
 
 def test_a_ball_stays_where_it_is_while_the_exposure_drifts() -> None:
