@@ -1,4 +1,4 @@
-"""What is but a darker place of the background: a shadow, through which what is behind it shows."""
+"""What is but the background in other light: a shadow, or the place that one has left."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from binders.hypotheses import Hypothesis
 
 INNER = 0.7  # of its radius, within which its soft edge does not count
 LEAST = 12  # pixels of it in a frame
-DARK = 0.8  # of the background's light, that a shadow leaves at most
+DARK = 0.8  # of the light of what it falls on, that a shadow leaves at most
 UNLIKE = 0.12  # of its colours, by which they may differ from the background's in that light
 OWN = 0.7  # of what they differ by from one colour of its own
 
@@ -19,7 +19,9 @@ OWN = 0.7  # of what they differ by from one colour of its own
 def shadows(
     candidates: list[Candidate], frames: Pictures, background: Float[np.ndarray, "h w 3"]
 ) -> set[int]:
-    """Which of the likeliest candidates are the background in less light, all the time.
+    """Which of the likeliest candidates are the background in other light, all the time.
+
+    It has less where a shadow is; where a shadow lies mostly, it has more when that is away.
 
     A grey body before a grey wall is also as the wall is in less light; but what it passes does
     not show in it. So no colour of its own may explain its pixels as well.
@@ -46,7 +48,8 @@ def _seen_through(body: Hypothesis, frames: Pictures, background: np.ndarray) ->
     unlike = [np.sqrt(_power(a - light * b) / _power(a)) for a, b in pairs]
     own = _power(shown - np.median(shown, axis=0))
     through = _power(shown - light * behind)
-    return bool(light < DARK and np.median(unlike) < UNLIKE and through < OWN**2 * own)
+    other = light < DARK or light > 1 / DARK
+    return bool(other and np.median(unlike) < UNLIKE and through < OWN**2 * own)
 
 
 def _inside(

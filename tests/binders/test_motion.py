@@ -128,11 +128,12 @@ def two_discs(light: float, grain: float, tint: float, colour: np.ndarray) -> np
         (two_discs(0.45, 1.0, 1.0, 0.45 * DIM), 2),
         (two_discs(0.45, 0.0, 1.0, 0.45 * DIM), 2),
         (two_discs(0.45, 1.0, 0.1, COLOURS[1]), 2),
-        (two_discs(2.2, 1.0, 0.0, DIM), 2),
+        (two_discs(2.2, 1.0, 0.0, DIM), 1),
+        (two_discs(2.2, 1.0, 1.0, 2.2 * DIM), 2),
     ],
-    ids=["deep shadow", "as dark", "before a plain wall", "tinted", "bright"],
+    ids=["deep shadow", "as dark", "plain wall", "tinted", "more light", "as bright"],
 )
-def test_what_the_background_is_seen_through_in_less_light_is_a_shadow(clip, bodies) -> None:
+def test_what_the_background_is_seen_through_in_other_light_is_no_body(clip, bodies) -> None:
     for binder, count in (
         (MotionBinder(bodies=None), bodies),
         (MotionBinder(bodies=None, shadow=1.0), 2),
