@@ -197,6 +197,8 @@ def test_times_of_few_digits_are_even_again(written, rate) -> None:
 
 def test_times_that_are_uneven_stay_so() -> None:
     late = np.random.default_rng(0).uniform(-0.3, 0.3, 90) / 30
+    for times in (np.zeros(9), np.arange(9)[::-1] / 100, np.r_[np.nan, np.arange(9) / 100]):
+        np.testing.assert_array_equal(unrounded(times)[0], times)
     in_turn = np.cumsum(np.tile([0.05, 0.03], 45))
     for times in (np.arange(90) / 30 + late, np.round(np.arange(90) / 30 + late, 3), in_turn):
         found, quantum = unrounded(times)

@@ -73,15 +73,17 @@ def unrounded(times: np.ndarray) -> tuple[np.ndarray, float]:
     """Times that were even before they were written with few digits: the even ones.
 
     Args:
-        times: seconds ``(t,)``, rising; frames may be missing between them.
+        times: seconds ``(t,)``; frames may be missing between them.
 
     Returns:
         The times, and to how many seconds they had been rounded; as they were, and 0, where that
-        is not all that makes them uneven.
+        is not all that makes them uneven, and where they do not rise.
     """
     steps = np.diff(times)
+    if len(times) < TELLING or not steps.min() > 0:
+        return times, 0.0
     quantum = next((q for q in QUANTA if _whole(times / q)), 0.0)
-    if len(times) < TELLING or quantum < FINE * np.median(steps):
+    if quantum < FINE * np.median(steps):
         return times, 0.0
     for step in (float(np.median(steps)), float(steps.mean())):
         frames = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / step), 1.0))])
