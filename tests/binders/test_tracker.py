@@ -398,7 +398,7 @@ def test_end_to_end_loss_falls_and_reaches_tracker_and_head(name):
     network, head = Tracker(), build(HEADS[name], 3, 0.01)
     if name == "unstructured":
         head.set_scale(0.01, 0.01)
-    q, params = falling(24, 7)
+    q, params = falling(12, 7)
     data = windows_of(shuffled(found(q.float()), 0), params, 7)
     both = torch.nn.ModuleList([network, head])
 

@@ -293,7 +293,7 @@ def test_mutants_are_read_or_refused_in_one_line(tmp_path):
     (tmp_path / "a.csv").touch()
     found = {
         number: (path.name, said)
-        for number, path, said in mutants.tried_apart(0, 330, tmp_path)
+        for number, path, said in mutants.tried_apart(0, 120, tmp_path)
         if said not in ("read", "refused")
     }
     assert not found
