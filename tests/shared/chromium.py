@@ -83,7 +83,7 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def until(self, condition: str, seconds: float = 100) -> None:
+    def until(self, condition: str, seconds: float = 200) -> None:
         """Wait until an expression is true there."""
         end = time.monotonic() + seconds
         while not self.run(f"return Boolean({condition})"):
