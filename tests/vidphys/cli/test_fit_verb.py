@@ -69,6 +69,15 @@ def test_what_would_have_no_effect_is_not_taken(diagnosed, tmp_path, capsys):
         assert option in capsys.readouterr().err
 
 
+def test_a_plane_is_of_two_dimensions(diagnosed, tmp_path, capsys):
+    held = json.loads(diagnosed[1].read_text())
+    axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    told = {**held, "space": 3, "origin": [*held["origin"], 0.0], "plane": axes}
+    write_json(tmp_path / "space.json", told)
+    assert fit((diagnosed[0], tmp_path / "space.json"), tmp_path / "run") == 2
+    assert "plane: is of a scene in 2 dimensions, this one has 3" in capsys.readouterr().err
+
+
 def test_a_table_in_space_is_fitted_and_rolled_in_the_plane_that_it_was_told_in(
     diagnosed, tmp_path
 ):

@@ -157,6 +157,8 @@ class Specification(Closed):
         ):
             if held is not None and len(held) != count:
                 raise ValueError(f"{name}: has {len(held)} numbers and needs {count}")
+        if self.plane is not None and self.space != len(self.plane):
+            raise ValueError(f"plane: is of a scene in 2 dimensions, this one has {self.space}")
         return self
 
 
