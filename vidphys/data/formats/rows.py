@@ -70,19 +70,17 @@ def recording_of(
         parts = [(times, q) for times, q, _ in done if len(times)]
         said = list(dict.fromkeys(line for *_, lines in done for line in lines))
     times, positions = _padded(parts)
-    even = [unrounded(each) for each, _ in parts] if clock.seconds else []
-    if any(quantum for _, quantum in even):
-        said.append(f"times rounded to {max(q for _, q in even):g} s, spread evenly")
+    even, rounded = _even(parts) if clock.seconds else (None, ())
     kind: Unit = "angles" if columns.angles else "pixels" if columns.pixels else "world"
     taken = _taken(columns, clock, kind, length, names)
     counted = columns.frame if columns.time is None and interval is None else None
     return Recording(
         positions,
-        _padded([(t, q) for (t, _), (_, q) in zip(even, parts, strict=True)])[0] if even else None,
+        even,
         kind,
         _of_bodies(table, columns, names, len(parts)),
         _of_clips(table, columns.coupling, clip),
-        ("; ".join([*notes, *taken, *unseen, *trials, *said]),),
+        ("; ".join([*notes, *taken, *unseen, *trials, *said, *rounded]),),
         length,
         _inputs(table, columns, order, clip, times),
         columns.inputs,
@@ -305,6 +303,15 @@ def _padded(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
         times.append(np.concatenate([t, t[-1] + usual * np.arange(1, rest + 1)]))
         places.append(np.concatenate([q, np.full((rest, *q.shape[1:]), np.nan)]))
     return np.stack(times), np.stack(places)
+
+
+def _even(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Times of clips of one length, without what few digits made of them; and that it was so."""
+    found = [unrounded(times) for times, _ in parts]
+    even = [(times, q) for (times, _), (_, q) in zip(found, parts, strict=True)]
+    quantum = max(quantum for _, quantum in found)
+    said = (f"times rounded to {quantum:g} s, spread evenly",) if quantum else ()
+    return _padded(even)[0], said
 
 
 def _of_bodies(table: Table, columns: Columns, names: np.ndarray, clips: int) -> np.ndarray | None:
