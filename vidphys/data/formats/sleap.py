@@ -19,22 +19,23 @@ from vidphys.data.formats.foreign import read_apart
 from vidphys.errors import InputError
 
 HDF5 = (".h5", ".hdf5", ".hdf")
-LOOKED_AT = 4  # files whose kind is kept
+KEPT = 1  # files whose arrays are kept, from when their kind is asked until they are read
 
 
 def is_sleap(path: Path) -> bool:
     """Whether an HDF5 file has SLEAP's arrays; not told where h5py is missing."""
-    if path.suffix.lower() not in HDF5 or importlib.util.find_spec("h5py") is None:
+    if importlib.util.find_spec("h5py") is None:
         return False
-    return _has_tracks(path, path.stat().st_mtime_ns)
-
-
-@lru_cache(LOOKED_AT)
-def _has_tracks(path: Path, _changed: int) -> bool:
     try:
-        return "tracks" in read_apart(path, "sleap", ["h5py"])
+        return "tracks" in _arrays(path, path.stat().st_mtime_ns)
     except InputError:
         return False
+
+
+@lru_cache(KEPT)
+def _arrays(path: Path, _changed: int) -> dict[str, np.ndarray]:
+    """Its tracks and their names; empty where it is of another kind."""
+    return read_apart(path, "sleap", ["h5py"])
 
 
 def read_sleap(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
@@ -43,7 +44,7 @@ def read_sleap(path: Path, columns: Mapping[str, str], interval: float | None) -
     Raises:
         InputError: arrays of another shape, or a node that it does not have.
     """
-    held = read_apart(path, "sleap", ["h5py"])
+    held = _arrays(path, path.stat().st_mtime_ns)
     tracks, nodes = held["tracks"], held["node_names"].tolist()
     if tracks.ndim != 4 or tracks.shape[1] != 2 or tracks.shape[2] != len(nodes):
         raise InputError(
