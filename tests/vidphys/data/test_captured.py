@@ -289,6 +289,12 @@ def test_an_hdf5_file_of_another_kind_says_what_to_give(tmp_path) -> None:
         out["df_with_missing/table"] = np.zeros(5)
     with pytest.raises(InputError, match="no group in it has an array called frames"):
         only_clip(tmp_path / "other.h5")
+    sleap(tmp_path / "elsewhere.h5", [""], ["head"])
+    with h5py.File(tmp_path / "linked.h5", "w") as out:
+        for name in ("tracks", "node_names", "track_names"):
+            out[name] = h5py.ExternalLink(str(tmp_path / "elsewhere.h5"), name)
+    with pytest.raises(InputError, match="no group in it has an array called frames"):
+        only_clip(tmp_path / "linked.h5")
     with h5py.File(tmp_path / "short.h5", "w") as out:
         out["tracks"], out["node_names"], out["track_names"] = np.zeros((2, 9)), ["a"], ["b"]
     with pytest.raises(InputError, match="SLEAP has"):

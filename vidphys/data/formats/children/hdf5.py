@@ -64,8 +64,7 @@ class Clips:
         """What it holds itself, without what its links lead to, in other files or elsewhere."""
         if len(group) > self.most_members:
             raise RefusedError(f"{len(group)} members of a group, more than {self.most_members}")
-        named = (n for n in group if isinstance(group.get(n, getlink=True), h5py.HardLink))
-        return {name: group[name] for name in named}
+        return {name: group[name] for name in group if is_own(group, name)}
 
     def frames(self, group: h5py.Group) -> h5py.Dataset | None:
         """The frames of a group, if it has some."""
@@ -90,6 +89,11 @@ class Clips:
         facts = {key: x for key, x in facts.items() if isinstance(x, str | int | float | bool)}
         about = {"frames": shown.name, "shape": shown.shape, "dtype": shown.dtype.str}
         send(arrays, name=name, facts=facts, **about)
+
+
+def is_own(group: h5py.Group, name: str) -> bool:
+    """Whether a group holds something by a name, and no link leads elsewhere."""
+    return isinstance(group.get(name, getlink=True), h5py.HardLink)
 
 
 def in_here(held: h5py.Dataset) -> h5py.Dataset:

@@ -134,11 +134,11 @@ def _prepare_sleap() -> None:
 def _sleap(most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
     """Its tracks and their names; nothing where it has none."""
     import h5py
-    from hdf5 import in_here, plain
+    from hdf5 import in_here, is_own, plain
 
     names = "tracks", "node_names", "track_names"
     with h5py.File(FILE, "r") as file:
-        own = {name: file.get(name) for name in names}
+        own = {name: file[name] for name in names if is_own(file, name)}
         held = {name: in_here(x) for name, x in own.items() if isinstance(x, h5py.Dataset)}
         if len(held) < len(names):
             return {}
