@@ -200,7 +200,7 @@ class ByMechanism(Explanation):
     @property
     def fastest(self) -> float:
         return max(
-            group.fit.model.law.rate({k: v for k, (v, _) in group.fit.numbers.items()})
+            float(group.fit.model.law.rate({k: v for k, (v, _) in group.fit.numbers.items()}))
             for group in self.mechanism.groups
         )
 

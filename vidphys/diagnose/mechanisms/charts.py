@@ -13,7 +13,7 @@ from vidphys.diagnose.mechanisms.curve import Curve
 class Chart:
     """Places of a body from its coordinates; linear in a few numbers of geometry.
 
-    Args of its methods are coordinates ``(t, k)``.
+    Args of its methods are coordinates ``(…, k)``.
     """
 
     name = ""
@@ -21,16 +21,19 @@ class Chart:
     free = 0  # numbers beside its geometry that the recording drew it by
 
     def fixed(self, s: np.ndarray) -> np.ndarray:
-        """What does not depend on the geometry, ``(t, d)``."""
+        """What does not depend on the geometry, ``(…, d)``."""
         raise NotImplementedError
 
     def columns(self, s: np.ndarray) -> np.ndarray:
-        """What goes with each number of the geometry, ``(t, d, m)``."""
+        """What goes with each number of the geometry, ``(…, d, m)``."""
         raise NotImplementedError
 
     def shown(self, s: np.ndarray, geometry: np.ndarray) -> np.ndarray:
-        """Places ``(t, d)``."""
-        return self.fixed(s) + self.columns(s) @ geometry
+        """Places ``(…, t, d)`` of coordinates ``(…, t, k)`` by a geometry ``(…, m)``."""
+        columns = self.columns(s)
+        if columns.shape[-1] == 0:
+            return self.fixed(s)
+        return self.fixed(s) + np.einsum("...dm,...m->...d", columns, geometry[..., None, :])
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class Turned(Chart):
 
     def columns(self, s: np.ndarray) -> np.ndarray:
         x, y = self.axes
-        return (s[:, :1] * y - s[:, 1:] * x)[..., None]
+        return (s[..., :1] * y - s[..., 1:] * x)[..., None]
 
     def turned(self, geometry: np.ndarray) -> np.ndarray:
         """The axes as they are fitted, row by row ``(2, 2)``, of the length of a unit."""
@@ -111,7 +114,7 @@ class Line(Chart):
         return s * np.array(self.along)
 
     def columns(self, s: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[:, :, None] * self.across for x in (np.ones_like(s), s)], -1)
+        return np.concatenate([x[..., None] * self.across for x in (np.ones_like(s), s)], -1)
 
 
 @dataclass(frozen=True)
@@ -126,10 +129,10 @@ class Bound(Chart):
         return self.curve.free
 
     def fixed(self, s: np.ndarray) -> np.ndarray:
-        return self.curve.at(s[:, 0])
+        return self.curve.at(s[..., 0])
 
     def columns(self, s: np.ndarray) -> np.ndarray:
-        return np.zeros((len(s), 2, 0))
+        return np.zeros((*s.shape[:-1], 2, 0))
 
 
 @dataclass(frozen=True)
@@ -160,17 +163,17 @@ class Arc(Chart):
     name = "arc"
 
     def fixed(self, s: np.ndarray) -> np.ndarray:
-        return np.zeros((len(s), 2))
+        return np.zeros((*s.shape[:-1], 2))
 
     def columns(self, s: np.ndarray) -> np.ndarray:
-        x, y = np.sin(s[:, 0]), 1 - np.cos(s[:, 0])
-        out = np.zeros((len(s), 2, 6 if self.aslant else 4))
-        out[:, 0, 0] = out[:, 1, 1] = 1.0
-        out[:, 0, 2] = out[:, 1, 3] = x
+        x, y = np.sin(s[..., 0]), 1 - np.cos(s[..., 0])
+        out = np.zeros((*s.shape[:-1], 2, 6 if self.aslant else 4))
+        out[..., 0, 0] = out[..., 1, 1] = 1.0
+        out[..., 0, 2] = out[..., 1, 3] = x
         if self.aslant:
-            out[:, 0, 4] = out[:, 1, 5] = y
+            out[..., 0, 4] = out[..., 1, 5] = y
         else:
-            out[:, 1, 2], out[:, 0, 3] = y, -y
+            out[..., 1, 2], out[..., 0, 3] = y, -y
         return out
 
     def vectors(self, geometry: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

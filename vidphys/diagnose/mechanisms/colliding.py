@@ -86,13 +86,13 @@ class Colliding(Law):
         """Of all bodies over the first one's."""
         return np.array([1.0, *(numbers[f"mass {b + 1}"] for b in range(1, self.bodies))])
 
-    def roll(
-        self,
-        values: np.ndarray,
-        start: np.ndarray,
-        times: np.ndarray,
-        inputs: Signal | None = None,
+    def _rolled(
+        self, values: np.ndarray, starts: np.ndarray, times: np.ndarray, inputs: Signal | None
     ) -> np.ndarray:
+        each = zip(values, starts, strict=True)
+        return np.stack([self._one_rolled(numbers, start, times) for numbers, start in each])
+
+    def _one_rolled(self, values: np.ndarray, start: np.ndarray, times: np.ndarray) -> np.ndarray:
         known = dict(zip(self.names, values.tolist(), strict=True))
         n, d = self.bodies, self.space
         force = np.array([known.get(f"force {i + 1}", 0.0) for i in range(d)])
@@ -104,16 +104,15 @@ class Colliding(Law):
             [body, *wall.normal, *(known[name] for name in self._of_wall(i)), *([1.0] * (d == 1))]
             for i, (body, wall) in enumerate(zip(self.bouncing, self.walls, strict=True), 1)
         ]
-        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
-            out = rolled(
-                times,
-                start.reshape(2, n, d),
-                force,
-                np.array(friction),
-                self.masses(known),
-                np.array(contacts),
-                known["restitution"],
-                known.get("rub", 0.0),
-                np.array(walls).reshape(-1, d + 4),
-            )
+        out = rolled(
+            times,
+            start.reshape(2, n, d),
+            force,
+            np.array(friction),
+            self.masses(known),
+            np.array(contacts),
+            known["restitution"],
+            known.get("rub", 0.0),
+            np.array(walls).reshape(-1, d + 4),
+        )
         return out.reshape(len(times), 2, n * d)

@@ -79,11 +79,11 @@ class Curve:
         return float(np.ptp(self._headings))
 
     def at(self, s: np.ndarray) -> np.ndarray:
-        """Places ``(t, 2)`` of lengths ``(t,)`` from the first point."""
+        """Places ``(…, 2)`` of lengths ``(…)`` from the first point."""
         inside = np.clip(s, 0.0, self.length)
-        on = np.stack([np.interp(inside, self.along, x) for x in self.points.T], 1)
-        ends = np.where((s > inside)[:, None], self.tangents[-1], self.tangents[0])
-        return on + (s - inside)[:, None] * ends
+        on = np.stack([np.interp(inside, self.along, x) for x in self.points.T], -1)
+        ends = np.where((s > inside)[..., None], self.tangents[-1], self.tangents[0])
+        return on + (s - inside)[..., None] * ends
 
     def read(self, places: np.ndarray) -> np.ndarray:
         """Lengths from the first point ``(t,)`` of places ``(t, 2)`` near the curve, in order.

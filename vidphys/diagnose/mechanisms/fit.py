@@ -29,6 +29,7 @@ STEEP = 4.0  # tangent of an arc's slant, from which it is no law, and drops non
 SETTLED = 2.0  # times a frame's cost so far, up to which a law foretold the frames that are new
 MOST = 1e6  # times the spread, by which a law that flew apart counts as missing a frame
 PURE = ("restitution", "along", "grip", "spin", "turn ", "mass", "rub", "steeper")  # of no unit
+NUDGE = 1.5e-8  # over the size of a number, for derivatives
 SOFT = 0.03  # of the spread: errors beyond count by their size while a fit begins
 
 
@@ -68,9 +69,9 @@ def race(
         tries = LAST if count == longest else ON_THE_WAY
         ended = []
         for model, guesses, first, a_frame in running:
-            near = sorted(guesses, key=lambda x: _cost(part, model, x, scale))[:TRIED]
+            nearest = np.argsort(_costs(part, model, np.array(guesses), scale), kind="stable")
             good: list[OptimizeResult] = []
-            for guess in near:
+            for guess in (guesses[i] for i in nearest[:TRIED]):
                 found = _least_squares(part, model, guess, scale, tries)
                 good += [] if found is None else [found]
                 if found is not None and found.cost <= SETTLED * a_frame * count:
@@ -131,8 +132,9 @@ def _lengths(frames: int) -> list[int]:
 
 
 def _missing(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> np.ndarray:
-    parts = [r.ravel() for r in residuals_of(clips, model, values)[0]]
-    joined = np.concatenate(parts) / scale
+    lead = values.shape[:-1]
+    parts = [r.reshape(*lead, -1) for r in residuals_of(clips, model, values)[0]]
+    joined = np.concatenate(parts, -1) / scale
     return np.fmin(np.fmax(joined, -MOST), MOST)  # what is no number counts as one of them
 
 
@@ -157,9 +159,10 @@ def _held(model: Model, count: int, scale: float) -> tuple[np.ndarray, np.ndarra
     return held, far
 
 
-def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> float:
+def _costs(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> np.ndarray:
+    """Of each of many values ``(b, v)``, ``(b,)``."""
     left = _missing(clips, model, values, scale) / SOFT
-    return float((SOFT**2 * (np.sqrt(1 + left**2) - 1)).sum())
+    return SOFT**2 * (np.sqrt(1 + left**2) - 1).sum(-1)
 
 
 def _least_squares(
@@ -171,13 +174,19 @@ def _least_squares(
     def left(values: np.ndarray) -> np.ndarray:
         moved = values - guess
         drawn_back = held * moved * (1 + (moved / far) ** 2)
-        sped_up = SPUN * np.maximum(np.abs(values[along]) - 1, 0)
-        return np.concatenate([_missing(clips, model, values, scale), drawn_back, sped_up])
+        sped_up = SPUN * np.maximum(np.abs(values[..., along]) - 1, 0)
+        return np.concatenate([_missing(clips, model, values, scale), drawn_back, sped_up], -1)
+
+    def slopes(values: np.ndarray) -> np.ndarray:
+        near = values + np.diag(NUDGE * np.maximum(np.abs(values), 1.0))
+        first, *rest = left(np.concatenate([values[None], near]))
+        return (np.array(rest) - first).T / (near - values).diagonal()
 
     try:
         found = least_squares(
             left,
             guess,
+            slopes,
             loss="soft_l1",
             f_scale=SOFT,
             x_scale="jac",

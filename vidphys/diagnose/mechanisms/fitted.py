@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +15,7 @@ from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.measurement import Errors
 
 GOOD = 0.03  # of the spread: what a law leaves at most that holds from the first frame on
-KEPT = 3  # rolls of each clip: a fit's own, and those a step of a derivative up and down
+TELLS = 1e-12  # of what a chart's number moves: a ridge, so that one that moves nothing is 0
 USUAL_SLANT = view.FAR * view.USUAL[0]  # tangent
 
 
@@ -34,43 +33,41 @@ class Model:
         return [slice(int(e) - c.size, int(e)) for e, c in zip(ends, self.charts, strict=True)]
 
     def split(self, values: np.ndarray, clips: int) -> tuple[np.ndarray, np.ndarray]:
-        """The law's numbers, and the starts ``(clips, 2, k)``."""
+        """The law's numbers ``(…, m)``, and the starts ``(…, clips, 2, k)``, of ``(…, v)``."""
         count = len(self.law.names)
-        return values[:count], values[count:].reshape(clips, 2, self.law.coordinates)
+        shape = (*values.shape[:-1], clips, 2, self.law.coordinates)
+        return values[..., :count], values[..., count:].reshape(shape)
 
     def view(self, values: np.ndarray) -> np.ndarray | None:
-        """How a camera sees the plane of motion, ``(3,)``; ``None`` where none does."""
+        """How a camera sees the plane of motion, ``(…, 3)``; ``None`` where none does."""
         if not self.law.pictured:
             return None
         count = len(self.law.names)
-        return values[count - len(view.NAMES) : count]
+        return values[..., count - len(view.NAMES) : count]
 
     def coordinates(self, values: np.ndarray, clips: Sequence[Frames]) -> list[np.ndarray]:
-        """Coordinates and rates of every frame of each clip, ``(t, 2, k)``."""
+        """Coordinates and rates of every frame of each clip, ``(t, 2, k)`` or ``(b, t, 2, k)``.
+
+        Args:
+            values: the law's numbers, then the starts of all clips, ``(v,)`` or ``(b, v)``.
+            clips: as many.
+        """
         numbers, starts = self.split(values, len(clips))
-        if len(clips) == 1:
-            return [self.law.roll(numbers, starts[0], clips[0].times, clips[0].inputs)]
-        each = enumerate(zip(clips, starts, strict=True))
-        return [self._rolled(number, clip, numbers, start) for number, (clip, start) in each]
+        each = enumerate(clips)
+        return [self._rolled(numbers, starts[..., i, :, :], clip) for i, clip in each]
 
-    def _rolled(
-        self, number: int, clip: Frames, numbers: np.ndarray, start: np.ndarray
-    ) -> np.ndarray:
-        """One clip's; a derivative by the start of another asks for the same again."""
-        latest = self._kept.setdefault(number, deque(maxlen=KEPT))
-        asked = numbers.tobytes() + start.tobytes()
-        for known, of, rolled in latest:
-            if known == asked and of is clip:
-                return rolled
-        rolled = self.law.roll(numbers, start, clip.times, clip.inputs)
-        rolled.flags.writeable = False
-        latest.appendleft((asked, clip, rolled))
-        return rolled
-
-    @cached_property
-    def _kept(self) -> dict[int, deque[tuple[bytes, Frames, np.ndarray]]]:
-        """What was rolled last of each clip."""
-        return {}
+    def _rolled(self, numbers: np.ndarray, start: np.ndarray, clip: Frames) -> np.ndarray:
+        """One clip's, of one or of many ``(b, m)``; what moves as the first is not rolled again."""
+        if numbers.ndim == 1:
+            return self.law.roll(numbers, start, clip.times, clip.inputs)
+        asked = np.concatenate([numbers, start.reshape(len(numbers), -1)], -1)
+        if self.law.pictured:
+            count = len(self.law.names)
+            asked[:, count - len(view.NAMES) : count] = 0.0
+        own = (asked != asked[0]).any(-1)
+        own[0] = True
+        rolled = self.law.roll(numbers[own], start[own], clip.times, clip.inputs)
+        return rolled[np.where(own, np.cumsum(own) - 1, 0)]
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,7 @@ class Fit:
         """Whether what draws it to a place hardly makes it swing: a hand comes to rest alike."""
         law, values = self.model.law, {name: value for name, (value, _) in self.numbers.items()}
         swings = law.restoring in ("trap", "pendulum")
-        return swings and values.get("linear", 0.0) > law.rate(values)
+        return swings and bool(values.get("linear", 0.0) > law.rate(values))
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -191,8 +188,14 @@ def _rms(parts: Sequence[np.ndarray]) -> float:
 def residuals_of(
     clips: Sequence[Frames], model: Model, values: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals of each clip and body ``(f, d)`` and each body's geometry, at its best."""
-    rolled, camera = [x[:, 0] for x in model.coordinates(values, clips)], model.view(values)
+    """Residuals of each clip and body ``(…, f, d)`` and each body's geometry, at its best.
+
+    Args:
+        clips: what was seen.
+        model: a law and its charts.
+        values: the law's numbers, then the starts of all clips, ``(…, v)``.
+    """
+    rolled, camera = [x[..., 0, :] for x in model.coordinates(values, clips)], model.view(values)
     geometry = [
         _geometry(clips, rolled, chart, part, body, camera)
         for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True))
@@ -207,12 +210,14 @@ def missed(
     geometry: Sequence[np.ndarray],
     camera: np.ndarray | None,
 ) -> list[np.ndarray]:
-    """Residuals of each clip and body ``(f, d)`` of coordinates ``(t, k)`` shown by a geometry."""
+    """Residuals of each clip and body ``(…, f, d)`` of coordinates ``(…, t, k)`` that are shown by
+    a geometry ``(…, g)``.
+    """
     out = []
     for clip, s in zip(clips, rolled, strict=True):
         for body, (chart, part) in enumerate(zip(model.charts, model.slices, strict=True)):
-            told = chart.shown(s[clip.seen[body], part], geometry[body])
-            told = told if camera is None else view.seen(told, camera)
+            told = chart.shown(s[..., clip.seen[body], part], geometry[body])
+            told = told if camera is None else view.seen(told, camera[..., None, :])
             out.append(clip.stretches[body].places - told)
     return out
 
@@ -225,15 +230,29 @@ def _geometry(
     body: int,
     camera: np.ndarray | None,
 ) -> np.ndarray:
-    """The numbers of a chart by least squares, given the coordinates."""
-    s = np.concatenate([x[c.seen[body], part] for x, c in zip(rolled, clips, strict=True)])
+    """The numbers of a chart ``(…, g)`` by least squares, given the coordinates."""
+    each = zip(rolled, clips, strict=True)
+    s = np.concatenate([x[..., c.seen[body], part] for x, c in each], -2)
     columns = chart.columns(s)
-    if columns.shape[-1] == 0 or not np.isfinite(columns).all():
-        return np.zeros(columns.shape[-1])
+    lead, count = columns.shape[:-3], columns.shape[-1]
+    if count == 0:
+        return np.zeros((*lead, 0))
     places = np.concatenate([c.stretches[body].places for c in clips])
-    places = places if camera is None else view.flat(places, camera)
+    places = places if camera is None else view.flat(places, camera[..., None, :])
     trust = np.concatenate([c.stretches[body].trust for c in clips])
     weight = np.sqrt(trust)[:, None]
-    rest = (places - chart.fixed(s)) * weight
-    design = (columns * weight[..., None]).reshape(-1, columns.shape[-1])
-    return np.linalg.lstsq(design, rest.ravel(), rcond=None)[0]
+    rest = ((places - chart.fixed(s)) * weight).reshape(*lead, -1, 1)
+    design = (columns * weight[..., None]).reshape(*lead, -1, count)
+    return solved(design, rest)[..., 0]
+
+
+def solved(design: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Least squares ``(…, g, 1)`` of many at once; 0 where a design is no number."""
+    across = design.swapaxes(-1, -2)
+    gram, moment = across @ design, across @ rest
+    sizes = np.sqrt(gram.diagonal(axis1=-2, axis2=-1))[..., None]
+    told = np.isfinite(sizes).all((-1, -2), keepdims=True)
+    sizes = np.where(told & (sizes > 0), sizes, np.inf)
+    unit = np.where(told, gram, 0.0) / (sizes * sizes.swapaxes(-1, -2))
+    pulled = np.where(told, moment, 0.0) / sizes
+    return np.linalg.solve(unit + TELLS * np.eye(gram.shape[-1]), pulled) / sizes

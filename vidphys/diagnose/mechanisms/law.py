@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,8 @@ STRAIGHT = 0.02  # radians of a sinusoid, that are taken for straight
 NEAREST = 0.02  # of its first distance, that a body comes to the camera at most
 STEPS = (1, 64)  # in a frame, at least and at most
 
+Numbers = Mapping[str, Any]  # by their names: floats of one law, or of many ``(b,)``
+
 
 @dataclass(frozen=True)
 class Wall:
@@ -43,12 +46,12 @@ class Wall:
     turns: bool = False
     smooth: bool = False
 
-    def turned(self, angle: float) -> np.ndarray:
-        """The normal turned by radians, where there is a plane to turn it in."""
+    def turned(self, angle: float | np.ndarray) -> np.ndarray:
+        """The normal ``(…, k)`` turned by radians ``(…)``, where there is a plane to turn it in."""
         if len(self.normal) != 2:
             return np.array(self.normal)
         (x, y), c, s = self.normal, np.cos(angle), np.sin(angle)
-        return np.array([c * x - s * y, s * x + c * y])
+        return np.stack([c * x - s * y, s * x + c * y], -1)
 
 
 @dataclass(frozen=True)
@@ -180,25 +183,24 @@ class Law:
         kinds |= {"curve"} if self.curve is not None else set()
         return frozenset(kinds | ({"pair"} if self.coupled else set()))
 
-    def rate(self, numbers: Mapping[str, float]) -> float:
+    def rate(self, numbers: Numbers) -> Any:
         """The fastest rate of its motion, radians per second; 0 where nothing swings."""
         stiff = [abs(x) for name, x in numbers.items() if name.startswith(("stiff", "swing"))]
         stiff += [2 * abs(x) for name, x in numbers.items() if name.startswith("coupling")]
         stiff += [numbers[name] ** 2 for name in ("lift", *self.turns) if name in numbers]
         stiff += [numbers[FORCING[-1]] ** 2] if self.forced else []
         if self.restoring == "string":
-            pull = np.linalg.norm([numbers[name] for name in self.forces])
-            stiff += [OVER_TOP * float(pull) / max(abs(numbers["rest"]), np.finfo(float).tiny)]
+            pull = np.linalg.norm([numbers[name] for name in self.forces], axis=0)
+            stiff += [OVER_TOP * pull / np.maximum(abs(numbers["rest"]), np.finfo(float).tiny)]
         if self.curve is not None:
-            pull = np.linalg.norm([numbers[name] for name in self.forces])
-            stiff += [float(pull) * self.curve.sharpest]
+            pull = np.linalg.norm([numbers[name] for name in self.forces], axis=0)
+            stiff += [pull * self.curve.sharpest]
         if self.restoring == "centre":
-            near = float(self._centre(numbers)[-2])
-            stiff += [abs(self.power(numbers) * numbers["strength"]) / near]
-        return float(np.sqrt(max(sum(stiff), 0.0)))
+            stiff += [abs(self.power(numbers) * numbers["strength"]) / self._near(numbers)]
+        return np.sqrt(np.maximum(sum(stiff), 0.0))
 
     @staticmethod
-    def power(numbers: Mapping[str, float]) -> float:
+    def power(numbers: Numbers) -> Any:
         """Of the distance, by which a fixed place pushes less; its number counts from Coulomb's."""
         return COULOMB + numbers["steeper"]
 
@@ -213,16 +215,22 @@ class Law:
         """The fixed place ``(d,)``, of numbers with their errors."""
         return np.array([numbers[name][0] for name in self._place])
 
-    def _centre(self, numbers: Mapping[str, float]) -> np.ndarray:
-        """As the kernel takes it; empty where there is none."""
+    def _near(self, numbers: Numbers) -> Any:
+        """Distance of the fixed place from where it has its strength."""
+        away = [numbers[x] - at for x, at in zip(self._place, self.turned_at, strict=True)]
+        return np.maximum(np.linalg.norm(away, axis=0), np.finfo(float).tiny)
+
+    def _centre(self, numbers: Numbers, count: int) -> np.ndarray:
+        """As the kernel takes so many, ``(count, d + 4)``; empty where there is none."""
         if self.restoring not in ("centre", "elastic"):
-            return np.empty(0)
-        place = np.array([numbers[name] for name in self._place])
+            return _rows(count)
+        place = [numbers[name] for name in self._place]
         if self.restoring == "elastic":
             stiffness = numbers["stiffness"]
-            return np.array([*place, -stiffness, -1.0, 1.0, stiffness * numbers["rest"]])
-        near = max(float(np.linalg.norm(place - self.turned_at)), np.finfo(float).tiny)
-        return np.array([*place, numbers["strength"], self.power(numbers), near, 0.0])
+            return _rows(count, *place, -stiffness, -1.0, 1.0, stiffness * numbers["rest"])
+        return _rows(
+            count, *place, numbers["strength"], self.power(numbers), self._near(numbers), 0.0
+        )
 
     def roll(
         self,
@@ -231,95 +239,115 @@ class Law:
         times: np.ndarray,
         inputs: Signal | None = None,
     ) -> np.ndarray:
-        """Coordinates and rates ``(t, 2, k)`` from a start ``(2, k)`` at the first of the times.
+        """Coordinates and rates ``(…, t, 2, k)`` from starts ``(…, 2, k)`` at the first time.
 
         Args:
+            values: its numbers, of each start ``(…, m)``.
             inputs: that are known, by the same times.
         """
-        numbers = dict(zip(self.names, values.tolist(), strict=True))
-        # The usual interval: a gap is stepped over as finely as frames in a row.
+        starts = start.reshape(-1, 2, self.coordinates)
+        numbers = values.reshape(len(starts), len(self.names))
+        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
+            out = self._rolled(numbers, starts, times, inputs)
+        return out.reshape(*values.shape[:-1], *out.shape[1:])
+
+    def _rolled(
+        self, values: np.ndarray, starts: np.ndarray, times: np.ndarray, inputs: Signal | None
+    ) -> np.ndarray:
+        """The same of numbers ``(b, m)`` and starts ``(b, 2, k)``, ``(b, t, 2, k)``."""
+        numbers = dict(zip(self.names, values.T, strict=True))
+        # The usual interval: a gap is stepped over as finely as frames in a row; and all of them
+        # as finely as the fastest, because a derivative by two of them must not tell of steps.
         gaps, middle = times[1:] - times[:-1], (len(times) - 1) // 2
         gaps.partition(middle)
         interval = float(gaps[middle])
-        steps = min(max(np.ceil(self.rate(numbers) * interval / FINE), STEPS[0]), STEPS[1])
-        most = interval / float(steps) * (1 + 1e-9)
+        steps = np.fmax.reduce(np.ravel(np.ceil(self.rate(numbers) * interval / FINE)))
+        most = interval / float(np.fmin(np.fmax(steps, STEPS[0]), STEPS[1])) * (1 + 1e-9)
         if self.curve is not None:
-            return self._slid(numbers, start, times, most)
+            return self._slid(numbers, starts, times, most)
         if self.restoring == "string":
-            return self._swung(numbers, start, times, most)
-        force, stiffness, swing, friction = self._forces(numbers)
-        with np.errstate(all="ignore"):  # of trial numbers that fly apart: the fit takes them back
-            out = rolled(
-                times,
-                start,
-                force,
-                stiffness,
-                swing,
-                friction,
-                self._walls(numbers),
-                most,
-                apart=self.apart,
-                rods=(numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
-                pushed=self._pushed(numbers, inputs, times),
-                centre=self._centre(numbers),
-                hung=np.array(self.hung),
-                lift=(numbers.get("lift", 0.0), self.lift_fades or 0.0),
-                turning=np.array([numbers[name] for name in self.turns]),
-                spin=numbers["spin"] * float(np.linalg.norm(start[1])) if self.spins else None,
-            )
-            if self.nears:
-                out[:, 0] /= np.maximum(1 - numbers["nearing"] * (times - times[0]), NEAREST)[
-                    :, None
-                ]
-            return out
+            return self._swung(numbers, starts, times, most)
+        count = len(values)
+        force, stiffness, swing, friction = self._forces(numbers, count)
+        out = rolled(
+            times,
+            starts,
+            force,
+            stiffness,
+            swing,
+            friction,
+            self._walls(numbers, count),
+            most,
+            apart=self.apart,
+            rods=_rows(count, numbers.get("link", 0.0), numbers.get("inertia", 0.0)),
+            pushed=self._pushed(numbers, inputs, times),
+            centre=self._centre(numbers, count),
+            hung=np.array(self.hung),
+            lift=_rows(count, numbers.get("lift", 0.0), self.lift_fades or 0.0),
+            turning=_rows(count, *(numbers[name] for name in self.turns)),
+            spin=numbers["spin"] * np.linalg.norm(starts[:, 1], axis=-1) if self.spins else None,
+        )
+        if self.nears:
+            nearer = 1 - numbers["nearing"][:, None] * (times - times[0])
+            out[:, :, 0] /= np.maximum(nearer, NEAREST)[..., None]
+        return out
 
     def _slid(
-        self, numbers: Mapping[str, float], start: np.ndarray, times: np.ndarray, most: float
+        self, numbers: Numbers, starts: np.ndarray, times: np.ndarray, most: float
     ) -> np.ndarray:
-        """Lengths along the curve and their rates ``(t, 2, 1)``."""
+        """Lengths along the curve and their rates ``(b, t, 2, 1)``."""
         assert self.curve is not None
-        force = np.array([numbers.get(name, 0.0) for name in self._steady(2)])
-        friction = np.array([numbers.get(name, 0.0) for name in RATES])
-        return slid(times, start, force, friction, self.curve.table, self.curve.spacing, most)
+        table, spacing, count = self.curve.table, self.curve.spacing, len(starts)
+        force = _rows(count, *(numbers.get(name, 0.0) for name in self._steady(2)))
+        friction = _rows(count, *(numbers.get(name, 0.0) for name in RATES))
+        each = zip(starts, force, friction, strict=True)
+        return np.stack([slid(times, x, f, lost, table, spacing, most) for x, f, lost in each])
 
     def _swung(
-        self, numbers: Mapping[str, float], start: np.ndarray, times: np.ndarray, most: float
+        self, numbers: Numbers, starts: np.ndarray, times: np.ndarray, most: float
     ) -> np.ndarray:
-        """Places of a weight on a string and their rates ``(t, 2, 2)``."""
-        string = np.array([*(numbers[name] for name in self._place), numbers["rest"]])
-        force = np.array([numbers[name] for name in self.forces])
-        return swung(times, start, string, force, numbers.get("linear", 0.0), most)
+        """Places of a weight on a string and their rates ``(b, t, 2, 2)``."""
+        count = len(starts)
+        string = _rows(count, *(numbers[name] for name in self._place), numbers["rest"])
+        force = _rows(count, *(numbers[name] for name in self.forces))
+        rates = _rows(count, numbers.get("linear", 0.0))[:, 0]
+        each = zip(starts, string, force, rates, strict=True)
+        return np.stack([swung(times, x, at, f, float(rate), most) for x, at, f, rate in each])
 
-    def _forces(self, numbers: Mapping[str, float]) -> tuple[np.ndarray, ...]:
-        """As the kernel takes them: force, stiffness, swing and frictions."""
+    def _forces(self, numbers: Numbers, count: int) -> tuple[np.ndarray, ...]:
+        """As the kernel takes so many: force, stiffness, swing and frictions."""
         k = self.coordinates
-        force, stiffness, swing = np.zeros(k), np.zeros((k, k)), np.zeros(k)
+        force, stiffness, swing = (
+            np.zeros((count, k)),
+            np.zeros((count, k, k)),
+            np.zeros((count, k)),
+        )
         for i in range(k):
             own = f" {i + 1}" if self.apart and k > 1 else ""
-            force[i] = numbers.get(f"force {i + 1}", 0.0)
+            force[:, i] = numbers.get(f"force {i + 1}", 0.0)
             if self.restoring == "trap":
-                stiffness[i, i] = numbers[f"stiffness{own}"]
-            swing[i] = numbers.get(f"swing{own}", 0.0)
+                stiffness[:, i, i] = numbers[f"stiffness{own}"]
+            swing[:, i] = numbers.get(f"swing{own}", 0.0)
             if self.coupled:
                 pull = numbers[f"coupling {i + 1}"]
-                stiffness[i] -= pull / max(k - 1, 1)
-                stiffness[i, i] += pull + pull / max(k - 1, 1)
-        return force, stiffness, swing, np.array([numbers.get(name, 0.0) for name in RATES])
+                stiffness[:, i] -= np.reshape(pull / max(k - 1, 1), (-1, 1))
+                stiffness[:, i, i] += pull + pull / max(k - 1, 1)
+        return force, stiffness, swing, _rows(count, *(numbers.get(name, 0.0) for name in RATES))
 
     def _pushed(
-        self, numbers: Mapping[str, float], inputs: Signal | None, times: np.ndarray
+        self, numbers: Numbers, inputs: Signal | None, times: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times, and the accelerations by what is known, or by a sinusoid, ``(t, k)``."""
+        """Times ``(t,)``, and accelerations by what is known, or by a sinusoid, ``(b, t, k)``."""
         if self.forced:
-            along, across, rate = (numbers[name] for name in FORCING)
+            along, across, rate = (np.reshape(numbers[name], (-1, 1)) for name in FORCING)
             lasts = times[-1] - times[0]
-            count = int(min(abs(rate) * lasts / STRAIGHT, MOST_POINTS)) + 2
+            count = int(np.fmin(abs(rate).max() * lasts / STRAIGHT, MOST_POINTS)) + 2
             when = np.linspace(times[0], times[-1], count)
-            return when, (along * np.cos(rate * when) + across * np.sin(rate * when))[:, None]
+            return when, (along * np.cos(rate * when) + across * np.sin(rate * when))[..., None]
         if not self.inputs or inputs is None:
             return None
         gains = np.array([numbers[f"gain {i + 1}"] for i in range(self.inputs)])
-        return inputs.times, (inputs.values @ gains)[:, None]
+        return inputs.times, (inputs.values @ gains).T[..., None]
 
     def later(self, values: np.ndarray, seconds: float) -> np.ndarray:
         """Its numbers ``(m,)``, where time is counted from a later moment."""
@@ -333,16 +361,24 @@ class Law:
             later[two] = c * values[two] - s * values[one]
         return later
 
-    def _walls(self, numbers: Mapping[str, float]) -> np.ndarray:
-        """Of each its normal ``(k,)``, place, restitution, and what a bounce leaves along it."""
+    def _walls(self, numbers: Numbers, count: int) -> np.ndarray:
+        """Of each its normal, place, restitution, and what a bounce leaves along it, as the kernel
+        takes so many, ``(count, w, k + 3)``.
+        """
         k = self.coordinates
-        walls = np.zeros((len(self.walls), k + 3))
+        walls = np.ones((count, len(self.walls), k + 3))
         for number, wall in enumerate(self.walls, 1):
-            row = walls[number - 1]
-            row[:k] = wall.turned(numbers.get(f"turn {number}", 0.0))
-            row[k:] = (
-                numbers[f"wall {number}"],
-                numbers[f"restitution {number}"],
-                *([numbers[name] for name in self._along(number)] or [1.0]),
-            )
+            row = walls[:, number - 1]
+            row[:, :k] = wall.turned(numbers.get(f"turn {number}", 0.0))
+            told = (f"wall {number}", f"restitution {number}", *self._along(number))
+            for i, name in enumerate(told, k):
+                row[:, i] = numbers[name]
         return walls
+
+
+def _rows(count: int, *numbers: float | np.ndarray) -> np.ndarray:
+    """Numbers ``(count,)``, or the same of all, side by side, ``(count, n)``."""
+    rows = np.empty((count, len(numbers)))
+    for i, number in enumerate(numbers):
+        rows[:, i] = number
+    return rows

@@ -26,6 +26,8 @@ Steps are fourth-order Runge-Kutta; the step that meets a wall ends there, by Ne
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -34,7 +36,7 @@ from loops import kernel, part, uncounted
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
 BOUNCES = 6  # in a step, at most
 MEETING, TIGHT = 40, 1e-13  # tries at most to find when a step meets a wall; of the step, exact so
-NONE = np.empty(0)
+NONE, NO_RODS, NO_LIFT = np.empty(0), np.zeros(2), np.zeros(2)
 CLOSEST = 1e-9  # of the distance ``near``: a body that runs into a place that pulls stays finite
 SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
 
@@ -369,25 +371,60 @@ def _rolled(
             out[frame, 0, i], out[frame, 1, i] = s[i], v[i]
 
 
+@kernel
+def _all_rolled(
+    times: np.ndarray,
+    starts: np.ndarray,
+    laws: tuple,
+    apart: bool,
+    hung: np.ndarray,
+    walls: np.ndarray,
+    most: float,
+    when: np.ndarray,
+    pushed: np.ndarray,
+    spin: np.ndarray,
+    lift: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    force, stiffness, swing, friction, rods, centre = laws
+    size = starts.shape[2]
+    for b in range(len(starts)):
+        ramp, floor = np.zeros(size), np.zeros(size)
+        law = (
+            force[b].copy(),
+            ramp,
+            stiffness[b],
+            swing[b],
+            friction[b],
+            apart,
+            rods[b],
+            centre[b],
+            hung,
+            floor,
+        )
+        fades = (lift[b, 0], lift[b, 1])
+        _rolled(times, starts[b], law, walls[b], most, when, pushed[b], spin[b], fades, out[b])
+
+
 def rolled(
     times: Float[np.ndarray, " t"],
-    start: Float[np.ndarray, "2 k"],
-    force: Float[np.ndarray, " k"],
-    stiffness: Float[np.ndarray, "k k"],
-    swing: Float[np.ndarray, " k"],
-    friction: Float[np.ndarray, " 3"],
-    walls: Float[np.ndarray, "w _"],
+    start: Float[np.ndarray, "*b 2 k"],
+    force: Float[np.ndarray, "*b k"],
+    stiffness: Float[np.ndarray, "*b k k"],
+    swing: Float[np.ndarray, "*b k"],
+    friction: Float[np.ndarray, "*#b 3"],
+    walls: Float[np.ndarray, "*b w _"],
     most: float,
     apart: bool = False,
-    rods: tuple[float, float] = (0.0, 0.0),
+    rods: Float[np.ndarray, "*#b 2"] = NO_RODS,
     pushed: tuple[np.ndarray, np.ndarray] | None = None,
-    spin: float | None = None,
-    centre: Float[np.ndarray, " _"] = NONE,
+    spin: float | Float[np.ndarray, "*b"] | None = None,
+    centre: Float[np.ndarray, "*#b _"] = NONE,
     hung: Float[np.ndarray, " _"] = NONE,
-    lift: tuple[float, float] = (0.0, 0.0),
-    turning: Float[np.ndarray, " _"] = NONE,
-) -> Float[np.ndarray, "t 2 k"]:
-    """Coordinates and their rates at each time.
+    lift: Float[np.ndarray, "*#b 2"] = NO_LIFT,
+    turning: Float[np.ndarray, "*#b _"] = NONE,
+) -> Float[np.ndarray, "*b t 2 k"]:
+    """Coordinates and their rates at each time, of one law or of several at once.
 
     Args:
         times: seconds, increasing; the start is at the first.
@@ -400,26 +437,56 @@ def rolled(
         most: seconds of a step at most.
         rods: link and inertia of two rods that hang end on end; no inertia: there are none.
         pushed: times in seconds, two or more, and what is known to push then, accelerations
-            ``(u, k)``.
+            ``(…, u, k)``.
         spin: of a ball in the plane, the speed of its surface at the start; ``None``: none spins.
         centre: a place that pushes each body, its strength, its power, the distance at which it has
-            that strength, and a push that is the same at all distances, ``(d + 4,)``; empty: there
-            is none.
+            that strength, and a push that is the same at all distances, ``(…, d + 4)``; empty:
+            there is none.
         hung: of pendulums that springs join, where each hangs along a level line, over their
             length, ``(k,)``; empty: springs join the coordinates.
         lift: across the way over the speed, per second, at time zero; and the share a second by
             which it fades.
         turning: radians per second, about the axis across the plane or about each axis of space,
-            ``(1,)`` or ``(3,)``; empty: there is none.
+            ``(…, 1)`` or ``(…, 3)``; empty: there is none.
         apart: friction goes with each coordinate's own speed, not with the length of the velocity.
     """
-    out = np.empty((len(times), *start.shape))
-    steady, ramp, floor = force.copy(), np.zeros(len(force)), np.zeros(len(force))
-    lossy = np.zeros(6)  # frictions, then turning about z, x and y
-    lossy[:3] = friction
-    lossy[3 : 3 + len(turning)] = turning[[-1, 0, 1][: len(turning)]]
-    law = (steady, ramp, stiffness, swing, lossy, apart, np.array(rods), centre, hung, floor)
-    when, known = pushed or (np.empty(0), np.empty((0, len(force))))
-    spins = np.empty(0) if spin is None else np.array([spin])
-    _rolled(times, start, law, walls, most, when, known, spins, lift, out)
-    return out
+    count, size = math.prod(start.shape[:-2]), start.shape[-1]
+    lossy = np.zeros((count, 6))  # frictions, then turning about z, x and y
+    lossy[:, :3] = friction
+    axes = turning.shape[-1]
+    if axes:
+        lossy[:, 3 : 3 + axes] = turning[..., [-1, 0, 1][:axes]]
+    when, known = pushed or (NONE, np.empty((0, size)))
+    spins = NONE if spin is None else np.asarray(spin)[..., None]
+    laws = (
+        _every(force, count, 1),
+        _every(stiffness, count, 2),
+        _every(swing, count, 1),
+        lossy,
+        _every(rods, count, 1),
+        _every(centre, count, 1),
+    )
+    out = np.empty((count, len(times), 2, size))
+    _all_rolled(
+        times,
+        _every(start, count, 2),
+        laws,
+        apart,
+        hung,
+        _every(walls, count, 2),
+        most,
+        when,
+        _every(known, count, 2),
+        _every(spins, count, 1),
+        _every(lift, count, 1),
+        out,
+    )
+    return out.reshape(*start.shape[:-2], *out.shape[1:])
+
+
+def _every(numbers: np.ndarray, count: int, axes: int) -> np.ndarray:
+    """Numbers of every law ``(count, …)``, of which each has so many axes."""
+    shape = (count, *numbers.shape[numbers.ndim - axes :])
+    if numbers.shape == shape and numbers.flags.c_contiguous:
+        return numbers
+    return np.broadcast_to(numbers, shape).copy()

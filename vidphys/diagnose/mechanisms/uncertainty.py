@@ -231,12 +231,12 @@ def _retrusted(clips: Sequence[Frames], stretches: Sequence[Stretch]) -> list[Fr
 
 @np.errstate(all="ignore")  # as in a fit
 def _missed(clips: Sequence[Frames], model: Model, joint: np.ndarray) -> list[np.ndarray]:
-    """Residuals with the geometry as given, not at its best."""
-    count = len(model.law.names) + 2 * model.law.coordinates * len(clips)
-    rolled, at, geometry = [x[:, 0] for x in model.coordinates(joint[:count], clips)], count, []
+    """Residuals ``(…, f, d)`` with the geometry as given, not at its best."""
+    at = len(model.law.names) + 2 * model.law.coordinates * len(clips)
+    rolled, geometry = [x[..., 0, :] for x in model.coordinates(joint[..., :at], clips)], []
     for chart, part in zip(model.charts, model.slices, strict=True):
-        size = chart.columns(rolled[0][:1, part]).shape[-1]
-        geometry.append(joint[at : at + size])
+        size = chart.columns(np.zeros((1, part.stop - part.start))).shape[-1]
+        geometry.append(joint[..., at : at + size])
         at += size
     return missed(clips, model, rolled, geometry, model.view(joint))
 
@@ -245,15 +245,11 @@ def slopes_of(
     clips: Sequence[Frames], model: Model, joint: np.ndarray, scale: float
 ) -> list[np.ndarray]:
     """Derivatives of the told places by every number, of each residual ``(f, d, p)``."""
-    columns: list[list[np.ndarray]] = []
-    for i, value in enumerate(joint):
-        nudge = NUDGE * max(abs(float(value)), 1e-3 * _size(model, i, scale))
-        up, down = joint.copy(), joint.copy()
-        up[i] += nudge
-        down[i] -= nudge
-        pairs = zip(_missed(clips, model, up), _missed(clips, model, down), strict=True)
-        columns.append([(low - high) / (2 * nudge) for high, low in pairs])
-    return [np.stack([c[k] for c in columns], -1) for k in range(len(columns[0]))]
+    sizes = np.array([1e-3 * _size(model, i, scale) for i in range(len(joint))])
+    nudges = NUDGE * np.maximum(np.abs(joint), sizes)
+    ends = np.concatenate([joint[None], joint + np.diag(nudges), joint - np.diag(nudges)])
+    pairs = (np.split(x[1:], 2) for x in _missed(clips, model, ends))
+    return [np.moveaxis(low - high, 0, -1) / (2 * nudges) for high, low in pairs]
 
 
 def _size(model: Model, number: int, scale: float) -> float:

@@ -19,34 +19,38 @@ def flat(places: np.ndarray, view: np.ndarray) -> np.ndarray:
 
     Args:
         places: ``(…, 2)``, units of half the picture's longer side, counted from its middle.
-        view: two slopes of the plane's distance, and the lens's distortion, ``(3,)``.
+        view: two slopes of the plane's distance, and the lens's distortion, ``(…, 3)``.
     """
-    straight = places * (1 - view[2] * (places**2).sum(-1, keepdims=True))
-    across = straight / np.maximum(1 + straight @ view[:2], NEAREST)[..., None]
-    return _along(across, view[:2], _longer(view))
+    slopes, lens = view[..., :2], view[..., 2:]
+    straight = places * (1 - lens * _dot(places, places))
+    across = straight / np.maximum(1 + _dot(straight, slopes), NEAREST)
+    return _along(across, slopes, _longer(view))
 
 
 def seen(places: np.ndarray, view: np.ndarray) -> np.ndarray:
     """Places in the picture ``(…, 2)`` of those in the plane, the inverse of :func:`flat`."""
-    across = _along(places, view[:2], 1 / _longer(view))
-    straight = across / np.maximum(1 - across @ view[:2], NEAREST)[..., None]
+    slopes, lens = view[..., :2], view[..., 2:]
+    across = _along(places, slopes, 1 / _longer(view))
+    straight = across / np.maximum(1 - _dot(across, slopes), NEAREST)
     out = straight
-    for _ in range(ROUNDS if view[2] else 0):
-        out = straight / np.maximum(1 - view[2] * (out**2).sum(-1, keepdims=True), NEAREST)
+    for _ in range(ROUNDS if lens.any() else 0):
+        out = straight / np.maximum(1 - lens * _dot(out, out), NEAREST)
     return out
 
 
-def _longer(view: np.ndarray) -> float:
-    """Times its length in the picture, that a way along the plane's turn is in the plane."""
-    return float(np.sqrt(1 + FAR**2 * (view[0] ** 2 + view[1] ** 2)))
+def _dot(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i->...", one, two)[..., None]
 
 
-def _along(places: np.ndarray, slopes: np.ndarray, times: float) -> np.ndarray:
+def _longer(view: np.ndarray) -> np.ndarray:
+    """Times its length in the picture ``(…, 1)``, that a way along the plane's turn has there."""
+    return np.sqrt(1 + FAR**2 * _dot(view[..., :2], view[..., :2]))
+
+
+def _along(places: np.ndarray, slopes: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Places with their part along the plane's turn so many times as long."""
-    square = float(slopes @ slopes)
-    if square == 0:
-        return places
-    return places + (times - 1) / square * (places @ slopes)[..., None] * slopes
+    square = np.maximum(_dot(slopes, slopes), np.finfo(float).tiny)
+    return places + (times - 1) / square * _dot(places, slopes) * slopes
 
 
 def enlarged(ends: np.ndarray, view: np.ndarray) -> float:
