@@ -69,18 +69,16 @@ def drawn_along(one: Hypothesis, others: list[Hypothesis]) -> bool:
     """
     size = one.usual_size
     larger = [other for other in others if size < LESSER * other.usual_size]
+    at = [_at(one, other) > HELD for other in larger]
     for k, first in enumerate(larger):
-        for second in larger[k:]:
+        for j, second in enumerate(larger[k:], k):
             both = one.seen & first.seen & second.seen
             if both.sum() < 0.5 * one.seen.sum():
                 continue
             target, *ways = (_way(each, both) for each in (one, first, second))
-            shares = np.stack([way.ravel() for way in ways], 1)
-            maps = np.hstack(ways)
-            if _explains(shares, target.ravel()):
+            if _explains(np.stack([way.ravel() for way in ways], 1), target.reshape(-1, 1)):
                 return True
-            at_one = max(_at(one, each) for each in (first, second)) > HELD
-            if at_one and _explains(maps, target):
+            if (at[k] or at[j]) and _explains(np.hstack(ways), target):
                 return True
     return False
 
@@ -98,5 +96,8 @@ def _at(one: Hypothesis, other: Hypothesis) -> float:
 
 
 def _explains(design: np.ndarray, target: np.ndarray) -> bool:
-    left = target - design @ np.linalg.lstsq(design, target, rcond=None)[0]
-    return bool((left**2).sum() < (1 - DRAWN) * (target**2).sum())
+    gram, moment = design.T @ design, design.T @ target
+    least = np.finfo(float)  # of what two tell, that go as one, or that stand
+    ridge = (least.eps * np.trace(gram) + least.tiny) * np.eye(len(gram))
+    explained = float((moment * np.linalg.solve(gram + ridge, moment)).sum())
+    return explained > DRAWN * float((target**2).sum())

@@ -1,10 +1,11 @@
-"""Files of motion capture, of SLEAP and of detectors, clocks of robots, JSON as pandas has it."""
+"""Files of motion capture, also C3D; of SLEAP and detectors; clocks of robots, pandas' JSON."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+import c3d
 import h5py
 import numpy as np
 import pytest
@@ -299,3 +300,53 @@ def test_an_hdf5_file_of_another_kind_says_what_to_give(tmp_path) -> None:
         out["tracks"], out["node_names"], out["track_names"] = np.zeros((2, 9)), ["a"], ["b"]
     with pytest.raises(InputError, match="SLEAP has"):
         read_recording(tmp_path / "short.h5", interval=0.1)
+
+
+def c3d_file(path: Path, labels: list[str]) -> np.ndarray:
+    """A file as a motion capture system writes it; its places ``(frames, markers, 3)``."""
+    places = np.random.default_rng(0).uniform(-900, 900, (FRAMES, len(labels), 3))
+    places[4, 1] = np.nan
+    writer = c3d.Writer(point_rate=120.0, analog_rate=0.0)
+    for frame in places:
+        seen = np.isfinite(frame).all(-1, keepdims=True)
+        points = np.concatenate([np.nan_to_num(frame), np.where(seen, 0.5, -1.0), 0 * seen], 1)
+        writer.add_frames([(points.astype(np.float32), np.zeros((0, 0)))])
+    writer.set_point_labels(labels)
+    with path.open("wb") as out:
+        writer.write(out)
+    return places
+
+
+def test_markers_of_a_c3d_file_are_bodies_with_its_rate_and_unit(tmp_path) -> None:
+    path = tmp_path / "swing.c3d"
+    places = c3d_file(path, ["BOB", "PIVOT"])
+    found = read_recording(path)
+    assert found.length == "mm" and found.notes == (
+        "2 markers of motion capture: BOB, PIVOT; 120 frames a second",
+    )
+    np.testing.assert_allclose(found.positions[0], places, atol=1e-4)
+    np.testing.assert_allclose(found.times[0], np.arange(FRAMES) / 120)
+    bob = read_recording(path, {"body": "BOB"}, 0.01)
+    np.testing.assert_array_equal(bob.positions[0], found.positions[0][:, :1])
+    assert bob.times[0, 1] == 0.01
+    with pytest.raises(InputError, match="the markers are BOB, PIVOT"):
+        read_recording(path, {"body": "HEAD"})
+    path.write_bytes(path.read_bytes().replace(b"PIVOT", b"PIV\xd6T"))
+    assert "BOB, PIVÖT" in read_recording(path).notes[0]
+
+
+def test_a_hurt_c3d_file_is_refused_in_one_line(tmp_path) -> None:
+    path = tmp_path / "swing.c3d"
+    c3d_file(path, ["BOB", "PIVOT"])
+    whole = path.read_bytes()
+    for name, held in {"cut": whole[:600], "none": b"", "text": b"t,x\n0,1\n" * 99}.items():
+        hurt = tmp_path / f"{name}.c3d"
+        hurt.write_bytes(held)
+        with pytest.raises(InputError, match="not a C3D file|no marker is seen"):
+            read_recording(hurt)
+    long = bytearray(whole)
+    long[8:10] = b"\xff\xff"  # frames that the header tells of, and that are not there
+    (tmp_path / "long.c3d").write_bytes(long)
+    found = read_recording(tmp_path / "long.c3d")
+    assert "tells of 65535 frames, and ends after" in found.notes[1]
+    assert np.isfinite(found.positions[0]).all(-1).sum() == 2 * FRAMES - 1  # not of the padding

@@ -5,6 +5,7 @@ import os
 import zipfile
 from pathlib import Path
 
+import h5py
 import numpy as np
 import openpyxl
 import pytest
@@ -404,6 +405,75 @@ def test_a_state_in_pieces_is_one_recording_without_its_rates(tmp_path):
     np.testing.assert_allclose(found.times[0], T)
     savemat(tmp_path / "b.mat", {"x": X, "fps": 25.0})
     np.testing.assert_allclose(read_recording(tmp_path / "b.mat").times[0], T)
+
+
+def newest(path, fill):
+    """A file in the layout of MATLAB 7.3: HDF5 behind a header, arrays turned over."""
+    with h5py.File(path, "w", userblock_size=512) as out:
+        fill(out)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return path
+
+
+def put(group, name, values, kind=b"double"):
+    group[name] = np.atleast_2d(values).T
+    group[name].attrs["MATLAB_class"] = np.bytes_(kind)
+    return group[name]
+
+
+def cells(group, name, pieces):
+    held = group.file.require_group("#refs#")
+    refs = [put(held, f"{name}{k}", piece).ref for k, piece in enumerate(pieces)]
+    group.create_dataset(name, data=np.array([refs], h5py.ref_dtype))
+    group[name].attrs["MATLAB_class"] = np.bytes_(b"cell")
+
+
+def test_a_file_of_version_7_3_is_read_as_an_older_one(tmp_path):
+    def fill(out):
+        record = out.create_group("data/rec")
+        put(record, "time", T)
+        put(record, "theta", X)
+        put(record, "name", np.arange(40, dtype=np.uint16), b"char")
+        put(out, "none", np.zeros(2, np.uint64)).attrs["MATLAB_empty"] = 1
+
+    found = read_recording(newest(tmp_path / "a.mat", fill))
+    assert found.unit == "angles"
+    np.testing.assert_array_equal(found.positions[0, :, 0, 0], X)
+    np.testing.assert_array_equal(found.times[0], T)
+
+    def pieces(out):
+        parts = slice(0, 20), slice(20, 40)
+        cells(out, "Time", [T[part] for part in parts])
+        cells(out, "Y", [np.stack([X[part], VX[part]]) for part in parts])
+
+    found = read_recording(newest(tmp_path / "b.mat", pieces))
+    np.testing.assert_array_equal(found.positions[0, :, 0], X[:, None])
+
+
+def test_a_file_of_version_7_3_leads_nowhere_and_fills_nothing(tmp_path):
+    newest(tmp_path / "secret.mat", lambda out: (put(out, "t", T), put(out, "x", X)))
+
+    def linked(out):
+        for name in "tx":
+            out[name] = h5py.ExternalLink(str(tmp_path / "secret.mat"), name)
+
+    with pytest.raises(InputError, match="no vectors of 8 numbers"):
+        read_recording(newest(tmp_path / "a.mat", linked))
+
+    def around(out):
+        group = out.create_group("a")
+        group["b"] = group  # a group that holds itself
+
+    with pytest.raises(InputError, match="structures in more than 20 levels"):
+        read_recording(newest(tmp_path / "b.mat", around))
+
+    def again(out):
+        held = put(out.create_group("#refs#"), "x", np.zeros(2**20))
+        out.create_dataset("c", data=np.array([[held.ref] * 2000], h5py.ref_dtype))
+
+    with pytest.raises(InputError, match="more than"):
+        read_recording(newest(tmp_path / "c.mat", again))
 
 
 # workbooks

@@ -12,6 +12,7 @@ from vidphys.data.formats.base import (
     sources_of,
     suffixes_of,
 )
+from vidphys.data.formats.c3d import read_c3d
 from vidphys.data.formats.captured import is_captured, read_captured
 from vidphys.data.formats.matlab import matlab_table, read_matlab
 from vidphys.data.formats.opencv import read_clip
@@ -52,6 +53,7 @@ FORMATS.register("text", TrackFormat(TEXTS, read_text, holds_numbers, table=text
 FORMATS.register("matlab", TrackFormat((".mat",), read_matlab, table=matlab_table))
 TRACKER = TrackFormat((".trk", ".trz", ".zip"), read_project, is_project, read_marks)
 FORMATS.register("tracker", TRACKER)
+FORMATS.register("c3d", TrackFormat((".c3d",), read_c3d))
 FORMATS.register("sleap", TrackFormat(HDF5, read_sleap, is_sleap))
 FORMATS.register("video", VIDEO)
 

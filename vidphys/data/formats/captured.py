@@ -1,4 +1,4 @@
-"""Files of motion capture systems: lines above the numbers say the rate, the unit and the markers.
+"""Texts of motion capture systems: lines above the numbers say the rate, the unit and the markers.
 
 They are OpenSim's ``.trc``, Qualisys' ``.tsv``, and the ``.csv`` of OptiTrack's Motive and of
 Vicon's Nexus. Each marker has three columns; an empty cell says that it was not seen.
@@ -69,7 +69,9 @@ def read_captured(path: Path, columns: Mapping[str, str], _interval: float | Non
         raise InputError(
             f"begins as a motion capture file ({kind}), but goes on otherwise"
         ) from error
-    return _recording(take, wanted(take.markers, columns))
+    names = wanted(take.markers, columns)
+    places = _places(take, names)
+    return of_markers(places, [take.markers[n] for n in names], take.rate, take.unit)
 
 
 def _opensim(lines: Lines) -> _Take:
@@ -141,7 +143,7 @@ def wanted(markers: Sequence[str], columns: Mapping[str, str]) -> list[int]:
     return [list(markers).index(name) for name in names]
 
 
-def _recording(take: _Take, wanted: Sequence[int]) -> Recording:
+def _places(take: _Take, wanted: Sequence[int]) -> np.ndarray:
     rows = [row for row in take.rows if any(row)]
     require_room((len(rows), max(len(wanted), 1), SPACE), 8, "frames by markers")
     places = np.full((len(rows), len(wanted), SPACE), np.nan)
@@ -149,17 +151,31 @@ def _recording(take: _Take, wanted: Sequence[int]) -> Recording:
         for n, marker in enumerate(wanted):
             cells = row[take.first[marker] : take.first[marker] + SPACE]
             places[k, n, : len(cells)] = [_number(cell) for cell in cells]
+    return places
+
+
+def of_markers(places: np.ndarray, names: Sequence[str], rate: float, unit: str) -> Recording:
+    """A recording of those markers that are seen in some frame.
+
+    Args:
+        places: ``(t, n, 3)``; NaN where one was not seen.
+        names: of the markers.
+        rate: frames a second.
+        unit: of places, as the system calls it; it may be empty.
+
+    Raises:
+        InputError: none is seen, or the rate is no rate.
+    """
     seen = np.isfinite(places).all(-1).any(0)
-    if not seen.any() or not take.rate > 0:
+    if not seen.any() or not rate > 0:
         raise InputError("no marker is seen in any frame, or no rate is told")
-    unit = WORDS.get(take.unit.lower(), take.unit.lower())
-    names = [take.markers[n] for n, shown in zip(wanted, seen, strict=True) if shown]
+    unit = WORDS.get(unit.lower(), unit.lower())
+    names = [name for name, shown in zip(names, seen, strict=True) if shown]
     note = f"{len(names)} marker{'s' * (len(names) > 1)} of motion capture: {', '.join(names)}"
-    times = np.arange(len(rows)) / take.rate
     return Recording(
         places[None, :, seen],
-        times[None],
-        notes=(f"{note}; {take.rate:g} frames a second",),
+        (np.arange(len(places)) / rate)[None],
+        notes=(f"{note}; {rate:g} frames a second",),
         length=unit if unit in LENGTHS else "",
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ from vidphys.data.formats.shapes import is_rate_of, rising
 from vidphys.errors import InputError
 
 HEADER, COMPRESSED = 128, 15  # bytes of the file's header; the kind of an element
+NEWEST = b"MATLAB 7.3"  # in the header of a file that is HDF5
 LEAST = 8  # samples, from which numbers are a recording and no setting
 STEPS = ("dt", "ts", "interval", "sampletime", "deltat")  # seconds between samples
 RATES = ("fs", "fps", "rate", "framerate", "samplingrate")  # samples in a second
@@ -43,6 +45,15 @@ def matlab_table(path: Path) -> dict[str, np.ndarray]:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
+    with path.open("rb") as file:
+        newest = NEWEST in file.read(HEADER)
+    if newest:
+        if importlib.util.find_spec("h5py") is None:
+            raise InputError(
+                "a MATLAB file of version 7.3, which needs h5py: pip install 'vidphys[sets]'; or "
+                "save it with -v7"
+            )
+        return read_apart(path, "matlab 7.3", ["h5py"])
     with reading("a MATLAB file"):
         _require_room(path)
     return read_apart(path, "matlab", ["scipy"])

@@ -1,4 +1,4 @@
-"""The program that reads one Parquet or MATLAB file, one workbook, or SLEAP's tracks.
+"""The program that reads one Parquet, MATLAB or C3D file, one workbook, or SLEAP's tracks.
 
 Its message says the name, type and shape of each array; their bytes follow, in that order.
 """
@@ -13,6 +13,9 @@ from typing import Any
 
 import numpy as np
 from confined import BYTES, FILE, RefusedError, allow, confine, refusing, require_room, send
+
+SPACE = 3  # coordinates of a marker
+DEEPEST = 20  # structures and cells in each other
 
 
 def main(kind: str, memory: int, seconds: int, most_bytes: int, most_columns: int) -> None:
@@ -75,11 +78,8 @@ def _prepare_matlab() -> None:
 def _matlab(_most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
     from scipy.io import loadmat
 
-    try:
-        with open(FILE, "rb") as file:  # noqa: PTH123 - the file that is given
-            held = loadmat(file, struct_as_record=False, squeeze_me=True)
-    except NotImplementedError as error:
-        raise RefusedError("a MATLAB file of version 7.3; save it with -v7 instead") from error
+    with open(FILE, "rb") as file:  # noqa: PTH123 - the file that is given
+        held = loadmat(file, struct_as_record=False, squeeze_me=True)
     return dict(_numbers({k: v for k, v in held.items() if not k.startswith("__")}))
 
 
@@ -96,6 +96,87 @@ def _numbers(held: Any, name: str = "") -> Iterator[tuple[str, np.ndarray]]:
             yield from _numbers(value, f"{name} {{{number + 1}}}")
     elif isinstance(held, np.ndarray | int | float) and np.asarray(held).dtype.kind in "fiub":
         yield name, np.asarray(held, float)
+
+
+def _prepare_matlab_7_3() -> None:
+    """See :func:`_prepare_parquet`."""
+    import hdf5  # noqa: F401
+
+
+def _matlab_7_3(most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
+    import h5py
+
+    with h5py.File(FILE, "r") as file:
+        return dict(_hdf5_numbers(file, file, [most_bytes], DEEPEST))
+
+
+def _hdf5_numbers(
+    file: Any, held: Any, room: list[int], deep: int, name: str = ""
+) -> Iterator[tuple[str, np.ndarray]]:
+    """The same of a file of version 7.3, in which cells are references.
+
+    Args:
+        file: it.
+        held: a group or an array of it.
+        room: bytes that are left for numbers.
+        deep: how many levels may be below it.
+        name: that leads to it.
+    """
+    import h5py
+    from hdf5 import in_here, is_own
+
+    if not deep:
+        raise RefusedError(f"{name}: structures in more than {DEEPEST} levels")
+    if isinstance(held, h5py.Group):
+        for key in held:
+            if not key.startswith("#") and is_own(held, key):
+                yield from _hdf5_numbers(file, held[key], room, deep - 1, key)
+    elif "MATLAB_empty" in held.attrs or held.shape is None:
+        return
+    elif h5py.check_ref_dtype(held.dtype):
+        require_room(held.shape, room[0], name)
+        for number, cell in enumerate(in_here(held)[()].T.ravel(), 1):
+            yield from _hdf5_numbers(file, file[cell], room, deep - 1, f"{name} {{{number}}}")
+    elif held.dtype.kind in "fiub" and held.attrs.get("MATLAB_class") != b"char":
+        require_room(held.shape, room[0], name)
+        room[0] -= held.size * BYTES  # cells may be the same numbers again and again
+        yield name, np.asarray(in_here(held)[()].T.squeeze(), float)
+
+
+def _prepare_c3d() -> None:
+    """See :func:`_prepare_parquet`; names in Latin 1 need a file too, and warnings their lines."""
+    import codecs
+    import warnings
+
+    import c3d  # noqa: F401
+
+    codecs.lookup("latin-1")
+    warnings.simplefilter("ignore")
+
+
+def _c3d(most_bytes: int, most_columns: int) -> dict[str, np.ndarray]:
+    """Places of markers ``(t, n, 3)``, their names, the rate and the unit."""
+    import c3d
+
+    with open(FILE, "rb") as file:  # noqa: PTH123 - the file that is given
+        reader = c3d.Reader(file)
+        names = [" ".join(label.split()) for label in reader.point_labels[: reader.point_used]]
+        if len(names) > most_columns:
+            raise RefusedError(f"{len(names)} markers, more than {most_columns}")
+        require_room((reader.frame_count, len(names), SPACE), most_bytes, "frames by markers")
+        places = []
+        for _, points, _analog in reader.read_frames(copy=False):
+            # the residual is -1 where no camera saw it; some systems say (0, 0, 0) instead
+            seen = (points[:, SPACE] >= 0) & points[:, :SPACE].any(-1)
+            places.append(np.where(seen[:, None], points[:, :SPACE], np.nan))
+        unit = reader.get("POINT:UNITS")
+    return {
+        "places": np.array(places, float).reshape(-1, len(names), SPACE),
+        "frames": np.array(reader.frame_count),  # more where it ends early
+        "names": np.array(names, str),
+        "rate": np.array(float(reader.point_rate)),
+        "unit": np.array("" if unit is None else unit.string_value.strip()),
+    }
 
 
 def _prepare_workbook() -> None:
@@ -151,6 +232,8 @@ def _sleap(most_bytes: int, _most_columns: int) -> dict[str, np.ndarray]:
 
 
 READERS = {
+    "c3d": ("a C3D file", _prepare_c3d, _c3d),
+    "matlab 7.3": ("a MATLAB file", _prepare_matlab_7_3, _matlab_7_3),
     "parquet": ("a table", _prepare_parquet, _parquet),
     "matlab": ("a MATLAB file", _prepare_matlab, _matlab),
     "sleap": ("a file of SLEAP", _prepare_sleap, _sleap),
