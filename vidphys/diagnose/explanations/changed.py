@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from vidphys.diagnose.mechanisms.fitted import Fit
-from vidphys.diagnose.mechanisms.law import RATES
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
+from vidphys.diagnose.mechanisms.terms import RATES
 
 FINELY = 200  # steps at least from a clip's beginning to where a law is changed
 

@@ -11,8 +11,8 @@ from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.impacts import Impact, find_impacts, seen_as, walls_of
-from vidphys.diagnose.mechanisms.law import Wall
 from vidphys.diagnose.mechanisms.meetings import Meeting
+from vidphys.diagnose.mechanisms.terms import Wall
 
 MOST = 3  # walls
 NEAR = 1.3  # times the distance at a meeting, within which an impact may be another meeting

@@ -19,11 +19,11 @@ from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.forced import forced
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
-from vidphys.diagnose.mechanisms.law import FRICTIONS
 from vidphys.diagnose.mechanisms.lift import lifted
 from vidphys.diagnose.mechanisms.rubbed import rubbed
 from vidphys.diagnose.mechanisms.slack import slack
 from vidphys.diagnose.mechanisms.spin import spun
+from vidphys.diagnose.mechanisms.terms import FRICTIONS
 from vidphys.diagnose.mechanisms.walled import walled
 
 FAR = 100.0  # of log likelihood: a base that is so much worse than the best has no friction tried

@@ -10,7 +10,8 @@ import numpy as np
 
 from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.colliding_kernel import rolled
-from vidphys.diagnose.mechanisms.law import RATES, Law
+from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.terms import RATES
 from vidphys.diagnose.recordings.inputs import Signal
 
 

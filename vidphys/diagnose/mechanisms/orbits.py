@@ -13,7 +13,8 @@ from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import HALVES, local
-from vidphys.diagnose.mechanisms.law import COULOMB, Law
+from vidphys.diagnose.mechanisms.law import Law
+from vidphys.diagnose.mechanisms.terms import COULOMB
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES
 
 FEWEST = 3  # bodies: what pulls two of them to one place may be each other
