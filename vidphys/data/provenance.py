@@ -26,6 +26,8 @@ def decoder_of(path: Path) -> str:
     clip = format_of(path, ClipFormat) or VIDEO
     if clip is VIDEO:
         return _opencv()
+    if clip.package:
+        return f"{clip.package} {importlib.metadata.version(clip.package)}"
     name = next(name for name, each in FORMATS.items() if each is clip)
     return f"{name} ({FORMATS.source(name)})"
 

@@ -107,7 +107,7 @@ def _each(place: Path) -> Iterator[Path]:
             return
         if set_of(place) is None:
             with os.scandir(place) as entries:
-                names = sorted(e.name for e in entries if format_of(Path(e.name), ClipFormat))
+                names = sorted(e.name for e in entries if format_of(Path(e.path), ClipFormat))
             if names:
                 yield from (place / name for name in names)
                 return

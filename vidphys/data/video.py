@@ -28,7 +28,6 @@ from vidphys.runs.atomic import sha256
 RATE_TOLERANCE = 0.01
 GAP = 1.5
 FRAMES_FOR_MOMENTUM = 3
-OPENCV = "opencv-python-headless"
 
 
 @dataclass(frozen=True)
@@ -142,8 +141,8 @@ def open_video(path: Path, selection: ClipSelection) -> Video:
 def _made_by(path: Path) -> str:
     """What makes frames of a file, with its version."""
     format = format_of(path, ClipFormat) or VIDEO
-    if format is VIDEO:
-        return _versioned(OPENCV)
+    if format.package:
+        return _versioned(format.package)
     name = next(name for name, each in FORMATS.items() if each is format)
     return next(iter(FORMATS.sources(name).values()), name)
 

@@ -15,8 +15,9 @@ from vidphys.data.formats.base import (
 from vidphys.data.formats.c3d import read_c3d
 from vidphys.data.formats.captured import is_captured, read_captured
 from vidphys.data.formats.matlab import matlab_table, read_matlab
-from vidphys.data.formats.opencv import read_clip
+from vidphys.data.formats.opencv import read_clip, read_stack
 from vidphys.data.formats.sleap import HDF5, is_sleap, read_sleap
+from vidphys.data.formats.stacks import is_stack
 from vidphys.data.formats.structured import read_structured, structured_table
 from vidphys.data.formats.tables import (
     arrays_table,
@@ -36,7 +37,8 @@ from vidphys.data.formats.tracker import is_project, read_marks, read_project
 FILMS = (".mp4", ".avi", ".mkv", ".mov", ".ogv", ".webm", ".m4v")
 OLD_FILMS = (".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".3gp", ".ts", ".mts", ".m2ts")
 RAW_FILMS = (".y4m", ".h264", ".hevc")
-VIDEO = ClipFormat((*FILMS, *OLD_FILMS, *RAW_FILMS), read_clip)
+VIDEO = ClipFormat((*FILMS, *OLD_FILMS, *RAW_FILMS), read_clip, package="opencv-python-headless")
+STACKS = (".tif", ".tiff", ".webp", ".png", ".apng")
 TEXTS = (".txt", ".dat", ".tab", ".asc")  # where they hold numbers
 CAPTURED = TrackFormat((".trc", ".tsv", ".csv", ".txt"), read_captured, is_captured)
 FORMATS.register("captured", CAPTURED)
@@ -55,6 +57,7 @@ TRACKER = TrackFormat((".trk", ".trz", ".zip"), read_project, is_project, read_m
 FORMATS.register("tracker", TRACKER)
 FORMATS.register("c3d", TrackFormat((".c3d",), read_c3d))
 FORMATS.register("sleap", TrackFormat(HDF5, read_sleap, is_sleap))
+FORMATS.register("multipage", ClipFormat(STACKS, read_stack, is_stack, package="pillow"))
 FORMATS.register("video", VIDEO)
 
 __all__ = [

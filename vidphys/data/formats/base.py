@@ -96,10 +96,15 @@ class ClipFormat(Format):
 
     ``read(path)`` gives the frames per second and the number of frames that the file declares (0
     where it says nothing), and an iterator over its frames: RGB bytes ``(H, W, 3)``, row 0 on top,
-    and the seconds of each. It raises ``ValueError`` with one line.
+    and the seconds of each, NaN where the file has none. It raises ``ValueError`` with one line.
+
+    Args:
+        package: that decodes them, by the name under which it is installed; a record says its
+            version. Empty: whoever registers the format does.
     """
 
     read: Callable[[Path], tuple[float, int, Frames]]
+    package: str = ""
 
 
 FORMATS: Registry[Format] = Registry("format", "vidphys.formats")

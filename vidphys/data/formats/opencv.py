@@ -1,4 +1,4 @@
-"""Clips that OpenCV decodes, by FFmpeg, in a child process that is held to limits."""
+"""Clips, decoded in a child process that is held to limits: by OpenCV, and stacks by Pillow."""
 
 from __future__ import annotations
 
@@ -30,16 +30,29 @@ def read_clip(path: Path) -> tuple[float, int, Frames]:
     """
     if not is_utf8(str(path)):
         raise InputError(f"{str(path)!a}: the name is not UTF-8; rename the file")
-    parts = _decoded(path)
+    return _read(path, "clip.py", "cv2")
+
+
+def read_stack(path: Path) -> tuple[float, int, Frames]:
+    """The same of several pictures in one file; frames of a file without times have NaN.
+
+    Raises:
+        InputError: not pictures that Pillow can read, or more than they may be.
+    """
+    return _read(path, "stack.py", "PIL")
+
+
+def _read(path: Path, program: str, package: str) -> tuple[float, int, Frames]:
+    parts = _decoded(path, program, package)
     about = next(parts)
     return about["rate"], int(about["count"]), parts
 
 
-def _decoded(path: Path) -> Iterator[Any]:
+def _decoded(path: Path, program: str, package: str) -> Iterator[Any]:
     """What the child says of the clip, then its frames, each with its stamp."""
     limits = (MAX_PIXELS, MEMORY, SECONDS)
     try:
-        with Child(path, "clip.py", limits, ["cv2"], "convert it (mp4, avi, ogv)") as child:
+        with Child(path, program, limits, [package], "convert it (mp4, avi, ogv)") as child:
             about = child.message()
             yield {name: x if math.isfinite(x) else 0.0 for name, x in about.items()}
             while (frame := _frame(child)) is not None:
