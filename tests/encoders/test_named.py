@@ -148,9 +148,11 @@ def expect(load, told, frames, side, more=()):
         other = load(batch=batch).encode_layers(wide, times, encoder.layers)
         for layer, maps in found.items():
             torch.testing.assert_close(other[layer].values, maps.values, atol=1e-4, rtol=1e-3)
-    short = load(batch=2, dtype="bfloat16").encode_layers(wide, times, encoder.layers)
+    # of one clip, as many processors count in bfloat16 at a fiftieth of their speed
+    short = load(batch=2, dtype="bfloat16").encode_layers(wide[:1], times, encoder.layers)
     for layer, maps in found.items():
-        off = float((short[layer].values - maps.values).norm() / maps.values.norm())
+        of_one = maps.values[:1]
+        off = float((short[layer].values - of_one).norm() / of_one.norm())
         assert 1e-5 < off < 0.05, (layer, off)
 
 

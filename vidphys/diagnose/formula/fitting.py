@@ -48,15 +48,18 @@ def fitted(
     price = numbers / 2 * np.log(samples.count) + sum(term.price for term in terms)
 
     def parts(flat: np.ndarray) -> list[tuple[float, ...]]:
-        return [tuple(flat[begin:end]) for begin, end in pairwise(ends)]
+        return [tuple(flat[begin:end].tolist()) for begin, end in pairwise(ends)]
 
     def solve(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        a = samples.white @ design(terms, parts(flat), samples.x)
-        gram = a.T @ a
-        scale = np.sqrt(gram.diagonal()) + 1e-300
-        gram = gram / scale / scale[:, None] + ALIKE * np.eye(len(scale))
-        c = np.linalg.solve(gram, a.T @ y / scale) / scale
-        return c, y - a @ c
+        """Coefficients ``(…, c)`` and what is missed ``(…, k)``, of constants ``(…, n)``."""
+        several = [[flat[..., n, None] for n in range(*span)] for span in pairwise(ends)]
+        a = samples.white @ design(terms, several, samples.x)
+        across = a.swapaxes(-1, -2)
+        gram, pulled = across @ a, (across @ y)[..., None]
+        scale = np.sqrt(gram.diagonal(axis1=-2, axis2=-1))[..., None] + 1e-300
+        gram = gram / scale / scale.swapaxes(-1, -2) + ALIKE * np.eye(gram.shape[-1])
+        c = np.linalg.solve(gram, pulled / scale) / scale
+        return c[..., 0], y - (a @ c)[..., 0]
 
     flat = np.array([v for p in start for v in p])
     hopeless = 2 * (least + GIVEN_UP - price)
@@ -89,9 +92,7 @@ def _descend(
     misfit, damping = float(rest @ rest), 1e-2
     for step in range(steps):
         nudge = 1e-5 * (np.abs(flat) + 1e-2)
-        jacobian = np.stack(
-            [(residual(flat + np.where(k, n, 0.0)) - rest) / n for k, n in _each(nudge)], -1
-        )
+        jacobian = (residual(flat + np.diag(nudge)) - rest).T / nudge
         scale = np.linalg.norm(jacobian, axis=0) + 1e-12
         normal = (jacobian / scale).T @ (jacobian / scale)
         ahead = -((jacobian / scale).T @ rest)
@@ -111,7 +112,3 @@ def _descend(
         if step >= 5 and misfit > hopeless and gained < 0.2 * misfit:
             break
     return flat
-
-
-def _each(nudge: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    return list(zip(np.eye(len(nudge), dtype=bool), nudge, strict=True))

@@ -25,18 +25,20 @@ def search(samples: Samples, until: float = np.inf) -> list[Sum]:
     vocabulary = words(samples.positive)
     kinds = kinds_of(samples, vocabulary)
     found: dict[tuple[str, ...], Sum] = {}
+    least = np.inf
 
     def look(terms: tuple[Term, ...], start: Start, steps: int) -> None:
+        nonlocal least
         if time.thread_time() > until:
             return
-        least = min((one.score for one in found.values()), default=np.inf)
         fit = fitted(samples, terms, start, least, steps)
         if fit is not None and fit.score < found.get(fit.kind, fit).score + 1e-12:
             found[fit.kind] = fit
+            least = min(least, fit.score)
 
     for terms, starts in kinds:
         look(terms, starts[0], FIRST)
-    near = min((one.score for one in found.values()), default=np.inf) + GIVEN_UP
+    near = least + GIVEN_UP
     for terms, starts in kinds:
         kind = kind_of(terms)
         if any(term.constants for term in terms) and (

@@ -86,15 +86,22 @@ class Sum(Force):
 
 
 def design(
-    terms: Sequence[Term], constants: Sequence[tuple[float, ...]], x: np.ndarray
+    terms: Sequence[Term], constants: Sequence[Sequence[float | np.ndarray]], x: np.ndarray
 ) -> np.ndarray:
-    """Columns of all words at places, ``(samples, columns)``."""
-    out = np.empty((len(x), sum(len(term.columns) for term in terms)))
+    """Columns of all words at places, ``(…, samples, columns)``.
+
+    Args:
+        terms: the words.
+        constants: of each, a number or, of many sums at once, ``(…, 1)``.
+        x: places, ``(samples,)``.
+    """
+    lead = np.broadcast_shapes(*(np.shape(p)[:-1] for each in constants for p in each))
+    out = np.empty((*lead, len(x), sum(len(term.columns) for term in terms)))
     at = 0
     with np.errstate(all="ignore"):
         for term, p in zip(terms, constants, strict=True):
             for of in term.columns:
-                out[:, at] = of(x, p)
+                out[..., at] = of(x, p)
                 at += 1
     return (
         out
