@@ -121,15 +121,12 @@ def _fits(
     columns = np.array([[k for i in chosen for k in places[i]] for chosen in combinations], int)
     solved = normal.solve_each(columns)
     misfits = normal.misfit_each(columns, solved)
-    for chosen, coefficients, misfit in zip(combinations, solved, misfits, strict=True):
-        terms = tuple(menu.terms[i] for i in chosen)
-        score = normal.log_likelihood(float(misfit), floor)
+    stand = ~_wrong(menu, columns, solved) & _show(menu, columns, solved, normal, least)
+    for k in np.flatnonzero(stand):
+        terms = tuple(menu.terms[i] for i in combinations[k])
+        score = normal.log_likelihood(float(misfits[k]), floor)
         score -= price(normal.count, sum(term.size for term in terms))
-        structure = Structure(terms, coefficients, score, float(misfit) / normal.count)
-        if not is_wrong(structure) and _shows(
-            structure, [places[i] for i in chosen], normal, least
-        ):
-            yield structure
+        yield Structure(terms, solved[k], score, float(misfits[k]) / normal.count)
 
 
 def price(rows: int, numbers: int) -> float:
@@ -142,14 +139,24 @@ def is_wrong(structure: Structure) -> bool:
     return any((structure.of(term)[: term.positive] <= 0).any() for term in structure.terms)
 
 
-def _shows(structure: Structure, places: Sequence[list[int]], normal: Normal, least: float) -> bool:
-    """Whether every term moves the rows by at least so much."""
-    for term, place in zip(structure.terms, places, strict=True):
-        own = structure.of(term)
-        moved = own @ normal.gram[np.ix_(place, place)] @ own / normal.count
-        if moved < least**2:
-            return False
-    return True
+def _wrong(menu: Menu, columns: np.ndarray, solved: np.ndarray) -> np.ndarray:
+    """See :func:`is_wrong`, of each of many choices of columns ``(k, c)``."""
+    signed = [
+        number < term.positive for term in menu.terms for number in range(len(term.coefficients))
+    ]
+    return (np.array(signed)[columns] & (solved <= 0)).any(1)
+
+
+def _show(
+    menu: Menu, columns: np.ndarray, solved: np.ndarray, normal: Normal, least: float
+) -> np.ndarray:
+    """Whether each term of each of many choices moves the rows by at least so much, ``(k,)``."""
+    whose = np.repeat(np.arange(len(menu.terms)), [len(term.coefficients) for term in menu.terms])
+    own = whose[columns][:, :, None] == whose[columns][:, None, :]
+    gram = normal.gram[columns[:, :, None], columns[:, None, :]]
+    each = solved * (np.where(own, gram, 0.0) @ solved[..., None])[..., 0]
+    moved = (own @ each[..., None])[..., 0] / normal.count
+    return ~(moved < least**2).any(1)
 
 
 def posterior(structures: Sequence[Structure]) -> dict[frozenset[str], float]:
