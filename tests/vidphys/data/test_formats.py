@@ -275,9 +275,6 @@ def test_what_programs_export_is_told(tmp_path):
     found = read(tmp_path, logger + rows(T, X, VX, between="\t"))
     np.testing.assert_allclose(found.positions[0, :, 0], X[:, None], atol=1e-7)
     assert found.length == "m"
-    marks = "scorer,a,a,a\nbodyparts,head,head,head\ncoords,x,y,likelihood\n"
-    found = read(tmp_path, marks + rows(frames, X, Y, T), interval=0.04)  # DeepLabCut's
-    np.testing.assert_allclose(found.positions[0, :, 0], np.stack([X, Y], -1), atol=1e-7)
     slices = ",Label,Area,X,Y,Slice\n"
     slices += "".join(f"{k + 1},img{k},9,{X[k]},{Y[k]},{k + 1}\n" for k in frames)
     assert read(tmp_path, slices, interval=0.04).positions.shape == (1, 40, 1, 2)  # ImageJ's

@@ -14,6 +14,7 @@ from vidphys.data.formats.base import (
 )
 from vidphys.data.formats.c3d import read_c3d
 from vidphys.data.formats.captured import is_captured, read_captured
+from vidphys.data.formats.deeplabcut import is_deeplabcut, read_deeplabcut
 from vidphys.data.formats.matlab import matlab_table, read_matlab
 from vidphys.data.formats.opencv import read_clip, read_stack
 from vidphys.data.formats.sleap import HDF5, is_sleap, read_sleap
@@ -42,6 +43,8 @@ STACKS = (".tif", ".tiff", ".webp", ".png", ".apng")
 TEXTS = (".txt", ".dat", ".tab", ".asc")  # where they hold numbers
 CAPTURED = TrackFormat((".trc", ".tsv", ".csv", ".txt"), read_captured, is_captured)
 FORMATS.register("captured", CAPTURED)
+DEEPLABCUT = TrackFormat((".csv",), read_deeplabcut, is_deeplabcut, table=text_table)
+FORMATS.register("deeplabcut", DEEPLABCUT)
 FORMATS.register("csv", TrackFormat((".csv", ".tsv"), read_text, table=text_table))
 BOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 FORMATS.register("workbook", TrackFormat(BOOKS, read_workbook, table=workbook_table))

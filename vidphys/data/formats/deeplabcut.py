@@ -1,0 +1,102 @@
+"""Tracks as DeepLabCut writes them (CSV): parts of bodies of one or several animals, in pixels."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vidphys.data.formats.base import Recording, Unit
+from vidphys.data.formats.bounded import require_room
+from vidphys.data.formats.captured import wanted
+from vidphys.data.formats.text import decoded
+from vidphys.errors import InputError
+
+BEGIN, END = "scorer", "coords"  # of the lines above the numbers
+SURE = 0.6  # likelihood below which DeepLabCut itself leaves a place out
+AXES = ("x", "y", "z")
+
+
+def is_deeplabcut(path: Path) -> bool:
+    """Whether a text begins as its tables do."""
+    with path.open("rb") as file:
+        return file.read(64).lstrip(b"\xef\xbb\xbf").startswith(BEGIN.encode() + b",")
+
+
+def read_deeplabcut(path: Path, columns: Mapping[str, str], interval: float | None) -> Recording:
+    """Each part of each animal is a body; NaN where it was not seen, or not surely.
+
+    Raises:
+        InputError: labels of single pictures, a table that ends early, or a part that it does not
+            have.
+    """
+    heads, rows = _lines(path)
+    names, which = _bodies(heads)
+    taken = wanted(names, columns)
+    frames = _frames(rows)
+    require_room((len(rows), len(rows[0])), 8, "frames by columns")
+    values = np.array([[_number(cell) for cell in row[1:]] for row in rows])
+    places = np.stack([_places(values, which[names[n]]) for n in taken], 1)
+    seen = np.isfinite(places).all(-1).any(0)
+    if not seen.any():
+        raise InputError(f"none of these parts is seen with a likelihood of {SURE} in any frame")
+    told = ", ".join(names[n] for n, shown in zip(taken, seen, strict=True) if shown)
+    note = f"DeepLabCut's parts, in pixels: {told}; unseen where likelihood is below {SURE}"
+    times = None if interval is None else (frames * interval)[None]
+    unit: Unit = "pixels" if places.shape[-1] == 2 else "world"
+    return Recording(places[None][:, :, seen], times, unit, notes=(note,), frames=frames)
+
+
+def _lines(path: Path) -> tuple[dict[str, list[str]], list[list[str]]]:
+    """The lines above the numbers by their first cell, and the rows of numbers."""
+    lines = [row for row in csv.reader(decoded(path).splitlines()) if any(row)]
+    at = next((k for k, row in enumerate(lines) if row[0] == END), len(lines))
+    heads = {row[0]: [cell.strip() for cell in row[1:]] for row in lines[: at + 1]}
+    if "bodyparts" not in heads or END not in heads or len(lines) == at + 1:
+        raise InputError("begins as DeepLabCut's table, but has no bodyparts, coords and rows")
+    width = len(lines[at])
+    return heads, [row for row in lines[at + 1 :] if len(row) == width]
+
+
+def _bodies(heads: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, dict[str, int]]]:
+    """Names of the bodies, and of each the columns of its coordinates and likelihood."""
+    parts, animals = heads["bodyparts"], heads.get("individuals", [""] * len(heads["bodyparts"]))
+    several = len(set(animals)) > 1
+    which: dict[str, dict[str, int]] = {}
+    for k, (animal, part, what) in enumerate(zip(animals, parts, heads[END], strict=False)):
+        which.setdefault(f"{animal} {part}" if several else part, {})[what] = k
+    return list(which), which
+
+
+def _frames(rows: Sequence[Sequence[str]]) -> np.ndarray:
+    """Numbers of the frames.
+
+    Raises:
+        InputError: they are no numbers that rise.
+    """
+    numbers = np.array([_number(row[0]) for row in rows])
+    if not len(rows) or not np.isfinite(numbers).all() or (np.diff(numbers) <= 0).any():
+        raise InputError(
+            "the first column is no number of a frame that rises: labels of single pictures are "
+            "no motion; give the table that DeepLabCut writes of a video"
+        )
+    return numbers.astype(int)
+
+
+def _places(values: np.ndarray, at: Mapping[str, int]) -> np.ndarray:
+    axes = [axis for axis in AXES if axis in at]
+    if len(axes) < 2:
+        raise InputError(f"coords of a part are {', '.join(at)}; places need x and y")
+    places = values[:, [at[axis] for axis in axes]]
+    if "likelihood" in at:
+        places = np.where(values[:, at["likelihood"], None] >= SURE, places, np.nan)
+    return places
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell) if cell.strip() else np.nan
+    except ValueError:
+        return np.nan
