@@ -127,25 +127,29 @@ def _bounce(
         v[i] = along * (v[i] - across * wall[i]) - restitution * across * wall[i]
 
 
-@kernel
+@uncounted
 def _rolled(
     times: np.ndarray,
     start: np.ndarray,
     law: tuple,
+    steady: np.ndarray,
     walls: np.ndarray,
     most: float,
     when: np.ndarray,
     pushed: np.ndarray,
     spin: np.ndarray,
     lift: tuple,
+    work: np.ndarray,
     out: np.ndarray,
 ) -> None:
+    """One of them; ``work`` has room for eleven vectors, and for the place and the speed."""
     size = start.shape[1]
     force, ramp, stiffness, swing, friction, _apart, _rods, centre, hung, floor = law
-    steady, at = force.copy(), 0
-    work = np.zeros((11, size))
-    s, v = start[0].copy(), start[1].copy()
-    out[0, 0], out[0, 1] = s, v
+    at = 0
+    s, v = work[11], work[12]
+    for i in range(size):
+        s[i], v[i] = start[0, i], start[1, i]
+        out[0, 0, i], out[0, 1, i] = s[i], v[i]
     landed = LANDED * (times[-1] - times[0])
     stuck, lies, since = False, -1, np.inf
     for frame in range(1, len(times)):
@@ -178,10 +182,12 @@ def _rolled(
                         hit, moment = k, _meets(s, v, moment, walls[k], law, work)
                 if lies >= 0 and not _pressed(work, walls[lies]):
                     lies = -1
-                    floor[:] = 0.0
+                    for i in range(size):
+                        floor[i] = 0.0
                 if hit < 0:
                     break
-                s[:], v[:] = work[8], work[9]
+                for i in range(size):
+                    s[i], v[i] = work[8, i], work[9, i]
                 _bounce(s, v, walls[hit], spin)
                 for i in range(size):
                     force[i] += moment * ramp[i]
@@ -191,9 +197,9 @@ def _rolled(
                 if since < landed or bounce == BOUNCES - 2:
                     across = _across(v, walls[hit])
                     for i in range(size):
-                        v[i] -= across * walls[hit][i]
+                        v[i] -= across * walls[hit, i]
+                        floor[i] = walls[hit, i]
                     lies, stuck = hit, size == 1
-                    floor[:] = walls[hit, :size]
                 since = 0.0
                 if left <= 0.0 or stuck:
                     break
@@ -210,7 +216,8 @@ def _rolled(
                 and turned <= 0.0
                 and holds(s, force, stiffness, swing, friction[2], centre, hung, floor)
             ):
-                v[:] = 0.0
+                for i in range(size):
+                    v[i] = 0.0
                 stuck = True
         for i in range(size):
             out[frame, 0, i], out[frame, 1, i] = s[i], v[i]
@@ -233,11 +240,13 @@ def _all_rolled(
 ) -> None:
     force, stiffness, swing, friction, rods, centre = laws
     size = starts.shape[2]
+    work, own = np.empty((13, size)), np.empty((3, size))
     for b in range(len(starts)):
-        ramp, floor = np.zeros(size), np.zeros(size)
+        for i in range(size):
+            own[0, i], own[1, i], own[2, i] = force[b, i], 0.0, 0.0
         law = (
-            force[b].copy(),
-            ramp,
+            own[0],
+            own[1],
             stiffness[b],
             swing[b],
             friction[b],
@@ -245,10 +254,23 @@ def _all_rolled(
             rods[b],
             centre[b],
             hung,
-            floor,
+            own[2],
         )
         fades = (lift[b, 0], lift[b, 1])
-        _rolled(times, starts[b], law, walls[b], most, when, pushed[b], spin[b], fades, out[b])
+        _rolled(
+            times,
+            starts[b],
+            law,
+            force[b],
+            walls[b],
+            most,
+            when,
+            pushed[b],
+            spin[b],
+            fades,
+            work,
+            out[b],
+        )
 
 
 def rolled(
