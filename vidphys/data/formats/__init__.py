@@ -16,9 +16,9 @@ from vidphys.data.formats.c3d import read_c3d
 from vidphys.data.formats.captured import is_captured, read_captured
 from vidphys.data.formats.deeplabcut import is_deeplabcut, read_deeplabcut
 from vidphys.data.formats.matlab import matlab_table, read_matlab
-from vidphys.data.formats.opencv import read_clip, read_stack
+from vidphys.data.formats.opencv import read_clip
 from vidphys.data.formats.sleap import HDF5, is_sleap, read_sleap
-from vidphys.data.formats.stacks import is_stack
+from vidphys.data.formats.stacks import is_stack, read_stack
 from vidphys.data.formats.structured import read_structured, structured_table
 from vidphys.data.formats.tables import (
     arrays_table,

@@ -1,4 +1,4 @@
-"""Clips, decoded in a child process that is held to limits: by OpenCV, and stacks by Pillow."""
+"""Clips that OpenCV decodes, by FFmpeg, in a child process that is held to limits."""
 
 from __future__ import annotations
 
@@ -30,19 +30,15 @@ def read_clip(path: Path) -> tuple[float, int, Frames]:
     """
     if not is_utf8(str(path)):
         raise InputError(f"{str(path)!a}: the name is not UTF-8; rename the file")
-    return _read(path, "clip.py", "cv2")
+    return read_apart(path, "clip.py", "cv2")
 
 
-def read_stack(path: Path) -> tuple[float, int, Frames]:
-    """The same of several pictures in one file; frames of a file without times have NaN.
+def read_apart(path: Path, program: str, package: str) -> tuple[float, int, Frames]:
+    """The same by one of the programs that decode frames, which needs a package.
 
     Raises:
-        InputError: not pictures that Pillow can read, or more than they may be.
+        InputError: it cannot decode them, or they need more than they may.
     """
-    return _read(path, "stack.py", "PIL")
-
-
-def _read(path: Path, program: str, package: str) -> tuple[float, int, Frames]:
     parts = _decoded(path, program, package)
     about = next(parts)
     return about["rate"], int(about["count"]), parts

@@ -6,10 +6,22 @@ import struct
 from pathlib import Path
 from typing import BinaryIO, cast
 
+from vidphys.data.formats.base import Frames
+from vidphys.data.formats.opencv import read_apart
+
 BEGINS = 64  # bytes, in which a WebP or PNG says that it moves
 MOVES = 0x02  # of a WebP's features
 TIFFS = {b"II*\0": "<", b"MM\0*": ">"}  # and their order of bytes
 LARGE = {b"II+\0": "<", b"MM\0+": ">"}
+
+
+def read_stack(path: Path) -> tuple[float, int, Frames]:
+    """See :class:`vidphys.data.formats.ClipFormat`; Pillow decodes them.
+
+    Raises:
+        InputError: not pictures that Pillow can read, or ones that need more than they may.
+    """
+    return read_apart(path, "stack.py", "PIL")
 
 
 def is_stack(path: Path) -> bool:
