@@ -53,17 +53,17 @@ class Model:
             clips: as many.
         """
         numbers, starts = self.split(values, len(clips))
-        each = enumerate(clips)
-        return [self._rolled(numbers, starts[..., i, :, :], clip) for i, clip in each]
+        each = zip(np.moveaxis(starts, -3, 0), clips, strict=True)
+        return [self._rolled(numbers, start, clip) for start, clip in each]
 
     def _rolled(self, numbers: np.ndarray, start: np.ndarray, clip: Frames) -> np.ndarray:
         """One clip's, of one or of many ``(b, m)``; what moves as the first is not rolled again."""
         if numbers.ndim == 1:
             return self.law.roll(numbers, start, clip.times, clip.inputs)
         asked = np.concatenate([numbers, start.reshape(len(numbers), -1)], -1)
-        if self.law.pictured:
-            count = len(self.law.names)
-            asked[:, count - len(view.NAMES) : count] = 0.0
+        camera = self.view(asked)
+        if camera is not None:
+            camera[:] = 0.0  # it moves nothing
         own = (asked != asked[0]).any(-1)
         own[0] = True
         rolled = self.law.roll(numbers[own], start[own], clip.times, clip.inputs)
