@@ -27,17 +27,20 @@ def decoder_of(path: Path) -> str:
     if clip is VIDEO:
         return _opencv()
     if clip.package:
-        return f"{clip.package} {importlib.metadata.version(clip.package)}"
+        return f"{clip.package} {_version(clip.package)}"
     name = next(name for name, each in FORMATS.items() if each is clip)
     return f"{name} ({FORMATS.source(name)})"
 
 
+# Looking up a version reads files, for each of a million clips.
+_version = cache(importlib.metadata.version)
+
+
 @cache
 def _opencv() -> str:
-    """Looking up a version reads files, for each of a million clips."""
     found = (name for name in ("opencv-python-headless", "opencv-python") if _installed(name))
     name = next(found, "")
-    return f"OpenCV {importlib.metadata.version(name) if name else ''}".strip()
+    return f"OpenCV {_version(name) if name else ''}".strip()
 
 
 def _installed(distribution: str) -> bool:

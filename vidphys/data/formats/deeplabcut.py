@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from vidphys.data.formats.base import Recording, Unit
+from vidphys.data.formats.base import Recording
 from vidphys.data.formats.bounded import require_room
-from vidphys.data.formats.captured import wanted
+from vidphys.data.formats.poses import of_parts
 from vidphys.data.formats.text import decoded
 from vidphys.errors import InputError
 
@@ -34,19 +35,12 @@ def read_deeplabcut(path: Path, columns: Mapping[str, str], interval: float | No
     """
     heads, rows = _lines(path)
     names, which = _bodies(heads)
-    taken = wanted(names, columns)
     frames = _frames(rows)
     require_room((len(rows), len(rows[0])), 8, "frames by columns")
     values = np.array([[_number(cell) for cell in row[1:]] for row in rows])
-    places = np.stack([_places(values, which[names[n]]) for n in taken], 1)
-    seen = np.isfinite(places).all(-1).any(0)
-    if not seen.any():
-        raise InputError(f"none of these parts is seen with a likelihood of {SURE} in any frame")
-    told = ", ".join(names[n] for n, shown in zip(taken, seen, strict=True) if shown)
-    note = f"DeepLabCut's parts, in pixels: {told}; unseen where likelihood is below {SURE}"
-    times = None if interval is None else (frames * interval)[None]
-    unit: Unit = "pixels" if places.shape[-1] == 2 else "world"
-    return Recording(places[None][:, :, seen], times, unit, notes=(note,), frames=frames)
+    places = np.stack([_places(values, which[name]) for name in names], 1)
+    found = of_parts(places, names, columns, frames, interval, "DeepLabCut's parts")
+    return replace(found, notes=(f"{found.notes[0]}; unseen where likelihood is below {SURE}",))
 
 
 def _lines(path: Path) -> tuple[dict[str, list[str]], list[list[str]]]:

@@ -30,10 +30,10 @@ def read_clip(path: Path) -> tuple[float, int, Frames]:
     """
     if not is_utf8(str(path)):
         raise InputError(f"{str(path)!a}: the name is not UTF-8; rename the file")
-    return read_apart(path, "clip.py", "cv2")
+    return decoded_apart(path, "clip.py", "cv2")
 
 
-def read_apart(path: Path, program: str, package: str) -> tuple[float, int, Frames]:
+def decoded_apart(path: Path, program: str, package: str) -> tuple[float, int, Frames]:
     """The same by one of the programs that decode frames, which needs a package.
 
     Raises:

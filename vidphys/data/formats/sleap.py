@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from vidphys.data.formats.base import Recording
-from vidphys.data.formats.captured import wanted
 from vidphys.data.formats.foreign import read_apart
+from vidphys.data.formats.poses import of_parts
 from vidphys.errors import InputError
 
 HDF5 = (".h5", ".hdf5", ".hdf")
@@ -53,10 +53,4 @@ def read_sleap(path: Path, columns: Mapping[str, str], interval: float | None) -
     animals = held["track_names"].tolist() if len(tracks) > 1 else [""]
     names = [f"{animal} {node}".strip() for animal in animals for node in nodes]
     places = tracks.transpose(3, 0, 2, 1).reshape(tracks.shape[3], -1, 2).astype(float)
-    taken = [n for n in wanted(names, columns) if np.isfinite(places[:, n]).any()]
-    if not taken:
-        raise InputError("none of these nodes is seen in any frame")
-    frames = np.arange(len(places))
-    times = None if interval is None else (frames * interval)[None]
-    note = f"SLEAP's nodes, in pixels: {', '.join(names[n] for n in taken)}"
-    return Recording(places[None][:, :, taken], times, "pixels", notes=(note,), frames=frames)
+    return of_parts(places, names, columns, np.arange(len(places)), interval, "SLEAP's nodes")

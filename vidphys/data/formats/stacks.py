@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from vidphys.data.formats.base import Frames
-from vidphys.data.formats.opencv import read_apart
+from vidphys.data.formats.opencv import decoded_apart
 
 BEGINS = 64  # bytes, in which a WebP or PNG says that it moves
 MOVES = 0x02  # of a WebP's features
@@ -21,7 +21,7 @@ def read_stack(path: Path) -> tuple[float, int, Frames]:
     Raises:
         InputError: not pictures that Pillow can read, or ones that need more than they may.
     """
-    return read_apart(path, "stack.py", "PIL")
+    return decoded_apart(path, "stack.py", "PIL")
 
 
 def is_stack(path: Path) -> bool:

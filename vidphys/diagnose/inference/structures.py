@@ -136,7 +136,9 @@ def price(rows: int, numbers: int) -> float:
 
 def is_wrong(structure: Structure) -> bool:
     """Whether a number has a sign with which its term would not be what its name says."""
-    return any((structure.of(term)[: term.positive] <= 0).any() for term in structure.terms)
+    solved = structure.coefficients[None]
+    columns = np.arange(solved.shape[1])[None]
+    return bool(_wrong(Menu(structure.terms), columns, solved)[0])
 
 
 def _wrong(menu: Menu, columns: np.ndarray, solved: np.ndarray) -> np.ndarray:
@@ -144,7 +146,7 @@ def _wrong(menu: Menu, columns: np.ndarray, solved: np.ndarray) -> np.ndarray:
     signed = [
         number < term.positive for term in menu.terms for number in range(len(term.coefficients))
     ]
-    return (np.array(signed)[columns] & (solved <= 0)).any(1)
+    return (np.array(signed, bool)[columns] & (solved <= 0)).any(1)
 
 
 def _show(
