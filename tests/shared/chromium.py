@@ -83,8 +83,8 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def until(self, condition: str, seconds: float = 200) -> None:
-        """Wait until an expression is true there."""
+    def until(self, condition: str, seconds: float = 500) -> None:
+        """Wait until an expression is true there, on a busy machine too."""
         end = time.monotonic() + seconds
         while not self.run(f"return Boolean({condition})"):
             assert time.monotonic() < end, condition

@@ -23,7 +23,7 @@ def address():
     """The page of a scene, answered in a thread of its own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "AT_ONCE", 9)
-        patch.setattr(surveys, "BATCH", 16)
+        patch.setattr(surveys, "BATCH", 20)
         source = source_of("springs", episodes=40)
         told = {"title": "Play", "folder": "springs", "cells": source.names}
         with play_page(told, 0, KINDS) as (found, desk):
