@@ -23,7 +23,7 @@ ALLOWED = {
         "dynamics/compiled/head.py",  # compiled code, as numba keeps it
         "vidphys/diagnose/formula/grammar.py",  # the words of formulas, which are constants
         "vidphys/runs/code.py",  # a hash of the sources, which no run changes
-        "vidphys/data/provenance.py",  # the decoder's version, which no run changes
+        "vidphys/data/video.py",  # the decoder's version, which no run changes
         "vidphys/probing/atlas.py",  # the clips of an atlas, decoded once for all its units
         "vidphys/data/sets/__init__.py",  # lists of clips, by their files' times of change
         "vidphys/data/sets/apart.py",  # rows of their tables, likewise

@@ -19,7 +19,6 @@ from encoders.features import FeatureMap, FeatureStream
 from encoders.identity import IdentifiedEncoder, LayeredEncoder, stream
 from encoders.store import FeatureRequest, FeatureStore
 from vidphys.data.frames import Frames
-from vidphys.data.provenance import provenance
 from vidphys.data.video import Video
 from vidphys.progress import Progress
 
@@ -106,7 +105,7 @@ def _extracted(
         shown, times = partial(pictures, video.frames, axes), torch.from_numpy(video.times)
         return stream(encoder, shown, video.size, times, layers, _told(progress))
 
-    found = store.get_layers(requests, str(video.path), encode, provenance(video))
+    found = store.get_layers(requests, str(video.path), encode, video.made)
     return {
         layer: Extraction(features, requests[layer].key, layer not in missing)
         for layer, features in found.items()

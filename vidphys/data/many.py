@@ -19,7 +19,6 @@ from encoders.identity import LayeredEncoder, stream
 from encoders.store import FeatureRequest
 from vidphys.data.ahead import prefetched
 from vidphys.data.extraction import StoredDtype, pictures, request_of
-from vidphys.data.provenance import provenance
 from vidphys.data.video import Video
 
 
@@ -131,7 +130,7 @@ def _begin(
     layers: tuple[str, ...],
     times: torch.Tensor,
 ) -> Entries:
-    made = {**provenance(video), **(wanted.made or {})}
+    made = {**video.made, **(wanted.made or {})}
     chosen = [requests[layer] for layer in layers]
     return wanted.store.begin(chosen, Origin(str(video.path), size, times, made))
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -92,6 +94,11 @@ class Video:
             raise InputError(f"{self.path}: one frame has no frame interval; give a longer clip")
         return float(np.median(np.diff(self.times)))
 
+    @property
+    def made(self) -> dict[str, Any]:
+        """For a manifest of features: what made the frames, and the seconds of the first."""
+        return {"decoder": self.decoder, "starts": float(self.times[0])}
+
 
 def open_video(path: Path, selection: ClipSelection) -> Video:
     """Count the frames of a clip by the format that it is of; by OpenCV where none is known.
@@ -147,6 +154,7 @@ def _made_by(path: Path) -> str:
     return next(iter(FORMATS.sources(name).values()), name)
 
 
+@cache  # to look a version up reads files, and there may be a million clips
 def _versioned(package: str) -> str:
     return f"{package} {version(package)}"
 

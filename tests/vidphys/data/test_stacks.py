@@ -10,7 +10,6 @@ from PIL import Image
 
 from vidphys.data.formats.stacks import is_stack
 from vidphys.data.listed import clips_at
-from vidphys.data.provenance import decoder_of
 from vidphys.data.sets import only_clip
 from vidphys.data.video import ClipSelection, open_video
 from vidphys.errors import InputError
@@ -40,7 +39,7 @@ def test_a_tiff_stack_of_bytes_is_a_clip_with_the_interval_of_imagej(tmp_path, c
     video = open_video(path, ClipSelection())
     np.testing.assert_allclose(video.times, 0.05 * np.arange(FRAMES))
     np.testing.assert_array_equal(video.frames[:], np.repeat(pictures[..., None], 3, -1))
-    assert video.decoder.startswith("pillow ") and video.decoder == decoder_of(path)
+    assert video.decoder.startswith("pillow ")
     assert list(clips_at(tmp_path)) == [path]
 
 

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.diagnosis import diagnose_motion
+from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.recordings.motion import motion_of
+from vidphys.diagnose.weak.paths import splined
+from vidphys.diagnose.weak.windows import cut_windows
 
 TIMES = np.arange(400) * 0.05
 STIFFNESS = 4.0
@@ -30,3 +33,25 @@ def test_bodies_with_frictions_of_their_own_are_told_from_bodies_with_one(rates)
     assert friction.apart == (rates[0] != rates[1])
     found = look.fitted.structure.of(friction)
     np.testing.assert_allclose(np.broadcast_to(found, 2), rates, rtol=0.05)
+
+
+def test_fewer_nodes_than_frames_carry_a_smooth_path_and_give_the_same_numbers():
+    motion = motion_of(swinging(0.1, 0.1), 0.05)
+    found = diagnose_motion(motion)
+    look = found.look
+    frames = look.windows.frames.shape[1]
+    assert frames == len(TIMES) and len(look.windows.nodes) < frames / 3
+    whole = cut_windows(motion, frames)
+    fitted = refine(whole, splined(whole, found.noise.sigma), look.fitted.structure)
+    assert len(whole.nodes) == frames
+    assert np.abs(fitted.values - look.fitted.values).max() < 1e-3 * fitted.errors.min()
+
+
+@pytest.mark.parametrize("degree", [0, 3, 20])
+def test_as_many_nodes_are_needed_as_a_polynomial_has_numbers(degree):
+    windows = cut_windows(motion_of(swinging(0.1), 0.05), 100)
+    numbers = np.random.default_rng(1).uniform(1, 2, (degree + 1, 1))
+    path = np.polynomial.chebyshev.chebvander(windows.nodes, degree) @ numbers
+    a = np.broadcast_to(path[None, :, None], (len(windows), len(windows.nodes), 1, 2))
+    assert windows.nodes_needed(a, 1e-9) == degree + 1
+    assert windows.nodes_needed(a, 1e6) == 0

@@ -215,7 +215,8 @@ class ByMenu(Explanation):
         """The same terms with numbers from fewer frames; ``None`` where these do not tell."""
         size = min(self._look.windows.frames.shape[1], end)
         try:
-            windows = cut_windows(self.found.motion.cut(0, end), size)
+            fine = self._look.windows.fine
+            windows = cut_windows(self.found.motion.cut(0, end), size, fine)
             paths = splined(windows, self.found.noise.sigma)
             fitted = refine(windows, paths, self._look.fitted.structure)
         except (FloatingPointError, np.linalg.LinAlgError, Unseen):

@@ -24,6 +24,8 @@ SMALL = 6  # coordinates of a scene that is fitted in long windows
 FOLLOWS = 9.0  # times the noise's variance up to which a model follows a recording
 TRAP_1D = external_terms(1, angles=False)[1]
 START = 0.02  # per second, of a friction before it is fitted
+SPARE = 1.5  # times the nodes that a window's path needs, which a window twice as long is given
+UNSEEN_BY = 1e-4  # of the noise, by which nodes that are left out may move a body
 
 
 @dataclass(frozen=True)
@@ -145,13 +147,18 @@ def _longest(motion: Motion, inference: Inference, structure: Structure) -> Long
     size = inference.windows.frames.shape[1]
     total = motion.positions.shape[1]
     allowed = FOLLOWS * inference.noise.sigma**2
-    found = None
+    found, fine = None, 1.0
     while True:
-        windows = cut_windows(motion, size)
+        windows = cut_windows(motion, size, fine)
         try:
             fitted = refine(windows, splined(windows, inference.noise.sigma), structure)
         except (FloatingPointError, np.linalg.LinAlgError):
             return found
+        needed = windows.nodes_needed(fitted.paths.a, UNSEEN_BY * inference.noise.sigma)
+        if fine < 1 and needed == len(windows.nodes):
+            fine = 1.0  # that was too coarse
+            continue
+        fine = min(1.0, SPARE * needed / windows.frames.shape[1])
         if fitted.variance > allowed or not _means_what_it_says(fitted.structure):
             return found
         found, structure = LongFit(fitted, windows), fitted.structure

@@ -286,13 +286,13 @@ def lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
         if total - first < LEAST_FRAMES + 2:
             continue
         held = _holding(motion.cut(first), angles, like)
-        if held is not None and all(held):
+        if held is not None:
             yield stride * first, max(min(x.left for x in laws) for laws in held)
             like = held  # a law that holds from a frame on holds from a later one too
 
 
 def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> list[list[Fit]] | None:
-    """Of each body the laws that hold; ``None`` where too little of one is seen.
+    """Of each body the laws that hold; ``None`` where one has none, or too little of it is seen.
 
     Args:
         like: of each body, laws to whose kinds it keeps, if any.
@@ -300,5 +300,9 @@ def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> lis
     clips = [frames_of(motion.of([body])) for body in range(motion.bodies)]
     if min(len(clip.stretches[0].times) for each in clips for clip in each) < LEAST_FRAMES:
         return None
-    each = zip(clips, like, strict=True)
-    return [[x for x in roughly(frames, angles, laws) if x.holds] for frames, laws in each]
+    held = []
+    for frames, laws in zip(clips, like, strict=True):
+        held.append([x for x in roughly(frames, angles, laws) if x.holds])
+        if not held[-1]:
+            return None
+    return held

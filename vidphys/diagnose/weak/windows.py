@@ -24,7 +24,7 @@ from vidphys.diagnose.recordings.motion import Motion, Unseen
 LEAST = 5  # frames of a body in a window, below which it tells nothing of its acceleration
 NODES_PER_FRAME = 1.5
 NODES = (16, 48)
-FEW = 64  # frames of a window above which there is one node for each
+FEW = 64  # frames of a window above which ``fine`` counts
 SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
 UNSEEN = 1e9  # variance of a frame in which a body was not seen, over that of the noise
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
@@ -54,6 +54,7 @@ class Windows:
         mass: ``(w, n)``.
         coupling: ``(w,)``, or ``None``.
         colour: of the noise; ``None`` where it is white.
+        fine: nodes for each frame, where there are more than :data:`FEW`.
     """
 
     frames: np.ndarray
@@ -65,6 +66,7 @@ class Windows:
     mass: np.ndarray
     coupling: np.ndarray | None
     colour: Colour | None = None
+    fine: float = 1.0
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -115,8 +117,10 @@ class Windows:
     def nodes(self) -> np.ndarray:
         """Places of the nodes in [-1, 1]."""
         frames = self.frames.shape[1]
-        most = NODES[1] if frames <= FEW else frames
-        count = int(np.clip(NODES_PER_FRAME * frames, NODES[0], most))
+        if frames <= FEW:
+            count = int(np.clip(NODES_PER_FRAME * frames, *NODES))
+        else:
+            count = int(np.clip(self.fine * frames, NODES[1], frames))
         return -np.cos(np.pi * np.arange(count) / (count - 1))
 
     @cached_property
@@ -131,6 +135,21 @@ class Windows:
         to_coefficients = np.linalg.inv(chebyshev.chebvander(self.nodes, size - 1))
         raised = chebyshev.chebint(to_coefficients, lbnd=-1.0, axis=0)
         return chebyshev.chebval(self.nodes, raised).T
+
+    def nodes_needed(self, a: np.ndarray, least: float) -> int:
+        """Nodes that carry accelerations ``(w, m, ...)`` at the nodes; all where none can go.
+
+        Args:
+            a: of a path.
+            least: what the others may move a body by at most, world units.
+        """
+        size = len(self.nodes)
+        flat = a.reshape(*a.shape[:2], -1)
+        parts = np.linalg.solve(chebyshev.chebvander(self.nodes, size - 1), flat)
+        moved = np.abs(parts).max(-1) * (self.length[:, None] / 2) ** 2  # (w, m)
+        moved = moved / np.maximum(np.arange(size), 1) ** 2
+        beyond = np.cumsum(moved[:, ::-1], 1)[:, ::-1].max(0)
+        return int((beyond > least).sum())
 
     @cached_property
     def to_frames(self) -> np.ndarray:
@@ -177,9 +196,11 @@ class Windows:
             ratio: variance of random kicks per second over that of the noise.
         """
         t = self.times
+        unseen = np.where(self.seen, 0.0, UNSEEN).transpose(0, 2, 1)[..., None]
+        if ratio == 0 and self.colour is None:
+            return np.eye(t.shape[1]) / np.sqrt(1 + unseen)
         early, late = np.minimum(t[:, :, None], t[:, None]), np.maximum(t[:, :, None], t[:, None])
         moved = (ratio * early**2 * (3 * late - early) / 6)[:, None]
-        unseen = np.where(self.seen, 0.0, UNSEEN).transpose(0, 2, 1)[..., None]
         covariance = self.errors + moved / self.mass[:, :, None, None] ** 2
         return np.linalg.inv(np.linalg.cholesky(covariance + unseen * np.eye(t.shape[1])))
 
@@ -228,8 +249,13 @@ def _tests(
     return rows, strength[::-1]
 
 
-def cut_windows(motion: Motion, frames: int) -> Windows:
+def cut_windows(motion: Motion, frames: int, fine: float = 1.0) -> Windows:
     """Cut every clip into neighbouring windows of about ``frames`` frames, all of one size.
+
+    Args:
+        motion: whose clips they are.
+        frames: of a window.
+        fine: see :class:`Windows`.
 
     Raises:
         Unseen: in none of them all bodies are seen.
@@ -241,7 +267,7 @@ def cut_windows(motion: Motion, frames: int) -> Windows:
     size = total // pieces
     firsts = np.arange(pieces) * size + (total - pieces * size) // 2
     clip, first = (x.ravel() for x in np.meshgrid(np.arange(motion.clips), firsts, indexing="ij"))
-    return windows_at(motion, clip, first, size)
+    return replace(windows_at(motion, clip, first, size), fine=fine)
 
 
 def windows_at(motion: Motion, clip: np.ndarray, first: np.ndarray, size: int) -> Windows:
