@@ -69,9 +69,9 @@ def race(
         tries = LAST if count == longest else ON_THE_WAY
         ended = []
         for model, guesses, first, a_frame in running:
-            near = sorted(guesses, key=lambda x: _cost(part, model, x, scale))[:TRIED]
+            near = np.argsort(_costs(part, model, np.stack(guesses), scale), kind="stable")
             good: list[OptimizeResult] = []
-            for guess in near:
+            for guess in [guesses[i] for i in near[:TRIED]]:
                 found = _least_squares(part, model, guess, scale, tries)
                 good += [] if found is None else [found]
                 if found is not None and found.cost <= SETTLED * a_frame * count:
@@ -159,9 +159,10 @@ def _held(model: Model, count: int, scale: float) -> tuple[np.ndarray, np.ndarra
     return held, far
 
 
-def _cost(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> float:
+def _costs(clips: Sequence[Frames], model: Model, values: np.ndarray, scale: float) -> np.ndarray:
+    """Of many guesses ``(b, v)``, each."""
     left = _missing(clips, model, values, scale) / SOFT
-    return float((SOFT**2 * (np.sqrt(1 + left**2) - 1)).sum())
+    return (SOFT**2 * (np.sqrt(1 + left**2) - 1)).sum(-1)
 
 
 def _least_squares(
