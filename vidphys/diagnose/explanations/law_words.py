@@ -32,7 +32,7 @@ BY = {
     "chain": "as two rods that hang end on end",
     "centre": "a fixed place pushes it away, by a power of the distance",
     "elastic": "a spring of a rest length ties it to a fixed place, under a constant acceleration",
-    "string": "on a string that goes slack, under a constant acceleration",
+    "string": "on a string from a fixed place, under a constant acceleration",
 }
 LOSES = {
     "linear": "friction goes with its speed",
@@ -48,7 +48,7 @@ SHORT = {
     "pendulum": "pendulum on an arc",
     "centre": "a fixed place that pushes or pulls",
     "elastic": "spring from a fixed place, constant acceleration",
-    "string": "a string that goes slack, constant acceleration",
+    "string": "string from a fixed place, constant acceleration",
     "lift": "lift by its spin",
     "turning": "force across its way ~ v",
     "forcing": "sinusoid that drives it",
@@ -81,6 +81,8 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     how = [BY[law.restoring], *(LOSES[x] for x in law.frictions)]
     if fit.numbers.get("strength", (0.0, 0.0))[0] < 0:
         how[0] = how[0].replace("pushes it away", "pulls it")
+    if law.restoring == "string" and law.coordinates == 2:  # a taut one is a pendulum's
+        how[0] = how[0].replace("string", "string that goes slack", 1)
     if law.restoring == "centre" and several:
         how[0] = how[0].replace(" it", " them", 1)
     if isinstance(fit.model.charts[0], Turned):
@@ -164,7 +166,7 @@ def beside(body: int, swing: OwnSwing, units: Units, alone: bool) -> str:
 def _ruler(law: Law, told: Sequence[Quantity], units: Units) -> list[str]:
     """What gravity says of lengths: a falling or a hanging body is a ruler."""
     known = {x.name: x.value for x in told}
-    if "rate" in known and law.restoring == "pendulum":
+    if "rate" in known and law.restoring in ("pendulum", "string"):
         metres = GRAVITY / known["rate"] ** 2
         length = f"if it hangs in {GRAVITY} m/s², it is {metres:.3g} m long"
         if "length" in known and units.name != "m":

@@ -22,6 +22,7 @@ from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.lift import lifted
 from vidphys.diagnose.mechanisms.rubbed import rubbed
 from vidphys.diagnose.mechanisms.slack import slack
+from vidphys.diagnose.mechanisms.spherical import spherical
 from vidphys.diagnose.mechanisms.spin import spun
 from vidphys.diagnose.mechanisms.terms import FRICTIONS
 from vidphys.diagnose.mechanisms.walled import walled
@@ -126,6 +127,8 @@ def _rarer(
     if not angles and (round_it or (best and not all_told and not any(map(told, others)))):
         others += centred(clips)
     if alone and not (angles or camera or any(map(told, best))):
+        others += [x for x in spherical(clips) if makes_sense(x)]
+    if alone and not (angles or camera or any(map(told, [*best, *others]))):
         others += [x for x in crosswise(clips) if makes_sense(x)]
     if alone and not (angles or camera or any(map(told, [*best, *others]))):
         springs = [x for x in elastic(clips) if makes_sense(x)]

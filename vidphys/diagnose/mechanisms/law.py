@@ -97,7 +97,7 @@ class Law(Terms):
     def _swung(
         self, numbers: Numbers, starts: np.ndarray, times: np.ndarray, most: float
     ) -> np.ndarray:
-        """Places of a weight on a string and their rates ``(b, t, 2, 2)``."""
+        """Places of a weight on a string and their rates ``(b, t, 2, k)``."""
         count = len(starts)
         string = _rows(count, *(numbers[name] for name in self._place), numbers["rest"])
         force = _rows(count, *(numbers[name] for name in self.forces))

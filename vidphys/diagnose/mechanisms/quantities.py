@@ -11,6 +11,7 @@ from vidphys.diagnose.mechanisms import view
 from vidphys.diagnose.mechanisms.centre import nearest
 from vidphys.diagnose.mechanisms.charts import Arc, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.mechanisms.terms import COULOMB, FORCING
 from vidphys.diagnose.recordings.units import Ends
@@ -203,7 +204,7 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
     if law.restoring == "elastic":
         yield "rest length", number("rest"), 1, 0
     if law.restoring == "string":
-        yield "length", number("rest"), 1, 0
+        yield from _of_string(law)
     if law.restoring in ("uniform", "elastic", "string"):
         forces = [at[name] for name in law.forces]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
@@ -215,6 +216,18 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
         yield "length", lambda _, geometry: chart.length(geometry[0]), 1, 0
     if isinstance(chart, Turned):
         yield "degrees from x to direction 1", lambda _, geometry: chart.degrees(geometry[0]), 0, 0
+
+
+def _of_string(law: Law) -> Iterator[tuple[str, Joint, int, int]]:
+    """How fast a weight on it swings a little: known far better than its length and the field."""
+    long, field = law.names.index("rest"), [law.names.index(name) for name in law.forces]
+
+    def rate(values: np.ndarray, _: tuple[np.ndarray, ...]) -> float:
+        return float(np.sqrt(np.linalg.norm(values[field]) / abs(values[long])))
+
+    yield "rate", rate, 0, -1
+    yield "period", lambda values, geometry: 2 * np.pi / rate(values, geometry), 0, 1
+    yield "length", lambda values, _: float(values[long]), 1, 0
 
 
 def _rate(at: int, power: float, over: int | None = None) -> Joint:
