@@ -154,6 +154,19 @@ def test_steps_lose_no_energy_that_a_friction_would_be_found_for():
     assert size == pytest.approx(1.0, abs=8e-4)
 
 
+def test_a_friction_that_changes_with_the_place_has_the_derivatives_of_its_path():
+    law = Law(pull, ("v", "x v", "x^2 v"), -2.0, 2.0)
+    times, flat = np.linspace(0, 3, 40)[None], np.array([3.0, 0.3, 0.2, -0.9, 1.0, -0.3])
+
+    def places(flat):
+        return law.roll(flat[:4], flat[None, 4:], times, 2)[0]
+
+    rolled = places(flat)[:-1]
+    for k, step in enumerate(1e-6 * np.eye(6)):
+        by = (places(flat + step) - places(flat - step))[:-1, 0] / 2e-6
+        np.testing.assert_allclose(rolled[:, 1 + k], by, atol=1e-5)
+
+
 @pytest.fixture(scope="module")
 def duffing():
     return coordinate_law(*developed()[0].recording(0))
@@ -183,6 +196,25 @@ def test_a_cusp_that_no_spline_follows_is_found_as_a_root():
     found = coordinate_law(*recorded(lambda x: -1.2 * np.sign(x) * np.abs(x) ** 0.5, 0.05))
     assert found.verdict.formula.kind == ("sgn(x) |x|^0.5",)
     assert found.frictions[0] == "v"
+
+
+def test_an_oscillator_of_van_der_pol_s_has_a_friction_that_changes_with_the_place():
+    times, middle = np.arange(0, 12, 1 / 40), 0.3
+
+    def slope(_, y):
+        away = y[0] - middle
+        return [y[1], -9 * away + 0.8 * (1 - away**2 / 0.04) * y[1]]
+
+    places = solve_ivp(slope, (0, 12), [middle + 0.1, 0], t_eval=times, rtol=1e-9).y[:1]
+    noise = 0.002 * np.random.default_rng(0).standard_normal(places.shape)
+    found = coordinate_law(places + noise, times[None])
+    assert found.verdict.formula.kind == ("1", "x")
+    truth = {"v": 0.8 - 20 * middle**2, "x v": 40 * middle, "x^2 v": -20.0}
+    told = {word: (value, error) for word, value, error in found.best.friction}
+    assert set(told) == set(truth)
+    for word, (value, error) in told.items():
+        assert abs(value - truth[word]) < 4 * error < 0.1 * abs(truth[word])
+    assert "x^2 x'" in found.text
 
 
 def test_one_swing_over_and_over_is_no_formula_of_many_numbers():

@@ -98,8 +98,9 @@ def understand(
     """What a recording shows: by laws fitted to the whole of it, by the menu, or by a formula.
 
     The menu is asked where the laws do not explain all, and believed where it foretells more; a
-    formula is sought where neither explains anything, or where the force is not quite theirs. What
-    foretells more is told by the frames before the end alone.
+    formula is sought where neither explains anything, where the force is not quite theirs, or where
+    something would have to add energy. What foretells more is told by the frames before the end
+    alone.
 
     Args:
         motion: the whole recording.
@@ -113,7 +114,11 @@ def understand(
     found, explanation = _known(motion, end, angles, camera, units)
     one = motion.bodies == 1 and motion.space == 1 and not motion.inputs
     known = None if explanation is None or not one else Standing.of(explanation)
-    if explanation is None or known is None or not (known.status == NOT or known.bent):
+    if explanation is None or known is None:
+        return Understood(found, explanation)
+    # a drive or a well is believed only where no formula foretells more
+    odd = known.status == MOSTLY and bool({"drive", "well"} & set(explanation.kinds))
+    if not (known.status == NOT or known.bent or odd):
         return Understood(found, explanation)
     sought = ByFormula.sought(motion, end, units, progress)
     if isinstance(sought, str):
@@ -123,7 +128,7 @@ def understand(
     if told.status == NOT:
         said = f"{said} the last frames that it fits; a longer recording would tell"
         return Understood(found, explanation, said)
-    if known.bent and not told.error < CLEARLY * known.error:
+    if (known.bent or odd) and not told.error < CLEARLY * known.error:
         return Understood(found, explanation, f"{said} more than the law above")
     return Understood(found, sought)
 

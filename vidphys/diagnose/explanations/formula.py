@@ -30,7 +30,16 @@ from vidphys.statistics import NORMAL_95, with_error
 
 LETTERS = "kcbd"  # of the constants of a word
 RATE, PLACE = -1, 1  # powers of the length that constants count in
-DRAGS = {"v": ("linear", 0), "v |v|": ("square", -1), "sgn(v)": ("dry", 1), "v^3": ("", -2)}
+# what words of the speed are called, and the powers of the length and of the second they count in
+DRAGS = {
+    "v": ("linear", 0, -1),
+    "v |v|": ("square", -1, 0),
+    "sgn(v)": ("dry", 1, -2),
+    "v^3": ("cubic", -2, 1),
+    "x v": ("placewise", -1, -1),
+    "x^2 v": ("placewise", -2, -1),
+}
+CARRIED = ("linear", "square", "dry")  # those that a model has
 WELL = {"1": 0, "x": 1, "x^2": 2, "x^3": 3}  # words that a well carries, and their powers
 
 
@@ -70,7 +79,7 @@ class ByFormula(Explanation):
 
     @property
     def kinds(self) -> list[str]:
-        return sorted({"formula", *(DRAGS[word][0] or "cubic" for word, *_ in self.best.friction)})
+        return sorted({"formula", *(DRAGS[word][0] for word, *_ in self.best.friction)})
 
     @property
     def one_law(self) -> bool:
@@ -131,7 +140,7 @@ class ByFormula(Explanation):
                 told.append(("c", phase, max(own) / size, "rad"))
             out.append((term.text.format(*LETTERS), told))
         for word, value, error in self.best.friction:
-            unit = self.units.named(DRAGS[word][1], -1 if word == "v" else _seconds(word))
+            unit = self.units.named(*DRAGS[word][1:])
             out.append((spoken(word, "x"), [("times", value, error, unit)]))
         return out
 
@@ -199,7 +208,7 @@ class ByFormula(Explanation):
         potentials, ports = _potentials(self.formula), []
         for word, value, _ in self.best.friction:
             name = DRAGS[word][0]
-            if not name or (name != "linear" and value > 0):
+            if name not in CARRIED or (name != "linear" and value > 0):
                 return None
             strength = "positive" if value < 0 else "free"
             ports.append(terms.Drag(name, strength, rate=-value))
@@ -212,10 +221,6 @@ class ByFormula(Explanation):
             for name, value, error, _ in told
         }
         return as_specification(term, 1, [0.0], numbers, self.explained, self.motion.interval)
-
-
-def _seconds(word: str) -> int:
-    return {"v |v|": 0, "sgn(v)": -2, "v^3": 1}[word]
 
 
 def _potentials(formula: Formula) -> tuple[PotentialTerm, ...] | None:

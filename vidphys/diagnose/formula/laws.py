@@ -79,7 +79,7 @@ def law_of(motion: Motion, progress: Progress | None = None) -> FoundLaw:
 def coordinate_law(
     x: np.ndarray, times: np.ndarray, variable: str = "x", progress: Progress | None = None
 ) -> FoundLaw:
-    """The law x'' = f(x) + g(v) of a coordinate.
+    """The law x'' = f(x) + g(v) of a coordinate, or f(x) + (a + b x + c x^2) v.
 
     Args:
         x: places ``(clips, frames)``, NaN where not seen.
@@ -183,9 +183,7 @@ def _judged(found: list[Rolled], spring: Spring, variable: str) -> FoundLaw:
     near = [x for x in found if x.sum.kind == law.sum.kind and x.score < law.score + SLIGHT]
     text = f"{variable}'' = {verdict.formula.text}"
     for word, value, _ in law.friction:
-        text += (
-            f" {'-' if value < 0 else '+'} {abs(value):.3g} {word.replace('v', variable + chr(39))}"
-        )
+        text += f" {'-' if value < 0 else '+'} {abs(value):.3g} {spoken(word, variable)}"
     return FoundLaw(verdict, text, law, tuple(x.speeds for x in near), spring)
 
 
@@ -210,4 +208,4 @@ def _known(spring: Spring) -> int:
 
 def spoken(word: str, variable: str) -> str:
     """A word of the speed, as the rate of a variable."""
-    return word.replace("v", f"{variable}'")
+    return word.replace("x", variable).replace("v", f"{variable}'")

@@ -9,7 +9,7 @@ import numpy as np
 from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.grammar import bounds
 from vidphys.diagnose.formula.shooting import Fit, Law, Pieces, fit_law
-from vidphys.diagnose.formula.springs import SPEEDS, Spring, find_spring
+from vidphys.diagnose.formula.springs import BY_PLACE, EVERYWHERE, SPEEDS, Spring, find_spring
 from vidphys.diagnose.formula.sums import Sum, design
 
 NUDGE = 1e-6  # of a constant, by which derivatives are read
@@ -153,11 +153,14 @@ def again(rolled: Rolled, x: np.ndarray, times: np.ndarray) -> Rolled | None:
 
 
 def braked(rolled: Rolled) -> list[Rolled]:
-    """The same sum with every other friction."""
+    """The same sum with every other friction; one that changes with the place, with other such."""
     told, _ = rolled.formula("x")
+    known = {word: value for word, value, _ in rolled.friction if rolled.speeds in BY_PLACE}
     others = (
-        rolled_along(told, speeds, np.full(len(words), -SLIGHTLY), rolled.spring)
-        for speeds, words in SPEEDS.items()
+        rolled_along(
+            told, speeds, np.array([known.get(word, -SLIGHTLY) for word in words]), rolled.spring
+        )
+        for speeds, words in (BY_PLACE if rolled.speeds in BY_PLACE else EVERYWHERE).items()
         if speeds != rolled.speeds
     )
     return [other for other in others if other is not None]

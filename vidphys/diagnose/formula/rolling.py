@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from loops import kernel, part
 
-SPEEDS = ("v", "v |v|", "sgn(v)", "v^3")  # words of the speed, by their number below
+# words of the speed, by their number below; two of them change with the place
+SPEEDS = ("v", "v |v|", "sgn(v)", "v^3", "x v", "x^2 v")
 
 
 @part
@@ -58,16 +59,21 @@ def _looked_up(
 @part
 def _word(
     code: int,
+    x: float,
     v: float,
-) -> tuple[float, float]:
-    """A word of the speed, and its slope."""
+) -> tuple[float, float, float]:
+    """A word of the speed, and its slopes by the speed and by the place."""
     if code == 0:
-        return v, 1.0
+        return v, 1.0, 0.0
     if code == 1:
-        return v * abs(v), 2 * abs(v)
+        return v * abs(v), 2 * abs(v), 0.0
     if code == 2:
-        return float(np.sign(v)), 0.0
-    return v * v * v, 3 * v * v
+        return float(np.sign(v)), 0.0, 0.0
+    if code == 3:
+        return v * v * v, 3 * v * v, 0.0
+    if code == 4:
+        return x * v, x, v
+    return x * x * v, x * x, 2 * x * v
 
 
 @part
@@ -84,9 +90,10 @@ def _accelerate(
     slope = _looked_up(table, low, step, x, row)
     total, rate = row[0], 0.0
     for k in range(words):
-        value, steep = _word(codes[k], v)
+        value, by_v, by_x = _word(codes[k], x, v)
         total += drags[k] * value
-        rate += drags[k] * steep
+        rate += drags[k] * by_v
+        slope += drags[k] * by_x
         row[1 + forces + k] = value
     out[0, 0], out[1, 0] = v, total
     for k in range(1, state.shape[1]):

@@ -1,8 +1,11 @@
-"""A smooth law of one coordinate: x'' = f(x) + g(v), f a spline, found from noisy places alone."""
+"""A smooth law of one coordinate: x'' = f(x) + g(v), f a spline, found from noisy places alone.
+
+Where there is none, g may change with the place, as in van der Pol's oscillator.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import comb
 from typing import TYPE_CHECKING
@@ -30,17 +33,23 @@ SOFTEST, STIFFEST, BISECTIONS = 1e-4, 1e10, 16  # of smoothing, frames cubed
 LEFT = 1.5  # times the noise about a smoothing spline, that a law may leave
 SIMPLE = ("", "v", "v |v|", "sgn(v)")
 
-WORDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "v": lambda v: v,
-    "v |v|": lambda v: v * np.abs(v),
-    "sgn(v)": np.sign,
-    "v^3": lambda v: v**3,
+WORDS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
+    "v": lambda x, v: v,
+    "v |v|": lambda x, v: v * np.abs(v),
+    "sgn(v)": lambda x, v: np.sign(v),
+    "v^3": lambda x, v: v**3,
+    "x v": lambda x, v: x * v,
+    "x^2 v": lambda x, v: x**2 * v,
 }
-SPEEDS: dict[str, tuple[str, ...]] = {
+EVERYWHERE: dict[str, tuple[str, ...]] = {
     "": (),
-    **{word: (word,) for word in WORDS},
-    **{f"v + {word}": ("v", word) for word in WORDS if word != "v"},
+    **{word: (word,) for word in SIMPLE[1:]},
+    "v^3": ("v^3",),
+    **{f"v + {word}": ("v", word) for word in (*SIMPLE[2:], "v^3")},
 }
+PLACEWISE = "v + x v + x^2 v"  # friction that changes with the place
+BY_PLACE = {"v + x^2 v": ("v", "x^2 v"), PLACEWISE: ("v", "x v", "x^2 v")}
+SPEEDS = EVERYWHERE | BY_PLACE
 
 
 @dataclass(frozen=True)
@@ -182,6 +191,8 @@ def noise_of(x: np.ndarray) -> float:
 def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
     """The smooth law of a coordinate, with the terms of speed that the evidence asks for.
 
+    Those that change with the place are asked where none of the others holds.
+
     Args:
         x: places ``(clips, frames)``, NaN where not seen.
         times: seconds ``(clips, frames)``.
@@ -189,9 +200,14 @@ def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
     Returns:
         The law; ``None`` where none rolls along the whole recording to within its noise.
     """
+    return _found(x, times, SIMPLE) or _found(x, times, (PLACEWISE,))
+
+
+def _found(x: np.ndarray, times: np.ndarray, names: Sequence[str]) -> Spring | None:
+    """The same with one of some terms of the speed."""
     basis = Basis(float(np.nanmin(x)), float(np.nanmax(x)))
     ridge = SMOOTH * float(np.median(np.diff(times))) ** 2
-    tries = [_apart(basis, x, times, share, ridge) for share in SHARES]
+    tries = [_apart(basis, x, times, share, ridge, names) for share in SHARES]
     fastest, found = min(tries, key=lambda one: min((s.sigma for s in one[1]), default=np.inf))
     if not found:
         return None
@@ -204,16 +220,21 @@ def find_spring(x: np.ndarray, times: np.ndarray) -> Spring | None:
 
 
 def _apart(
-    basis: Basis, x: np.ndarray, times: np.ndarray, share: float, ridge: float
+    basis: Basis,
+    x: np.ndarray,
+    times: np.ndarray,
+    share: float,
+    ridge: float,
+    names: Sequence[str],
 ) -> tuple[float, list[Spring]]:
-    """Springs with each friction, their pieces apart; and the usual swing, radians per second."""
+    """Springs with each friction of some, their pieces apart; and the usual swing, radians per second."""
     near = smoothed(x, times, share)
     fastest = float(np.sqrt(np.mean(near.a**2) / np.mean((near.x - near.x.mean()) ** 2)))
     step = float(np.median(np.diff(times)))
     length = int(np.clip(PIECE * 2 * np.pi / fastest / step, LEAST, MOST))
     pieces = cut(x, times, min(length, x.shape[1]), FASTER * fastest)
     starts = _starts(pieces, near, times)
-    springs = (_loose(basis, name, near, pieces, starts, ridge) for name in SIMPLE)
+    springs = (_loose(basis, name, near, pieces, starts, ridge) for name in names)
     return fastest, [spring for spring in springs if spring is not None]
 
 
@@ -256,7 +277,7 @@ def _loose(
     basis: Basis, name: str, near: Smoothed, pieces: Pieces, starts: np.ndarray, ridge: float
 ) -> Spring | None:
     """A spring with these terms of the speed, its pieces apart."""
-    speeds = [WORDS[word](near.v)[:, None] for word in SPEEDS[name]]
+    speeds = [WORDS[word](near.x, near.v)[:, None] for word in SPEEDS[name]]
     columns = np.concatenate([basis.matrix(near.x), *speeds], 1)
     bends = _bends(basis, columns.shape[1])
     rows = np.concatenate([columns, ROUND * np.sqrt(len(near.x)) * bends])
