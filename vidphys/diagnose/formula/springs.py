@@ -227,7 +227,7 @@ def _apart(
     ridge: float,
     names: Sequence[str],
 ) -> tuple[float, list[Spring]]:
-    """Springs with each friction of some, their pieces apart; and the usual swing, radians per second."""
+    """Springs with some frictions, their pieces apart; and the usual swing, radians per second."""
     near = smoothed(x, times, share)
     fastest = float(np.sqrt(np.mean(near.a**2) / np.mean((near.x - near.x.mean()) ** 2)))
     step = float(np.median(np.diff(times)))
