@@ -163,6 +163,14 @@ def beside(body: int, swing: OwnSwing, units: Units, alone: bool) -> str:
     )
 
 
+def tied(one: int, other: int) -> str:
+    """Of two bodies that swing in step: what that may come from, and what would tell."""
+    return (
+        f"In doubt: bodies {one + 1} and {other + 1} swing in step, as what is tied together does, "
+        "or hangs from what moves. Let them go otherwise."
+    )
+
+
 def _ruler(law: Law, told: Sequence[Quantity], units: Units) -> list[str]:
     """What gravity says of lengths: a falling or a hanging body is a ruler."""
     known = {x.name: x.value for x in told}

@@ -17,7 +17,7 @@ from vidphys.diagnose.explanations.forecast import (
     beside_simple,
     inner_ends,
 )
-from vidphys.diagnose.explanations.law_words import beside, in_short, told, what_is_left
+from vidphys.diagnose.explanations.law_words import beside, in_short, tied, told, what_is_left
 from vidphys.diagnose.explanations.rivals import near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import (
@@ -32,6 +32,7 @@ from vidphys.diagnose.explanations.verdict import (
 )
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
+from vidphys.diagnose.mechanisms.in_step import in_step
 from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
@@ -157,7 +158,7 @@ class ByMechanism(Explanation):
         if self.impossible or bent:
             return replace(judged, status=NOT)
         partly = judged.status == EXPLAINED and (
-            self.sought or self.unfollowed or undecided(self.whole) or self._late
+            self.sought or self.unfollowed or undecided(self.whole) or self._late or self.in_step
         )
         return replace(judged, status=MOSTLY) if partly else judged
 
@@ -166,6 +167,13 @@ class ByMechanism(Explanation):
         """By body: the swing of something that moves with it and was not followed."""
         swings = {g.bodies[0]: own_swing(g.fit) for g in self.whole.groups if len(g.bodies) == 1}
         return {body: swing for body, swing in swings.items() if swing is not None}
+
+    @cached_property
+    def in_step(self) -> list[tuple[int, int]]:
+        """Bodies that swing in step, two and two: what moves one may move the other."""
+        groups = self.whole.groups
+        pairs = in_step([group.fit for group in groups]) if len(groups) > 1 else []
+        return [(groups[i].bodies[0], groups[j].bodies[0]) for i, j in pairs]
 
     @property
     def _changes_its_mind(self) -> bool:
@@ -210,6 +218,7 @@ class ByMechanism(Explanation):
         out += [what_is_left(self.mechanism, self.told_in), *rivals(whole)]
         out += [self.impossible] if self.impossible else []
         out += [beside(body, x, self.told_in, alone) for body, x in self.unfollowed.items()]
+        out += [tied(*pair) for pair in self.in_step]
         if self._changes_its_mind:
             same = self.mechanism.kinds == self.before.kinds
             other = "the same terms in another form" if same else in_short(self.before.kinds)
