@@ -55,6 +55,7 @@ def test_a_weight_that_swings_to_all_sides_is_told_with_its_string(angle, speed)
         rel = {"linear friction": 0.05, "rate": 1e-3}.get(name, 0.02)
         assert quantities[name]["value"] == pytest.approx(value, rel=rel)
         assert abs(quantities[name]["value"] - value) < 3 * quantities[name]["standard_error"]
+    assert given.data["mechanism"][0]["pivot"] == pytest.approx(PIVOT, abs=0.03)
     text = "\n".join(given.lines)
     assert "goes slack" not in text and "m long" in text
     off = np.linalg.norm(modelled(given, path[:, 0], STEP) - path[:, 0], axis=1)

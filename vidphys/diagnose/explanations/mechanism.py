@@ -17,6 +17,7 @@ from vidphys.diagnose.explanations.forecast import (
     beside_simple,
     inner_ends,
 )
+from vidphys.diagnose.explanations.law_data import as_data, wall_of
 from vidphys.diagnose.explanations.law_words import beside, in_short, tied, told, what_is_left
 from vidphys.diagnose.explanations.rivals import near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
@@ -30,10 +31,8 @@ from vidphys.diagnose.explanations.verdict import (
     beyond_noise,
     judge,
 )
-from vidphys.diagnose.mechanisms.charts import Arc
-from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.in_step import in_step
-from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism, find_mechanism
+from vidphys.diagnose.mechanisms.mechanism import Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.mechanisms.unfollowed import OwnSwing, alike_every_time, own_swing
@@ -248,49 +247,10 @@ class ByMechanism(Explanation):
         return "No wall gives back more speed than it takes: something else turns it round."
 
     def data(self) -> dict[str, Any]:
-        held: dict[str, Any] = {"mechanism": [self._data(group) for group in self.whole.groups]}
-        wall = _wall_of(self.whole.groups[0].fit) if self.motion.bodies == 1 else None
+        groups = self.whole.groups
+        held: dict[str, Any] = {"mechanism": [as_data(group, self.told_in) for group in groups]}
+        wall = wall_of(groups[0].fit) if self.motion.bodies == 1 else None
         return held if wall is None else {**held, "wall": wall}
-
-    def _data(self, group: Group) -> dict[str, Any]:
-        fit, chart = group.fit, group.fit.model.charts[0]
-        held: dict[str, Any] = {
-            "bodies": list(group.bodies),
-            "moves on": chart.name,
-            "restoring": fit.model.law.restoring,
-            "friction": fit.model.law.friction,
-            "walls": len(fit.model.law.walls),
-            "quantities": {
-                x.name: {
-                    "value": self.told_in.told(x.value, x.length),
-                    "standard_error": self.told_in.told(x.error, x.length),
-                    "unit": self.told_in.named(x.length, x.seconds),
-                    "known": x.known,
-                }
-                for x in quantities(fit, self.told_in.ends)
-            },
-            "errors": {
-                "white": self.told_in.told(fit.errors.white, 1),
-                "smooth": self.told_in.told(fit.errors.smooth, 1),
-                "memory_seconds": fit.errors.memory,
-            },
-            "log_likelihood": fit.log_likelihood,
-            "others": [
-                {
-                    "moves on": x.model.charts[0].name,
-                    "terms": sorted(x.model.law.kinds),
-                    "less_likely_by": fit.score - x.score,
-                }
-                for x in group.others[:5]
-            ],
-        }
-        if isinstance(chart, Arc):
-            pivot = chart.pivot(fit.geometry[0])
-            held["pivot"] = [self.told_in.told(float(x), 1) for x in pivot]
-        if fit.model.law.restoring == "centre":
-            place = np.tile(fit.model.law.centre(fit.numbers), len(fit.model.charts))
-            held["centre"] = [self.told_in.told(x, 1) for x in fit.shown(place[None])[0, 0]]
-        return held
 
     def numbers(self) -> dict[str, float]:
         return {"share_explained": self.mechanism.share}
@@ -359,15 +319,3 @@ class ByMechanism(Explanation):
             if self._from_below or self.mechanism.kinds & UNWRITTEN.keys()
             else as_scene(self.whole, self.motion.interval, self.explained, self.motion.space)
         )
-
-
-def _wall_of(fit: Fit) -> dict[str, Any] | None:
-    """Across which axis the first wall stands, and where, unit of the positions."""
-    law = fit.model.law
-    if not law.walls:
-        return None
-    normal = law.walls[0].turned(fit.numbers.get("turn 1", (0.0, 0.0))[0])
-    place = fit.numbers["wall 1"][0]
-    on, beyond = (fit.shown(x * normal[None])[0, 0] for x in (place, 1.01 * place + 1e-6))
-    axis = int(np.abs(beyond - on).argmax())
-    return {"axis": "xyz"[axis], "place": float(on[axis])}
