@@ -21,6 +21,8 @@ def asked_of(mechanism: Mechanism) -> dict[str, dict[str, float]]:
         asked["no friction"] = {name: 0.0 for name in RATES}
     if "pendulum" in kinds:
         asked["half the length"] = {"swing": 2.0}
+    elif {"trap", "pair"} <= kinds:  # with those between them, or they would rest elsewhere
+        asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0, "coupling": 2.0}
     elif "trap" in kinds:
         asked["twice the stiffness"] = {"stiffness": 2.0, "force": 2.0}
     elif "elastic" in kinds:

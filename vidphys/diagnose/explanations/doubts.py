@@ -237,7 +237,8 @@ def may_hang(fit: Fit) -> bool:
     swings = 0.5 * np.max([np.ptp(r[:, 0], 0) for r in coordinates], axis=0)
     stiffness = [x for name, (x, _) in fit.numbers.items() if name.startswith("stiffness")]
     lengths = 2 / NARROWEST * GRAVITY / np.array(stiffness)
-    return bool((swings**2 / (2 * lengths) < UNSEEN).all())
+    hung = np.delete(swings, law.loose)
+    return bool((hung**2 / (2 * lengths) < UNSEEN).all())
 
 
 def _level(chart: Chart) -> bool:

@@ -105,17 +105,28 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
         how.append(f"{it} off a wall" if len(law.walls) == 1 else f"{it} off walls")
         how += ["it spins, and is gripped there"] if law.spins else []
     if law.coupled:
-        how.append("springs hold the bodies together")
+        what = "neighbours" if law.ties else "the bodies"
+        how.append(f"springs hold {what} together")
     if "collision" in law.kinds:
         how[0] = "nothing pulls them" if law.restoring == "none" else how[0]
         how.append("they collide")
     how = [_of_several(x) for x in how] if several else how
+    how = _in_a_row(how, law, group.bodies) if law.loose else how
     known = quantities(fit, units.ends)
     numbers = (*collided(fit, group.bodies), *(number(x, units) for x in known))
     return [
         f"{who} {moves}: {'; '.join(how)}.",
         *(f"  {x}" for x in (*numbers, *_ruler(law, known, units))),
     ]
+
+
+def _in_a_row(how: Sequence[str], law: Law, bodies: Sequence[int]) -> list[str]:
+    """What is said of bodies of which some are held by the springs between them alone."""
+    held = [body for i, body in enumerate(bodies) if i not in law.loose]
+    loose = [body for i, body in enumerate(bodies) if i in law.loose]
+    by = _of_several(BY[law.restoring]) if len(held) > 1 else BY[law.restoring]
+    last = f"{how[-1]}, and nothing else pulls {_named(loose).lower()}"
+    return [f"{_named(held).lower()} {by}", *how[1:-1], last]
 
 
 def _of_several(said: str) -> str:

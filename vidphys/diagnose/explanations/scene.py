@@ -99,11 +99,10 @@ def _masses(fit: Fit) -> np.ndarray:
 
 
 def _springs(fit: Fit, masses: np.ndarray) -> tuple[terms.Spring, ...]:
-    count = len(fit.model.charts)
+    law, count = fit.model.law, len(fit.model.charts)
     stiffness = fit.numbers["coupling 1"][0] * float(masses[0]) / max(count - 1, 1)
-    pairs = [(i, j) for i in range(count) for j in range(i + 1, count)]
-    hung = fit.model.law.hung or (0.0,) * count
-    return tuple(terms.Spring(i, j, stiffness, apart=hung[j] - hung[i]) for i, j in pairs)
+    hung = law.hung or (0.0,) * count
+    return tuple(terms.Spring(i, j, stiffness, apart=hung[j] - hung[i]) for i, j in law.springs)
 
 
 def _contacts(fit: Fit, bodies: Sequence[int]) -> tuple[terms.Contact, ...]:
@@ -183,7 +182,7 @@ class _Body:
 
     def _free(self) -> terms.Hamiltonian:
         potentials: tuple[PotentialTerm, ...] = (terms.NoPotential(),)
-        if self.law.restoring in ("uniform", "string"):
+        if self.law.restoring in ("uniform", "string") or self.place in self.law.loose:
             potentials = (terms.Uniform(_row(self._force())),)
         elif self.law.restoring == "elastic":
             potentials = (self._tether(), terms.Uniform(_row(self._force())))

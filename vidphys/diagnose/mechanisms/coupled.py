@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
 from vidphys.diagnose.mechanisms.guesses import guesses
 from vidphys.diagnose.mechanisms.law import Law
+from vidphys.statistics import NORMAL_95
 
 # of log likelihood after its price, by which one law must beat a law for each, and what pushes
 # bodies apart what holds them together
@@ -48,16 +50,24 @@ def coupled(
         charts = tuple(x.model.charts[0] for x in known)
         hung = _hung(charts, [x.geometry[0] for x in known])
         law = Law(len(known), restoring, "linear", apart=True, coupled=True, hung=hung)
-        model = Model(law, charts)
-        runners += [(model, [guess]) for guess in _guesses(law, known, len(clips))]
+        for ties in ((), _row(clips)) if len(known) > 2 else ((),):
+            model = Model(replace(law, ties=ties), charts)
+            runners += [(model, [guess]) for guess in _guesses(law, known, len(clips))]
     best = max(race(clips, runners), key=_usual, default=None) if runners else None
     if best is None:
         return []
-    best = _rehung(clips, best)
+    best = _loosened(clips, _rehung(clips, best))
     best = pictured(clips, best) if camera else best
     likely = ranked([x for x in (best, without_friction(clips, best)) if x and makes_sense(x)])
     alone = sum(fits[0].score for fits in laws)
     return likely if likely and likely[0].score > alone + CLEARLY else []
+
+
+def _row(clips: Sequence[Frames]) -> tuple[tuple[int, int], ...]:
+    """Neighbours along the way on which bodies lie farthest apart."""
+    middles = np.array([stretch.places.mean(0) for stretch in clips[0].stretches])
+    order = np.argsort(middles[:, np.ptp(middles, axis=0).argmax()]).tolist()
+    return tuple((min(pair), max(pair)) for pair in pairwise(order))
 
 
 def _like(clips: Sequence[Frames], body: int, other: Fit) -> Fit | None:
@@ -91,6 +101,24 @@ def _rehung(clips: Sequence[Frames], found: Fit) -> Fit:
     law, charts = found.model.law, found.model.charts
     again = Model(replace(law, hung=_hung(charts, found.geometry)), charts)
     return (fit(clips, again, found.values) if law.hung else None) or found
+
+
+def _loosened(clips: Sequence[Frames], found: Fit) -> Fit:
+    """The same law without the traps that are not told: such bodies hang on the springs between
+    them alone, as the second of two in a row.
+    """
+    law, told = found.model.law, found.numbers
+    traps = [f"stiffness {i + 1}" for i in range(law.coordinates)]
+    loose = [i for i, name in enumerate(traps) if name in told and not _sure(*told[name])]
+    if not loose or len(loose) == law.coordinates:
+        return found
+    without = Model(replace(law, loose=tuple(loose)), found.model.charts)
+    at = [law.names.index(traps[i]) for i in loose]
+    return fit(clips, without, np.delete(found.values, at)) or found
+
+
+def _sure(value: float, error: float) -> bool:
+    return value > NORMAL_95 * error
 
 
 def _pulled(restoring: str) -> Callable[[Law], bool]:

@@ -116,13 +116,14 @@ class Law(Terms):
         for i in range(k):
             own = f" {i + 1}" if self.apart and k > 1 else ""
             force[:, i] = numbers.get(f"force {i + 1}", 0.0)
-            if self.restoring == "trap":
+            if self.restoring == "trap" and i not in self.loose:
                 stiffness[:, i, i] = numbers[f"stiffness{own}"]
             swing[:, i] = numbers.get(f"swing{own}", 0.0)
-            if self.coupled:
-                pull = numbers[f"coupling {i + 1}"]
-                stiffness[:, i] -= np.reshape(pull / max(k - 1, 1), (-1, 1))
-                stiffness[:, i, i] += pull + pull / max(k - 1, 1)
+        for pair in self.springs:
+            for i, j in (pair, pair[::-1]):
+                pull = numbers[f"coupling {i + 1}"] / (k - 1)
+                stiffness[:, i, i] += pull
+                stiffness[:, i, j] -= pull
         return force, stiffness, swing, _rows(count, *(numbers.get(name, 0.0) for name in RATES))
 
     def _pushed(

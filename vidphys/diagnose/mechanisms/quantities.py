@@ -208,14 +208,34 @@ def _asked(fit: Fit) -> Iterator[tuple[str, Joint, int, int]]:
     if law.restoring in ("uniform", "elastic", "string"):
         forces = [at[name] for name in law.forces]
         yield "acceleration", lambda values, _: float(np.linalg.norm(values[forces])), 1, -2
-    if law.coupled and law.coordinates == 2:
-        one, two = at["coupling 1"], at["coupling 2"]
-        yield "mass ratio", lambda values, _: float(values[one] / values[two]), 0, 0
+    if law.coupled:
+        yield from _of_springs(law)
     chart = fit.model.charts[0]
     if isinstance(chart, Arc):
         yield "length", lambda _, geometry: chart.length(geometry[0]), 1, 0
     if isinstance(chart, Turned):
         yield "degrees from x to direction 1", lambda _, geometry: chart.degrees(geometry[0]), 0, 0
+
+
+def _of_springs(law: Law) -> Iterator[tuple[str, Joint, int, int]]:
+    """How fast two bodies would swing by the spring between them alone, and their masses over the
+    first one's.
+    """
+    pulls = [law.names.index(f"coupling {i + 1}") for i in range(law.coordinates)]
+    alone = law.coordinates == 2
+
+    def rate(pair: tuple[int, int]) -> Joint:
+        both = [pulls[i] for i in pair]
+        return lambda values, _: float(np.sqrt(abs(values[both].sum()) / (len(pulls) - 1)))
+
+    def over_first(pull: int) -> Joint:
+        return lambda values, _: float(values[pulls[0]] / values[pull])
+
+    for one, other in law.springs:
+        which = "" if alone else f" {one + 1} and {other + 1}"
+        yield f"rate of the spring between{which}", rate((one, other)), 0, -1
+    for i, pull in enumerate(pulls[1:], 2):
+        yield "mass ratio" if alone else f"mass ratio {i}", over_first(pull), 0, 0
 
 
 def _of_string(law: Law) -> Iterator[tuple[str, Joint, int, int]]:

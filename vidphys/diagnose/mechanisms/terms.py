@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,9 @@ class Terms:
             place, in a uniform field.
         friction: of :data:`FRICTIONS`.
         apart: each coordinate has its own trap, or swing, and its own friction.
-        coupled: springs between all pairs of coordinates, where they are apart.
+        coupled: springs between pairs of coordinates, where they are apart.
+        ties: those pairs, each in its order; all of them where none is named.
+        loose: those of them that have no trap, and are held by these springs alone.
         hung: of pendulums that are coupled, where each hangs along a level line, over their length.
         inputs: how many are known that push the one coordinate, each by a gain times its value.
         forced: a sinusoid of a rate of its own pushes the one coordinate, and is not known.
@@ -82,6 +85,8 @@ class Terms:
     friction: str = "none"
     apart: bool = False
     coupled: bool = False
+    ties: tuple[tuple[int, int], ...] = ()
+    loose: tuple[int, ...] = ()
     hung: tuple[float, ...] = ()
     inputs: int = 0
     forced: bool = False
@@ -102,7 +107,7 @@ class Terms:
         each = [f" {i + 1}" for i in range(k)] if self.apart and k > 1 else [""]
         names = []
         if self.restoring == "trap":
-            names += [f"stiffness{x}" for x in each]
+            names += [f"stiffness{x}" for i, x in enumerate(each) if i not in self.loose]
         if self.restoring == "elastic":
             names += ["stiffness", "rest", *self._place]
         if self.restoring == "string":
@@ -148,6 +153,12 @@ class Terms:
         if self.coordinates < 2 or self.walls[number - 1].smooth:
             return []
         return [f"grip {number}" if self.spins else f"along {number}"]
+
+    @property
+    def springs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of coordinates between which springs act."""
+        every = tuple(combinations(range(self.coordinates), 2))
+        return (self.ties or every) if self.coupled else ()
 
     @property
     def turns(self) -> tuple[str, ...]:
