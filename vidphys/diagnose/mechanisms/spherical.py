@@ -20,6 +20,7 @@ SPACE = 3
 BESIDE = (-8.0, -4.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
 BEST = 2  # places with which fits begin, beside the middle of the nearest sphere
 VAGUE = 0.1  # of its length: a standard error from which it is not told
+DEEP = 2.0  # times what is left, that a path on a sphere leaves a plane by at least
 
 
 def spherical(clips: Sequence[Frames]) -> list[Fit]:
@@ -70,6 +71,10 @@ def _regressed(seen: Sequence[Local], centre: np.ndarray) -> tuple[np.ndarray, f
 
 
 def _told(found: Fit) -> bool:
-    """Whether the string's length shows, without which a spring to a place is as good."""
+    """Whether the string's length shows, without which a spring to a place is as good, and the
+    sphere on which it keeps the body: an orbit lies in a plane.
+    """
     length, error = found.numbers["rest"]
-    return length > 0 and error < VAGUE * length
+    places = np.concatenate([clip.stretches[0].places for clip in found.clips])
+    deep = np.linalg.svd(places - places.mean(0), compute_uv=False)[-1] / np.sqrt(len(places))
+    return bool(0 < error < VAGUE * length and deep > DEEP * found.errors.total)
