@@ -14,7 +14,7 @@ from tests.shared.chromium import Chromium, browser
 from tests.viz.test_viz import read_back
 from vidphys.cli import main
 from vidphys.cli.play import KINDS, Player
-from vidphys.play import source_of, stage, surveys
+from vidphys.play import pieces, source_of, stage, surveys
 from viz.played import play_page
 
 
@@ -24,6 +24,7 @@ def address():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "AT_ONCE", 9)
         patch.setattr(surveys, "BATCH", 20)
+        patch.setattr(pieces, "WAIT", 0.1)  # on a busy machine checks of short pieces take longer
         source = source_of("springs", episodes=40)
         told = {"title": "Play", "folder": "springs", "cells": source.names}
         with play_page(told, 0, KINDS) as (found, desk):
