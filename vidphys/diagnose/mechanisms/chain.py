@@ -15,7 +15,7 @@ from vidphys.diagnose.mechanisms.choose import ranked
 from vidphys.diagnose.mechanisms.fit import fit
 from vidphys.diagnose.mechanisms.fitted import GOOD, Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames, frames_of
-from vidphys.diagnose.mechanisms.guesses import local
+from vidphys.diagnose.mechanisms.guesses import joined, local
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.uncertainty import restricted
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion
@@ -108,7 +108,7 @@ def _regressed(motion: Motion, half: int) -> tuple[np.ndarray, np.ndarray]:
     for path, times, seen in zip(motion.positions, motion.times, motion.seen, strict=True):
         at = seen.all(-1)
         parts.append(local(times[at], path[at, :, 0], half))
-    (s1, s2), (v1, v2), (a1, a2) = (np.concatenate([getattr(x, n) for x in parts]).T for n in "sva")
+    (s1, s2), (v1, v2), (a1, a2) = (x.T for x in joined(parts, "sva"))
     d = s1 - s2
     first = np.stack([-np.cos(d) * a2 - np.sin(d) * v2**2, -np.sin(s1), np.cos(s1), -v1], 1)
     link, down1, aside1, rate = np.linalg.lstsq(first, a1, rcond=None)[0]

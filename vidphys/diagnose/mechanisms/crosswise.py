@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.guesses import Local, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
 
 SPACES = (2, 3)  # dimensions in which a way can be turned
@@ -40,7 +40,7 @@ def crosswise(clips: Sequence[Frames]) -> list[Fit]:
 
 def _begun(seen: Sequence[Local], restoring: str, size: int) -> np.ndarray:
     """The law's numbers by least squares, in the order in which a law has them, and the starts."""
-    s, v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "sva")
+    s, v, a = joined(seen, "sva")
     columns = [np.broadcast_to(axis, s.shape) for axis in np.eye(size)]
     pulls = {"none": [], "uniform": columns, "trap": [-s, *columns]}[restoring]
     space = np.column_stack([v, np.zeros(len(v))])[:, :3]  # a plane lies in it

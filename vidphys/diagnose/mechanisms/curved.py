@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.curve import Curve, curve_through
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.guesses import Local, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
 
 FLAT = 2  # dimensions of the plane
@@ -72,7 +72,7 @@ def _keeps_to_it(found: Fit, usual: Fit) -> bool:
 
 def _begun(seen: Sequence[Local], law: Law, curve: Curve) -> np.ndarray:
     """The law's numbers by least squares, and the starts."""
-    s, v, a = (np.concatenate([getattr(x, name) for x in seen]).ravel() for name in "sva")
+    s, v, a = (x.ravel() for x in joined(seen, "sva"))
     x, y, _ = curve.table[curve.row(s)].T
     pulls = y[:, None] if law.upright else np.column_stack([x, y])
     *level, up = np.linalg.lstsq(pulls, a, rcond=None)[0]

@@ -11,7 +11,7 @@ from vidphys.diagnose.mechanisms.charts import Turned
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, frequency, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.guesses import Local, frequency, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
 
 FLAT = 2  # dimensions of the plane
@@ -37,7 +37,7 @@ def elliptic(clips: Sequence[Frames]) -> list[Fit]:
 
 def _axis(seen: Sequence[Local]) -> tuple[tuple[float, float], float]:
     """The one that is pulled least, by least squares, and the share of accelerations missed."""
-    s, v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "sva")
+    s, v, a = joined(seen, "sva")
     one, none = np.ones(len(s)), np.zeros(len(s))
     x, y = s.T
     design = np.concatenate(

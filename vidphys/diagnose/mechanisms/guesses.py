@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -59,9 +59,7 @@ def local(times: np.ndarray, s: np.ndarray, half: int, breaks: Sequence[int] = (
     ends = [0, *(b + 1 for b in breaks), len(times)]
     pieces = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a >= CUBIC]
     parts = [_local(times[p], s[p], half) for p in pieces] or [_local(times, s, half)]
-    return Local(
-        *(np.concatenate([getattr(x, n) for x in parts]) for n in ("times", "s", "v", "a"))
-    )
+    return Local(*joined(parts, ("times", "s", "v", "a")))
 
 
 def _local(times: np.ndarray, s: np.ndarray, half: int) -> Local:
@@ -149,6 +147,11 @@ def halves(clips: Sequence[Frames]) -> list[int]:
     return [h for h in HALVES if 2 * h + 1 <= max(shortest // 2, 5)] or [HALVES[0]]
 
 
+def joined(seen: Sequence[Local], names: Iterable[str]) -> list[np.ndarray]:
+    """What is named of all clips, one after the other, ``(t, k)`` each."""
+    return [np.concatenate([getattr(x, name) for x in seen]) for name in names]
+
+
 def start_of(seen: Local) -> np.ndarray:
     """Place and rate at the clip's beginning, from the first frame that shows the body."""
     return np.concatenate([seen.s[0] - seen.v[0] * seen.times[0], seen.v[0]])
@@ -156,7 +159,7 @@ def start_of(seen: Local) -> np.ndarray:
 
 def _regressed(seen: Sequence[Local], restoring: str, k: int) -> list[np.ndarray]:
     """The law's numbers by least squares, and with the stiffness that the spectrum tells."""
-    s, v, a, u = (np.concatenate([getattr(x, name) for x in seen]) for name in "svau")
+    s, v, a, u = joined(seen, "svau")
     columns = [*np.eye(k)] if restoring != "none" else []
     design = [np.broadcast_to(axis, s.shape).ravel() for axis in columns]
     design = [(-s).ravel(), *design] if restoring == "trap" else design
@@ -201,7 +204,7 @@ def _angle(clips: Sequence[Frames]) -> Iterator[Guess]:
 
 def _hanging(seen: Sequence[Local]) -> list[tuple[float, float, float, np.ndarray]]:
     """G over the length, the angle at rest, the friction and the inputs' gains, of angles."""
-    s, v, a = (np.concatenate([getattr(x, n) for x in seen]).ravel() for n in "sva")
+    s, v, a = (x.ravel() for x in joined(seen, "sva"))
     u = np.concatenate([x.u for x in seen])
     found = np.linalg.lstsq(np.column_stack([-np.sin(s), np.cos(s), -v, u]), a, rcond=None)[0]
     gains = found[3:]

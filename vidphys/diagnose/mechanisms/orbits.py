@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.choose import makes_sense, pictured, ranked
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import HALVES, local
+from vidphys.diagnose.mechanisms.guesses import HALVES, joined, local
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.mechanisms.terms import COULOMB
 from vidphys.diagnose.recordings.motion import LEAST_FRAMES
@@ -49,7 +49,7 @@ def orbiting(clips: Sequence[Frames], camera: bool) -> list[Fit]:
 def _begun(clip: Frames, half: int) -> tuple[Model, list[np.ndarray]] | None:
     """A law and where its fits begin, by accelerations over so many frames on each side."""
     each = [local(s.times, s.places, half) for s in clip.stretches]
-    s, a = (np.concatenate([getattr(x, name) for x in each]) for name in ("s", "a"))
+    s, a = joined(each, "sa")
     place = aimed_at(s, a)
     r = np.linalg.norm(s - place, axis=1)
     along = (a * (s - place)).sum(1) / np.maximum(r, np.finfo(float).tiny)

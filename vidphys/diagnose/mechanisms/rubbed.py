@@ -10,7 +10,7 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import race
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.guesses import Local, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
 
 
@@ -32,5 +32,5 @@ def rubbed(clips: Sequence[Frames]) -> list[Fit]:
 
 def _slowing(seen: Sequence[Local]) -> float:
     """How much speed is lost a second, while it moves."""
-    v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "va")
+    v, a = joined(seen, "va")
     return float(-(a * v).sum() / max(np.linalg.norm(v, axis=-1).sum(), np.finfo(float).tiny))

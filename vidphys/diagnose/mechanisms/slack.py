@@ -10,7 +10,7 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import circle_through, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.guesses import circle_through, halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
 
 FLAT = 2  # dimensions of the plane
@@ -39,7 +39,7 @@ def slack(clips: Sequence[Frames]) -> list[Fit]:
     begun = []
     for half in halves(clips):
         seen = seen_in(clips, places, half)
-        s, v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "sva")
+        s, v, a = joined(seen, "sva")
         across = (s - centre) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
         far = np.linalg.norm(across, axis=1, keepdims=True)
         across /= np.maximum(far, np.finfo(float).tiny)  # where no string pulls

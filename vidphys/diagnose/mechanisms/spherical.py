@@ -12,7 +12,7 @@ from vidphys.diagnose.mechanisms.charts import Plane
 from vidphys.diagnose.mechanisms.fit import with_friction_or_none
 from vidphys.diagnose.mechanisms.fitted import Fit, Model
 from vidphys.diagnose.mechanisms.frames import Frames
-from vidphys.diagnose.mechanisms.guesses import Local, halves, seen_in, start_of
+from vidphys.diagnose.mechanisms.guesses import halves, joined, seen_in, start_of
 from vidphys.diagnose.mechanisms.law import Law
 
 SPACE = 3
@@ -37,8 +37,9 @@ def spherical(clips: Sequence[Frames]) -> list[Fit]:
     begun = []
     for half in halves(clips):
         seen = seen_in(clips, places, half)
-        nearest = sorted((_regressed(seen, centre) for centre in centres[1:]), key=lambda x: x[1])
-        for numbers, _ in (_regressed(seen, centres[0]), *nearest[:BEST]):
+        s, v, a = joined(seen, "sva")
+        sphere, *beside = (_regressed(s, v, a, centre) for centre in centres)
+        for numbers, _ in (sphere, *sorted(beside, key=lambda x: x[1])[:BEST]):
             begun.append(np.concatenate([numbers, *map(start_of, seen)]))
     return [x for x in with_friction_or_none(clips, [(model, begun)]) if _told(x)]
 
@@ -53,9 +54,10 @@ def _centres(places: np.ndarray) -> list[np.ndarray]:
     return [middle + sphere, *(middle + share * extent * normal for share in BESIDE)]
 
 
-def _regressed(seen: Sequence[Local], centre: np.ndarray) -> tuple[np.ndarray, float]:
+def _regressed(
+    s: np.ndarray, v: np.ndarray, a: np.ndarray, centre: np.ndarray
+) -> tuple[np.ndarray, float]:
     """The law's numbers, by least squares across the string, and what they leave."""
-    s, v, a = (np.concatenate([getattr(x, name) for x in seen]) for name in "sva")
     away = s - centre
     far = np.linalg.norm(away, axis=1)
     out = away / np.maximum(far, np.finfo(float).tiny)[:, None]
