@@ -223,11 +223,19 @@ def test_of_a_short_clip_only_frames_that_leave_enough_are_tried(frames):
 
 
 def test_whether_a_law_holds_later_is_told_by_the_latest_frame_that_shows_it(monkeypatch):
-    motion, tried, holding = motion_of(thrown()[None, 20:, :1], 1 / 30), [], mechanism._holding
-    monkeypatch.setattr(mechanism, "_holding", lambda *x: tried.append(x) or holding(*x))
+    motion, tried, roughly = motion_of(thrown()[None, 20:, :1], 1 / 30), [], mechanism.roughly
+    monkeypatch.setattr(mechanism, "roughly", lambda *x: tried.append(x) or roughly(*x))
     assert next(lawful_from(motion, angles=False), None) is not None
     assert len(tried) == 1
     assert first_lawful(motion, angles=False) > 0
+
+
+def test_where_no_law_holds_for_the_last_frames_none_is_tried_on_more(monkeypatch):
+    times, tried, roughly = np.arange(120) / 30, [], mechanism.roughly
+    pulled = np.stack([np.cos(times) + 0.4 * np.cos(5.1 * times), np.sin(2.3 * times)], -1)
+    monkeypatch.setattr(mechanism, "roughly", lambda *x: tried.append(x) or roughly(*x))
+    assert first_lawful(motion_of(pulled[None, :, None], 1 / 30), angles=False) == 0
+    assert len(tried) == 1
 
 
 @pytest.mark.parametrize("unseen", [slice(2, None), slice(7, None), slice(9, None), slice(-5)])

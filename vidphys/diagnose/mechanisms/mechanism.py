@@ -12,8 +12,8 @@ from vidphys.diagnose.mechanisms.choose import LIKELIER, fits_of, makes_sense, r
 from vidphys.diagnose.mechanisms.collisions import colliding, parties
 from vidphys.diagnose.mechanisms.coupled import CLEARLY, coupled
 from vidphys.diagnose.mechanisms.fit import fit
-from vidphys.diagnose.mechanisms.fitted import Fit
-from vidphys.diagnose.mechanisms.frames import Frames, frames_of
+from vidphys.diagnose.mechanisms.fitted import GOOD, Fit
+from vidphys.diagnose.mechanisms.frames import Frames, frames_of, spread_of
 from vidphys.diagnose.mechanisms.orbits import orbiting
 from vidphys.diagnose.mechanisms.rods import rods_in_picture
 from vidphys.diagnose.mechanisms.uncertainty import restricted
@@ -25,6 +25,7 @@ RIVALS = 15.0  # of log likelihood, within which all frames choose between laws
 WORSE = 3.0  # times what a fit left, from which all frames belong to no one law
 NEAR_BEST = 2.0  # times the least that is left from any first frame
 ENOUGH = 0.55  # of the frames that a law was fitted to, by which it is found again
+LASTS = 2.0  # times the errors of single frames, from which an error lasts that a law leaves
 LATER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # of the frames: where a law is tried to hold from
 
 
@@ -281,28 +282,38 @@ def lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
     stride, motion = _stride(motion), thinned(motion)
     total = motion.positions.shape[1]
     like: list[list[Fit]] = [[]] * motion.bodies
+    tried: list[list[Fit]] = [[]] * motion.bodies
     for share in reversed(LATER):
         first = int(share * total)
-        if total - first < LEAST_FRAMES + 2:
+        clips = _each_alone(motion.cut(first)) if total - first >= LEAST_FRAMES + 2 else None
+        if clips is None:
             continue
-        held = _holding(motion.cut(first), angles, like)
-        if held is not None:
+        if any(_none_before(*pair) for pair in zip(tried, clips, strict=True)):
+            return
+        held = []
+        for body, frames in enumerate(clips):
+            tried[body] = roughly(frames, angles, like[body])
+            held.append([x for x in tried[body] if x.holds])
+            if not held[-1]:
+                break
+        else:
             yield stride * first, max(min(x.left for x in laws) for laws in held)
             like = held  # a law that holds from a frame on holds from a later one too
 
 
-def _holding(motion: Motion, angles: bool, like: Sequence[Sequence[Fit]]) -> list[list[Fit]] | None:
-    """Of each body the laws that hold; ``None`` where one has none, or too little of it is seen.
-
-    Args:
-        like: of each body, laws to whose kinds it keeps, if any.
-    """
+def _each_alone(motion: Motion) -> list[list[Frames]] | None:
+    """Frames of each body; ``None`` where too little of one is seen."""
     clips = [frames_of(motion.of([body])) for body in range(motion.bodies)]
-    if min(len(clip.stretches[0].times) for each in clips for clip in each) < LEAST_FRAMES:
-        return None
-    held = []
-    for frames, laws in zip(clips, like, strict=True):
-        held.append([x for x in roughly(frames, angles, laws) if x.holds])
-        if not held[-1]:
-            return None
-    return held
+    fewest = min(len(clip.stretches[0].times) for each in clips for clip in each)
+    return clips if fewest >= LEAST_FRAMES else None
+
+
+def _none_before(tried: Sequence[Fit], clips: Sequence[Frames]) -> bool:
+    """Whether laws left so much of the last frames that none can hold for these, which end alike:
+    it would leave no less of the same frames.
+    """
+    if not tried or any(x.errors.smooth < LASTS * x.errors.white for x in tried):
+        return False
+    squared = min(x.left**2 * len(x.clips[0].stretches[0].times) for x in tried)
+    most = GOOD * spread_of(clips)
+    return squared > most**2 * len(clips[0].stretches[0].times)
