@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dynamics.head import Head
     from dynamics.rolling import Rollout
     from vidphys.diagnose.diagnosis import Diagnosis
-    from vidphys.diagnose.telling.answers import Answered
+    from vidphys.diagnose.telling.answered import Answered
 
 SIDE, EDGE = 260, 12  # of the drawing, pixels
 POINTS = 400  # of a track, at most
@@ -28,7 +28,7 @@ def load_ipython_extension(shell: Any) -> None:
     page.for_type_by_name("dynamics.rolling", "Rollout", rollout_html)
     page.for_type_by_name("dynamics.head", "Head", head_html)
     page.for_type_by_name("vidphys.diagnose.diagnosis", "Diagnosis", diagnosis_html)
-    page.for_type_by_name("vidphys.diagnose.telling.answers", "Answered", answered_html)
+    page.for_type_by_name("vidphys.diagnose.telling.answered", "Answered", answered_html)
 
 
 def rollout_html(found: Rollout) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vidphys.data.frames import Frames
     from vidphys.diagnose.recordings.tables import Loaded
     from vidphys.diagnose.recordings.units import Units
-    from vidphys.diagnose.telling.answers import Answered
+    from vidphys.diagnose.telling.answered import Answered
     from vidphys.points.point import Point
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder

@@ -20,7 +20,7 @@ from vidphys.runs.worker import end_with_parent
 
 if TYPE_CHECKING:
     from vidphys.data.frames import Frames
-    from vidphys.diagnose.telling.answers import Answered
+    from vidphys.diagnose.telling.answered import Answered
 
 LIBRARIES = ("matplotlib.figure", "rerun")
 STAYS = "it stays where it was"  # what is foretold where no law does

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from dynamics import Parameters, PhaseState, build, from_config, rollout
-from vidphys.diagnose.telling.answers import Answered
+from vidphys.diagnose.telling.answered import Answered
 
 FINE = 8  # steps of a frame
 FIRST, DEGREE = 8, 6  # frames, and a polynomial, that tell the velocity at the first

@@ -9,7 +9,8 @@ from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.mechanisms.motion_kernel import rolled
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 
 STEP, FRAMES = 0.05, 300
 FIELD = np.array([0.3, 0.2, 1.5])  # radians per second

@@ -10,7 +10,8 @@ from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.mechanisms.curve import curve_through
 from vidphys.diagnose.mechanisms.sliding_kernel import slid
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 
 G, ROLLS = 9.81, 5 / 7  # of a solid ball, what rolling leaves of the pull
 NOISE = 0.001

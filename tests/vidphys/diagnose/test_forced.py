@@ -8,7 +8,8 @@ from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
 from vidphys.diagnose.mechanisms.law import Law
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 
 STEP, FRAMES = 0.05, 400
 DRIVE = "strongest acceleration by what drives it"

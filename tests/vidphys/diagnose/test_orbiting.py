@@ -7,7 +7,8 @@ from scipy.integrate import solve_ivp
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 
 STEP = 0.04
 

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from dynamics import Parameters, PhaseState, build, from_config, rollout
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations.verdict import EXPLAINED
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 
 STEP, FRAMES, DAMPING = 1 / 60, 480, 0.1
 WALL, BETWEEN = 30.0, 18.0  # stiffness of the springs to the walls, and of those between

@@ -8,7 +8,8 @@ from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations.verdict import EXPLAINED
 from vidphys.diagnose.mechanisms.string_kernel import swung
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 from vidphys.experiments.filmed.laws.law import GRAVITY
 
 LENGTH, DAMPING, STEP, FRAMES = 0.8, 0.05, 1 / 60, 480

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 
 from vidphys import metrics
-from vidphys.diagnose.telling.answers import Answered, answer
+from vidphys.diagnose.telling.answered import Answered
+from vidphys.diagnose.telling.answers import answer
 from vidphys.experiments.core.cell import CellTask, Table
 from vidphys.experiments.recorded.cases import CASES, Case
 from vidphys.runs.records import Recorder
