@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE =
 
 READY := $(VENV)/.ready
 
-.PHONY: ladder paper test test-gpu check docs docs-run picture tiny hostile lock locked audit sbom mutate faults setup
+.PHONY: ladder paper test test-all test-gpu check docs docs-run picture tiny hostile lock locked audit sbom mutate faults setup
 
 ladder: $(READY)
 	$(VENV)/bin/vidphys ladder --preset quick --out runs/ladder-quick
@@ -26,12 +26,18 @@ paper: $(READY)
 	$(VENV)/bin/vidphys ladder $(STUDY) --engine $(ENGINE) --cells all --out runs/paper-ladder
 	$(VENV)/bin/vidphys reproduce all pixels $(STUDY) --engine $(ENGINE) --out runs/paper-tables
 
+TESTS = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 3
+
 # What only a card can show; each test is skipped where there is none.
 test-gpu: $(READY)
 	$(VENV)/bin/python -m pytest tests/gpu -m gpu -rs
 
 test: $(READY)
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n 3
+	$(TESTS) -m "not slow"
+
+# Those marked slow as well, an hour or more on two cores: other cases of what the others show.
+test-all: $(READY)
+	$(TESTS)
 
 check: $(READY)
 	$(VENV)/bin/ruff check .

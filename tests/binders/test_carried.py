@@ -41,6 +41,7 @@ def boxes() -> np.ndarray:
     return box(OTHER, 5, box(BOX, 4, draw(np.zeros((60, 0, 2)), still())))
 
 
+@pytest.mark.slow
 def test_two_bodies_that_go_less_far_than_they_are_wide() -> None:
     found = MotionBinder(bodies=None)(boxes(), times())
     assert found.tracks.positions.shape[2] == 2

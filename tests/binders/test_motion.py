@@ -126,8 +126,8 @@ def two_discs(light: float, grain: float, tint: float, colour: np.ndarray) -> np
     [
         (two_discs(0.45, 1.0, 0.0, DIM), 1),
         (two_discs(0.45, 1.0, 1.0, 0.45 * DIM), 2),
-        (two_discs(0.45, 0.0, 1.0, 0.45 * DIM), 2),
-        (two_discs(0.45, 1.0, 0.1, COLOURS[1]), 2),
+        pytest.param(two_discs(0.45, 0.0, 1.0, 0.45 * DIM), 2, marks=pytest.mark.slow),
+        pytest.param(two_discs(0.45, 1.0, 0.1, COLOURS[1]), 2, marks=pytest.mark.slow),
         (two_discs(2.2, 1.0, 0.0, DIM), 1),
         (two_discs(2.2, 1.0, 1.0, 2.2 * DIM), 2),
     ],
@@ -181,6 +181,7 @@ def test_two_bodies_keep_their_identity() -> None:
     assert error < 1.5
 
 
+@pytest.mark.slow
 def test_grey_body_needs_brightness() -> None:
     frames = draw(swing()[:, None], still(), shade=0.0)
     grey = np.repeat(frames.mean(-1, keepdims=True), 3, -1).astype(np.uint8)
@@ -252,6 +253,7 @@ def test_drift_is_undone() -> None:
     np.testing.assert_allclose(back[5:-5, 5:-5], image[5:-5, 5:-5], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_camera_that_rolls() -> None:
     """A hand turns it about its axis by a degree: the far ends of the picture move by pixels."""
     path, roll = swing(), np.radians(1.0) * np.sin(np.arange(FRAMES) / 5)

@@ -81,6 +81,7 @@ for one, upstream in ((i, j) for i in (along, across) for j in (along, across)):
     )
 
 
+@pytest.mark.slow
 @needs_triton
 def test_a_law_s_force_and_gradients_are_those_of_double_precision():
     """To what is left of the network's slopes, which nearly cancel at u and -u."""
@@ -127,6 +128,7 @@ for i, law in enumerate(laws):
     )
 
 
+@pytest.mark.slow
 @needs_triton
 def test_a_derivative_of_the_way_back_is_the_twin_s():
     """Of both maps: of forces that depend on places alone, and on the weights too."""

@@ -243,7 +243,9 @@ def trend(errors: Tensor) -> float:
     [
         pytest.param(leapfrog, PENDULUM, 12, 0.08, id="leapfrog"),
         pytest.param(yoshida4, PENDULUM, 12, 0.02, id="yoshida4"),
-        pytest.param(implicit_midpoint, PENDULUM, 12, 0.02, id="implicit_midpoint"),
+        pytest.param(
+            implicit_midpoint, PENDULUM, 12, 0.02, id="implicit_midpoint", marks=pytest.mark.slow
+        ),
         pytest.param(tao, NON_SEPARABLE, 20, 0.06, id="tao"),
     ],
 )

@@ -12,7 +12,11 @@ SMALL = 99 * 1024  # the same on a card of a desk
 @pytest.mark.skipif(not has_triton(), reason="triton is not installed")
 @pytest.mark.parametrize(
     ("bodies", "width", "block", "room"),
-    [(3, 256, 64, SMALL), (5, 512, 32, HOPPER), (8, 256, 32, HOPPER)],
+    [
+        pytest.param(3, 256, 64, SMALL, marks=pytest.mark.slow),
+        pytest.param(5, 512, 32, HOPPER, marks=pytest.mark.slow),
+        (8, 256, 32, HOPPER),
+    ],
 )
 def test_a_block_of_a_network_fits_a_card(bodies, width, block, room):
     """In a process of its own: the tests' type checks and Triton's interpreter stay away."""

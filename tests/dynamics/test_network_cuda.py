@@ -19,7 +19,10 @@ def wide(x):
 """
 
 
-@pytest.mark.parametrize(("rows", "width"), [(70, 48), (16, 128), (5, 16)])
+@pytest.mark.parametrize(
+    ("rows", "width"),
+    [(70, 48), *(pytest.param(*x, marks=pytest.mark.slow) for x in ((16, 128), (5, 16)))],
+)
 def test_values_and_gradients_are_the_twins(rows, width):
     """Widths that are no power of two, more rows than a program has, and fewer."""
     interpreted(
@@ -61,6 +64,7 @@ assert all(not x.any() for x in none)
     )
 
 
+@pytest.mark.slow
 def test_models_side_by_side_have_the_gradients_that_they_have_alone():
     interpreted(
         START
@@ -78,6 +82,7 @@ for i, given in enumerate(cases):
     )
 
 
+@pytest.mark.slow
 def test_a_derivative_of_the_way_back_is_the_twin_s():
     interpreted(
         START
@@ -95,7 +100,7 @@ for one, other in zip(twice(input_gradient, given), twice(plain_gradient, exact)
     )
 
 
-@pytest.mark.parametrize("width", [64, 256, 512])
+@pytest.mark.parametrize("width", [64, 256, pytest.param(512, marks=pytest.mark.slow)])
 def test_the_kernels_fit_a_card(width):
     """Compiled for a card that is not here; what a program may share is that of one of a desk."""
     apart(f"""

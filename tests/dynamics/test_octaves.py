@@ -70,6 +70,7 @@ def sharp(dtype: torch.dtype):
     return head.to(dtype)
 
 
+@pytest.mark.slow
 @needs_numba
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_sharp_law_has_more_pieces_and_meets_its_tolerance(dtype):

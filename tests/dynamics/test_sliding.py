@@ -86,6 +86,7 @@ def test_friction_holds_a_block_on_a_slope_that_is_not_too_steep(coefficient, re
     assert rests == (found[-1] < 0)
 
 
+@pytest.mark.slow
 def test_its_coefficient_is_learned_through_what_is_seen():
     truth, head, params = on_slope(0.2), on_slope(0.1), one()
     start = started(truth, 0.0, 1.0, params)

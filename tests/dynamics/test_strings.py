@@ -98,6 +98,7 @@ def test_it_lets_go_where_it_would_have_to_push():
     assert fallen == pytest.approx(-G, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_its_length_is_learned_through_what_is_seen():
     truth, head = hung(), hung(length=0.75, learned=True)
     start, params = let_go(CENTRE + [0.5, 0.3], [0.4, 0.0])

@@ -34,7 +34,13 @@ def close(found, wanted, tolerance=1e-12):
     assert (found - wanted).abs().max() <= tolerance * wanted.abs().max()
 
 
-@pytest.mark.parametrize("sizes", [{}, {"rows": 130, "entries": 36, "conditions": 5, "width": 32}])
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        pytest.param({}, marks=pytest.mark.slow),
+        {"rows": 130, "entries": 36, "conditions": 5, "width": 32},
+    ],
+)
 def test_states_and_gradients_are_the_twins(sizes):
     network, *given = case(**sizes)
     found, wanted = unrolled(network, *given, STORED, EVERY), twin(network, *given)

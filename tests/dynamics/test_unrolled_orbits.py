@@ -36,7 +36,7 @@ def twin(law, start, told):
 
 
 SIZES = [
-    {},
+    pytest.param({}, marks=pytest.mark.slow),
     {"episodes": 32, "bodies": 2, "width": 64},
     {"episodes": 3, "bodies": 2, "width": 4},  # also quick where the loops are not compiled
 ]

@@ -61,6 +61,7 @@ def test_a_ball_bounces_as_in_closed_form_whatever_the_step(restitution):
         assert float((heights(path) - expected).abs().max()) < 1e-13
 
 
+@pytest.mark.slow
 def test_a_wall_without_loss_keeps_the_energy_over_a_thousand_bounces():
     head, (start, params) = floor(1.0), dropped(1.0)
     assert head.conserves and not floor(0.9).conserves

@@ -309,7 +309,9 @@ def _grid(tokens):
     return tokens.unflatten(2, (side, side)).permute(0, 1, 4, 2, 3)
 
 
-@pytest.mark.parametrize("name", OF_TORCHVISION)
+@pytest.mark.parametrize(
+    "name", ["swin3d", *(pytest.param(x, marks=pytest.mark.slow) for x in ("s3d", "r2plus1d"))]
+)
 def test_a_network_of_torchvision_is_its_librarys_in_every_layer(name, tmp_path):
     frames = OF_TORCHVISION[name]
     torch.manual_seed(0)

@@ -198,6 +198,7 @@ def test_f6_a_task_that_kills_each_worker_fails_and_the_others_are_done(tmp_path
     assert len(list(tmp_path.glob("b-*"))) == 3
 
 
+@pytest.mark.slow
 def test_f9_a_worker_that_gives_no_sign_of_life_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(pool, "DEAF_SECONDS", 12.0)
     with pytest.warns(WorkerWarning, match="tried again"):

@@ -289,6 +289,7 @@ def test_z09_a_text_is_weighed_before_it_is_read(tmp_path):
     said_of(tmp_path / "a.trk")
 
 
+@pytest.mark.slow
 def test_mutants_are_read_or_refused_in_one_line(tmp_path):
     (tmp_path / "a.csv").touch()
     found = {

@@ -78,7 +78,7 @@ ELSEWHERE = [
     ("/data/", "data/", "that folder"),
 ]
 # Targets of make whose recipes are told, and not run: each runs a suite of tests, such as this one.
-SUITES = {"test", "test-gpu"}
+SUITES = {"test", "test-all", "test-gpu"}
 PROGRAMS = {  # what Slurm's and Ray's programs do, as far as a script sees it
     "scontrol": "echo HEAD",
     "sleep": "exit 0",

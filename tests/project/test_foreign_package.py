@@ -175,9 +175,10 @@ QUICK = ["--preset", "quick", "--seeds", "1", "--workers", "1", "--quiet"]
 @pytest.mark.parametrize(
     ("cells", "sources"),
     [
-        (
+        pytest.param(
             ["oracle/screened", "--scene", "screened-pair"],
             {"head screened": SOURCE, "scene screened-pair": SOURCE},
+            marks=pytest.mark.slow,
         ),
         (
             ["edges/screened", "--scene", "screened-pair"],

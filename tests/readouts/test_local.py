@@ -132,6 +132,7 @@ def test_a_glance_reads_what_the_whole_map_gives_there() -> None:
     torch.testing.assert_close(found, want)
 
 
+@pytest.mark.slow
 def test_readers_that_learned_apart_are_nearer_together_and_their_spread_tells() -> None:
     torch.manual_seed(2)
     train, held_out, unseen = labelled(128), labelled(128), labelled(256)

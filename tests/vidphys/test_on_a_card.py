@@ -87,10 +87,10 @@ def test_every_head_is_trained_and_rolled_there(name):
         "jepa-centroid",
         "rgb-tracked",
         "anonymous-hand",
-        "anonymous-slots",
+        pytest.param("anonymous-slots", marks=pytest.mark.slow),
         "dino-tiny",
         "vjepa2-tiny",
-        "composed",
+        pytest.param("composed", marks=pytest.mark.slow),
     ],
 )
 def test_rungs_learn_and_see_there(rung):

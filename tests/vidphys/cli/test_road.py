@@ -161,6 +161,7 @@ def test_what_cannot_be_asked_is_said_with_what_can(fitted, tmp_path, capsys, mo
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_heat_bath_is_learned_and_foretold_by_the_mean_of_its_paths(tmp_path):
     law = Parameters(torch.ones(1), torch.ones(1, 1)).with_scalar("temperature", 0.3)
     bath = terms.Hamiltonian(potentials=(terms.Trap(4.0),), ports=(terms.ConstantBath(0.8),))

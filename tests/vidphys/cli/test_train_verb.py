@@ -174,6 +174,7 @@ class TestTraining:
         assert {row["episode"] for row in episodes} == {0}  # the last of the clips is scored
         assert (run / "recordings" / "clip.rrd").is_file()
 
+    @pytest.mark.slow
     def test_by_default_positions_are_read_twice_and_in_mirrors(
         self, folder: Path, tmp_path: Path
     ) -> None:
@@ -202,7 +203,9 @@ class TestTraining:
         assert train(folder, tmp_path / "no", "--readout", kind, "--readers", "2") == 2
         assert f"--readers: would have no effect: --readout {kind} takes none" in one_line(capsys)
 
-    @pytest.mark.parametrize("cut", [1, 5, 100, 317, 326])
+    @pytest.mark.parametrize(
+        "cut", [1, 326, *(pytest.param(x, marks=pytest.mark.slow) for x in (5, 100, 317))]
+    )
     def test_an_interrupted_training_ends_with_the_same_bits(
         self,
         trained: tuple[Path, Path],
@@ -259,6 +262,7 @@ class TestTraining:
         assert train(folder, run) == 2  # the labels are part of what the run is
         assert "--overwrite" in one_line(capsys)
 
+    @pytest.mark.slow
     def test_many_readouts_are_all_recorded_and_the_best_is_kept(
         self, folder: Path, tmp_path: Path
     ) -> None:

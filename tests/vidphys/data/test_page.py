@@ -85,6 +85,7 @@ def lerobot_of(folder: Path) -> list[Path]:
 KINDS = (webdataset_of, hdf5_of, npz_of, arrow_of, lerobot_of)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", KINDS)
 def test_hurt_sets_are_read_or_refused_in_one_line(tmp_path: Path, make) -> None:  # noqa: ANN001
     files = make(tmp_path)

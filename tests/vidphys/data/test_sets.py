@@ -386,6 +386,7 @@ class TestVerbs:
         assert "no such clip" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_folders_of_numbered_pictures_are_clips(tmp_path, capsys) -> None:
     for clip in range(CLIPS):
         folder = tmp_path / "set" / f"clip {clip}"

@@ -222,6 +222,7 @@ def test_carts_that_meet_again_and_again_between_walls():
     assert "momentum is kept in 3 collisions" in "\n".join(given.lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bodies", [1, 2])
 def test_bodies_whose_laws_begin_later_are_not_wholly_explained(bodies):
     since = np.maximum(TIMES - 1.0, 0)[:, None]

@@ -126,6 +126,7 @@ def test_noise_does_not_pull_the_rate_towards_zero():
     assert np.mean(rates) == pytest.approx(LINEAR, rel=0.05)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say():
     held = []
     for seed in range(12):

@@ -29,7 +29,9 @@ def hung(start, frames=400, pivot=0.0) -> np.ndarray:
     return found.y[:d].T + pivot
 
 
-@pytest.mark.parametrize("start", [(0.6, -1.2), (0.5, 0.3, -1.3)])
+@pytest.mark.parametrize(
+    "start", [(0.6, -1.2), pytest.param((0.5, 0.3, -1.3), marks=pytest.mark.slow)]
+)
 def test_a_weight_that_swings_and_stretches_its_spring(start):
     path = hung(start, pivot=2.0)
     given = answer(noisy(path, 0.001, STEP), False, 0.3)

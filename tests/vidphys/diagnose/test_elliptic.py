@@ -38,7 +38,10 @@ def clips(path, seed):
     return frames_of(motion_of(noisy(path, seed)[None, :, None], STEP))
 
 
-@pytest.mark.parametrize("along, across, degrees", [(2.0, 3.1, 20.0), (2.0, 2.4, -65.0)])
+@pytest.mark.parametrize(
+    "along, across, degrees",
+    [pytest.param(2.0, 3.1, 20.0, marks=pytest.mark.slow), (2.0, 2.4, -65.0)],
+)
 def test_both_rates_and_the_axes_are_found(along, across, degrees):
     best = fits_of(clips(swung(along, across, degrees), 51), angles=False)[0]
     assert best.kinds == {"trap", "linear"} and best.model.charts[0].name == "turned"

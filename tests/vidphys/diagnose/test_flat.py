@@ -24,6 +24,7 @@ def orbit(speed, frames=400) -> np.ndarray:
     return solve_ivp(slope, (0, times[-1]), start, t_eval=times, rtol=1e-10).y[:d].T
 
 
+@pytest.mark.slow
 def test_a_planet_whose_orbit_is_aslant_in_space_is_told_in_its_plane():
     given = answer(noisy(orbit([0, 0.7, 0.4]), 0.001), False, 0.3)
     assert given.data["terms"] == ["centre"] and given.data["status"] == EXPLAINED

@@ -57,6 +57,7 @@ def test_a_body_tied_to_one_that_was_not_followed_may_be_driven_or_not():
     assert given.data["status"] == MOSTLY and doubts.HIDDEN in given.lines
 
 
+@pytest.mark.slow
 def test_what_swings_by_itself_is_not_told_as_driven():
     given = told(moved(lambda s, v, t: 1.2 * (1 - s**2) * v - s))  # van der Pol
     assert given.data["status"] == EXPLAINED

@@ -30,9 +30,11 @@ def noisy(f, share=0.002):
     "x, f, kind, numbers",
     [
         (X, -2.3 * X - 0.54 * X**3, ("x", "x^3"), (2.3, 0.54)),
-        (X, -np.sin(3 * X) - 0.5 * X, ("sin", "x"), (1.0, 0.5, 3.0)),
+        pytest.param(
+            X, -np.sin(3 * X) - 0.5 * X, ("sin", "x"), (1.0, 0.5, 3.0), marks=pytest.mark.slow
+        ),
         (X, -2 * np.sign(X) * np.abs(X) ** 1.37, ("sgn(x) |x|^p",), (2.0, 1.37)),
-        (R, R**-13 - R**-7, ("x^-13", "x^-7"), (1.0, 1.0)),
+        pytest.param(R, R**-13 - R**-7, ("x^-13", "x^-7"), (1.0, 1.0), marks=pytest.mark.slow),
     ],
 )
 def test_the_formula_of_a_force_is_found_with_its_numbers(x, f, kind, numbers):
@@ -82,6 +84,7 @@ def test_a_word_is_not_told_for_its_product_with_a_slow_sine_that_is_as_likely()
     assert chosen([best, told_of("exp sin", 12.5)]).formula is best[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "constants"), [("gauss cos", (3.68, 2.32)), ("exp sin", (2.81, 6.07))]
 )
@@ -192,6 +195,7 @@ def recorded(force, friction):
     return places + noise, times[None]
 
 
+@pytest.mark.slow
 def test_a_cusp_that_no_spline_follows_is_found_as_a_root():
     found = coordinate_law(*recorded(lambda x: -1.2 * np.sign(x) * np.abs(x) ** 0.5, 0.05))
     assert found.verdict.formula.kind == ("sgn(x) |x|^0.5",)
@@ -217,6 +221,7 @@ def test_an_oscillator_of_van_der_pol_s_has_a_friction_that_changes_with_the_pla
     assert "x^2 x'" in found.text
 
 
+@pytest.mark.slow
 def test_one_swing_over_and_over_is_no_formula_of_many_numbers():
     kinked = drawn(20_104, 13)[-1]  # a line and half a bump fit it to within the noise
     assert kinked.name == "kinked" and kinked.friction == 0

@@ -508,6 +508,7 @@ def test_a_known_length_or_gravity_gives_metres():
         assert f" {held['unit']} (95 %)" in "\n".join(told.lines)
 
 
+@pytest.mark.slow
 def test_a_ruler_beside_a_swing_that_is_seen_askew_is_in_another_scale():
     """A string of 0.6, and a ruler of 0.3 to its right, in a plane that is turned by 18 degrees."""
     camera, ruler = np.array([0.2, 0.0, 0.0]), np.array([[0.5, -0.3], [0.5, 0.0]])
@@ -620,6 +621,7 @@ def double_pendulum(
     return np.stack([first, second], 1)
 
 
+@pytest.mark.slow
 def test_of_two_weights_that_both_swing_on_arcs_the_law_tells_which_is_above():
     places = double_pendulum(0.25, 0.25, 0.6, (0.2, 0.28))[:, [1, 0]]
     rods = rods_in_picture(noisy(places, 5e-4), camera=True)
@@ -630,6 +632,7 @@ def test_of_two_weights_that_both_swing_on_arcs_the_law_tells_which_is_above():
     assert looked_at.bodies == 2 and said[0].startswith("3 things move")
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_is_told_also_by_a_camera_that_stands_askew():
     angles = np.array([[0.6, -0.4], [-0.3, 0.5], [0.9, 1.2]])
     askew = Rods(np.zeros(2), np.full(2, 0.2), np.zeros(2), (0, 1), np.array([0.1, 0.25, 0.02]))
@@ -702,6 +705,7 @@ def waving():
     return 0.2 * np.cumsum(np.random.default_rng(2).standard_normal((200, 1, 2)), 0) / 14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["pendulum", "trap"])
 def test_two_bodies_that_a_spring_ties_are_kept_though_neither_has_a_law_of_its_own(law):
     places = beating(law)
@@ -714,6 +718,7 @@ def test_two_bodies_that_a_spring_ties_are_kept_though_neither_has_a_law_of_its_
     assert given.data["status"] == ("mostly explained" if law == "trap" else "explained")
 
 
+@pytest.mark.slow
 def test_two_bodies_that_a_spring_ties_are_kept_where_they_are_followed_badly_and_one_later():
     places = beating("pendulum") + lasting(0.003)
     places[:45, 1] = np.nan  # somebody stands before it
@@ -749,6 +754,7 @@ def test_what_springs_may_leave_of_two_bodies(left, each, lawful, tied, monkeypa
     assert bodies._tied(motion, own, lawful) == ([0, 1] if tied else [])
 
 
+@pytest.mark.slow
 def test_what_a_law_leaves_of_each_body():
     both = noisy(beating("trap") + [[0.0], [1.0]] * lasting(0.003), 5e-4)
     fit = find_mechanism(both).groups[0].fit
@@ -756,6 +762,7 @@ def test_what_a_law_leaves_of_each_body():
     assert fit.left_each[1] > 3 * fit.left_each[0] and both == pytest.approx(fit.left)
 
 
+@pytest.mark.slow
 def test_what_another_pulls_is_tried_on_as_long_a_string_though_nothing_of_an_arc_is_seen():
     places = beating("pendulum", share=0.04, rate=4.0, frames=90, begins=0.7)
     both = noisy(places, 2e-3)
@@ -849,6 +856,7 @@ def test_a_hand_that_only_comes_to_rest_is_no_second_body():
     np.testing.assert_allclose(looked_at.positions[0, :, 0], ball, atol=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [0, 40])
 def test_where_no_law_moves_the_likeliest_things_the_others_are_asked(held):
     places = hung(swing(20.0, 0.1, 0.9, 100), 0.3)[:, None]
@@ -862,6 +870,7 @@ def test_where_no_law_moves_the_likeliest_things_the_others_are_asked(held):
     np.testing.assert_allclose(looked_at.positions[0], places, atol=3e-3)
 
 
+@pytest.mark.slow
 def test_what_a_hand_leaves_in_its_place_and_nothing_moves_is_no_body():
     times = np.arange(120) / 30
     walks = np.random.default_rng(5).standard_normal((120, 2)).cumsum(0)
@@ -871,6 +880,7 @@ def test_what_a_hand_leaves_in_its_place_and_nothing_moves_is_no_body():
     np.testing.assert_allclose(looked_at.positions[0, :, 0], walks, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drifts", "followed"), [(0.1, 0), (0.5, 1)])
 def test_what_only_drifts_does_not_win_over_a_likelier_body_that_a_law_nearly_moves(
     drifts, followed
@@ -887,6 +897,7 @@ def test_what_only_drifts_does_not_win_over_a_likelier_body_that_a_law_nearly_mo
     np.testing.assert_allclose(looked_at.positions[0, :, 0], [ball, sways][followed], atol=3e-3)
 
 
+@pytest.mark.slow
 def test_a_hand_that_comes_to_rest_as_a_law_has_it_is_left_for_a_ball_that_fell_far():
     times = np.arange(140) / 30
     free = np.clip(times - 1.0, 0, 1.6)  # then it lies
@@ -954,6 +965,7 @@ def test_a_double_pendulum_is_found_though_noise_was_likelier_than_a_weight():
     np.testing.assert_allclose(looked_at.positions[0, :, 0], upper[:, 0], atol=3e-3)
 
 
+@pytest.mark.slow
 def test_where_laws_only_nearly_move_bodies_all_such_are_looked_at():
     """As two pendulums of a clip in which frames are missing; what jumps about is none."""
     times = np.arange(150) / 30

@@ -41,6 +41,7 @@ def test_two_that_circle_each_other_pull_each_other_though_a_place_between_them_
     assert not any("Oscillation" in line for line in given.lines)  # they rest nowhere
 
 
+@pytest.mark.slow
 def test_the_pull_of_points_needs_no_length():
     given = told(pulled([1.5, 0.5], [(-0.25, 0), (0.75, 0)], [(0, -0.3), (0, 0.9)]))
     assert given.data["terms"] == ["pair"] and given.data["status"] == EXPLAINED
@@ -55,6 +56,7 @@ def test_of_bodies_that_keep_their_distance_it_is_not_told_how_the_force_falls_o
     assert "1 / r²" in said and "would tell" in said
 
 
+@pytest.mark.slow
 def test_molecules_repel_when_near_and_attract_farther_off():
     """As Lennard-Jones has it, in units of its own: sigma 2, epsilon 3."""
 

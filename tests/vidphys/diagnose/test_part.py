@@ -42,6 +42,7 @@ def test_a_law_is_told_up_to_an_impact_that_it_has_not(kick, struck):
     assert abs(found["acceleration"]["value"] - PULL) < 0.3
 
 
+@pytest.mark.slow
 def test_what_is_followed_after_a_long_gap_may_be_something_else():
     """A ball that leaves the picture; then somebody's sleeve takes its place."""
     rng, times = np.random.default_rng(3), np.arange(60) * STEP

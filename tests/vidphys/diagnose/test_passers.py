@@ -46,7 +46,9 @@ def test_a_body_is_looked_at_and_not_who_walks_by(walk, first):
     assert "1 of them" in said[0]
 
 
-@pytest.mark.parametrize(("walk", "looked"), [(WALK, True), (TO_AND_FRO, False)])
+@pytest.mark.parametrize(
+    ("walk", "looked"), [pytest.param(WALK, True, marks=pytest.mark.slow), (TO_AND_FRO, False)]
+)
 def test_what_only_coasts_is_looked_at_where_nothing_else_moves_by_a_law(walk, looked):
     """But not who turns back: nothing that is seen turns a person round."""
     wave = np.cumsum(np.random.default_rng(2).normal(size=(120, 2)), 0) * 0.03
@@ -71,6 +73,7 @@ def test_what_is_seen_in_few_of_a_bodys_frames_is_a_piece_of_something(share, bo
     assert looked_at.bodies == bodies
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [0, 1])
 def test_where_no_law_moves_any_a_spot_of_noise_is_not_the_body(hidden):
     jolts = np.random.default_rng(1).standard_normal((2, len(TIMES), 2)).cumsum(1) * [[[0.02]]]
@@ -91,6 +94,7 @@ def test_a_hand_that_is_seen_for_a_while_is_not_the_body_that_it_lets_go(share, 
     np.testing.assert_array_equal(looked_at.positions[0, :, 0], motion.positions[0, :, body])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "seen", "bodies"), [(1.0, 1.0, 2), (0.05, 1.0, 1), (1.0, 0.4, 1)])
 def test_of_two_that_no_law_moves_alone_both_must_move_and_be_seen(size, seen, bodies):
     jolts = np.random.default_rng(1).standard_normal((2, len(TIMES), 2)).cumsum(1) * 0.02

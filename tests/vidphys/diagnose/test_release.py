@@ -157,6 +157,7 @@ def carried_and_thrown(frames, loose=20, pull=9.0):
     return motion_of((path + noise)[None, :, None], 1 / 30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frames", "enough"), [(42, True), (35, False)])
 def test_of_what_a_hand_throws_the_tail_is_a_share_of_the_flight(frames, enough):
     given = answer(carried_and_thrown(frames), False, 0.4, camera=True)

@@ -20,7 +20,7 @@ def thrown(over: float, frames: int = 240) -> np.ndarray:
     return SLACK.path(np.array([LENGTH, DAMPING, speed]), np.arange(frames) * STEP)
 
 
-@pytest.mark.parametrize("over", [2.8, 4.0])
+@pytest.mark.parametrize("over", [2.8, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_a_weight_whose_string_goes_slack(over):
     path = thrown(over) + [0.3, 0.1]
     given = answer(noisy(path, 0.001, STEP), False, 0.3)

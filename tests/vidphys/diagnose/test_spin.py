@@ -56,13 +56,14 @@ def test_a_ball_that_grips_changes_its_speed_as_a_solid_ball_does(way):
     np.testing.assert_allclose(out[:, 0], path, atol=1e-5)
 
 
-@pytest.mark.parametrize("grip, seed", [(0.75, 31), (0.3, 32)])
+@pytest.mark.parametrize("grip, seed", [(0.75, 31), pytest.param(0.3, 32, marks=pytest.mark.slow)])
 def test_the_tangential_restitution_is_told_where_two_bounces_show_it(grip, seed):
     numbers = told(filmed(gripped(grip, spin=0.2), seed=seed))
     assert abs(numbers[GRIP].value - grip) < 3 * numbers[GRIP].error < 0.2
     assert numbers["restitution"].value == pytest.approx(0.8, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_grip_that_no_bounce_tells_of_is_not_believed():
     found = find_mechanism(filmed(gripped(0.75, spin=0.2), seed=31)).groups[0].fit
     (_, error) = found.numbers["grip 1"]

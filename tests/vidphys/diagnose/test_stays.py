@@ -51,6 +51,7 @@ def by_law(path):
     return law, motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [walk(2), hopping(5)])
 def test_what_moves_by_no_law_is_foretold_to_stay_where_it_was_seen_last(path):
     law, motion = by_law(path)

@@ -129,6 +129,7 @@ def test_rows_of_coloured_noise_are_white_and_of_unit_size():
     assert white[:, 0, 5:].var() == pytest.approx(windows.seen[:, 5:].mean(), rel=0.06)
 
 
+@pytest.mark.slow
 def test_noise_with_a_memory_is_neither_a_bath_nor_a_force():
     for name in ("projectile", "trap-drive"):
         found = diagnose_motion(measured(name, "ar1"))
@@ -154,7 +155,9 @@ def test_what_a_law_leaves_is_noise_only_where_the_frames_bear_it_out(
 # masses that nobody told
 
 
-@pytest.mark.parametrize("ratio, measure", [(1.3, "white"), (4.0, "ar1")])
+@pytest.mark.parametrize(
+    "ratio, measure", [(1.3, "white"), pytest.param(4.0, "ar1", marks=pytest.mark.slow)]
+)
 def test_masses_that_nobody_told_are_found_also_between_those_first_tried(ratio, measure):
     mass = np.array([1.0, ratio]) / np.sqrt(ratio)
     law = Kind("held", lambda q, v, t: 1.5 * trapped(q, v, t) / mass[:, None], None)
@@ -166,6 +169,7 @@ def test_masses_that_nobody_told_are_found_also_between_those_first_tried(ratio,
     assert told[1] / told[0] == pytest.approx(ratio, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space, seed", [(1, 1000), (2, 1003)])
 def test_bodies_that_air_slows_differently_have_other_masses_not_more_forces(space, seed):
     """As two bodies of one mass they would show a pair force, and another friction."""
@@ -220,9 +224,13 @@ SHOVED = forces.pushed(np.array([1.0, 0.5]), 1.0, 0.4)
         (forces.between(forces.powered(2.0, 0.3, 1.5)), ""),
         (forces.three_together(1.0), "pair forces that depend on who else is near"),
         (forces.between(INVERSE_SQUARE, OPPOSITES), "pairs that differ"),
-        (total(forces.held(1.5, (0.1, 0.0)), SHOVED), "a push that changes with time"),
+        pytest.param(
+            total(forces.held(1.5, (0.1, 0.0)), SHOVED),
+            "a push that changes with time",
+            marks=pytest.mark.slow,
+        ),
         (WANING, "strengths that change slowly with time"),
-        (forces.following(0.3, 1.0), "friction between bodies"),
+        pytest.param(forces.following(0.3, 1.0), "friction between bodies", marks=pytest.mark.slow),
     ],
 )
 def test_a_force_that_the_menu_lacks_is_called_by_what_it_does(law, lacking):

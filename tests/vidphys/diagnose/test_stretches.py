@@ -61,6 +61,7 @@ def test_a_trap_far_away_is_no_motion_without_a_uniform_field():
     assert found.kinds == {"uniform"} and found.told
 
 
+@pytest.mark.slow
 def test_a_bath_is_not_sure_where_a_smooth_force_explains_as_much():
     found = diagnose_motion(filmed(LISTED["langevin"], "white", 113).motion)
     assert found.told and "bath" in found.kinds and not doubts(found.motion, found.inference)

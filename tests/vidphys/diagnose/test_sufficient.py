@@ -87,6 +87,7 @@ def test_rollouts_are_measured_with_what_their_steps_turn(tmp_path):
     assert len(per_second) == 1 and 5 < per_second.pop() < 100
 
 
+@pytest.mark.slow
 def test_the_verb_takes_what_was_measured_and_refuses_what_is_not_there(tmp_path, capsys):
     tracks, profile, out = tmp_path / "tracks.csv", tmp_path / "profile.json", tmp_path / "out"
     write_tracks(tracks, seen("trap", 0.002, 1, clips=1, frames=60))

@@ -208,6 +208,7 @@ def in_picture(places, tilt=0.0):
     return motion_of((seen + noise)[None], STEP)
 
 
+@pytest.mark.slow
 def test_a_spring_between_pendulums_is_drawn_between_their_ends():
     times = np.arange(160) * STEP
     length, stiffness, apart = 0.6, 3.7, 0.3

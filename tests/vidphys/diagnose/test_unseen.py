@@ -36,6 +36,7 @@ def test_a_pair_force_is_found_where_one_body_hides_for_a_third_of_the_clips():
     assert infer(part).kinds == infer(whole).kinds == {"pair"}
 
 
+@pytest.mark.slow
 def test_bodies_that_are_never_seen_together_are_refused_in_words():
     motion = seen("gravity")
     apart = hidden(hidden(motion, 0, 0, 24), 1, 24)

@@ -103,6 +103,7 @@ def test_a_scene_refuses_drives_that_have_no_steady_state(drives):
         driven(drives)
 
 
+@pytest.mark.slow
 def test_every_row_of_the_tables_finds_its_number(monkeypatch):
     ask_briefly(monkeypatch)
     recorders = []

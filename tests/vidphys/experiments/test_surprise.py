@@ -70,6 +70,7 @@ def test_bodies_that_strike_go_through_one_another(struck):
     assert float(nearest[1].median()) < 0.3
 
 
+@pytest.mark.slow
 def test_the_law_of_strikes_is_surprised_where_bodies_go_through_one_another(struck):
     found = {}
     for name, clips in struck.clips.items():

@@ -365,6 +365,7 @@ def ask_briefly(monkeypatch):
     monkeypatch.setattr(thermostat, "LYAPUNOV_ROUNDS", 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", [thermostat.THERMOSTAT, thermostat.MEASUREMENT_NOISE])
 def test_every_row_of_a_table_finds_its_number(table, monkeypatch):
     ask_briefly(monkeypatch)

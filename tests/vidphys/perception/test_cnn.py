@@ -235,6 +235,7 @@ def test_prediction_trains_encoder_and_head(clips, head):
     assert reached == {"perception", "head"}
 
 
+@pytest.mark.slow
 def test_bodies_are_discovered_without_a_label(clips, unseen):
     losses = []
     blind_task = replace(task(blind(clips), steps=80), progress=lambda *s: losses.append(s[2]))
@@ -328,6 +329,7 @@ def test_light_anchors_a_jepa_without_a_label(clips, unseen):
     assert losses[-1] < 0.1 * losses[0]
 
 
+@pytest.mark.slow
 def test_without_an_anchor_the_latent_says_nothing(clips, unseen):
     """The study's negative result, and that the monitor sees it."""
     fitted = fit_jepa(task(blind(clips), steps=40))

@@ -90,6 +90,7 @@ def test_the_readout_learns_where_bodies_are_and_features_are_made_once(encoder,
     assert encoder.clips == len(clips) + 1 + len(unseen)
 
 
+@pytest.mark.slow
 def test_a_video_encoders_feature_frame_tells_where_bodies_are_in_each_of_its_frames(
     monkeypatch, tmp_path
 ):

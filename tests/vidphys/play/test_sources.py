@@ -53,6 +53,7 @@ def test_a_diagnosed_law_goes_on_from_its_tracks_in_their_units(diagnosed):
     assert torch.equal(held, found)
 
 
+@pytest.mark.slow
 def test_without_friction_it_swings_on_and_the_law_that_held_stands_beside(diagnosed):
     stage = diagnosed.stage(diagnosed.names[0])
     free, *_ = rolled(stage, "model", factors={"friction": 0.0})

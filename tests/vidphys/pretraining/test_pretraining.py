@@ -340,6 +340,7 @@ def test_weights_of_unknown_origin_are_not_overwritten(
     assert held(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_pretraining_killed_while_it_ends_ends(
     tmp_path: Path, few: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

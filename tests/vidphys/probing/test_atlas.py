@@ -84,6 +84,7 @@ def test_an_atlas_is_mapped_extended_and_told(clips, tmp_path, cells, monkeypatc
     ]
 
 
+@pytest.mark.slow
 def test_features_come_from_the_store_the_second_time(clips, tmp_path, cells):  # noqa: F811
     run_atlas(clips, tmp_path / "one", "cells")
     _, reports = run_atlas(clips, tmp_path / "two", "cells")

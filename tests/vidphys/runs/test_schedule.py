@@ -46,6 +46,7 @@ def test_units_go_in_their_turn_to_whoever_is_free():
         makespan([1.0], 0)
 
 
+@pytest.mark.slow
 def test_the_ladder_that_was_measured_is_foretold():
     """Its times are of one run on two cores; another such run took 432 s."""
     rungs = [u for u in units() if Costs.ours().of(u, "quick", preset("quick"))[1] == "measured"]

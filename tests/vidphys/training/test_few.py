@@ -28,7 +28,7 @@ def seen(noise=0.01, lost=()):
     return Tracks(noisy, sure, 0.05 * torch.arange(path.shape[1])), path
 
 
-@pytest.mark.parametrize("lost", [(), tuple(range(70, 110))])
+@pytest.mark.parametrize("lost", [(), pytest.param(tuple(range(70, 110)), marks=pytest.mark.slow)])
 def test_numbers_are_found_from_noisy_frames_also_where_some_are_missing(lost):
     tracks, path = seen(lost=lost)
     head = build(swing(1.2, 0.1), 1, 0.01)
