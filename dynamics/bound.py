@@ -54,9 +54,10 @@ class Bound(Head):
     def advance(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
     ) -> tuple[PhaseState, Memory]:
-        # The law's memory is not handed on: it knows nothing of whole turns.
-        state, _ = self.law.advance(self.inward(state, params), params, dt)
-        return self.outward(state, params.mass), None
+        # The law's memory is not handed on, as it knows nothing of whole turns: only the time is.
+        gone = memory or 0.0
+        state, _ = self.law.advance(self.inward(state, params), params.later(gone), dt)
+        return self.outward(state, params.mass), gone + dt
 
     def trajectory(
         self, start: PhaseState, params: Parameters, steps: int, dt: float, every: int = 1

@@ -114,8 +114,8 @@ class Each(Head):
     def advance(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory = None
     ) -> tuple[PhaseState, Memory]:
-        later, _ = self._within(self._inward(state, params), params, dt, None)
-        return self._outward(later, params.mass), None
+        later, memory = self._within(self._inward(state, params), params, dt, memory)
+        return self._outward(later, params.mass), memory
 
     def energy(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b"]:
         """Of all laws and springs."""
@@ -179,8 +179,9 @@ class Each(Head):
     def _within(
         self, state: PhaseState, params: Parameters, dt: float, memory: Memory
     ) -> tuple[PhaseState, Memory]:
-        """A step in the coordinates of each law."""
-        state = self._kicked(state, dt / 2)
+        """A step in the coordinates of each law, which remembers the seconds since the start."""
+        gone = memory or 0.0
+        params, state = params.later(gone), self._kicked(state, dt / 2)
         later = []
         for i, law in self._all():
             inner = law.law if isinstance(law, Bound) else law
@@ -188,7 +189,7 @@ class Each(Head):
         state = self._kicked(_joined(later), dt / 2)
         for contact in self._touching():
             state = contact.collided(state, params.mass, dt)
-        return state, None
+        return state, gone + dt
 
     def _kicked(self, state: PhaseState, dt: float) -> PhaseState:
         for spring in self._pulling():

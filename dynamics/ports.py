@@ -89,21 +89,25 @@ class Turning(Port):
         number(self, "rate", rate, learned)
 
     def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
-        angle = self.rate.to(state.p) * dt
-        size = angle.norm()
-        # Rodrigues' formula; sin(x) / x and (1 - cos(x)) / x^2 = (sin(x/2) / (x/2))^2 / 2
-        across = self._cross(angle, state.p)
-        first, second = _sinc(size), 0.5 * _sinc(size / 2).square()
-        return state.p + first * across + second * self._cross(angle, across)
+        return turned(state.p, self.rate.to(state.p) * dt)
 
     def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
-        return self._cross(self.rate.to(state.p), state.p)
+        return _cross(self.rate.to(state.p), state.p)
 
-    @staticmethod
-    def _cross(rate: Tensor, p: Tensor) -> Tensor:
-        if p.shape[-1] == 2:
-            return rate * torch.stack([-p[..., 1], p[..., 0]], -1)
-        return torch.linalg.cross(rate.expand_as(p), p)
+
+def turned(p: Float[Tensor, "*b n d"], angle: Tensor) -> Float[Tensor, "*b n d"]:
+    """Momenta turned about an axis by an angle in radians: ``(…, 1)`` in the plane, or ``(…, 3)``.
+
+    By Rodrigues' formula; sin(x) / x and (1 - cos(x)) / x^2 = (sin(x/2) / (x/2))^2 / 2.
+    """
+    size, across = angle.norm(dim=-1, keepdim=True), _cross(angle, p)
+    return p + _sinc(size) * across + 0.5 * _sinc(size / 2).square() * _cross(angle, across)
+
+
+def _cross(rate: Tensor, p: Tensor) -> Tensor:
+    if p.shape[-1] == 2:
+        return rate * torch.stack([-p[..., 1], p[..., 0]], -1)
+    return torch.linalg.cross(rate.expand_as(p), p)
 
 
 def _sinc(x: Tensor) -> Tensor:

@@ -13,6 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+CLOCK = "clock"  # scalar: seconds that a clock shows, of a law that changes with time
+
 
 @dataclass(frozen=True)
 class PhaseState:
@@ -79,6 +81,7 @@ class Parameters:
         charge: body charges, ``(..., n)``, where the scene has any.
         scalars: further strengths by name, ``(...)`` each: ``electric`` (the coupling of the
             charges), ``friction`` (per second), ``drive`` (per second), ``temperature`` (k_B = 1).
+            ``clock`` (seconds that a clock shows at the state, where the law changes with time).
             A scene has those that its law needs and no others.
 
     Example:
@@ -139,6 +142,12 @@ class Parameters:
         """The same bodies with another strength, or a new one."""
         value = torch.as_tensor(value, dtype=self.coupling.dtype, device=self.coupling.device)
         return replace(self, scalars={**self.scalars, name: value.expand_as(self.coupling)})
+
+    def later(self, seconds: float | Tensor) -> Parameters:
+        """The same so many seconds later: the clock has gone on, where there is one."""
+        if CLOCK not in self.scalars:
+            return self
+        return self.with_scalar(CLOCK, self.scalars[CLOCK] + seconds)
 
     def scalar(self, name: str) -> Tensor:
         """A further strength.

@@ -5,6 +5,7 @@
 """
 
 from dynamics.terms.bound import Links, OnArc, OnChain, OnCurve, OnLine, Rubbed, Strung
+from dynamics.terms.clocked import Clocked, Lift, Sinusoid, TimedTerm
 from dynamics.terms.config import from_config, to_config
 from dynamics.terms.each import Contact, Each, Spring
 from dynamics.terms.fields import (
@@ -64,6 +65,7 @@ __all__ = [
     "Attention",
     "Bath",
     "Centre",
+    "Clocked",
     "ConstantBath",
     "Contact",
     "Diffusion",
@@ -89,6 +91,7 @@ __all__ = [
     "KineticTerm",
     "Knots",
     "Lagrangian",
+    "Lift",
     "LinearFriction",
     "Links",
     "Mapped",
@@ -107,6 +110,7 @@ __all__ = [
     "Restitution",
     "Rubbed",
     "Shortcut",
+    "Sinusoid",
     "Sizes",
     "Spring",
     "StateDependentBath",
@@ -114,6 +118,7 @@ __all__ = [
     "TERMS",
     "Term",
     "Tether",
+    "TimedTerm",
     "Trap",
     "Triple",
     "Turning",

@@ -50,6 +50,9 @@ NEEDED |= {
     terms.Tether: {"stiffness": 4.0, "rest": 0.5, "centre": (0.0, 1.0)},
     terms.Centre: {"strength": -4.0, "power": 2.0, "centre": (0.0, 1.0)},
     terms.Turning: {"rate": (2.0,)},
+    terms.Sinusoid: {"along": (1.0, 0.5), "across": (0.0, 2.0), "rate": 3.0},
+    terms.Lift: {"rate": 2.0, "fades": 0.5},
+    terms.Clocked: {"free": FREE, "timed": (terms.Lift(2.0, 0.5),)},
     terms.Links: {"lengths": (1.0, 0.5), "masses": (1.0, 2.0), "gravity": 9.8},
 }
 each_head = pytest.mark.parametrize("name", HEADS.ours())
@@ -190,6 +193,10 @@ PLACED = [
     terms.Hamiltonian(potentials=(terms.Centre(-4.0, 1.7, (0.1, 0.2), near=0.8),)),
     terms.Hamiltonian(potentials=(FALL,), ports=(terms.Turning((2.0,)),)),
     terms.Strung(terms.Hamiltonian(potentials=(FALL,)), (0.1, 0.2), 0.7),
+    terms.Clocked(terms.Hamiltonian(potentials=(FALL,)), (terms.Lift(2.0, 0.5),)),
+    terms.Clocked(
+        terms.Hamiltonian(potentials=(FALL,)), (terms.Sinusoid((9.0, 1.0), (0.0, 5.0), 7.0),)
+    ),
 ]
 
 
@@ -197,7 +204,7 @@ PLACED = [
 def test_in_other_units_a_body_moves_alike(term):
     length, seconds, steps = 3.0, 0.7, 60
     start = PhaseState(*torch.tensor([[[[0.5, 0.3]]], [[[0.4, 0.9]]]]).double())
-    law = Parameters(torch.ones(1).double(), torch.ones(1, 1).double())
+    law = Parameters(torch.ones(1).double(), torch.ones(1, 1).double()).with_scalar("clock", 0.0)
     head = build(term, 1, 0.01).double().requires_grad_(False)
     path = head.trajectory(start, law, steps, 0.014)
     counted = PhaseState(start.q / length, start.p * seconds / length)

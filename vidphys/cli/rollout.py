@@ -45,8 +45,8 @@ class RolloutConfig:
         law: also roll with numbers of the law multiplied, each NAME=FACTOR: friction=0, length=0.5,
             gravity=2, mass=2, mass2=3 (of one body), pair (what bodies do to each other),
             stiffness, restitution, centre (what a fixed place does), turning (a force across the
-            way), and the strengths that the law is told, such as temperature, electric or drive; 0
-            takes a term away.
+            way), lift, forcing (what a sinusoid does), and the strengths that the law is told, such
+            as temperature, electric or drive; 0 takes a term away.
         reach: also look for a push, now, after which a body is at this place when the rollout ends;
             under the changed law, where one is given. The model has it so: how far that is to be
             trusted, `vidphys reproduce planning` shows for worlds whose truth is known.

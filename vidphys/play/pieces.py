@@ -38,16 +38,17 @@ def in_pieces(
     """
     everyone, first, left, since = len(start.q), 0, steps, 0
     alive, state, pace = torch.arange(everyone), start, _Pace(-(-steps // MOST_PIECES))
-    said: tuple[Finding, ...] = ()
+    said, law = tuple[Finding, ...](), params
     while left and len(alive):
         began, size = time.perf_counter(), left if once else pace.size
         part = size < every or since > 0
         count = min(size, every - since) if part else min(size // every * every, left)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DynamicsWarning)  # they come with the result
-            found = roll(state[alive], params[alive], count, count if part else every)
+            found = roll(state[alive], law[alive], count, count if part else every)
         whole = found.states.map(partial(_spread, alive=alive, everyone=everyone))
         state, said = whole.map(lambda x: x[:, -1]), said + found.findings
+        law = law.later(float(found.times[-1]))
         left, since = left - count, (since + count) % every
         if since:
             yield None

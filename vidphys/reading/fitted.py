@@ -114,8 +114,9 @@ class Fitted:
         return any(isinstance(part, Bath) for part in self.head.modules())
 
     def law(self, motion: Motion) -> Parameters:
-        """What the model is told of each clip."""
+        """What the model is told of each clip, at its last frame."""
         law = self.params.map(lambda x: x.expand(motion.clips, *x.shape[1:]))
+        law = law.later(float(motion.times[0, -1]) / self.units.seconds)
         if motion.coupling is None:
             return law
         return law.with_coupling(torch.from_numpy(motion.coupling).float())

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from dynamics import Head, Parameters
 from dynamics.bath import ConstantBath
+from dynamics.clocked import Lift, Sinusoid
 from dynamics.collide import Contact
 from dynamics.couplings import PairLaw
 from dynamics.curves import Arc, Chain
@@ -23,13 +24,14 @@ from dynamics.numbers import unbent
 from dynamics.ports import LinearFriction, Turning
 from dynamics.potentials import HarmonicTrap
 from dynamics.sliding import Along, Rubbed
+from dynamics.state import CLOCK
 from dynamics.strings import Strung
 from dynamics.walls import Wall
 from vidphys.errors import InputError
 
 MASS, PAIR = "mass", "pair"
 # A negative factor on these has a meaning.
-SIGNED = ("gravity", "stiffness", "centre", "turning", PAIR, "electric", "drive")
+SIGNED = ("gravity", "stiffness", "centre", "turning", "lift", "forcing", PAIR, "electric", "drive")
 
 
 def _times(*names: str, power: int = 1) -> Callable[[Any, float], None]:
@@ -105,6 +107,8 @@ QUANTITIES: dict[str, dict[type[nn.Module], Change]] = {
     },
     "centre": {Centre: _times("strength")},
     "turning": {Turning: _times("rate")},
+    "lift": {Lift: _times("rate")},
+    "forcing": {Sinusoid: _times("along", "across")},
     "restitution": {Wall: _bounce, Contact: _bounce},
 }
 SHAPED: dict[type[nn.Module], Change] = {Arc: _times("frame"), Chain: _times("lengths")}
@@ -129,7 +133,8 @@ class Law:
         bodies = self.params.mass.shape[-1]
         masses = [f"{MASS}{k + 1}" for k in range(bodies)] if bodies > 1 else []
         pair = [PAIR] if any(isinstance(vars(x).get("law"), PairLaw) for x in parts) else []
-        return [*dict.fromkeys([*found, *pair, MASS, *masses, *self.params.scalars])]
+        told = [name for name in self.params.scalars if name != CLOCK]
+        return [*dict.fromkeys([*found, *pair, MASS, *masses, *told])]
 
     def changed(self, factors: Mapping[str, float]) -> Law:
         """The same with some of its quantities multiplied.

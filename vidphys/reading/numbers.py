@@ -6,6 +6,7 @@ import torch
 from torch import nn
 
 from dynamics.bath import ConstantBath
+from dynamics.clocked import Lift, Sinusoid
 from dynamics.each import Each, Spring
 from dynamics.fields import Centre, EllipticTrap, Pendulum, Tether, UniformField, Well
 from dynamics.friction import Friction
@@ -66,6 +67,11 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
     if isinstance(part, Turning):
         names = ["turning"] if len(part.rate) == 1 else [f"turning_{axis}" for axis in "xyz"]
         return dict(zip(names, (part.rate / seconds).tolist(), strict=True))
+    if isinstance(part, Lift):
+        return {"lift": float(part.rate) / seconds}
+    if isinstance(part, Sinusoid):
+        size = float(torch.hypot(part.along, part.across).norm()) * length / seconds**2
+        return {"forcing": size, "forcing_rate": float(part.rate) / seconds}
     if isinstance(part, UniformField | Along):
         pull = (part.acceleration * length / seconds**2).tolist()
         return {f"uniform_{axis}": x for axis, x in zip("xyz", pull, strict=False)}

@@ -12,7 +12,8 @@ import torch
 from binders import Tracks
 from dynamics import Parameters
 from dynamics.bath import ConstantBath
-from dynamics.terms import Bath, Each, HeadTerm, Links
+from dynamics.state import CLOCK
+from dynamics.terms import Bath, Each, HeadTerm, Links, TimedTerm
 from vidphys.diagnose.recordings.flat import laid
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.errors import InputError
@@ -131,6 +132,8 @@ def _untrained(term: HeadTerm, held: Mapping[str, Any], motion: Motion, seed: in
         found = held["numbers"].get("bath: temperature", {}).get("value")
         known = found if found is not None and np.isfinite(found) else 0.0
         scalars["temperature"] = known * (units.seconds / units.length) ** 2
+    if any(isinstance(part, TimedTerm) for part in term.parts()):
+        scalars[CLOCK] = 0.0
     params = law_of(held.get("mass", [1.0] * motion.bodies), scalars)
     torch.manual_seed(seed)
     head = built(term, units, params, motion.interval, motion.bodies, motion.space)

@@ -45,7 +45,7 @@ class Stretches:
     Args:
         positions: ``(w, l, n, d)``, float64.
         weight: 1 where a body was seen, ``(w, l, n)``.
-        params: of each, ``(w,)``.
+        params: of each at its first frame, ``(w,)``.
         interval: between their frames, unit seconds.
     """
 
@@ -56,7 +56,13 @@ class Stretches:
 
     @classmethod
     def of(cls, tracks: Tracks, params: Parameters, interval: float, span: float) -> Stretches:
-        """Pieces of about this many unit seconds, of frames that lie as far apart as is enough."""
+        """Pieces of about this many unit seconds, of frames that lie as far apart as is enough.
+
+        Args:
+            tracks, interval: see :func:`fit_few`.
+            params: of each clip at its last frame.
+            span: unit seconds.
+        """
         every = max(1, round(APART / interval))
         frames = tracks.positions.shape[1]
         every = max(1, min(every, frames // LEAST))
@@ -68,6 +74,8 @@ class Stretches:
             return x[:, at].unflatten(1, (count, length)).flatten(0, 1).double()
 
         law = params.map(lambda x: x.double().repeat_interleave(count, 0))
+        since = interval * (at.reshape(count, length)[:, 0] - (frames - 1)).double()
+        law = law.later(since.repeat(len(params.mass)))
         seen = (tracks.confidence > 0).to(tracks.positions)
         return cls(cut(tracks.positions), cut(seen), law, every * interval)
 
@@ -154,7 +162,7 @@ def fit_few(
     Args:
         head: that conserves or loses energy, without noise.
         tracks: in the units that the model counts in.
-        params: of each clip.
+        params: of each clip at its last frame.
         interval: unit seconds between frames.
         rounds: of the least squares, at most, for each length.
         progress: called as ``(step, steps, loss)``.

@@ -25,6 +25,6 @@ def modelled(given: Answered, path: np.ndarray, step: float) -> np.ndarray:
     head = build(term, 1, step / FINE, path.shape[1]).double()
     fit = np.polynomial.polynomial.polyfit(step * np.arange(FIRST), path[:FIRST], DEGREE)
     state = PhaseState(*(torch.tensor(x)[None, None] for x in (path[0], fit[1])))
-    law = Parameters(torch.ones(1).double(), torch.ones(1, 1).double())
+    law = Parameters(torch.ones(1).double(), torch.ones(1, 1).double()).with_scalar("clock", 0.0)
     rolled = rollout(head, state, law, FINE * (len(path) - 1), step / FINE, FINE)
     return rolled.states.q[0, :, 0].detach().numpy()

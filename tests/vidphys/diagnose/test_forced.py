@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.vidphys.diagnose.modelled import modelled
 from tests.vidphys.diagnose.test_mechanisms import noisy
 from vidphys.diagnose.explanations import doubts
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY
@@ -36,11 +37,13 @@ def near(given: Answered, **truth: float) -> bool:
 
 
 def test_a_spring_that_is_driven_tells_of_what_drives_it():
-    given = told(moved(lambda s, v, t: -4 * s - 0.2 * v + 1.5 * np.cos(3.1 * t + 0.4)))
+    path = moved(lambda s, v, t: -4 * s - 0.2 * v + 1.5 * np.cos(3.1 * t + 0.4))
+    given = told(path)
     assert given.data["terms"] == ["forcing", "linear", "trap"]
     assert given.data["status"] == EXPLAINED
     assert near(given, **{"rate": 2, "linear friction": 0.2, DRIVE: 1.5})
     assert near(given, **{"rate of what drives it": 3.1})
+    assert np.abs(modelled(given, path, STEP) - path).max() < 0.01
 
 
 def test_a_pendulum_that_is_driven_at_its_own_rate():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.vidphys.diagnose.modelled import modelled
 from vidphys.diagnose.mechanisms.law import Law
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.recordings.rigid import as_rigid
@@ -67,8 +68,7 @@ def test_what_is_seen_to_spin_may_be_lifted():
     ):
         assert abs(told[name]["value"] - truth) < 3 * told[name]["standard_error"], name
         assert told[name]["standard_error"] < 0.05 * abs(truth), name
-    assert answered.specification is None
-    assert any("no term has a lift" in line for line in answered.lines)
+    assert np.abs(modelled(answered, centre, STEP) - centre).max() < 0.02
     times, path = answered.rolled["no spin"]
     last = round(times[0] / STEP)
     speed = (centre[last + 1] - centre[last - 1]) / (2 * STEP)

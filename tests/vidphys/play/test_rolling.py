@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Generator
 
-from dynamics import HEADS, INTEGRATORS, build, rollout, terms
+from dynamics import HEADS, INTEGRATORS, Parameters, PhaseState, build, rollout, terms
 from dynamics.substeps import watched
 from vidphys.errors import InputError
 from vidphys.play import Asked, Stage, answers, source_of, stage, survey, surveys
@@ -178,6 +178,22 @@ def test_what_is_not_finite_stays_behind_and_the_others_go_on():
     plain = rollout(stage.head, stage.start, stage.params, STEPS, stage.dt).states.q
     assert torch.allclose(found[others], plain[others], atol=1e-6)
     assert torch.isnan(pieces[1].states.q[4]).all()
+
+
+def test_a_law_that_changes_with_time_goes_on_from_piece_to_piece():
+    swing = terms.Hamiltonian(potentials=(terms.Trap(4.0),))
+    motor = terms.Sinusoid((2.0,), (0.5,), 3.1)
+    head = build(terms.Clocked(swing, (motor,)), 1, 0.01, 1)
+    start = PhaseState(torch.ones(2, 1, 1), torch.zeros(2, 1, 1))
+    law = Parameters(torch.ones(2), torch.ones(2, 1)).with_scalar("clock", 0.3)
+
+    def roll(state, params, count, every):
+        return rollout(head, state, params, count, 0.01, every)
+
+    pieces = [found for found in in_pieces(roll, start, law, 300, 25) if found]
+    assert len(pieces) > 1
+    q = torch.cat([piece.states.q for _, piece in pieces], 1)
+    assert torch.allclose(q, rollout(head, start, law, 300, 0.01, 25).states.q, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,7 @@ NUMBERS = [
         "turning",
         "ports.0.rate",
     ),
+    (terms.Clocked(FALL, (terms.Lift(2.0, 0.5),)), "lift", "timed.0.rate"),
 ]
 
 

@@ -14,6 +14,8 @@ from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
 from vidphys.reading.fitted import Units, even
+from vidphys.reading.laws import Law
+from vidphys.reading.numbers import numbers_of
 from vidphys.reading.specified import train_specified
 
 
@@ -77,6 +79,37 @@ def test_standing_still_is_where_a_body_was_last_seen():
     trained = train_specified(from_config(found["terms"]), found, motion, 84, 1, 0)
     away = np.linalg.norm(motion.positions[0, 84:] - shown, axis=-1)
     assert trained.still == pytest.approx(np.sqrt((away**2).mean()), rel=1e-4)
+
+
+def test_what_drives_a_swing_goes_by_the_recordings_own_time():
+    """The swing and the drive are those of a closed form; the recording begins at 7.3 s."""
+    times = 7.3 + 0.05 * np.arange(300)
+    path = np.cos(3.1 * times + 0.4) + 0.8 * np.sin(2.0 * times)  # (4 - 3.1^2) cos drives it
+    motion = motion_of(3.0 * path[None, :, None, None], 0.05)
+    motion = replace(motion, times=times[None])
+    push = 3.0 * (4.0 - 3.1**2)
+    motor = terms.Sinusoid((0.9 * push * np.cos(0.4),), (-0.9 * push * np.sin(0.4),), 3.09)
+    term = terms.Clocked(terms.Hamiltonian(potentials=(terms.Trap(4.0),)), (motor,))
+    held = as_specification(term, 1, (0.0,), {}, True, 0.05)
+    trained = train_specified(term, held, motion, 210, 20, 0)
+    assert trained.error < 0.02 < 1.0 < trained.still
+    found = numbers_of(trained.model)
+    assert found["forcing"] == pytest.approx(abs(push), rel=0.01)
+    assert found["forcing_rate"] == pytest.approx(3.1, rel=1e-3)
+    assert Law(trained.model.head, trained.model.params).quantities == [
+        "stiffness",
+        "forcing",
+        "mass",
+    ]
+    start, law = trained.model.last(motion), trained.model.under({"forcing": 0.0}).law(motion)
+    alone = trained.model.under({"forcing": 0.0}).roll(start, times[-1], 100, 0.05, law).positions
+    place, speed = (
+        3.0 * path[-1],
+        3.0 * (1.6 * np.cos(2 * times[-1]) - 3.1 * np.sin(3.1 * times[-1] + 0.4)),
+    )
+    since = 0.05 * np.arange(101)
+    expected = place * np.cos(2 * since) + speed / 2 * np.sin(2 * since)
+    assert np.abs(alone[:, 0, 0] - expected).max() < 0.05
 
 
 def test_stamps_that_are_rounded_do_not_make_a_second_shorter():

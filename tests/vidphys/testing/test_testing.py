@@ -58,7 +58,8 @@ BOUND = (
     *("on-line", "on-arc", "on-curve", "on-chain"),
     *("links", "spring", "contact", "each", "along", "rubbed"),
 )
-SPECIAL = (*JOINTS, *REFUSED, DISKS, *BOUND)
+CLOCKED = ("clocked", "sinusoid", "lift")  # ask for a clock; see tests/dynamics/test_clocked.py
+SPECIAL = (*JOINTS, *REFUSED, DISKS, *BOUND, *CLOCKED)
 
 
 @pytest.mark.parametrize("name", [name for name in terms.TERMS if name not in SPECIAL])

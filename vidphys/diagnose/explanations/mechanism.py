@@ -41,11 +41,6 @@ from vidphys.diagnose.recordings.noise import Noise, measure_noise, noise_of
 from vidphys.diagnose.recordings.units import Units
 from vidphys.statistics import NORMAL_95
 
-# Kinds that no scene's term has.
-UNWRITTEN = {
-    "lift": "a lift that goes with a spin",
-    "forcing": "a sinusoid that drives it",
-}
 STRAIGHT = ("constant velocity", "constant acceleration")  # forecasts, of what nothing acts on
 SAME = {  # forecasts that say what a law of such terms says
     frozenset({"collision"}): STRAIGHT,
@@ -229,8 +224,6 @@ class ByMechanism(Explanation):
             out.append("The model that is written has what acts beside its known inputs.")
         if self._from_below:
             out.append("No model of it is written: give the body next to the pivot first.")
-        for kind in sorted(self.mechanism.kinds & UNWRITTEN.keys()):
-            out.append(f"No model of it is written: no term has {UNWRITTEN[kind]}.")
         return out
 
     @property
@@ -316,6 +309,6 @@ class ByMechanism(Explanation):
     def specification(self) -> dict[str, Any] | None:
         return (
             None
-            if self._from_below or self.mechanism.kinds & UNWRITTEN.keys()
+            if self._from_below
             else as_scene(self.whole, self.motion.interval, self.explained, self.motion.space)
         )

@@ -15,6 +15,7 @@ from vidphys.diagnose.mechanisms.colliding import Colliding
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Mechanism
 from vidphys.diagnose.mechanisms.rods import RodsFit
+from vidphys.diagnose.mechanisms.terms import FORCING
 from vidphys.diagnose.recordings.units import GRAVITY
 
 SLOWEST = 1e-6  # per second, of a friction that is there
@@ -55,7 +56,7 @@ def as_scene(mechanism: Mechanism, interval: float, explained: bool, space: int)
             masses[list(group.bodies)] = fit.model.law.masses(told)
             contacts += _contacts(fit, group.bodies)
         for place, body in enumerate(group.bodies):
-            one = _Body(fit, place, float(masses[body]))
+            one = _Body(fit, place, float(masses[body]), float(mechanism.begin[-1]))
             laws[body] = one.term()
             if isinstance(one.chart, Angle):
                 origin = [float(fit.geometry[place][0])]
@@ -124,10 +125,10 @@ def _contacts(fit: Fit, bodies: Sequence[int]) -> tuple[terms.Contact, ...]:
 
 
 class _Body:
-    """One body of a fit."""
+    """One body of a fit, whose law counts time from ``begin`` seconds of the recording on."""
 
-    def __init__(self, fit: Fit, place: int, mass: float) -> None:
-        self.fit, self.law, self.mass = fit, fit.model.law, mass
+    def __init__(self, fit: Fit, place: int, mass: float, begin: float = 0.0) -> None:
+        self.fit, self.law, self.mass, self.begin = fit, fit.model.law, mass, begin
         self.chart: Chart = fit.model.charts[place]
         self.geometry = fit.geometry[place]
         self.collides = isinstance(self.law, Colliding)
@@ -161,7 +162,8 @@ class _Body:
         if self.law.restoring == "string":
             centre = self.law.centre(self.fit.numbers)
             return terms.Strung(free, _row(centre), self.number("rest"))
-        law = self._walled(free)
+        timed = self._timed()
+        law = terms.Clocked(free, timed) if timed else self._walled(free)
         if isinstance(self.chart, Arc):
             lowest, across, up = self.chart.vectors(self.geometry)
             return terms.OnArc(_row(lowest + up), _row(across), _row(-up), law)
@@ -231,6 +233,17 @@ class _Body:
         if self.law.turning:
             ports.append(terms.Turning(tuple(self.number(name) for name in self.law.turns)))
         return tuple(ports)
+
+    def _timed(self) -> tuple[terms.TimedTerm, ...]:
+        """What changes with the recording's time."""
+        values = self.law.later(self.fit.values, -self.begin)
+        numbers = dict(zip(self.law.names, values.tolist(), strict=False))  # then the starts
+        if self.law.forced:
+            along, across, rate = (numbers[name] for name in FORCING)
+            return (terms.Sinusoid((along,), (across,), rate),)
+        if self.law.lift_fades is not None:
+            return (terms.Lift(numbers["lift"], self.law.lift_fades),)
+        return ()
 
     def _walled(self, free: terms.Hamiltonian) -> HeadTerm:
         """Beside the wall that is struck, the first where there are two."""
