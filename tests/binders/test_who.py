@@ -60,12 +60,12 @@ def test_a_small_ball_is_followed_beside_a_person() -> None:
 @pytest.mark.parametrize(
     "wanted",
     [
-        Wanted(at=((*wander()[30].tolist(), 30),)),
-        Wanted(region=(0.0, 50.0, 75.0, 46.0)),
+        pytest.param(Wanted(at=((*wander()[30].tolist(), 30),)), marks=pytest.mark.slow),
+        pytest.param(Wanted(region=(0.0, 50.0, 75.0, 46.0)), marks=pytest.mark.slow),
         Wanted(colour=(30, 60, 200)),
-        Wanted(size=16.0),
+        pytest.param(Wanted(size=16.0), marks=pytest.mark.slow),
         Wanted(mask=np.arange(WIDTH) < np.where(np.arange(HEIGHT) > 50, 75, 0)[:, None]),
-        Wanted(choose=(2,)),
+        pytest.param(Wanted(choose=(2,)), marks=pytest.mark.slow),
     ],
     ids=["at", "region", "colour", "size", "mask", "choose"],
 )

@@ -189,7 +189,10 @@ def test_each_has_its_own_law_and_springs_join_them():
         assert head.conserves and float((energy / energy[:, :1] - 1).abs().max()) < 1e-5
 
 
-@pytest.mark.parametrize("apart", [0.0, 0.8, -1e6])
+@pytest.mark.parametrize(
+    "apart",
+    [pytest.param(0.0, marks=pytest.mark.slow), 0.8, pytest.param(-1e6, marks=pytest.mark.slow)],
+)
 def test_pendulums_with_pivots_of_their_own_share_nothing_but_their_spring(apart):
     arcs = on(SWING), on(BRAKED, (2.0, 1.0), (0.4, 0.0), (0.0, -0.4))
     head = build(terms.Each(arcs, (terms.Spring(0, 1, 1.5, apart=apart),)), 2, 0.01).double()

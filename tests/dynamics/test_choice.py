@@ -36,7 +36,9 @@ def asked(head, count=8):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    "dtype", [torch.float32, pytest.param(torch.float64, marks=pytest.mark.slow)]
+)
 def test_a_long_rollout_is_the_networks_to_the_tolerance_of_the_force(kind, dtype):
     head = model(kind).to(dtype)
     start, law = asked(head)

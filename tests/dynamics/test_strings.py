@@ -30,7 +30,7 @@ def places(head, start, params, steps, dt, every=1):
     return path.states.q[0, :, 0].detach().numpy() - CENTRE, path
 
 
-@pytest.mark.parametrize("rate", [None, 0.3])
+@pytest.mark.parametrize("rate", [None, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_while_it_is_taut_it_is_a_pendulum(rate):
     angle, mass = 1.2, 1.7
     start, params = let_go(CENTRE + LENGTH * np.array([np.sin(angle), -np.cos(angle)]), [0.0, 0.0])

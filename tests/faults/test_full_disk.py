@@ -29,7 +29,10 @@ def can_mount(folder: Path) -> bool:
 
 
 @pytest.mark.timeout(3000 if POINTS else 400)
-@pytest.mark.parametrize(("verb", "points"), [("render", 6), ("train", 1), ("ladder", 0)])
+@pytest.mark.parametrize(
+    ("verb", "points"),
+    [("render", 6), pytest.param("train", 1, marks=pytest.mark.slow), ("ladder", 0)],
+)
 def test_f4_a_full_disk_loses_nothing_and_the_same_command_goes_on(tmp_path, verb, points):
     if not (POINTS or points):
         pytest.skip("takes minutes: make faults")

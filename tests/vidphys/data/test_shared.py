@@ -133,7 +133,7 @@ def test_workers_that_are_killed_lose_nothing_and_nothing_comes_twice(tmp_path, 
 
 
 @pytest.mark.parametrize("operation", ["rename", "replace", "unlink"])
-@pytest.mark.parametrize("at", range(3))
+@pytest.mark.parametrize("at", [0, *(pytest.param(x, marks=pytest.mark.slow) for x in (1, 2))])
 def test_a_kill_before_what_changes_names(tmp_path, clips, alone, operation, at):
     def dies():
         original, calls = getattr(Path, operation), []

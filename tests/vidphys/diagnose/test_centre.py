@@ -48,7 +48,8 @@ def test_the_steps_are_those_of_another_integrator(strength, power):
 
 
 @pytest.mark.parametrize(
-    "strength, power, seed", [(0.3, 2.0, 41), (0.04, 4.0, 42), (-0.4, 2.0, 43)]
+    "strength, power, seed",
+    [pytest.param(0.3, 2.0, 41, marks=pytest.mark.slow), (0.04, 4.0, 42), (-0.4, 2.0, 43)],
 )
 def test_a_fixed_place_is_found_with_its_power(strength, power, seed):
     best = fits_of(clips(passing(strength, power), seed), angles=False)[0]

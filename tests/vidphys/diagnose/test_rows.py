@@ -40,7 +40,9 @@ def rolled(given: Answered, path: np.ndarray) -> np.ndarray:
     return found.states.q[0, :, :, 0].detach().numpy()
 
 
-@pytest.mark.parametrize(("mass", "walls", "begin"), [IN_SERIES, IN_A_ROW])
+@pytest.mark.parametrize(
+    ("mass", "walls", "begin"), [IN_SERIES, pytest.param(*IN_A_ROW, marks=pytest.mark.slow)]
+)
 def test_masses_in_a_row_are_told_with_the_springs_between_them(mass, walls, begin):
     path = moved(mass, walls, begin)
     given = answer(noisy(path[..., None], 0.001, STEP), False, 0.3)

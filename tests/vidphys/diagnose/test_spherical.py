@@ -40,7 +40,14 @@ def level(angle: float) -> float:
     return float(np.sqrt(GRAVITY * np.tan(angle) * LENGTH * np.sin(angle)))
 
 
-@pytest.mark.parametrize(("angle", "speed"), [(0.25, 0.35), (0.9, 1.3), (0.5, level(0.5))])
+@pytest.mark.parametrize(
+    ("angle", "speed"),
+    [
+        pytest.param(0.25, 0.35, marks=pytest.mark.slow),
+        pytest.param(0.9, 1.3, marks=pytest.mark.slow),
+        (0.5, level(0.5)),
+    ],
+)
 def test_a_weight_that_swings_to_all_sides_is_told_with_its_string(angle, speed):
     path = swinging(angle, speed)
     given = told(path)
