@@ -66,6 +66,42 @@ class LinearFriction(Port):
         return -self.rate * state.p
 
 
+class PlacewiseFriction(Port):
+    """dp/dt = -(a + b q + c q^2) dq/dt of coordinates on a line, stepped exactly at each place.
+
+    Where the sum is below zero it adds energy, as it does near the middle in van der Pol's
+    oscillator (1926, Phil. Mag. 2).
+
+    Args:
+        rates: a, b and c, per second and per world unit.
+        learned: whether they are.
+
+    Example:
+        >>> air = PlacewiseFriction((-1.0, 0.0, 1.0), learned=False)
+        >>> state = PhaseState(torch.tensor([[1.0], [0.0]]), torch.ones(2, 1))
+        >>> law = Parameters(torch.ones(()), torch.ones(2))
+        >>> (air.kick(state, law, dt=1.0) / torch.e).flatten().round(decimals=3).tolist()
+        [0.368, 1.0]
+    """
+
+    rates: Tensor
+
+    def __init__(self, rates: Sequence[float], learned: bool = True) -> None:
+        super().__init__()
+        number(self, "rates", rates, learned)
+
+    def kick(self, state: PhaseState, params: Parameters, dt: float) -> Float[Tensor, "*b n d"]:
+        return state.p * torch.exp(-self._rate(state, params) * dt)
+
+    def drift(self, state: PhaseState, params: Parameters) -> Float[Tensor, "*b n d"]:
+        return -self._rate(state, params) * state.p
+
+    def _rate(self, state: PhaseState, params: Parameters) -> Tensor:
+        """Per second, at each place."""
+        a, b, c = self.rates.to(state.q)
+        return (a + state.q * (b + state.q * c)) / params.mass.unsqueeze(-1)
+
+
 class Turning(Port):
     """dp/dt = rate x p, stepped exactly: velocities turn and lose nothing, as by a magnetic field.
 

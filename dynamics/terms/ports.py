@@ -79,6 +79,33 @@ class Turning(PortTerm):
         return replace(self, rate=scaled(self.rate, seconds))
 
 
+@TERMS.register("placewise-friction")
+@dataclass(frozen=True)
+class PlacewiseFriction(PortTerm):
+    """Friction on a line that changes with the place, and may add energy somewhere.
+
+    Args:
+        rates: a, b and c of -(a + b q + c q^2) dq/dt, per second and per world unit.
+        learned: whether they are, from there on.
+    """
+
+    rates: tuple[float, float, float]
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> Port:
+        from dynamics import ports
+
+        if sizes.space != 1:
+            raise ValueError(
+                f"PlacewiseFriction: acts on a line, got {sizes.space} dimensions of space"
+            )
+        return ports.PlacewiseFriction(self.rates, self.learned)
+
+    def counted_in(self, length: float, seconds: float) -> PlacewiseFriction:
+        a, b, c = scaled(self.rates, seconds)
+        return replace(self, rates=(a, b * length, c * length**2))
+
+
 @TERMS.register("restitution")
 @dataclass(frozen=True)
 class Restitution(PortTerm):

@@ -7,10 +7,12 @@ import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
 from dynamics import HEADS, Hamiltonian, Parameters, PhaseState, build, rollout, terms
@@ -50,6 +52,7 @@ NEEDED |= {
     terms.Tether: {"stiffness": 4.0, "rest": 0.5, "centre": (0.0, 1.0)},
     terms.Centre: {"strength": -4.0, "power": 2.0, "centre": (0.0, 1.0)},
     terms.Turning: {"rate": (2.0,)},
+    terms.PlacewiseFriction: {"rates": (-1.0, 0.2, 1.0)},
     terms.Sinusoid: {"along": (1.0, 0.5), "across": (0.0, 2.0), "rate": 3.0},
     terms.Lift: {"rate": 2.0, "fades": 0.5},
     terms.Clocked: {"free": FREE, "timed": (terms.Lift(2.0, 0.5),)},
@@ -212,6 +215,24 @@ def test_in_other_units_a_body_moves_alike(term):
     again = other.trajectory(counted, law, steps, 0.014 / seconds)
     torch.testing.assert_close(again.states.q * length, path.states.q, rtol=0, atol=1e-5)
     assert float((path.states.q - start.q[:, None]).abs().max()) > 0.3
+
+
+@pytest.mark.parametrize(("length", "seconds"), [(1.0, 1.0), (3.0, 0.7)])
+def test_van_der_pols_oscillator_is_that_of_another_integrator_in_any_unit(length, seconds):
+    air = terms.PlacewiseFriction((-1.2, 0.3, 1.2), learned=False)
+    term = terms.Hamiltonian(potentials=(terms.Trap(4.0),), ports=(air,))
+    head = build(term.counted_in(length, seconds), 1, 0.01, 1).double()
+    start = PhaseState(torch.full((1, 1, 1), 0.4 / length).double(), torch.zeros(1, 1, 1).double())
+    law = Parameters(torch.ones(1).double(), torch.full((1, 1), 2.0).double())
+    path = head.trajectory(start, law, 4000, 0.005 / seconds).states.q[0, :, 0, 0] * length
+    times = 0.005 * np.arange(4001)
+    found = solve_ivp(
+        lambda _, y: [y[1], -2 * y[0] - (0.6 * y[0] ** 2 + 0.15 * y[0] - 0.6) * y[1]],
+        (0.0, times[-1]), (0.4, 0.0), t_eval=times, rtol=1e-10, atol=1e-12,
+    )  # fmt: skip
+    assert np.abs(path.detach().numpy() - found.y[0]).max() < 3e-4 < 1.5 < found.y[0].max()
+    with pytest.raises(ValueError, match="acts on a line"):
+        build(term, 1, 0.01, 2)
 
 
 def test_a_magnetic_field_turns_velocities_exactly_and_does_no_work():

@@ -21,7 +21,7 @@ from dynamics.fields import Centre, EllipticTrap, Pendulum, Tether, UniformField
 from dynamics.friction import Friction
 from dynamics.links import Hanging, LinkMetric
 from dynamics.numbers import unbent
-from dynamics.ports import LinearFriction, Turning
+from dynamics.ports import LinearFriction, PlacewiseFriction, Turning
 from dynamics.potentials import HarmonicTrap
 from dynamics.sliding import Along, Rubbed
 from dynamics.state import CLOCK
@@ -83,6 +83,7 @@ QUANTITIES: dict[str, dict[type[nn.Module], Change]] = {
     "friction": {
         Friction: _resisted,
         LinearFriction: _slowed,
+        PlacewiseFriction: _times("rates"),
         ConstantBath: _bathed,
         Rubbed: _times("coefficient"),
     },

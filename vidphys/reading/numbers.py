@@ -11,7 +11,7 @@ from dynamics.each import Each, Spring
 from dynamics.fields import Centre, EllipticTrap, Pendulum, Tether, UniformField, Well
 from dynamics.friction import Friction
 from dynamics.links import Hanging
-from dynamics.ports import Turning
+from dynamics.ports import PlacewiseFriction, Turning
 from dynamics.potentials import HarmonicTrap
 from dynamics.sliding import Along, Rubbed
 from dynamics.strings import Strung
@@ -72,6 +72,9 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
     if isinstance(part, Sinusoid):
         size = float(torch.hypot(part.along, part.across).norm()) * length / seconds**2
         return {"forcing": size, "forcing_rate": float(part.rate) / seconds}
+    if isinstance(part, PlacewiseFriction):
+        rates = (x / (seconds * length**k) for k, x in enumerate(part.rates.tolist()))
+        return dict(zip(("friction", "friction_x", "friction_x2"), rates, strict=True))
     if isinstance(part, UniformField | Along):
         pull = (part.acceleration * length / seconds**2).tolist()
         return {f"uniform_{axis}": x for axis, x in zip("xyz", pull, strict=False)}

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from dynamics import terms
 from dynamics.terms import Pendulum, Well
 from tests.vidphys.diagnose.test_explanations import Foretelling, Oracle
 from vidphys.diagnose.explanations import choice
-from vidphys.diagnose.explanations.formula import ByFormula, _potentials
+from vidphys.diagnose.explanations.formula import ByFormula, _ports, _potentials
 from vidphys.diagnose.explanations.verdict import EXPLAINED, NOT, Verdict
 from vidphys.diagnose.formula.formula import ALIKE, Formula
 from vidphys.diagnose.formula.formula import Verdict as Judged
@@ -106,6 +107,16 @@ def test_a_model_carries_cubics_and_sines_and_nothing_else():
     told = -pendulum.rate2 * pendulum.length * np.sin(0.7 / pendulum.length) + well.second * 0.49
     assert told == pytest.approx(sine.at(q.numpy()[0])[0], rel=1e-4)
     assert _potentials(made(("tanh", -2.0, (3.0,)))) is None
+
+
+def test_a_model_carries_frictions_and_one_that_changes_with_the_place():
+    assert _ports({"v": -0.2, "sgn(v)": -0.1}) == (
+        terms.Drag("linear", "positive", rate=0.2),
+        terms.Drag("dry", "positive", rate=0.1),
+    )
+    assert _ports({"v": 1.2, "x^2 v": -1.1}) == (terms.PlacewiseFriction((-1.2, 0.0, 1.1)),)
+    assert _ports({"v": 0.1}) == (terms.Drag("linear", "free", rate=-0.1),)
+    assert _ports({"v^3": -0.1}) is None and _ports({"x v": 0.1, "sgn(v)": -0.2}) is None
 
 
 def test_a_refusal_says_how_far_a_recording_must_reach_to_tell():

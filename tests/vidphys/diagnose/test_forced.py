@@ -62,9 +62,11 @@ def test_a_body_tied_to_one_that_was_not_followed_may_be_driven_or_not():
 
 @pytest.mark.slow
 def test_what_swings_by_itself_is_not_told_as_driven():
-    given = told(moved(lambda s, v, t: 1.2 * (1 - s**2) * v - s))  # van der Pol
+    path = moved(lambda s, v, t: 1.2 * (1 - s**2) * v - s)  # van der Pol
+    given = told(path)
     assert given.data["status"] == EXPLAINED
     assert given.data["terms"] == ["formula", "linear", "placewise"]
+    assert np.abs(modelled(given, path, STEP) - path)[:200].max() < 0.05
 
 
 def test_what_drives_it_goes_on_where_it_was():

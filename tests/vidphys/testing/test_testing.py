@@ -56,7 +56,7 @@ IMPULSES = ("free-impulse", "restitution")  # act at once where bodies meet
 # of places on a curve, where states of other checks are not; see tests/dynamics/test_bound.py
 BOUND = (
     *("on-line", "on-arc", "on-curve", "on-chain"),
-    *("links", "spring", "contact", "each", "along", "rubbed"),
+    *("links", "spring", "contact", "each", "along", "rubbed", "placewise-friction"),
 )
 CLOCKED = ("clocked", "sinusoid", "lift")  # ask for a clock; see tests/dynamics/test_clocked.py
 SPECIAL = (*JOINTS, *REFUSED, DISKS, *BOUND, *CLOCKED)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynamics import terms
-from dynamics.terms import PotentialTerm
+from dynamics.terms import PortTerm, PotentialTerm
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import (
     SAMPLES,
@@ -39,7 +39,8 @@ DRAGS = {
     "x v": ("placewise", -1, -1),
     "x^2 v": ("placewise", -2, -1),
 }
-CARRIED = ("linear", "square", "dry")  # those that a model has
+CARRIED = ("linear", "square", "dry")  # those that a model has, by themselves
+PLACEWISE = ("v", "x v", "x^2 v")  # words of one friction that changes with the place
 WELL = {"1": 0, "x": 1, "x^2": 2, "x^3": 3}  # words that a well carries, and their powers
 
 
@@ -205,22 +206,31 @@ class ByFormula(Explanation):
 
     def specification(self) -> dict[str, Any] | None:
         """The scene, where a well, a pendulum and frictions carry it."""
-        potentials, ports = _potentials(self.formula), []
-        for word, value, _ in self.best.friction:
-            name = DRAGS[word][0]
-            if name not in CARRIED or (name != "linear" and value > 0):
-                return None
-            strength = "positive" if value < 0 else "free"
-            ports.append(terms.Drag(name, strength, rate=-value))
-        if potentials is None:
+        potentials = _potentials(self.formula)
+        ports = _ports({word: value for word, value, _ in self.best.friction})
+        if potentials is None or ports is None:
             return None
-        term = terms.Hamiltonian(potentials=potentials, ports=tuple(ports))
+        term = terms.Hamiltonian(potentials=potentials, ports=ports)
         numbers = {
             f"{word}: {name}": (value, error)
             for word, told in self._words()
             for name, value, error, _ in told
         }
         return as_specification(term, 1, [0.0], numbers, self.explained, self.motion.interval)
+
+
+def _ports(friction: dict[str, float]) -> tuple[PortTerm, ...] | None:
+    """Terms of the model; ``None`` where none carry a word of the speed."""
+    if friction.keys() - {"v"} and friction.keys() <= set(PLACEWISE):
+        a, b, c = (-friction.get(word, 0.0) for word in PLACEWISE)
+        return (terms.PlacewiseFriction((a, b, c)),)
+    out = []
+    for word, value in friction.items():
+        name = DRAGS[word][0]
+        if name not in CARRIED or (name != "linear" and value > 0):
+            return None
+        out.append(terms.Drag(name, "positive" if value < 0 else "free", rate=-value))
+    return tuple(out)
 
 
 def _potentials(formula: Formula) -> tuple[PotentialTerm, ...] | None:
