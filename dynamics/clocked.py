@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import cast
 
@@ -15,8 +16,6 @@ from dynamics.integrators import Memory
 from dynamics.numbers import number
 from dynamics.ports import turned
 from dynamics.state import CLOCK, Parameters, PhaseState
-
-SMALL = 1e-9  # of a rate, below which nothing fades
 
 
 class Timed(nn.Module):
@@ -92,11 +91,9 @@ class Lift(Timed):
     def kick(
         self, p: Float[Tensor, "*b n d"], mass: Float[Tensor, "*b n"], clock: Tensor, dt: float
     ) -> Float[Tensor, "*b n d"]:
-        clock = clock.to(p)
-        fading = torch.exp(-self.fades * clock)
-        lasts = -torch.expm1(-self.fades * dt * torch.ones_like(clock)) / (self.fades or 1.0)
-        lasts = lasts if abs(self.fades) > SMALL else torch.full_like(clock, dt)
-        return turned(p, (self.rate.to(p) * fading * lasts)[..., None, None])
+        lasts = -math.expm1(-self.fades * dt) / self.fades if self.fades else dt
+        angle = self.rate.to(p) * torch.exp(-self.fades * clock.to(p)) * lasts
+        return turned(p, angle[..., None, None])
 
 
 class Clocked(Around):

@@ -88,7 +88,8 @@ def rollout(
     """Roll ``steps`` steps of ``dt`` seconds from ``start``, storing each ``every``-th state.
 
     No gradient is recorded. A fork into another law is another call:
-    ``rollout(head, r.at(t), r.params.with_coupling(-1.0), steps, dt)``.
+    ``rollout(head, r.at(t), r.params.with_coupling(-1.0), steps, dt)``. Of a law that changes with
+    time :meth:`.Parameters.later` sets the clock on.
 
     Args:
         seed: of a stochastic head's noise, which is drawn from torch's global generator; that
