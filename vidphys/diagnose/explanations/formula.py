@@ -22,6 +22,7 @@ from vidphys.diagnose.explanations.verdict import Verdict, judge
 from vidphys.diagnose.formula.formula import Formula
 from vidphys.diagnose.formula.laws import FoundLaw, law_of, spoken
 from vidphys.diagnose.formula.rolled import Rolled, again
+from vidphys.diagnose.formula.springs import BY_PLACE, PLACEWISE
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, noise_of
 from vidphys.diagnose.recordings.units import Units
@@ -40,7 +41,6 @@ DRAGS = {
     "x^2 v": ("placewise", -2, -1),
 }
 CARRIED = ("linear", "square", "dry")  # those that a model has, by themselves
-PLACEWISE = ("v", "x v", "x^2 v")  # words of one friction that changes with the place
 WELL = {"1": 0, "x": 1, "x^2": 2, "x^3": 3}  # words that a well carries, and their powers
 
 
@@ -221,8 +221,9 @@ class ByFormula(Explanation):
 
 def _ports(friction: dict[str, float]) -> tuple[PortTerm, ...] | None:
     """Terms of the model; ``None`` where none carry a word of the speed."""
-    if friction.keys() - {"v"} and friction.keys() <= set(PLACEWISE):
-        a, b, c = (-friction.get(word, 0.0) for word in PLACEWISE)
+    by_place = BY_PLACE[PLACEWISE]
+    if friction.keys() - {"v"} and friction.keys() <= set(by_place):
+        a, b, c = (-friction.get(word, 0.0) for word in by_place)
         return (terms.PlacewiseFriction((a, b, c)),)
     out = []
     for word, value in friction.items():
