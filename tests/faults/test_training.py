@@ -230,7 +230,7 @@ checkpoint.save(Path(sys.argv[1]), {"w": torch.ones(4096)}, {"step": 1})
 def test_f4_what_a_kill_inside_a_write_leaves_has_a_name_that_is_swept(tmp_path):
     folder = tmp_path / "checkpoints"
     folder.mkdir()
-    asked = [sys.executable, "-c", KILLED_IN_A_WRITE, folder / "c.json"]
+    asked = [sys.executable, "-B", "-c", KILLED_IN_A_WRITE, folder / "c.json"]
     assert subprocess.run(asked, check=False).returncode == -signal.SIGXFSZ
     assert len(list(folder.iterdir())) == 1
     sweep(tmp_path, ["checkpoints"])

@@ -1,6 +1,7 @@
 """Nothing outlives a run: what no source may do, found in its syntax."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -84,3 +85,12 @@ def test_no_state_outlives_a_run(sin):
 def test_each_is_seen(source, sin):
     assert found_in(source, "vidphys/x.py") == {sin}
     assert found_in("self.origin = origin\nset_num_threads(1)", "vidphys/cli/x.py") == set()
+
+
+def test_a_test_of_a_full_disk_writes_no_compiled_module():
+    # cut short at the limit, it would stand where all later imports find it
+    files = (HOME / "tests").rglob("test_*.py")
+    texts = {file.name: file.read_text("utf-8") for file in files if file != Path(__file__)}
+    full = {name for name, text in texts.items() if "setrlimit(resource.RLIMIT_FSIZE" in text}
+    assert len(full) == 4
+    assert not [n for n in full if not re.search('"-B"|dont_write_bytecode', texts[n])]

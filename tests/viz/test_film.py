@@ -1,6 +1,7 @@
 """A film shows what is drawn over each frame, and goes on after the clip."""
 
 import resource
+import sys
 
 import cv2
 import numpy as np
@@ -76,8 +77,9 @@ def test_the_legend_says_what_is_foretold(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def short_of_room():
-    """A disk on which no file grows beyond some bytes."""
+def short_of_room(monkeypatch):
+    """A disk on which no file grows beyond some bytes, and no compiled module is cut short."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
     yield

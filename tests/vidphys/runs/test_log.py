@@ -92,7 +92,7 @@ except OSError:
 
 
 def test_where_there_is_no_room_no_empty_log_is_left(tmp_path):
-    asked = [sys.executable, "-c", FULL, str(tmp_path / "a.log")]
+    asked = [sys.executable, "-B", "-c", FULL, str(tmp_path / "a.log")]
     told = subprocess.run(asked, capture_output=True, text=True, check=True, timeout=100)
     assert "no room" in told.stdout and list(tmp_path.iterdir()) == []
 
