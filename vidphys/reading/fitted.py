@@ -116,7 +116,7 @@ class Fitted:
     def law(self, motion: Motion) -> Parameters:
         """What the model is told of each clip, at its last frame."""
         law = self.params.map(lambda x: x.expand(motion.clips, *x.shape[1:]))
-        law = law.later(float(motion.times[0, -1]) / self.units.seconds)
+        law = law.later(torch.from_numpy(motion.times[:, -1]).float() / self.units.seconds)
         if motion.coupling is None:
             return law
         return law.with_coupling(torch.from_numpy(motion.coupling).float())

@@ -73,11 +73,16 @@ def train_specified(
 
     Raises:
         FloatingPointError: a loss or a gradient is not finite.
-        InputError: tracks of another scene.
+        InputError: tracks of another scene; a law that changes with time beside a network.
     """
     motion = _laid(held, motion)
     known = even(motion.cut(0, end))
     fitted = _untrained(term, held, known, seed)
+    if CLOCK in fitted.params.scalars and not is_few(fitted.head):
+        raise InputError(
+            "fit: a term of this law changes with time and another is a network, which is trained "
+            "in short windows that know no time; leave one of the two out of the specification"
+        )
     tracks, law = fitted.tracks(known), fitted.law(known)
     interval = known.interval / fitted.units.seconds
     if fitted.kicked:

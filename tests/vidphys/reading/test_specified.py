@@ -13,6 +13,7 @@ from tests.shared.bouncing import thrown
 from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.recordings.motion import motion_of
 from vidphys.diagnose.telling.answers import answer
+from vidphys.errors import InputError
 from vidphys.reading.fitted import Units, even
 from vidphys.reading.laws import Law
 from vidphys.reading.numbers import numbers_of
@@ -110,6 +111,30 @@ def test_what_drives_a_swing_goes_by_the_recordings_own_time():
     since = 0.05 * np.arange(101)
     expected = place * np.cos(2 * since) + speed / 2 * np.sin(2 * since)
     assert np.abs(alone[:, 0, 0] - expected).max() < 0.05
+
+
+def test_each_trial_of_a_driven_swing_has_its_own_time():
+    """Two trials of the motor alone, the second half a period later."""
+    times = 0.05 * np.arange(200) + np.array([[0.0], [np.pi / 2.0]])
+    motion = motion_of(np.sin(2.0 * times)[..., None, None], 0.05)
+    motor = terms.Sinusoid((0.0,), (-3.0,), 2.0)
+    still = terms.Hamiltonian(potentials=(terms.NoPotential(),))
+    term = terms.Clocked(still, (motor,))
+    held = as_specification(term, 1, (0.0,), {}, True, 0.05)
+    motion = replace(motion, times=times)
+    trained = train_specified(term, held, motion, 140, 20, 0)
+    assert trained.error < 0.05 < 0.5 < trained.still
+    assert numbers_of(trained.model)["forcing"] == pytest.approx(4.0, rel=0.02)
+
+
+def test_a_network_beside_a_law_that_changes_with_time_is_refused():
+    times = 0.05 * np.arange(100)
+    motion = motion_of(np.sin(2.0 * times)[None, :, None, None], 0.05)
+    free = terms.Hamiltonian(potentials=(terms.FreePotential(),))
+    term = terms.Clocked(free, (terms.Sinusoid((0.0,), (1.0,), 2.0),))
+    held = as_specification(term, 1, (0.0,), {}, True, 0.05)
+    with pytest.raises(InputError, match="changes with time and another is a network"):
+        train_specified(term, held, motion, 70, 5, 0)
 
 
 def test_stamps_that_are_rounded_do_not_make_a_second_shorter():
