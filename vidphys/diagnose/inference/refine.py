@@ -15,7 +15,7 @@ import numpy as np
 from vidphys.diagnose.inference.menu import PAIR, Field, Term, field_of
 from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.weak.paths import Paths
-from vidphys.diagnose.weak.regression import gram_inverse
+from vidphys.diagnose.weak.regression import gram_inverse, gram_solved
 from vidphys.diagnose.weak.windows import Windows, apart, together
 
 NUDGE = 1e-5  # over the spread of what is nudged, for derivatives
@@ -148,42 +148,65 @@ class _Linear:
     The last axis: 1 for the constant part, the start's places and speeds, the numbers' changes.
     """
 
-    a: np.ndarray  # (w, m * n * d, 1 + 2 n d + p)
+    a: np.ndarray  # (w, m, n d, 1 + 2 n d + p)
     q: np.ndarray
     v: np.ndarray
 
 
 def _linearised(windows: Windows, paths: Paths, structure: Structure) -> _Linear:
+    """Panel after panel, each from the state in which the one before it ends."""
     field = field_of(windows, paths)
     count, nodes, bodies, space = paths.q.shape
-    size = bodies * space
+    size, each = bodies * space, len(windows.panel)
     a, by_q, by_v = _derivatives(field, structure)
     by_values = _by_values(field, structure)
-    half = (windows.length / 2)[:, None, None]
-    once = half * windows.once
-    twice = half * (windows.once @ once)
-    flat = nodes * size
-    # Operators on the stacked accelerations of all nodes: the law's derivative times an integral.
-    feed = by_q[:, :, :, None] * twice[:, :, None, :, None]
-    feed += by_v[:, :, :, None] * once[:, :, None, :, None]
-    system = np.eye(flat) - feed.reshape(count, flat, flat)
-    since = (windows.node_times - windows.begin[:, None])[:, :, None, None]
-    q0 = np.broadcast_to(np.eye(size), (count, nodes, size, size))
-    start_q = np.concatenate([q0, since * q0], -1)
-    start_v = np.concatenate([np.zeros_like(q0), q0], -1)
     told = (by_q @ paths.q.reshape(count, nodes, size, 1)) + (
         by_v @ paths.v.reshape(count, nodes, size, 1)
     )
     known = a.reshape(count, nodes, size, 1) - told
-    started = by_q @ start_q + by_v @ start_v
-    right = np.concatenate([known, started, by_values], -1).reshape(count, flat, -1)
-    columns = np.linalg.solve(system, right).reshape(count, nodes, size, -1)
-    solved = columns.reshape(count, nodes, -1)
-    v = (once @ solved).reshape(columns.shape)
-    q = (twice @ solved).reshape(columns.shape)
-    q[..., 1 : 1 + 2 * size] += start_q
-    v[..., 1 : 1 + 2 * size] += start_v
-    return _Linear(columns, q, v)
+    begun = np.zeros((count, nodes, size, 2 * size))
+    fixed = np.concatenate([known, begun, by_values], -1)
+    q0, v0 = np.zeros((2, count, 1, size, fixed.shape[-1]))
+    q0[..., 1 : 1 + size] = v0[..., 1 + size : 1 + 2 * size] = np.eye(size)
+    panels = []
+    for first in range(0, nodes, each):
+        at = slice(first, first + each)
+        panels.append(_in_panel(windows, by_q[:, at], by_v[:, at], fixed[:, at], q0, v0))
+        q0, v0 = panels[-1].q[:, -1:], panels[-1].v[:, -1:]
+    return _Linear(*(np.concatenate([getattr(x, name) for x in panels], 1) for name in "aqv"))
+
+
+def _in_panel(
+    windows: Windows,
+    by_q: np.ndarray,
+    by_v: np.ndarray,
+    fixed: np.ndarray,
+    q0: np.ndarray,
+    v0: np.ndarray,
+) -> _Linear:
+    """By collocation: accelerations that are what the law gives where they lead.
+
+    Args:
+        by_q, by_v: the law's derivatives ``(w, k, n d, n d)``.
+        fixed: the part of the accelerations that neither places nor speeds change
+            ``(w, k, n d, c)``.
+        q0, v0: where the panel begins, ``(w, 1, n d, c)``.
+    """
+    count, each, size, columns = fixed.shape
+    half = (windows.length / (2 * windows.panels))[:, None, None]
+    once = half * windows.panel_once
+    twice = half * (windows.panel_once @ once)
+    # Operators on the stacked accelerations of all nodes: the law's derivative times an integral.
+    feed = by_q[:, :, :, None] * twice[:, :, None, :, None]
+    feed += by_v[:, :, :, None] * once[:, :, None, :, None]
+    system = np.eye(each * size) - feed.reshape(count, each * size, each * size)
+    straight = q0 + (half * (1 + windows.panel[:, None]))[..., None] * v0
+    right = fixed + by_q @ straight + by_v @ v0
+    solved = np.linalg.solve(system, right.reshape(count, each * size, columns))
+    flat = solved.reshape(count, each, -1)
+    v = (once @ flat).reshape(fixed.shape) + v0
+    q = (twice @ flat).reshape(fixed.shape) + straight
+    return _Linear(solved.reshape(fixed.shape), q, v)
 
 
 def _derivatives(field: Field, structure: Structure) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -259,8 +282,8 @@ def _least_squares(windows: Windows, linear: _Linear, whiten: np.ndarray, number
 
     clean, left = without_start(slope), without_start(miss[..., None])
     rows = clean.reshape(count * frames * size, numbers)
-    inverse = gram_inverse(rows.T @ rows)
-    change = -inverse @ (rows.T @ left.ravel())
+    gram = rows.T @ rows
+    inverse, change = gram_inverse(gram), -gram_solved(gram, rows.T @ left.ravel())
     after = left[..., 0] + clean @ change
     freedom = int(windows.seen.sum() * space - count * 2 * size - numbers)
     variance = float((after**2).sum() / max(freedom, 1))

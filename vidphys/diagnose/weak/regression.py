@@ -10,6 +10,7 @@ import numpy as np
 from vidphys.diagnose.weak.windows import Windows
 
 RIDGE = 1e-10  # over the mean square of a column
+UNTOLD = 10.0  # times what rounding leaves of an eigenvalue, up to which it is none
 NOTHING = 1e-200  # squared size of a column that is zero for all that can be told of it
 
 
@@ -113,8 +114,20 @@ def normal_equations(rows: Rows, ratio: float = 0.0, keep: np.ndarray | None = N
 
 def gram_inverse(gram: np.ndarray) -> np.ndarray:
     """Inverse of a Gram matrix ``(p, p)``; what its rows cannot tell gets a very large variance."""
+    told, directions = _directions(gram)
+    return (directions / np.maximum(told, len(gram) * np.finfo(float).eps)) @ directions.T
+
+
+def gram_solved(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Least squares by a Gram matrix; what its rows cannot tell stays zero, ``(p,)``."""
+    told, directions = _directions(gram)
+    shows = told > UNTOLD * len(gram) * np.finfo(float).eps
+    return (directions[:, shows] / told[shows]) @ (directions[:, shows].T @ right)
+
+
+def _directions(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of a Gram matrix of columns of unit size, and eigenvectors as columns count."""
     size = np.diag(gram)
     scale = np.sqrt(np.where(size > NOTHING, size, 1.0))
     told, directions = np.linalg.eigh(gram / np.outer(scale, scale))
-    told = np.maximum(told, len(gram) * np.finfo(float).eps)
-    return (directions / told) @ directions.T / np.outer(scale, scale)
+    return told, directions / scale[:, None]

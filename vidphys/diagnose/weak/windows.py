@@ -7,7 +7,8 @@ white under orthonormal test functions, and noise with a memory becomes so under
 whitened by its covariance; they are turned so that random kicks (a bath) come out independent too,
 with the variance ``kicks`` per unit of their strength.
 
-Paths are kept at Chebyshev nodes, where integrals are as exact as the path is smooth.
+Paths are kept at Chebyshev nodes, where integrals are as exact as the path is smooth: of a long
+window in panels that follow each other, so that a fit costs as much as the window is long.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ LEAST = 5  # frames of a body in a window, below which it tells nothing of its a
 NODES_PER_FRAME = 1.5
 NODES = (16, 48)
 FEW = 64  # frames of a window above which ``fine`` counts
+PANEL = 32  # nodes of a panel, about; a window of fewer than twice as many is one panel
 SAME = 1e-9  # share of a window by which times of frames may differ and count as equal
 UNSEEN = 1e9  # variance of a frame in which a body was not seen, over that of the noise
 STRETCH = 1.5  # by which windows may be longer than asked for, rather than leave frames out
@@ -114,14 +116,29 @@ class Windows:
         return np.linalg.pinv(design)
 
     @cached_property
-    def nodes(self) -> np.ndarray:
-        """Places of the nodes in [-1, 1]."""
+    def panels(self) -> int:
+        """Equal parts of a window with nodes of their own."""
+        return max(1, self._count // PANEL)
+
+    @cached_property
+    def panel(self) -> np.ndarray:
+        """Places of a panel's nodes in [-1, 1], both ends among them."""
+        count = -(-self._count // self.panels)
+        return -np.cos(np.pi * np.arange(count) / (count - 1))
+
+    @property
+    def _count(self) -> int:
+        """Nodes of a window, about."""
         frames = self.frames.shape[1]
         if frames <= FEW:
-            count = int(np.clip(NODES_PER_FRAME * frames, *NODES))
-        else:
-            count = int(np.clip(self.fine * frames, NODES[1], frames))
-        return -np.cos(np.pi * np.arange(count) / (count - 1))
+            return int(np.clip(NODES_PER_FRAME * frames, *NODES))
+        return int(np.clip(self.fine * frames, NODES[1], frames))
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Places of the nodes in [-1, 1]; where panels meet are two."""
+        middles = 2 * np.arange(self.panels)[:, None] + 1
+        return ((middles + self.panel) / self.panels - 1).ravel()
 
     @cached_property
     def node_times(self) -> np.ndarray:
@@ -129,12 +146,23 @@ class Windows:
         return self.begin[:, None] + (self.nodes + 1) / 2 * self.length[:, None]
 
     @cached_property
+    def panel_once(self) -> np.ndarray:
+        """Integral over [-1, x] of a panel from values at its nodes, ``(k, k)``."""
+        raised = chebyshev.chebint(self._to_coefficients, lbnd=-1.0, axis=0)
+        return chebyshev.chebval(self.panel, raised).T
+
+    @cached_property
+    def _to_coefficients(self) -> np.ndarray:
+        """Of Chebyshev polynomials, from values at a panel's nodes, ``(k, k)``."""
+        return np.linalg.inv(chebyshev.chebvander(self.panel, len(self.panel) - 1))
+
+    @cached_property
     def once(self) -> np.ndarray:
         """Integral over [-1, x] from values at the nodes, ``(m, m)``."""
-        size = len(self.nodes)
-        to_coefficients = np.linalg.inv(chebyshev.chebvander(self.nodes, size - 1))
-        raised = chebyshev.chebint(to_coefficients, lbnd=-1.0, axis=0)
-        return chebyshev.chebval(self.nodes, raised).T
+        whole = np.tile(self.panel_once[-1], (len(self.panel), 1))
+        before = np.tri(self.panels, k=-1)
+        own = np.kron(np.eye(self.panels), self.panel_once)
+        return (own + np.kron(before, whole)) / self.panels
 
     def nodes_needed(self, a: np.ndarray, least: float) -> int:
         """Nodes that carry accelerations ``(w, m, ...)`` at the nodes; all where none can go.
@@ -143,21 +171,23 @@ class Windows:
             a: of a path.
             least: what the others may move a body by at most, world units.
         """
-        size = len(self.nodes)
-        flat = a.reshape(*a.shape[:2], -1)
-        parts = np.linalg.solve(chebyshev.chebvander(self.nodes, size - 1), flat)
-        moved = np.abs(parts).max(-1) * (self.length[:, None] / 2) ** 2  # (w, m)
+        size = len(self.panel)
+        parts = self._to_coefficients @ a.reshape(len(a), self.panels, size, -1)
+        seconds = self.length[:, None, None] / (2 * self.panels)
+        moved = np.abs(parts).max(-1) * seconds**2  # (w, panels, k)
         moved = moved / np.maximum(np.arange(size), 1) ** 2
-        beyond = np.cumsum(moved[:, ::-1], 1)[:, ::-1].max(0)
-        return int((beyond > least).sum())
+        beyond = np.cumsum(moved[..., ::-1], -1)[..., ::-1].max((0, 1))
+        return int((beyond > least).sum()) * self.panels
 
     @cached_property
     def to_frames(self) -> np.ndarray:
         """Values at the frames from values at the nodes, ``(w, f, m)``."""
-        size = len(self.nodes)
-        place = 2 * self.times / self.length[:, None] - 1
-        to_coefficients = np.linalg.inv(chebyshev.chebvander(self.nodes, size - 1))
-        return chebyshev.chebvander(np.clip(place, -1, 1), size - 1) @ to_coefficients
+        place = self.panels * np.clip(self.times / self.length[:, None], 0, 1)
+        whose = np.minimum(place.astype(int), self.panels - 1)
+        own = chebyshev.chebvander(2 * (place - whose) - 1, len(self.panel) - 1)
+        own = own @ self._to_coefficients
+        lies = whose[..., None] == np.arange(self.panels)  # (w, f, panels)
+        return (lies[..., None] * own[:, :, None]).reshape(*self.times.shape, -1)
 
     @cached_property
     def tests(self) -> tuple[np.ndarray, np.ndarray]:
