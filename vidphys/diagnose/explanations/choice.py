@@ -13,9 +13,12 @@ from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK, Verdict
-from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS
+from vidphys.diagnose.mechanisms.choose import roughly
+from vidphys.diagnose.mechanisms.frames import frames_of
+from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS, thinned
 from vidphys.diagnose.mechanisms.strikes import strikes
-from vidphys.diagnose.recordings.motion import Motion, Unseen
+from vidphys.diagnose.recordings.balance import masses_in_balance
+from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units
 from vidphys.progress import Progress
@@ -139,10 +142,16 @@ def _known(
     """By laws, or by the menu, which knows of no inputs and no walls, and is not asked of such.
 
     Bodies that pass close by each other look as if something struck them, so of several that no
-    law explains it is asked all the same.
+    law explains it is asked all the same. It is asked first where they seem to act on each other.
     """
     part = motion.cut(0, end)
-    struck = strikes(part) if part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS else []
+    few = part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS
+    struck = strikes(part) if few else []
+    menu = None
+    if few and not (camera or angles or struck or part.inputs) and _together(part):
+        menu = _by_menu(motion, end)
+        if menu is not None and _between_all(menu):
+            return menu.found, menu
     laws = _best_of(FITTED, motion, end, angles, camera, units) if part.moves else None
     known = None if laws is None else Standing.of(laws)
     walled = bool(struck) and (part.bodies == 1 or (known is not None and known.status != NOT))
@@ -159,18 +168,47 @@ def _known(
         if part.inputs:
             said = f"no law beside the known {' and '.join(part.inputs[0].names)} fits"
             return Diagnosis(part, noise, said), None
-        found = diagnose_motion(part, angles)
+        found = menu.found if menu else diagnose_motion(part, angles)
     except Unseen:
         if laws is None or not (laws.one_law or struck):
             raise
         return Diagnosis(part, laws.noise or Noise(np.nan, 0, np.nan, False), ""), laws
     if found.inference is None:
         return found, laws
-    menu = ByMenu(found, found.inference, motion, end, camera)
+    menu = menu or ByMenu(found, found.inference, motion, end, camera)
     if struck and not menu.explained:
         told = Diagnosis(part, noise, "" if laws else _said(struck, part.bodies))
         return told, laws
     return (found, menu) if laws is None or _foretells_more(menu, laws) else (found, laws)
+
+
+def _together(part: Motion) -> bool:
+    """Whether bodies seem to act on each other: their centre shows it, or no law of one alone comes
+    near to what the first does.
+    """
+    if part.bodies == 1 or not part.moves:
+        return False
+    if masses_in_balance(part) is not None:
+        return True
+    frames = frames_of(thinned(part).of([0]))
+    if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
+        return False
+    return not any(law.holds for law in roughly(frames, angles=False))
+
+
+def _by_menu(motion: Motion, end: int) -> ByMenu | None:
+    """What the menu says of a table; ``None`` where it can say nothing."""
+    try:
+        found = diagnose_motion(motion.cut(0, end))
+    except Unseen:
+        return None
+    return ByMenu(found, found.inference, motion, end) if found.inference else None
+
+
+def _between_all(menu: ByMenu) -> bool:
+    """Whether a force between bodies explains all, and foretells it."""
+    plain = "pair" in menu.kinds and not ODD & set(menu.kinds)
+    return plain and menu.explained and Standing.of(menu).status == EXPLAINED
 
 
 def _best_of(

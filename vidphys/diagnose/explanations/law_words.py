@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
+
 from vidphys.diagnose.explanations.collided import collided
 from vidphys.diagnose.mechanisms.charts import Plane, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
@@ -179,6 +181,15 @@ def tied(one: int, other: int) -> str:
     return (
         f"In doubt: bodies {one + 1} and {other + 1} swing in step, as what is tied together does, "
         "or hangs from what moves. Let them go otherwise."
+    )
+
+
+def kept_in_balance(mass: np.ndarray) -> str:
+    """Of bodies told each by itself whose centre of mass moves as if they acted on each other."""
+    masses = " : ".join(f"{x:.3g}" for x in mass / mass[0])
+    return (
+        f"In doubt: with masses as {masses} the bodies keep their balance, as those do that act on "
+        "each other; their laws may stand for that."
     )
 
 

@@ -18,7 +18,14 @@ from vidphys.diagnose.explanations.forecast import (
     inner_ends,
 )
 from vidphys.diagnose.explanations.law_data import as_data, wall_of
-from vidphys.diagnose.explanations.law_words import beside, in_short, tied, told, what_is_left
+from vidphys.diagnose.explanations.law_words import (
+    beside,
+    in_short,
+    kept_in_balance,
+    tied,
+    told,
+    what_is_left,
+)
 from vidphys.diagnose.explanations.rivals import near, rivals, undecided
 from vidphys.diagnose.explanations.scene import as_scene
 from vidphys.diagnose.explanations.verdict import (
@@ -36,6 +43,7 @@ from vidphys.diagnose.mechanisms.mechanism import Mechanism, find_mechanism
 from vidphys.diagnose.mechanisms.quantities import quantities
 from vidphys.diagnose.mechanisms.rods import RodsFit
 from vidphys.diagnose.mechanisms.unfollowed import OwnSwing, alike_every_time, own_swing
+from vidphys.diagnose.recordings.balance import masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.recordings.noise import Noise, measure_noise, noise_of
 from vidphys.diagnose.recordings.units import Units
@@ -102,7 +110,7 @@ class ByMechanism(Explanation):
         about = [
             x.law.restoring in ("trap", "centre") and x.charts[0].name == "plane" for x in models
         ]
-        return len(models) > 1 and all(about)
+        return len(models) > 1 and all(about) and self.balanced is not None
 
     @property
     def first(self) -> int:
@@ -152,7 +160,12 @@ class ByMechanism(Explanation):
         if self.impossible or bent:
             return replace(judged, status=NOT)
         partly = judged.status == EXPLAINED and (
-            self.sought or self.unfollowed or undecided(self.whole) or self._late or self.in_step
+            self.sought
+            or self.unfollowed
+            or undecided(self.whole)
+            or self._late
+            or self.in_step
+            or self.balanced is not None
         )
         return replace(judged, status=MOSTLY) if partly else judged
 
@@ -168,6 +181,12 @@ class ByMechanism(Explanation):
         groups = self.whole.groups
         pairs = in_step([group.fit for group in groups]) if len(groups) > 1 else []
         return [(groups[i].bodies[0], groups[j].bodies[0]) for i, j in pairs]
+
+    @cached_property
+    def balanced(self) -> np.ndarray | None:
+        """Masses of bodies that are told each by itself and keep their balance all the same."""
+        alone = len(self.whole.groups) == self.motion.bodies
+        return masses_in_balance(self.motion) if alone else None
 
     @property
     def _changes_its_mind(self) -> bool:
@@ -213,6 +232,7 @@ class ByMechanism(Explanation):
         out += [self.impossible] if self.impossible else []
         out += [beside(body, x, self.told_in, alone) for body, x in self.unfollowed.items()]
         out += [tied(*pair) for pair in self.in_step]
+        out += [] if self.balanced is None else [kept_in_balance(self.balanced)]
         if self._changes_its_mind:
             same = self.mechanism.kinds == self.before.kinds
             other = "the same terms in another form" if same else in_short(self.before.kinds)

@@ -13,6 +13,7 @@ from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.measured import Settled
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.structures import Structure
+from vidphys.diagnose.recordings.balance import masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion
 from vidphys.diagnose.weak.paths import smooth
 from vidphys.diagnose.weak.windows import cut_windows
@@ -84,6 +85,12 @@ def _likeliest(
     def score(rest: Sequence[float] | np.ndarray) -> float:
         return best(rest).score
 
+    known = masses_in_balance(motion)
+    if known is not None:
+        logs = np.log(known / known[0])
+        gain = score(logs[1:]) - score(np.zeros(len(logs) - 1))
+        if gain > HELPS * (len(logs) - 1):
+            return logs, best(logs[1:])
     rough = np.array(max(product(ROUGH, repeat=motion.bodies - 1), key=score))
     if inference.leftover.explained and not rough.any():
         return None

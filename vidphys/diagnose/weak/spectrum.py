@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 PER_PEAK = 10  # trial frequencies in one width of a spectral line
 STRETCHES = 8  # of a recording, in which an amplitude is followed
+AT_ONCE = 64  # trial frequencies
 PERIODS = 2.0  # that a stretch must hold
 ALIKE = 0.1  # share within which two peaks are one
 STRAIGHT = 3  # stretches through which a line leaves too little to tell its error
@@ -64,15 +65,32 @@ def _strongest(t: np.ndarray, x: np.ndarray) -> float:
     span, step = t[-1] - t[0], float(np.median(np.diff(t)))
     lowest, highest = 2 * np.pi / span, np.pi / step
     trial = np.linspace(lowest, highest, int(PER_PEAK * (highest - lowest) * span / (2 * np.pi)))
-    from scipy.signal import lombscargle  # takes half a second, and is seldom asked
-
-    power = sum(lombscargle(t, column, trial) for column in x.T)
-    best = float(trial[int(np.argmax(power))])
+    best = float(trial[int(np.argmax(_explained(t, x, trial)))])
     width = 2 * np.pi / span / PER_PEAK
     finer = minimize_scalar(
         lambda w: _misfit(t, x, w), bounds=(best - width, best + width), method="bounded"
     )
     return float(finer.x)
+
+
+def _explained(t: np.ndarray, x: np.ndarray, trial: np.ndarray) -> np.ndarray:
+    """Of the sum of squares, what a sine of each frequency explains: Lomb's and Scargle's power.
+
+    Args:
+        t, x: times ``(t,)`` and what is explained ``(t, k)``.
+        trial: evenly spaced frequencies.
+    """
+    step = trial[1] - trial[0] if len(trial) > 1 else 0.0
+    since, out = t - t.mean(), []
+    turns = np.exp(1j * step * np.arange(AT_ONCE)[:, None] * since)
+    for first in trial[::AT_ONCE]:  # a product of turns costs less than a sine
+        wave = turns * np.exp(1j * first * since)
+        twice = (wave * wave).sum(1)
+        cosines, sines, mixed = len(t) + twice.real, len(t) - twice.real, twice.imag
+        along, across = np.moveaxis(np.stack([(wave @ x).real, (wave @ x).imag]), -1, 1)
+        squares = sines * along**2 - 2 * mixed * along * across + cosines * across**2
+        out.append(2 * squares.sum(0) / (cosines * sines - mixed**2))
+    return np.concatenate(out)[: len(trial)]
 
 
 def _basis(t: np.ndarray, *frequencies: float) -> np.ndarray:
