@@ -75,7 +75,7 @@ def test_unequal_bodies_that_pull_each_other_are_told_so():
     told = answer(noisy(pulled()), False, 0.3)
     assert (told.data["status"], told.data["terms"]) == ("explained", ["pair"])
     ratio = told.specification["mass"][0] / told.specification["mass"][1]
-    assert ratio == pytest.approx(3.0, rel=5e-3)
+    assert ratio == pytest.approx(3.0, rel=2e-3)
 
 
 def test_laws_of_each_that_keep_a_balance_are_told_in_doubt():

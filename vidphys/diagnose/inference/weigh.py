@@ -27,6 +27,7 @@ STEP = float(ROUGH[1] - ROUGH[0])
 ENOUGH = {"xatol": 0.01, "fatol": 0.5, "maxfev": 80}  # of a logarithm, and of log likelihood
 CLOSELY = {"xatol": 1e-4}  # of a logarithm
 LOST = 1e30  # left under masses with which nothing fits; finite, as the search subtracts it
+KEPT = {"pair", "contact", "uniform"}  # kinds that keep a balance of the masses
 HELPS = 3.0  # gain of log likelihood by each mass, from which to go on
 
 
@@ -53,6 +54,16 @@ def weigh(
         most = inference.structure.numbers - 1
     if not unknown or not inference.structure.terms or most < motion.bodies:
         return None
+
+    def takes(found: Settled) -> bool:
+        numbers = found.inference.structure.numbers + motion.bodies - 1
+        return found.inference.leftover.explained and numbers <= most
+
+    balance = masses_in_balance(motion)
+    if balance is not None:
+        found = infer(_with(motion, np.log(balance)))
+        if takes(found) and found.inference.kinds <= KEPT:
+            return found  # their centre tells masses more closely than what acts between them
     likeliest = _likeliest(motion, inference, ranked)
     if likeliest is None:
         return None
@@ -66,8 +77,7 @@ def weigh(
         # Under wrong masses terms stand for others, or for what is wrong with the masses.
         nearer = infer(_with(motion, logs))
         for each in (nearer, found):
-            numbers = each.inference.structure.numbers + motion.bodies - 1
-            if each.inference.leftover.explained and numbers <= most:
+            if takes(each):
                 return each
         found, structure = nearer, nearer.inference.structure
     return None
@@ -85,12 +95,6 @@ def _likeliest(
     def score(rest: Sequence[float] | np.ndarray) -> float:
         return best(rest).score
 
-    known = masses_in_balance(motion)
-    if known is not None:
-        logs = np.log(known / known[0])
-        gain = score(logs[1:]) - score(np.zeros(len(logs) - 1))
-        if gain > HELPS * (len(logs) - 1):
-            return logs, best(logs[1:])
     rough = np.array(max(product(ROUGH, repeat=motion.bodies - 1), key=score))
     if inference.leftover.explained and not rough.any():
         return None
