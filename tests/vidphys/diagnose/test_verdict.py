@@ -126,6 +126,7 @@ def test_a_place_that_nobody_sees_has_to_foretell_everything(
         sought=sought,
         _late=False,
         in_step=[],
+        balanced=None,
         whole=SimpleNamespace(groups=()),
     )
     for held in (late.forecasts, late.errors):
@@ -152,6 +153,7 @@ def test_dry_friction_or_a_pull_alone_is_not_beaten_by_a_constant_force(kinds, s
         sought=False,
         _late=False,
         in_step=[],
+        balanced=None,
         whole=SimpleNamespace(groups=()),
     )
     assert ByMechanism._judged(law, held).status == status
