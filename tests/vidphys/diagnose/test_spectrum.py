@@ -19,6 +19,15 @@ def test_a_sine_explains_what_least_squares_say(count):
         assert explained == pytest.approx((x**2).sum() - ((x - fitted) ** 2).sum(), rel=1e-9)
 
 
+@pytest.mark.parametrize("frames", [40, 41])
+def test_nothing_is_explained_at_the_limit_of_the_frames(frames):
+    t = 0.1 * np.arange(frames)
+    x = np.cos(7 * t)[:, None]
+    found = _explained(t, x - x.mean(), np.linspace(1, np.pi / 0.1, 300))
+    assert found[-1] == 0.0 and found.max() <= ((x - x.mean()) ** 2).sum()
+    assert np.linspace(1, np.pi / 0.1, 300)[found.argmax()] == pytest.approx(7, abs=0.1)
+
+
 def test_two_swings_are_found_with_their_decays():
     t = np.arange(600) * 0.03
     both = np.exp(-0.1 * t) * np.cos(5 * t) + 0.5 * np.exp(-0.05 * t) * np.sin(2.1 * t)

@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 PER_PEAK = 10  # trial frequencies in one width of a spectral line
 STRETCHES = 8  # of a recording, in which an amplitude is followed
 AT_ONCE = 64  # trial frequencies
+ONE = 1e-9  # share of their sizes that sines and cosines keep apart, below which they are one
 PERIODS = 2.0  # that a stretch must hold
 ALIKE = 0.1  # share within which two peaks are one
 STRAIGHT = 3  # stretches through which a line leaves too little to tell its error
@@ -89,7 +90,9 @@ def _explained(t: np.ndarray, x: np.ndarray, trial: np.ndarray) -> np.ndarray:
         cosines, sines, mixed = len(t) + twice.real, len(t) - twice.real, twice.imag
         along, across = np.moveaxis(np.stack([(wave @ x).real, (wave @ x).imag]), -1, 1)
         squares = sines * along**2 - 2 * mixed * along * across + cosines * across**2
-        out.append(2 * squares.sum(0) / (cosines * sines - mixed**2))
+        told = cosines * sines - mixed**2
+        one = told < ONE * len(t) ** 2  # at the frames' own limit sines and cosines are one
+        out.append(np.where(one, 0.0, 2 * squares.sum(0) / np.where(one, 1.0, told)))
     return np.concatenate(out)[: len(trial)]
 
 
