@@ -197,6 +197,16 @@ def with_error(value: float, error: float) -> str:
     return f"{round(value, places):.{after}f} ± {round(error, places):.{after}f}"
 
 
+def as_ratio(values: np.ndarray) -> str:
+    """Values over the first of them, to three digits.
+
+    Example:
+        >>> as_ratio(np.array([3.0, 1.0]))
+        '1 : 0.333'
+    """
+    return " : ".join(f"{x:.3g}" for x in values / values[0])
+
+
 def noise_of(positions: np.ndarray) -> float:
     """Standard deviation of the noise of a coordinate, from third differences.
 

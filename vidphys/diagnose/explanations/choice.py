@@ -13,12 +13,10 @@ from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK, Verdict
-from vidphys.diagnose.mechanisms.choose import roughly
-from vidphys.diagnose.mechanisms.frames import frames_of
-from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS, thinned
+from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS, first_alone
 from vidphys.diagnose.mechanisms.strikes import strikes
 from vidphys.diagnose.recordings.balance import masses_in_balance
-from vidphys.diagnose.recordings.motion import LEAST_FRAMES, Motion, Unseen
+from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units
 from vidphys.progress import Progress
@@ -188,12 +186,7 @@ def _together(part: Motion) -> bool:
     """
     if part.bodies == 1 or not part.moves:
         return False
-    if masses_in_balance(part) is not None:
-        return True
-    frames = frames_of(thinned(part).of([0]))
-    if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
-        return False
-    return not any(law.holds for law in roughly(frames, angles=False))
+    return masses_in_balance(part) is not None or not first_alone(part)
 
 
 def _by_menu(motion: Motion, end: int) -> ByMenu | None:

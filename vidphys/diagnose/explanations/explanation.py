@@ -68,7 +68,8 @@ class Explanation(Protocol):
     def each_by_a_place(self) -> bool:
         """Whether each of several bodies has an unseen place of its own that pulls or pushes it.
 
-        The others may be what does so: two that circle each other go as if about a place.
+        The others may be what does so: two that circle each other go as if about a place, and keep
+        the balance of their masses.
         """
         return False
 

@@ -14,7 +14,7 @@ from vidphys.diagnose.mechanisms.mechanism import Group, Mechanism
 from vidphys.diagnose.mechanisms.quantities import Quantity, quantities
 from vidphys.diagnose.mechanisms.unfollowed import OwnSwing
 from vidphys.diagnose.recordings.units import GRAVITY, Units
-from vidphys.statistics import NORMAL_95, with_error
+from vidphys.statistics import NORMAL_95, as_ratio, with_error
 
 ROLLS = 5 / 7  # of gravity, that speeds up a solid ball that rolls (2/5 m r^2 turns with it)
 
@@ -186,10 +186,9 @@ def tied(one: int, other: int) -> str:
 
 def kept_in_balance(mass: np.ndarray) -> str:
     """Of bodies told each by itself whose centre of mass moves as if they acted on each other."""
-    masses = " : ".join(f"{x:.3g}" for x in mass / mass[0])
     return (
-        f"In doubt: with masses as {masses} the bodies keep their balance, as those do that act on "
-        "each other; their laws may stand for that."
+        f"In doubt: with masses as {as_ratio(mass)} the bodies keep their balance, as those do "
+        "that act on each other; their laws may stand for that."
     )
 
 

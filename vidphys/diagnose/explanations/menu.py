@@ -41,7 +41,7 @@ from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.weak.paths import splined
 from vidphys.diagnose.weak.spectrum import distinct, modes_of_data
 from vidphys.diagnose.weak.windows import cut_windows
-from vidphys.statistics import NORMAL_95, with_error
+from vidphys.statistics import NORMAL_95, as_ratio, with_error
 
 ASKED = (
     "pair",
@@ -157,8 +157,7 @@ class ByMenu(Explanation):
         if found.outweighed:
             lines.append(OUTWEIGHED.format(ratio=BELIEVED))
         elif not np.allclose(found.motion.mass, 1.0):
-            ratio = found.motion.mass[0] / found.motion.mass[0, 0]
-            masses = " : ".join(f"{x:.3g}" for x in ratio)
+            masses = as_ratio(found.motion.mass[0])
             lines.append(f"Masses as {masses}; motion shows only their ratios.")
         if self.strays:
             lines.append("Not explained: rolled on over the frames held out, these terms diverge.")

@@ -193,9 +193,8 @@ def _in_panel(
         q0, v0: where the panel begins, ``(w, 1, n d, c)``.
     """
     count, each, size, columns = fixed.shape
+    once, twice = windows.in_panel
     half = (windows.length / (2 * windows.panels))[:, None, None]
-    once = half * windows.panel_once
-    twice = half * (windows.panel_once @ once)
     # Operators on the stacked accelerations of all nodes: the law's derivative times an integral.
     feed = by_q[:, :, :, None] * twice[:, :, None, :, None]
     feed += by_v[:, :, :, None] * once[:, :, None, :, None]

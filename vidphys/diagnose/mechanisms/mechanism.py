@@ -225,10 +225,10 @@ def _groups(motion: Motion, angles: bool, camera: bool) -> tuple[Group, ...] | N
     for body in range(motion.bodies):
         if body in met:
             continue
-        frames = frames_of(motion.of([body]))
-        if min(len(clip.stretches[0].times) for clip in frames) < LEAST_FRAMES:
+        clips = _each_alone(motion.of([body]))
+        if clips is None:
             return None
-        fits = fits_of(frames, angles, camera, motion.bodies == 1)
+        fits = fits_of(clips[0], angles, camera, motion.bodies == 1)
         if not fits:
             return _all(motion, around)
         groups.append(Group((body,), fits[0], tuple(fits[1:])))
@@ -299,6 +299,12 @@ def lawful_from(motion: Motion, angles: bool) -> Iterator[tuple[int, float]]:
         else:
             yield stride * first, max(min(x.left for x in laws) for laws in held)
             like = held  # a law that holds from a frame on holds from a later one too
+
+
+def first_alone(motion: Motion) -> bool:
+    """Whether a law of the first body by itself comes near, or too little of it is seen to tell."""
+    clips = _each_alone(thinned(motion).of([0]))
+    return clips is None or any(law.holds for law in roughly(clips[0], angles=False))
 
 
 def _each_alone(motion: Motion) -> list[list[Frames]] | None:

@@ -88,7 +88,8 @@ def _explained(t: np.ndarray, x: np.ndarray, trial: np.ndarray) -> np.ndarray:
         wave = turns * np.exp(1j * first * since)
         twice = (wave * wave).sum(1)
         cosines, sines, mixed = len(t) + twice.real, len(t) - twice.real, twice.imag
-        along, across = np.moveaxis(np.stack([(wave @ x).real, (wave @ x).imag]), -1, 1)
+        turned = (wave @ x).T
+        along, across = turned.real, turned.imag
         squares = sines * along**2 - 2 * mixed * along * across + cosines * across**2
         told = cosines * sines - mixed**2
         one = told < ONE * len(t) ** 2  # at the frames' own limit sines and cosines are one

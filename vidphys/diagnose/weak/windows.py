@@ -152,6 +152,12 @@ class Windows:
         return chebyshev.chebval(self.panel, raised).T
 
     @cached_property
+    def in_panel(self) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals over a panel's seconds, once and twice, ``(w, k, k)`` each."""
+        once = (self.length / (2 * self.panels))[:, None, None] * self.panel_once
+        return once, once @ once
+
+    @cached_property
     def _to_coefficients(self) -> np.ndarray:
         """Of Chebyshev polynomials, from values at a panel's nodes, ``(k, k)``."""
         return np.linalg.inv(chebyshev.chebvander(self.panel, len(self.panel) - 1))
