@@ -176,12 +176,22 @@ def _law(run: Path) -> list[dict[str, Any]]:
         return []
     data = kept.words(run / "diagnosis.json")
     parts = [(_bodies(part["bodies"]), part["quantities"]) for part in data.get("mechanism") or ()]
-    parts += [("terms", part["numbers"]) for part in data.get("parts") or () if not parts]
+    if not parts:
+        parts = [("terms", part["numbers"]) for part in data.get("parts") or ()]
+        parts += [(_bodies([n]), found) for n, found in enumerate(_masses(data))]
     return [
         {"of": of, "name": name, "value": _value(found), "unit": found.get("unit") or ""}
         for of, numbers in parts
         for name, found in numbers.items()
     ]
+
+
+def _masses(data: Mapping[str, Any]) -> list[dict[str, dict[str, Any]]]:
+    """Of each body where they differ, as the terms' numbers are told for."""
+    mass = data.get("mass") or []
+    if len(set(mass)) < 2:
+        return []
+    return [{"mass": {"value": value}} for value in mass]
 
 
 def _bodies(which: Sequence[int]) -> str:

@@ -55,6 +55,7 @@ from dynamics.terms.potentials import (
     NoPotential,
     Pair,
     Radial,
+    Shaped,
     Shortcut,
     Triple,
 )
@@ -111,6 +112,7 @@ __all__ = [
     "Residual",
     "Restitution",
     "Rubbed",
+    "Shaped",
     "Shortcut",
     "Sinusoid",
     "Sizes",

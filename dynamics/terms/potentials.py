@@ -93,6 +93,48 @@ class Knots(Pair):
         return replace(self, reach=self.reach / length)
 
 
+@TERMS.register("shaped")
+@dataclass(frozen=True)
+class Shaped(Pair):
+    """A pair force of a known shape.
+
+    Args:
+        source, coupling: see :class:`Pair`.
+        shape: of :data:`dynamics.shapes.SHAPES`, as ``inverse-square`` (softened) or ``spring``.
+        strength: of the force, which pulls where it is above zero (a contact pushes); see
+            :class:`dynamics.shapes.ShapedPotential`.
+        length: in the shape, world units; of no meaning where the shape has none.
+        learned: whether strength and length are, from there on.
+
+    Example:
+        Two bodies that pull each other with a constant force and part near each other:
+
+        >>> from dynamics import build, terms
+        >>> pull, push = terms.Shaped(shape="rest-length"), terms.Shaped(shape="contact")
+        >>> pair = build(terms.Hamiltonian(potentials=(pull, push)), bodies=2, dt=0.01)
+        >>> sorted(name for name, _ in pair.named_parameters())[-1]
+        'potential.parts.1.strength'
+    """
+
+    shape: str = "inverse-square"
+    strength: float = 1.0
+    length: float = 1.0
+    learned: bool = True
+
+    def build(self, sizes: Sizes) -> Potential:
+        from dynamics import shapes
+
+        return shapes.ShapedPotential(
+            self.shape, self.strength, self.length, self.learned, self.law(sizes)
+        )
+
+    def counted_in(self, length: float, seconds: float) -> Shaped:
+        from dynamics.shapes import SHAPES
+
+        strength = self.strength * seconds**2 * length ** SHAPES[self.shape].power
+        return replace(self, strength=strength, length=self.length / length)
+
+
 @TERMS.register("triple")
 @dataclass(frozen=True)
 class Triple(PotentialTerm):

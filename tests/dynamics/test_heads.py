@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 import torch
@@ -40,6 +41,7 @@ from dynamics.potentials import (
     RadialPotential,
     SoftenedGravity,
 )
+from dynamics.shapes import SHAPES, ShapedPotential
 from dynamics.unstructured import ResidualMap
 from tests.shared.problems import three_bodies
 
@@ -52,6 +54,11 @@ PAIR_POTENTIALS: dict[str, Callable[[], PairPotential]] = {
     "gravity": lambda: SoftenedGravity(0.1),
     "displacement": lambda: DisplacementPotential(2, 16, TANH),
     "radial": lambda: RadialPotential(16, TANH),
+    **{
+        name: partial(ShapedPotential, name, 0.7, 9.0 if name == "cut-off" else 1.4)
+        for name, shape in SHAPES.items()
+        if not shape.sharp  # those have tests of their own
+    },
 }
 POTENTIALS: dict[str, Callable[[], Potential]] = {
     **PAIR_POTENTIALS,

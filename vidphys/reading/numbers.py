@@ -13,6 +13,7 @@ from dynamics.friction import Friction
 from dynamics.links import Hanging
 from dynamics.ports import PlacewiseFriction, Turning
 from dynamics.potentials import HarmonicTrap
+from dynamics.shapes import SHAPES, ShapedPotential
 from dynamics.sliding import Along, Rubbed
 from dynamics.strings import Strung
 from vidphys.reading.fitted import Fitted
@@ -60,6 +61,8 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
     if isinstance(part, Centre):
         strength = float(part.strength) * length / seconds**2
         return {"centre_strength": strength, "centre_power": float(part.power)}
+    if isinstance(part, ShapedPotential):
+        return _of_pairs(part, length, seconds)
     if isinstance(part, Strung):
         return {"string_length": float(part.length) * length}
     if isinstance(part, Rubbed):
@@ -84,3 +87,9 @@ def _numbers(part: nn.Module, fitted: Fitted) -> dict[str, float]:
         unit = {"linear": 1 / seconds, "square": 1 / length, "dry": length / seconds**2}[part.law]
         return {f"friction_{part.law}": float(part.coefficient(fitted.params)) * unit}
     return {}
+
+
+def _of_pairs(part: ShapedPotential, length: float, seconds: float) -> dict[str, float]:
+    phi, name = SHAPES[part.shape], f"pair_{part.shape.replace('-', '_')}"
+    found = {f"{name}_strength": float(part.strength) / (seconds**2 * length**phi.power)}
+    return found | ({f"{name}_length": float(part.length) * length} if phi.sized else {})

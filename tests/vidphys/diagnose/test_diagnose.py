@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vidphys.diagnose.diagnosis import diagnose_motion, nothing_to_see
-from vidphys.diagnose.explanations.menu import specification
-from vidphys.diagnose.explanations.specification import read_specification, terms_of
+from vidphys.diagnose.explanations.menu_model import specification
+from vidphys.diagnose.explanations.specification import read_specification
 from vidphys.diagnose.inference.changes import find_switch
 from vidphys.diagnose.inference.linearised import fastest_rate
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, field_of
@@ -303,15 +303,16 @@ def test_advice_follows_the_stiffest_motion():
 
 
 def test_a_specification_builds_exactly_the_terms_that_were_found(tmp_path):
-    from dynamics import build
+    from dynamics import build, terms
     from vidphys.runs.atomic import write_json
 
     found = infer(seen("falling-drag", 0.001))
     write_json(tmp_path / "s.json", specification(found, STEP))
-    terms, rest = read_specification(tmp_path / "s.json")
-    bare = terms_of(frozenset({"uniform", "linear"}))
-    assert list(map(type, terms.parts())) == list(map(type, bare.parts()))
-    head = build(terms, rest["bodies"], 0.01)
+    model, rest = read_specification(tmp_path / "s.json")
+    assert {type(part) for part in model.parts()} == {
+        *(terms.Hamiltonian, terms.Fixed, terms.Uniform, terms.Drag)
+    }
+    head = build(model, rest["bodies"], 0.01)
     assert {name.split(".")[0] for name, _ in head.named_parameters()} == {"potential", "ports"}
     assert rest["numbers"]["linear: rate"]["value"] == pytest.approx(LINEAR, rel=0.05)
 

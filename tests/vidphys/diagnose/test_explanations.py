@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from dynamics import terms
 from tests.vidphys.diagnose.test_diagnose import seen
 from tests.vidphys.diagnose.test_mechanisms import noisy, thrown
 from vidphys.diagnose.explanations import choice
@@ -12,7 +13,7 @@ from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import State, beside_simple, roll
 from vidphys.diagnose.explanations.law_words import number
 from vidphys.diagnose.explanations.menu import ByMenu
-from vidphys.diagnose.explanations.specification import as_specification, terms_of
+from vidphys.diagnose.explanations.specification import as_specification
 from vidphys.diagnose.explanations.verdict import MOSTLY, Verdict
 from vidphys.diagnose.inference.linearised import sure_modes
 from vidphys.diagnose.inference.menu import FRICTIONS, external_terms, pair_term
@@ -60,7 +61,12 @@ class Oracle(Explanation):
 
     def specification(self):
         return as_specification(
-            terms_of(frozenset()), 1, [0.0, 0.0], {}, True, self.motion.interval
+            terms.Hamiltonian(potentials=(terms.NoPotential(),)),
+            1,
+            [0.0, 0.0],
+            {},
+            True,
+            self.motion.interval,
         )
 
 

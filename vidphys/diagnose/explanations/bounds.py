@@ -23,6 +23,7 @@ POSITIVE = {  # by term; numbers that are a size or a strength
     "on-chain": {"lengths"},
     "contact": {"reach"},
     "centre": {"near"},
+    "shaped": {"length"},
     "strung": {"length"},
     "hamiltonian": {"box"},
     "hard-disks": {"box"},

@@ -21,8 +21,8 @@ from vidphys.diagnose.explanations.forecast import (
     last_state,
     roll,
 )
+from vidphys.diagnose.explanations.menu_model import specification, temperature
 from vidphys.diagnose.explanations.pair_words import other_shapes, pair_lines
-from vidphys.diagnose.explanations.specification import as_specification, terms_of
 from vidphys.diagnose.explanations.verdict import (
     MOSTLY,
     RANK,
@@ -34,7 +34,6 @@ from vidphys.diagnose.inference.doubts import doubts
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.linearised import fastest_rate, sure_modes
 from vidphys.diagnose.inference.longer import LongFit
-from vidphys.diagnose.inference.menu import EXTERNAL, FRICTION, PAIR
 from vidphys.diagnose.inference.refine import refine
 from vidphys.diagnose.inference.weigh import BELIEVED
 from vidphys.diagnose.recordings.motion import Motion, Unseen
@@ -157,8 +156,11 @@ class ByMenu(Explanation):
         if found.outweighed:
             lines.append(OUTWEIGHED.format(ratio=BELIEVED))
         elif not np.allclose(found.motion.mass, 1.0):
-            masses = as_ratio(found.motion.mass[0])
-            lines.append(f"Masses as {masses}; motion shows only their ratios.")
+            mass = found.motion.mass[0]
+            lines.append(f"Masses as {as_ratio(mass)}; motion shows only their ratios.")
+            if "pair" in self.kinds:
+                taken = ", ".join(f"{x:.4g}" for x in mass)
+                lines.append(f"What acts between the bodies is told for masses of {taken}.")
         if self.strays:
             lines.append("Not explained: rolled on over the frames held out, these terms diverge.")
         if not found.explained:
@@ -307,53 +309,3 @@ def _uncertain(inference: Inference) -> list[str]:
     if not open_terms:
         return []
     return [f"Not certain, record longer or with less noise: {', '.join(open_terms)}."]
-
-
-def specification(inference: Inference, interval: float) -> dict[str, Any]:
-    """The scene as JSON: terms, what is known of their numbers, and where the origin lies.
-
-    Args:
-        inference: what was found.
-        interval: seconds between frames.
-    """
-    structure, fitted = inference.structure, inference.fitted
-    numbers: dict[str, tuple[float, float]] = {}
-    origin = [0.0] * inference.windows.frames.shape[-1]
-    trap, reach, swing, well = None, 1.0, None, None
-    for family in (PAIR, EXTERNAL, FRICTION):
-        term = structure.term(family)
-        if term is None or term not in inference.terms:
-            continue
-        at = fitted.place(term)
-        for k, name in enumerate(term.named, at):
-            numbers[name] = float(fitted.values[k]), float(fitted.errors[k])
-        if term.scale is not None:
-            numbers[f"{term.kind}: length"] = float(fitted.values[-1]), float(fitted.errors[-1])
-        if term.kind == "trap":
-            trap, *pulls = (float(x) for x in structure.of(term))
-            origin = [pull / trap for pull in pulls]
-        if term.kind == "well":
-            stiffness, push, second, third = (float(x) for x in structure.of(term))
-            well = stiffness, push, second, third
-        if term.kind == "pendulum":
-            hanging, aside = (float(x) for x in structure.of(term))
-            swing, origin = float(np.hypot(hanging, aside)), [float(np.arctan2(aside, hanging))]
-        if term.kind == "contact" and term.scale is not None:
-            reach = float(term.scale)
-    if inference.bathed:
-        numbers["bath: temperature"] = temperature(inference), float("nan")
-    return as_specification(
-        terms_of(inference.kinds, trap, reach, swing, well),
-        inference.windows.frames.shape[2],
-        origin,
-        numbers,
-        inference.leftover.explained,
-        interval,
-    )
-
-
-def temperature(inference: Inference) -> float:
-    """Temperature at which the kicks balance the friction (k_B = 1), of unit masses."""
-    friction = inference.structure.term(FRICTION)
-    rate = 0.0 if friction is None else float(inference.structure.of(friction)[0])
-    return inference.kicks / (2 * rate) if rate > 0 else float("inf")

@@ -11,56 +11,13 @@ import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
 from dynamics import from_config, terms, to_config
-from dynamics.terms import HeadTerm, PortTerm, PotentialTerm, Term
+from dynamics.terms import HeadTerm, Term
 from vidphys.boundary import Above, Closed, Number, Word, read_json
 from vidphys.diagnose.explanations.bounds import require_bounded
 from vidphys.errors import InputError
 
 SCHEMA_VERSION = 1
 MOST_BODIES = 1000
-PORTS: dict[str, PortTerm] = {
-    "linear": terms.Drag("linear", "positive"),
-    "square": terms.Drag("square", "positive"),
-    "dry": terms.Drag("dry", "positive"),
-    "drive": terms.Drag("linear", "free"),
-}
-BATH = terms.ConstantBath()
-
-
-def terms_of(
-    kinds: frozenset[str],
-    trap: float | None = None,
-    reach: float = 1.0,
-    swing: float | None = None,
-    well: tuple[float, float, float, float] | None = None,
-) -> terms.Hamiltonian:
-    """The model that has these kinds of terms.
-
-    Args:
-        kinds: see :attr:`vidphys.diagnose.inference.inference.Inference.kinds`.
-        trap: stiffness of the trap, where there is one.
-        reach: of a contact, world units.
-        swing: squared rate of a pendulum's small swings, where there is one.
-        well: coefficients of a well, where there is one.
-    """
-    potentials: list[PotentialTerm] = [terms.NoPotential()]
-    if "pair" in kinds:
-        potentials = [terms.Radial()]
-    elif "contact" in kinds:
-        potentials = [terms.Knots(reach=reach)]
-    elif "well" in kinds:
-        potentials = [terms.FreePotential() if well is None else terms.Well(*well)]
-    elif "pendulum" in kinds:
-        potentials = [terms.FreePotential() if swing is None else terms.Pendulum(swing)]
-    if "uniform" in kinds:
-        potentials.append(terms.Uniform())
-    if "trap" in kinds and trap is not None:
-        potentials.append(terms.Trap(trap, learned=True))
-    ports = [PORTS[kind] for kind in sorted(kinds) if kind in PORTS]
-    if "bath" in kinds:
-        # The bath brings its own friction: fluctuation and dissipation are one term.
-        ports = [BATH]
-    return terms.Hamiltonian(potentials=tuple(potentials), ports=tuple(ports))
 
 
 def as_specification(

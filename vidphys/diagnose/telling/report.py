@@ -8,7 +8,8 @@ import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.explanation import Explanation
-from vidphys.diagnose.explanations.menu import ASKED, specification
+from vidphys.diagnose.explanations.menu import ASKED
+from vidphys.diagnose.explanations.menu_model import specification
 from vidphys.diagnose.explanations.verdict import EXPLAINED, FOUND_AGAIN, LONG, MOSTLY, NOT, Verdict
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.recordings.identity import Identity

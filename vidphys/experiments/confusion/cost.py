@@ -10,7 +10,7 @@ import torch
 from dynamics import Parameters, PhaseState, build, rollout, terms
 from dynamics.terms import HeadTerm
 from vidphys.diagnose.diagnosis import diagnose_motion
-from vidphys.diagnose.explanations.specification import BATH, PORTS, terms_of
+from vidphys.diagnose.explanations.menu_model import BATH, PORTS, model_of
 from vidphys.diagnose.inference.inference import Inference
 from vidphys.diagnose.inference.menu import FRICTIONS, PAIR, external_terms, field_of
 from vidphys.diagnose.inference.structures import Menu
@@ -38,7 +38,7 @@ def run_cost(task: CellTask) -> None:
             found = diagnose_motion(record(kind, Setting(0.005, 0.04, bodies, seed)))
             if found.inference is None:
                 continue
-            ratio = _compute_ratio(terms_of(found.kinds, trap=1.0), bodies)
+            ratio = _compute_ratio(model_of(found.inference), bodies)
             compute.append(ratio)
             errors.append(_held_out_ratio(found.inference))
             if found.inference.structure.term(PAIR) is not None:
