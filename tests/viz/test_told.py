@@ -112,3 +112,14 @@ def test_a_number_that_a_recording_does_not_tell_stands_there_by_its_limits(tmp_
     page = write_told(tmp_path).read_text()
     assert ">body 1<" in page and "2.000 ± 0.020" in page and "2050 ± 250" in page
     assert "not told, between -0.284 and 1.28" in page and "0.50 ±" not in page
+
+
+@pytest.mark.parametrize("mass, shown", [([1.5, 0.5], True), ([1.0, 1.0], False)])
+def test_masses_stand_beside_the_numbers_that_are_told_for_them(tmp_path, mass, shown):
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
+    strength = {"pair: strength": {"value": 2.0, "standard_error": 0.1}}
+    found = {"mass": mass, "parts": [{"numbers": strength}]}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    page = write_told(tmp_path).read_text()
+    assert "2.00 ± 0.20" in page
+    assert ("body 2" in page) == shown
