@@ -56,7 +56,7 @@ def write_told(run: Path) -> Path:
     kind = settings.get("experiment")
     if kind not in TITLES:
         raise ValueError(f"report: {run} is a run of '{kind}', which has no report of this kind")
-    said, rows = _summary(run), _records(run)
+    said, rows, found = _summary(run), _records(run), _found(run)
     sentences = _of_diagnosis(settings, said) if said else _of_run(kind, settings)
     more = _of_forecasts(rows) if kind == "train" else []
     more += _of_rollout(about) if kind == "rollout" else []
@@ -64,7 +64,8 @@ def write_told(run: Path) -> Path:
         "title": TITLES[kind],
         "sentences": sentences + more,
         "figure": _figure(run, kind, _other_law(settings)),
-        "law": _law(run),
+        "law": _law(found),
+        "equations": _equations(found),
         "rows": rows,
         "commands": _commands(run, kind),
         "said": said,
@@ -170,18 +171,41 @@ def _of_forecasts(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     ]
 
 
-def _law(run: Path) -> list[dict[str, Any]]:
-    """The numbers of a diagnosed law, with 95 % intervals, a body or a group of them at a time."""
-    if not (run / "diagnosis.json").is_file():
-        return []
-    data = kept.words(run / "diagnosis.json")
-    parts = [(_bodies(part["bodies"]), part["quantities"]) for part in data.get("mechanism") or ()]
-    if not parts:
-        parts = [("terms", part["numbers"]) for part in data.get("parts") or ()]
-        parts += [(_bodies([n]), found) for n, found in enumerate(_masses(data))]
+def _found(run: Path) -> dict[str, Any]:
+    """What a diagnosis left there; nothing where it did not."""
+    path = run / "diagnosis.json"
+    return kept.words(path) if path.is_file() else {}
+
+
+def _laws(data: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], Mapping[str, Any]]]:
+    """Of a body or a group of them at a time: whose law it is, its numbers and its equation."""
+    parts = [
+        (_bodies(part["bodies"]), part["quantities"], part.get("equation") or {})
+        for part in data.get("mechanism") or ()
+    ]
+    return parts or [
+        ("terms", part["numbers"], part.get("equation") or {}) for part in data.get("parts") or ()
+    ]
+
+
+def _equations(data: Mapping[str, Any]) -> list[str]:
+    return [equation["text"] for _, _, equation in _laws(data) if equation]
+
+
+def _law(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The numbers of a diagnosed law, with 95 % intervals and their letters in its equation."""
+    parts = _laws(data)
+    if not data.get("mechanism"):
+        parts += [(_bodies([n]), found, {}) for n, found in enumerate(_masses(data))]
     return [
-        {"of": of, "name": name, "value": _value(found), "unit": found.get("unit") or ""}
-        for of, numbers in parts
+        {
+            "of": of,
+            "name": name,
+            "letter": equation.get("symbols", {}).get(name, ""),
+            "value": _value(found),
+            "unit": found.get("unit") or "",
+        }
+        for of, numbers, equation in parts
         for name, found in numbers.items()
     ]
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vidphys.diagnose.explanations.equations import of_law
 from vidphys.diagnose.mechanisms.charts import Arc
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.mechanism import Group
@@ -24,6 +25,8 @@ def as_data(group: Group, units: Units) -> dict[str, Any]:
         units: in which lengths are told.
     """
     fit, chart = group.fit, group.fit.model.charts[0]
+    known = quantities(fit, units.ends)
+    written = of_law(fit, (x.name for x in known))
     held: dict[str, Any] = {
         "bodies": list(group.bodies),
         "moves on": chart.name,
@@ -37,8 +40,9 @@ def as_data(group: Group, units: Units) -> dict[str, Any]:
                 "unit": units.named(x.length, x.seconds),
                 "known": x.known,
             }
-            for x in quantities(fit, units.ends)
+            for x in known
         },
+        "equation": None if written is None else written.data,
         "errors": {
             "white": units.told(fit.errors.white, 1),
             "smooth": units.told(fit.errors.smooth, 1),

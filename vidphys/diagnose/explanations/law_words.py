@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from vidphys.diagnose.explanations.collided import collided
+from vidphys.diagnose.explanations.equations import of_law
 from vidphys.diagnose.mechanisms.charts import Plane, Turned
 from vidphys.diagnose.mechanisms.fitted import Fit
 from vidphys.diagnose.mechanisms.law import Law
@@ -116,8 +117,10 @@ def told(group: Group, units: Units, alone: bool) -> list[str]:
     how = _in_a_row(how, law, group.bodies) if law.loose else how
     known = quantities(fit, units.ends)
     numbers = (*collided(fit, group.bodies), *(number(x, units) for x in known))
+    written = of_law(fit, (x.name for x in known))
     return [
         f"{who} {moves}: {'; '.join(how)}.",
+        *([] if written is None else [f"  {written.line}"]),
         *(f"  {x}" for x in (*numbers, *_ruler(law, known, units))),
     ]
 

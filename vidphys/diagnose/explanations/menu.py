@@ -10,6 +10,7 @@ import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
 from vidphys.diagnose.explanations.doubts import OUTWEIGHED, PASSES, UNTURNED
+from vidphys.diagnose.explanations.equations import of_terms
 from vidphys.diagnose.explanations.explanation import Explanation, Oscillation
 from vidphys.diagnose.explanations.forecast import (
     SAMPLES,
@@ -21,7 +22,7 @@ from vidphys.diagnose.explanations.forecast import (
     last_state,
     roll,
 )
-from vidphys.diagnose.explanations.menu_model import specification, temperature
+from vidphys.diagnose.explanations.menu_model import numbers_of, specification, temperature
 from vidphys.diagnose.explanations.pair_words import other_shapes, pair_lines
 from vidphys.diagnose.explanations.verdict import (
     MOSTLY,
@@ -151,7 +152,8 @@ class ByMenu(Explanation):
         else:
             lines.append(f"The motion shows {named(self.inference)}.")
         for part in found.inferences:
-            lines += [f"  {line}" for line in (*_numbers(part), *pair_lines(part))]
+            written = of_terms(part, numbers_of(part)).line
+            lines += [f"  {line}" for line in (written, *_numbers(part), *pair_lines(part))]
         lines += [] if found.parts else _uncertain(self.inference)
         if found.outweighed:
             lines.append(OUTWEIGHED.format(ratio=BELIEVED))

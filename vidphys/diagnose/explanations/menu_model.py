@@ -33,7 +33,7 @@ def specification(inference: Inference, interval: float) -> dict[str, Any]:
         model_of(inference),
         inference.windows.frames.shape[2],
         origin or [0.0] * inference.windows.frames.shape[-1],
-        _numbers(inference),
+        numbers_of(inference),
         inference.leftover.explained,
         interval,
     )
@@ -93,7 +93,7 @@ def _outside(inference: Inference) -> tuple[PotentialTerm | None, list[float]]:
     return terms.Uniform(), []
 
 
-def _numbers(inference: Inference) -> dict[str, tuple[float, float]]:
+def numbers_of(inference: Inference) -> dict[str, tuple[float, float]]:
     """Those of the terms, by kind and name, each with its standard error."""
     fitted = inference.fitted
     found: dict[str, tuple[float, float]] = {}

@@ -14,6 +14,7 @@ from vidphys.diagnose.inference.structures import Structure
 from vidphys.diagnose.weak.spectrum import Mode
 
 NUDGE = 1e-5  # of the places' size, about a rest
+ROUNDED = 1e-12  # of a rate, that eigenvalues are wrong by
 NUDGE_ON_THE_WAY = 1e-4  # of the places' spread
 SHOWN = 1.0  # radians that the fastest motion may turn from frame to frame, to be seen in frames
 
@@ -40,7 +41,10 @@ def modes_of_model(structure: Structure, near: np.ndarray, mass: np.ndarray) -> 
         ]
     )
     values = np.linalg.eigvals(flow)
-    found = [Mode(float(x.imag), float(-x.real)) for x in values if x.imag > 0]
+    values.real[np.abs(values.real) < ROUNDED * np.abs(values)] = (
+        0.0  # without friction there is none
+    )
+    found = [Mode(float(x.imag), float(0.0 - x.real)) for x in values if x.imag > 0]
     return sorted(found, key=lambda mode: mode.frequency)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vidphys.diagnose.diagnosis import Diagnosis
+from vidphys.diagnose.explanations.equations import of_terms
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.menu import ASKED
 from vidphys.diagnose.explanations.menu_model import specification
@@ -155,9 +156,10 @@ def _status(explanation: Explanation | None) -> str:
 
 
 def _part(inference: Inference, interval: float) -> dict[str, Any]:
-    left = inference.leftover
+    left, held = inference.leftover, specification(inference, interval)
     return {
-        **specification(inference, interval),
+        **held,
+        "equation": of_terms(inference, held["numbers"]).data,
         "probability": {kind: inference.chance(kind) for kind in ASKED},
         "structures": [
             {"terms": sorted(kinds), "probability": value}
