@@ -183,6 +183,11 @@ def _laws(data: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], Mapping
         (_bodies(part["bodies"]), part["quantities"], part.get("equation") or {})
         for part in data.get("mechanism") or ()
     ]
+    formula = data.get("formula")
+    if formula:
+        words = ((x["word"], x["numbers"]) for x in formula["words"])
+        numbers = {f"{word}: {name}": x for word, told in words for name, x in told.items()}
+        return [("formula", numbers, {"text": formula["equation"]})]
     return parts or [
         ("terms", part["numbers"], part.get("equation") or {}) for part in data.get("parts") or ()
     ]
@@ -195,7 +200,7 @@ def _equations(data: Mapping[str, Any]) -> list[str]:
 def _law(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The numbers of a diagnosed law, with 95 % intervals and their letters in its equation."""
     parts = _laws(data)
-    if not data.get("mechanism"):
+    if any(of == "terms" for of, *_ in parts):
         parts += [(_bodies([n]), found, {}) for n, found in enumerate(_masses(data))]
     return [
         {

@@ -1,5 +1,6 @@
 """The report of a training says at its top whether what was learned foretells."""
 
+import html
 import json
 
 import numpy as np
@@ -118,8 +119,23 @@ def test_a_number_that_a_recording_does_not_tell_stands_there_by_its_limits(tmp_
 def test_masses_stand_beside_the_numbers_that_are_told_for_them(tmp_path, mass, shown):
     (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
     strength = {"pair: strength": {"value": 2.0, "standard_error": 0.1}}
-    found = {"mass": mass, "parts": [{"numbers": strength}]}
+    equation = {"text": "rᵢ'' = Σⱼ k d (rⱼ - rᵢ)/d", "symbols": {"pair: strength": "k"}}
+    found = {"mass": mass, "parts": [{"numbers": strength, "equation": equation}]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(found))
-    page = write_told(tmp_path).read_text()
-    assert "2.00 ± 0.20" in page
+    page = html.unescape(write_told(tmp_path).read_text())
+    assert "2.00 ± 0.20" in page and equation["text"] in page
+    assert "pair: strength <i>k</i>" in page
     assert ("body 2" in page) == shown
+
+
+def test_a_formula_stands_above_its_own_numbers_and_the_menu_s_are_left_out(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"experiment": "diagnose"}}))
+    times = {"value": -4.0, "standard_error": 0.1, "unit": "1/s²"}
+    words = [{"word": "tanh(k x)", "numbers": {"times": times}}]
+    formula = {"equation": "x'' = -4 tanh(2 x)", "words": words}
+    menu = [{"numbers": {"trap: stiffness": {"value": 7.0, "standard_error": 0.1}}}]
+    found = {"mass": [1.0], "parts": menu, "formula": formula}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    page = html.unescape(write_told(tmp_path).read_text())
+    assert "x'' = -4 tanh(2 x)" in page and "tanh(k x): times" in page
+    assert "trap: stiffness" not in page
