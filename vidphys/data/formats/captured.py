@@ -15,7 +15,7 @@ import numpy as np
 from vidphys.data.formats.base import Recording
 from vidphys.data.formats.bounded import require_room
 from vidphys.data.formats.names import LENGTHS
-from vidphys.data.formats.text import MISSING, decoded
+from vidphys.data.formats.text import decoded, number
 from vidphys.errors import InputError
 
 SPACE = 3  # coordinates of a marker
@@ -181,9 +181,7 @@ def of_markers(places: np.ndarray, names: Sequence[str], rate: float, unit: str)
 
 
 def _number(cell: str) -> float:
-    if cell.lower() in MISSING:
-        return np.nan
-    try:
-        return float(cell)
-    except ValueError as error:
-        raise InputError(f"'{cell[:20]}' among the places of markers is no number") from error
+    found = number(cell)
+    if found is None:
+        raise InputError(f"'{cell[:20]}' among the places of markers is no number")
+    return found

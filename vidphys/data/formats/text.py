@@ -50,13 +50,18 @@ class Dialect:
         return [cell.strip() for cell in row]
 
     def number(self, cell: str) -> float | None:
-        """A cell as a number, NaN where it says that there is none, ``None`` where it is a word."""
-        if cell.lower() in MISSING:
-            return np.nan
-        try:
-            return float(cell.replace(",", ".") if self.decimal == "," else cell)
-        except ValueError:
-            return None
+        """A cell as a number, as :func:`number` has it, with this decimal sign."""
+        return number(cell.replace(",", ".") if self.decimal == "," else cell)
+
+
+def number(cell: str) -> float | None:
+    """A cell as a number, NaN where it says that there is none, ``None`` where it is a word."""
+    if cell.lower() in MISSING:
+        return np.nan
+    try:
+        return float(cell)
+    except ValueError:
+        return None
 
 
 DIALECTS = tuple(
