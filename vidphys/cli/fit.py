@@ -13,7 +13,6 @@ from vidphys.cli.options import given_columns, require_file
 from vidphys.errors import InputError
 
 if TYPE_CHECKING:
-    from vidphys.diagnose.recordings.motion import Motion
     from vidphys.reading.specified import Trained
     from vidphys.runs.folder import RunFolder
     from vidphys.runs.records import Recorder
@@ -81,7 +80,6 @@ def fit(config: FitConfig) -> int:
     from vidphys.cli.fitted import TRACKS
     from vidphys.data.formats import sources_of
     from vidphys.diagnose.explanations.specification import read_specification
-    from vidphys.diagnose.recordings.flat import laid
     from vidphys.diagnose.recordings.release import free_frames
     from vidphys.diagnose.recordings.tables import read_tracks, write_tracks
     from vidphys.reading.fitted import save_fitted
@@ -96,7 +94,7 @@ def fit(config: FitConfig) -> int:
         motion = motion.cut(config.start, config.stop)
     except ValueError as error:
         raise InputError(f"--start {config.start} --stop {config.stop}: {error}") from error
-    motion = laid(motion.cut(*free_frames(motion)), held.get("plane"))
+    motion = motion.cut(*free_frames(motion))
     end = round(config.train_share * motion.positions.shape[1])
     names = {TERMS.name_of(type(part)) for part in term.parts()}
     about = {
@@ -127,12 +125,12 @@ def fit(config: FitConfig) -> int:
             console.warn(f"{error}; try fewer frames, or --on-nan skip")
             return 1
         save_fitted(run.checkpoints("heads"), found.model, config.steps)
-        write_with(run.path / TRACKS, lambda path: write_tracks(path, motion))
+        write_with(run.path / TRACKS, lambda path: write_tracks(path, found.tracks))
         recorder = _record(config, found)
         run.finish(f"specified-s{config.seed}", *recorder.tables())
         run.join()
         with console.drawing("the recording"):
-            _draw(run, motion, found, config.tracks.name)
+            _draw(run, found, config.tracks.name)
         with console.drawing("the report"):
             write_told(run.path)
         console.done(0)
@@ -141,14 +139,14 @@ def fit(config: FitConfig) -> int:
     return 0
 
 
-def _draw(run: RunFolder, motion: Motion, found: Trained, name: str) -> None:
+def _draw(run: RunFolder, found: Trained, name: str) -> None:
     """The forecast, to be looked at."""
     from vidphys.cli.recordings import write_tracks_recording
 
     if found.forecast is not None:
         write_tracks_recording(
             run.path / "recordings" / f"{CELL.replace('/', '-')}.rrd",
-            (motion.times[0], motion.positions[0]),
+            (found.tracks.times[0], found.tracks.positions[0]),
             {"rollout": (found.forecast.times, found.forecast.positions)},
             {"cell": CELL, "tracks": name},
         )

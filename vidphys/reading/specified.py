@@ -35,12 +35,14 @@ class Trained:
 
     Args:
         model: of the specified terms.
+        tracks: all of them, by the coordinates of the model.
         forecast: of those frames, in the unit of the tracks; ``None`` where there are none.
         error: root mean squared distance on them, in that unit.
         still: the same for a body that stays where it last was.
     """
 
     model: Fitted
+    tracks: Motion
     forecast: Rolled | None = None
     error: float | None = None
     still: float | None = None
@@ -96,8 +98,8 @@ def train_specified(
         train_by_shooting(fitted.head, task)
     fitted.head.eval()
     if end >= motion.positions.shape[1]:
-        return Trained(fitted)
-    return _foretold(fitted, known, motion.positions[:, end:], motion.times[:, end:])
+        return Trained(fitted, motion)
+    return _foretold(fitted, known, motion, end)
 
 
 def at_specified(term: HeadTerm, held: Mapping[str, Any], motion: Motion) -> Fitted:
@@ -165,8 +167,9 @@ def _bathed(fitted: Fitted, tracks: Tracks, law: Parameters, interval: float) ->
     return replace(fitted, params=fitted.params.with_scalar("temperature", found.temperature))
 
 
-def _foretold(fitted: Fitted, known: Motion, positions: np.ndarray, times: np.ndarray) -> Trained:
+def _foretold(fitted: Fitted, known: Motion, motion: Motion, end: int) -> Trained:
     """The tail: by the model, and by a body that stays where it last was seen."""
+    positions, times = motion.positions[:, end:], motion.times[:, end:]
     start, began, law = fitted.last(known), known.times[:, -1], fitted.law(known)
     frames = int(np.ceil((times[:, -1] - began).max() / known.interval - 1e-6))
     rolled = [
@@ -182,4 +185,4 @@ def _foretold(fitted: Fitted, known: Motion, positions: np.ndarray, times: np.nd
     def error(guess: np.ndarray) -> float:
         return float(np.sqrt(np.nanmean(((guess - positions) ** 2).sum(-1))))
 
-    return Trained(fitted, rolled[0], error(path), error(still))
+    return Trained(fitted, motion, rolled[0], error(path), error(still))
