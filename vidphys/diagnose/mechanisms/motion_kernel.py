@@ -16,12 +16,8 @@ What is known to push adds an acceleration of its own, straight between the time
 recorded. A lift pushes what spins across its way in the plane, by lift (-v_2, v_1), and fades with
 its spin (Magnus effect; Mehta 1985, Annu. Rev. Fluid Mech. 17).
 A magnetic field, or a frame that turns, adds turning x v, which does not fade.
-There are walls n.s = place, at which the speed across them turns round and shrinks. A solid ball
-that spins in the plane slips at a wall with u = v.t + w, where t is the normal turned by a right
-angle and w the speed of its surface; what grips it turns u to -e u, and what that takes from v.t is
-what it gives to the spin, 2/5 w (Garwin 1969, Am. J. Phys. 37).
-What pushes a body that lies at a wall into it, the wall takes up.
-Steps are fourth-order Runge-Kutta; the step that meets a wall ends there, by Newton's method.
+There are walls, at which bodies bounce or lie, see :mod:`.walls_kernel`.
+Steps are fourth-order Runge-Kutta; the step that meets a wall ends there.
 """
 
 from __future__ import annotations
@@ -33,98 +29,17 @@ from jaxtyping import Float
 
 from loops import kernel, uncounted
 from vidphys.diagnose.mechanisms.forces_kernel import holds, step
+from vidphys.diagnose.mechanisms.walls_kernel import (
+    beyond,
+    meets,
+    pressed,
+    speed_into,
+    turn_round,
+)
 
 LANDED = 1e-3  # of the recording: a flight shorter than this ends at the wall
 BOUNCES = 6  # in a step, at most
-MEETING, TIGHT = 40, 1e-13  # tries at most to find when a step meets a wall; of the step, exact so
 NONE, NO_RODS, NO_LIFT = np.empty(0), np.zeros(2), np.zeros(2)
-SOLID = 0.4  # moment of inertia of a solid ball over its mass and squared radius
-
-
-@uncounted
-def _beyond(
-    s: np.ndarray,
-    wall: np.ndarray,
-) -> float:
-    depth = -wall[len(s)]
-    for i in range(len(s)):
-        depth += wall[i] * s[i]
-    return depth
-
-
-@uncounted
-def _across(
-    v: np.ndarray,
-    wall: np.ndarray,
-) -> float:
-    """Speed into a wall."""
-    speed = 0.0
-    for i in range(len(v)):
-        speed += wall[i] * v[i]
-    return speed
-
-
-@uncounted
-def _meets(
-    s: np.ndarray,
-    v: np.ndarray,
-    most: float,
-    wall: np.ndarray,
-    law: tuple,
-    work: np.ndarray,
-) -> float:
-    """Seconds until a step that ends beyond a wall meets it; ``work`` is left as it is then."""
-    low, high, moment = 0.0, most, most
-    for _try in range(MEETING):
-        depth, across = _beyond(work[8], wall), _across(work[9], wall)
-        if abs(depth) <= TIGHT * most * abs(across):
-            break
-        if depth > 0.0:
-            high = moment
-        else:
-            low = moment
-        straight = moment - depth / across if across > 0.0 else low
-        moment = straight if low < straight < high else 0.5 * (low + high)
-        step(s, v, moment, law, work)
-    return moment
-
-
-@uncounted
-def _pressed(
-    work: np.ndarray,
-    wall: np.ndarray,
-) -> bool:
-    """Whether a step went beyond the wall at which a body lies; if so it is put back onto it."""
-    depth, into = _beyond(work[8], wall), max(_across(work[9], wall), 0.0)
-    if depth <= 0.0:
-        return False
-    for i in range(work.shape[1]):
-        work[8, i] -= depth * wall[i]
-        work[9, i] -= into * wall[i]
-    return True
-
-
-@uncounted
-def _bounce(
-    s: np.ndarray,
-    v: np.ndarray,
-    wall: np.ndarray,
-    spin: np.ndarray,
-) -> None:
-    """Turn the speed across a wall round; what is along it keeps a share of its own, or spins."""
-    size = len(s)
-    across, depth = _across(v, wall), _beyond(s, wall)
-    restitution, along = wall[size + 1], wall[size + 2]
-    if len(spin) > 0:
-        slip = v[1] * wall[0] - v[0] * wall[1] + spin[0]
-        change = -(1 + along) * slip * SOLID / (1 + SOLID)
-        spin[0] += change / SOLID
-        v[0] -= change * wall[1]
-        v[1] += change * wall[0]
-        along = 1.0
-    for i in range(size):
-        s[i] -= depth * wall[i]
-        v[i] = along * (v[i] - across * wall[i]) - restitution * across * wall[i]
 
 
 @uncounted
@@ -178,9 +93,9 @@ def _rolled(
                 step(s, v, left, law, work)
                 hit, moment = -1, left
                 for k in range(len(walls)):
-                    if k != lies and _beyond(work[8], walls[k]) > 0.0:
-                        hit, moment = k, _meets(s, v, moment, walls[k], law, work)
-                if lies >= 0 and not _pressed(work, walls[lies]):
+                    if k != lies and beyond(work[8], walls[k]) > 0.0:
+                        hit, moment = k, meets(s, v, moment, walls[k], law, work)
+                if lies >= 0 and not pressed(work, walls[lies]):
                     lies = -1
                     for i in range(size):
                         floor[i] = 0.0
@@ -188,14 +103,14 @@ def _rolled(
                     break
                 for i in range(size):
                     s[i], v[i] = work[8, i], work[9, i]
-                _bounce(s, v, walls[hit], spin)
+                turn_round(s, v, walls[hit], spin)
                 for i in range(size):
                     force[i] += moment * ramp[i]
                 left -= moment
                 since += moment
                 # It lies at the wall: only what is along it goes on, for which one turn is left.
                 if since < landed or bounce == BOUNCES - 2:
-                    across = _across(v, walls[hit])
+                    across = speed_into(v, walls[hit])
                     for i in range(size):
                         v[i] -= across * walls[hit, i]
                         floor[i] = walls[hit, i]
