@@ -24,7 +24,7 @@ from dynamics import HEADS, Parameters, ballistic, build
 from renderers import AnonymousWorld, Camera
 from vidphys.data.clips import Clips, render_clips
 from vidphys.errors import InputError
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.pixels.momentum import MOMENTUM
 from vidphys.experiments.pixels.seen import Seen, perceive
 from vidphys.perception import detections

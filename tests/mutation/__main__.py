@@ -64,6 +64,7 @@ JUDGES = [
     "vidphys/metrics.py",
     "vidphys/statistics.py",
     "vidphys/experiments/core/bars.py",
+    "vidphys/experiments/core/question.py",
     "vidphys/experiments/core/scoring.py",
     "vidphys/perception",
     "readouts",

@@ -4,7 +4,7 @@ from functools import partial
 
 import pytest
 
-from vidphys.experiments.core import scoring
+from vidphys.experiments.core import question
 from vidphys.presets import OracleSizes, PixelSizes, Preset
 from vidphys.scenes import lyapunov_time
 
@@ -27,4 +27,4 @@ ROUNDS, STEPS = 4, 25  # of a Lyapunov time; 100 of 100 steps cost more than all
 
 def with_short_lyapunov_times(monkeypatch: pytest.MonkeyPatch) -> None:
     short = partial(lyapunov_time, rounds=ROUNDS, steps=STEPS)
-    monkeypatch.setattr(scoring, "lyapunov_time", short)
+    monkeypatch.setattr(question, "lyapunov_time", short)

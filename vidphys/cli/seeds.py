@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dynamics import Head
-    from vidphys.experiments.core.scoring import Question
+    from vidphys.experiments.core.question import Question
 
 EPISODES = 8  # that are rolled; fewer do not roll in fused loops. The first is shown
 

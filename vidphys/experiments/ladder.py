@@ -22,7 +22,8 @@ from vidphys.experiments.core.oracle import (
     score_oracle,
     true_segments,
 )
-from vidphys.experiments.core.scoring import Question, score_lost
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_lost
 from vidphys.experiments.core.showcase import write_showcase
 from vidphys.experiments.core.trained import Training, train_cell
 from vidphys.experiments.pixels.momentum import MOMENTUM, MomentumReadout

@@ -22,7 +22,7 @@ from vidphys.experiments.core.dissipation import (
     score_retrace,
     score_shed,
 )
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.friction.drag import DRAG, drag_cell
 from vidphys.presets import OracleSizes
 from vidphys.scenes import certify

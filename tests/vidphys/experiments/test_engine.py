@@ -14,7 +14,8 @@ from dynamics.metric import CholeskyMetric
 from vidphys.errors import InputError
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.dissipation import score_retrace
-from vidphys.experiments.core.scoring import Question, score_changed_law
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_changed_law
 from vidphys.experiments.friction import engine as tables_engine
 from vidphys.experiments.friction.derivatives import REACH, derivative_segments, match_slopes
 from vidphys.experiments.friction.engine import DAMPED, ENGINE, FREE, engine_cell

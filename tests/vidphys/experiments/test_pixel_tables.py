@@ -16,11 +16,8 @@ from vidphys.experiments import study
 from vidphys.experiments.catalogue import TABLES
 from vidphys.experiments.core import bars, scoring
 from vidphys.experiments.core.cell import CellTask
-from vidphys.experiments.core.scoring import (
-    Question,
-    score_fixed_step,
-    score_start,
-)
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_fixed_step, score_start
 from vidphys.experiments.pixels import pixel_cell
 from vidphys.experiments.pixels.consistency import latent_states
 from vidphys.experiments.pixels.perception_speed import faster, score_rmse

@@ -11,7 +11,7 @@ from dynamics.contact import CutSpring
 from dynamics.couplings import PairLaw
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.linear.removal import (
     CHANGES,
     MODELS,

@@ -11,12 +11,8 @@ from vidphys import metrics
 from vidphys.experiments.core import scoring
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import (
-    Question,
-    score_drift,
-    score_inversion,
-    score_long_drift,
-)
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_drift, score_inversion, score_long_drift
 from vidphys.runs.records import Origin, Recorder
 from vidphys.scenes import gravity
 

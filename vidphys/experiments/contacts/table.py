@@ -16,7 +16,8 @@ from vidphys.experiments.contacts.training import collision_loss, stretches
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.oracle import AGES, OLDEST
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import DRIFT_STEPS, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
 from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder

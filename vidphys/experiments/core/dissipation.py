@@ -14,7 +14,7 @@ from torch import Tensor
 from dynamics import Head, Parameters, PhaseState, Rollout
 from dynamics.integrators import Memory
 from vidphys import metrics
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder
 from vidphys.summary import FAILED, OK, Summary

@@ -8,9 +8,9 @@ from torch import Generator
 from dynamics import Head, Rollout
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.members import Examples
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.core.scoring import (
     LONG_STEPS,
-    Question,
     score_drift,
     score_fixed_step,
     score_inversion,

@@ -13,7 +13,8 @@ from binders import Tracks
 from dynamics import Head, PhaseState, Rollout
 from registry.seal import SEAL, arrays_seal
 from vidphys.data.clips import Clips
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import DRIFT_STEPS
 from vidphys.runs.atomic import write_tensors
 
 SHOWN_STEPS = 500  # reference steps after t0

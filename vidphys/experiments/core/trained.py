@@ -11,7 +11,8 @@ from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask
 from vidphys.experiments.core.members import Examples, MemberLoss, one_step, train_members
 from vidphys.experiments.core.oracle import held_out_question, true_segments
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import DRIFT_STEPS
 from vidphys.experiments.core.truth import score_truth
 from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder

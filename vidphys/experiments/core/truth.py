@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from vidphys import metrics
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import DRIFT_STEPS
 from vidphys.runs.records import Recorder
 from vidphys.scenes import certify, lyapunov_time
 

@@ -9,7 +9,8 @@ from vidphys.coupling_power import coupling_power, measured_forces
 from vidphys.coupling_verdict import CONTRADICTED, SUPPORTED, UNDECIDED
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import true_trajectories
-from vidphys.experiments.core.scoring import Question, score_inversion
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder

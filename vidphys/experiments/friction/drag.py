@@ -9,7 +9,7 @@ from dynamics import HEADS, Head, terms, to_config
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import opposed, score_shed
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.core.trained import asked_cell
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder

@@ -24,7 +24,8 @@ from vidphys.experiments.core.dissipation import (
 )
 from vidphys.experiments.core.members import Examples, one_step
 from vidphys.experiments.core.oracle import HORIZON
-from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_drift, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.experiments.friction.derivatives import derivative_segments, match_slopes

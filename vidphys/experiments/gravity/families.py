@@ -10,7 +10,8 @@ from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.losses import floored
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import DRIFT_STEPS, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder

@@ -8,7 +8,8 @@ from torch import Generator, Tensor
 from dynamics import HEADS, Head, Parameters, PhaseState, rollout, to_config
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.scoring import Question, score_changed_law
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_changed_law
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch
 from vidphys.experiments.core.truth import score_truth
 from vidphys.placement import CPU, moved, suited

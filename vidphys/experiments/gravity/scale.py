@@ -9,7 +9,8 @@ from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import Question, forces, score_changed_law, score_drift
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import forces, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, smaller_batch, train_cell
 from vidphys.experiments.core.truth import score_truth
 from vidphys.runs.records import Recorder

@@ -17,7 +17,8 @@ from dynamics.terms import Hamiltonian, HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import true_segments
-from vidphys.experiments.core.scoring import Question, forces, score_drift, score_inversion
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import forces, score_drift, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
 from vidphys.runs.records import Recorder
 from vidphys.scenes import gravity

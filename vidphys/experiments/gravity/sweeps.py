@@ -9,7 +9,8 @@ from dynamics import HEADS, Head
 from dynamics.terms import HeadTerm
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace
-from vidphys.experiments.core.scoring import Question, score_drift, score_inversion
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_drift, score_inversion
 from vidphys.experiments.core.trained import Training, asked_cell
 from vidphys.presets import OracleSizes
 from vidphys.runs.records import Recorder

@@ -19,11 +19,10 @@ from vidphys.experiments.core.dissipation import score_retrace
 from vidphys.experiments.core.losses import energy_penalised, noisy
 from vidphys.experiments.core.members import MemberLoss, one_step
 from vidphys.experiments.core.oracle import held_out_question, true_segments
+from vidphys.experiments.core.question import INVERSION_STEPS, Question
 from vidphys.experiments.core.scoring import (
     DRIFT_STEPS,
-    INVERSION_STEPS,
     LONG_STEPS,
-    Question,
     score_drift,
     score_inversion,
     score_long_drift,

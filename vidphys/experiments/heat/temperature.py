@@ -11,7 +11,8 @@ import torch
 from torch import Generator, Tensor
 
 from dynamics import Head, NoSteadyState, Parameters, PhaseState, Rollout, rollout
-from vidphys.experiments.core.scoring import Question, score_changed_law
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_changed_law
 from vidphys.experiments.heat.thermal import Measured, kinetic_temperature, measure_temperature
 from vidphys.placement import CPU, moved, suited
 from vidphys.runs.records import Recorder

@@ -15,7 +15,8 @@ from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.members import fit_ensemble, is_finite
 from vidphys.experiments.core.oracle import HORIZON, held_out_question
-from vidphys.experiments.core.scoring import Question, score_changed_law
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_changed_law
 from vidphys.experiments.linear.candidates import (
     ForceLabels,
     candidate,

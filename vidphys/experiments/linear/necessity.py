@@ -14,7 +14,8 @@ from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace, score_shed
 from vidphys.experiments.core.losses import floored, shortcut_penalised
 from vidphys.experiments.core.members import MemberLoss
-from vidphys.experiments.core.scoring import DRIFT_STEPS, Question, score_changed_law, score_drift
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import DRIFT_STEPS, score_changed_law, score_drift
 from vidphys.experiments.core.trained import Training, asked_cell, smaller_batch, truth_cell
 from vidphys.runs.records import Recorder
 from vidphys.scenes import Scene

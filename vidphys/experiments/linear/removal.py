@@ -18,7 +18,7 @@ from dynamics.terms import HeadTerm
 from vidphys import metrics
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.oracle import held_out_question
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.core.trained import Training, asked_cell, train_cell, truth_cell
 from vidphys.presets import OracleSizes
 from vidphys.reading.laws import PAIR, Law

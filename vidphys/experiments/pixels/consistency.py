@@ -12,7 +12,8 @@ from vidphys import metrics
 from vidphys.data.clips import Clips
 from vidphys.experiments.core.cell import Cell, CellTask, Table
 from vidphys.experiments.core.dissipation import score_retrace
-from vidphys.experiments.core.scoring import Question, score_drift, score_inversion, score_lost
+from vidphys.experiments.core.question import Question
+from vidphys.experiments.core.scoring import score_drift, score_inversion, score_lost
 from vidphys.experiments.pixels.seen import Seen, draw, pixel_scene, score_state
 from vidphys.perception.base import FitTask
 from vidphys.perception.catalogue import RUNGS

@@ -11,7 +11,7 @@ from torch import Generator
 
 from dynamics import Parameters, PhaseState
 from vidphys.experiments.core.cell import CellTask, Table
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.pixels.momentum import MOMENTUM
 from vidphys.experiments.pixels.pixel_cell import PixelCell, Scored
 from vidphys.experiments.pixels.seen import Perceived, pixel_scene

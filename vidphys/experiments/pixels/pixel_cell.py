@@ -14,9 +14,9 @@ import torch
 from dynamics import HEADS, Head, Rollout, build
 from vidphys.experiments.core.cell import CellTask
 from vidphys.experiments.core.dissipation import score_retrace
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.core.scoring import (
     DRIFT_STEPS,
-    Question,
     score_drift,
     score_fixed_step,
     score_inversion,

@@ -25,7 +25,7 @@ from readouts.probes import StateProbe, side_by_side
 from renderers import Camera, RgbWorld
 from vidphys.data.clips import Clips, render_clips
 from vidphys.experiments.core.cell import Cell, CellTask, Table
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.experiments.pixels.foresight import BETTER, Foreseeing, foresight
 from vidphys.experiments.pixels.seen import pixel_scene, score_state
 from vidphys.experiments.pixels.temporal_views import VIEWS, OneFrame

@@ -16,7 +16,7 @@ from readouts.differencing import backward_difference
 from renderers import WORLDS, Camera
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.perception.base import (
     Attentive,
     FitTask,

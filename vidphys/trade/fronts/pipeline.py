@@ -13,7 +13,7 @@ from dynamics import PhaseState, Rollout, rollout
 from renderers import Camera, ChannelWorld, centroids
 from vidphys import metrics
 from vidphys.data.clips import Clips, render_clips
-from vidphys.experiments.core.scoring import INVERSION_STEPS
+from vidphys.experiments.core.question import INVERSION_STEPS
 from vidphys.perception.synthesis import Synthesis
 from vidphys.trade.context import Context
 from vidphys.trade.fronts.readouts import READOUTS

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dynamics import Head
 from vidphys import metrics
 from vidphys.experiments.core.oracle import HORIZON, held_out_question, true_segments
-from vidphys.experiments.core.scoring import Question
+from vidphys.experiments.core.question import Question
 from vidphys.trade.context import Context, fit_head
 from vidphys.trade.measure import Job, Scale
 
