@@ -10,6 +10,7 @@ from vidphys.diagnose.explanations import choice
 from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.forecast import State, beside_simple, inner_ends, last_seen
 from vidphys.diagnose.explanations.mechanism import ByMechanism
+from vidphys.diagnose.explanations.standing import Standing
 from vidphys.diagnose.explanations.verdict import EXPLAINED, MOSTLY, NOT, Verdict, judge
 from vidphys.diagnose.recordings.motion import Motion, motion_of
 from vidphys.diagnose.recordings.units import Units
@@ -157,7 +158,7 @@ def test_it_is_said_and_written_that_it_stays_and_nothing_else_is_foretold(turns
 @pytest.mark.parametrize("share", [0.995, 0.97])
 def test_the_menu_is_not_asked_where_several_laws_foretell_all(share):
     verdict = Verdict(MOSTLY, share, 0.01, horizon=2.0, held_out=2.0)
-    laws = choice.Standing(MOSTLY, verdict, 0.01)
+    laws = Standing(MOSTLY, verdict, 0.01)
     assert choice._enough(laws, one_law=False) is (share > 0.99)
     assert choice._enough(laws, one_law=True)
     early = replace(laws, verdict=replace(verdict, horizon=1.5))

@@ -12,10 +12,11 @@ from vidphys.diagnose.explanations.explanation import Explanation
 from vidphys.diagnose.explanations.formula import ByFormula
 from vidphys.diagnose.explanations.mechanism import ByMechanism
 from vidphys.diagnose.explanations.menu import ByMenu
-from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK, Verdict
-from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS, first_alone
+from vidphys.diagnose.explanations.standing import ODD, Standing, beside, status_of
+from vidphys.diagnose.explanations.together import between_all, together
+from vidphys.diagnose.explanations.verdict import EXPLAINED, MOST, MOSTLY, NOT, RANK
+from vidphys.diagnose.mechanisms.mechanism import MOST_BODIES, MOST_CLIPS
 from vidphys.diagnose.mechanisms.strikes import strikes
-from vidphys.diagnose.recordings.balance import masses_in_balance
 from vidphys.diagnose.recordings.motion import Motion, Unseen
 from vidphys.diagnose.recordings.noise import Noise, measure_noise
 from vidphys.diagnose.recordings.units import Units
@@ -23,7 +24,6 @@ from vidphys.progress import Progress
 
 Maker = Callable[[Motion, int, bool, bool, Units], Explanation | None]
 FITTED: tuple[Maker, ...] = (ByMechanism.of,)  # laws of the whole recording
-ODD = {"drive", "bath", "well"}
 NEARLY_ALL = 0.95  # of one body's motion, that laws explain so well that the menu is not asked
 AS_WELL = 1.2  # times the error of what unseen places foretell: bodies that are seen come first
 CLEARLY = 0.7  # of the error of what laws foretell, to which the menu or a formula must bring it
@@ -48,44 +48,7 @@ class Understood:
         """Of the verdict."""
         if self.explanation is None:
             return NOT
-        return _status(self.explanation, self.explanation.verdict)
-
-
-@dataclass(frozen=True)
-class Standing:
-    """What the frames before the end say of an explanation; the others have no say in a choice.
-
-    Args:
-        status: how far it may be believed.
-        verdict: on what it foretells of the last of those frames; ``None``: not known.
-        error: of that; infinite where it foretells nothing.
-    """
-
-    status: str
-    verdict: Verdict | None
-    error: float
-
-    @classmethod
-    def of(cls, explanation: Explanation, rehearsed: bool = True) -> Standing:
-        """By its rehearsal, where it has one that counts; otherwise by what it was fitted to."""
-        first = next(iter(explanation.rehearsals), None) if rehearsed else None
-        tail = None if first is None else first.tail
-        verdict = explanation.judged(None) if first is None else first.judged(tail)
-        silent = explanation.stays or (first is not None and tail is None)
-        status = NOT if silent else _status(explanation, verdict)
-        error = np.inf if tail is None else tail.errors["model"]
-        return cls(status, verdict, error)
-
-    @property
-    def bent(self) -> bool:
-        """Whether its force is not quite the body's."""
-        return self.verdict is not None and self.verdict.bent
-
-
-def _beside(one: Explanation, other: Explanation) -> tuple[Standing, Standing]:
-    """Of two that are compared: by what both foretell, or else by what both were fitted to."""
-    both = bool(one.rehearsals) and bool(other.rehearsals)
-    return Standing.of(one, both), Standing.of(other, both)
+        return status_of(self.explanation, self.explanation.verdict)
 
 
 def understand(
@@ -125,7 +88,7 @@ def understand(
     if isinstance(sought, str):
         return Understood(found, explanation, sought)
     said = f"no formula: {sought.law.text} fits, but does not foretell"
-    told, known = _beside(sought, explanation)
+    told, known = beside(sought, explanation)
     if told.status == NOT:
         said = f"{said} the last frames that it fits; a longer recording would tell"
         return Understood(found, explanation, said)
@@ -146,9 +109,9 @@ def _known(
     few = part.bodies <= MOST_BODIES and part.clips <= MOST_CLIPS
     struck = strikes(part) if few else []
     menu = None
-    if few and not (camera or angles or struck or part.inputs) and _together(part):
+    if few and not (camera or angles or struck or part.inputs) and together(part):
         menu = _by_menu(motion, end)
-        if menu is not None and _between_all(menu):
+        if menu is not None and between_all(menu):
             return menu.found, menu
     laws = _best_of(FITTED, motion, end, angles, camera, units) if part.moves else None
     known = None if laws is None else Standing.of(laws)
@@ -180,15 +143,6 @@ def _known(
     return (found, menu) if laws is None or _foretells_more(menu, laws) else (found, laws)
 
 
-def _together(part: Motion) -> bool:
-    """Whether bodies seem to act on each other: their centre shows it, or no law of one alone comes
-    near to what the first does.
-    """
-    if part.bodies == 1 or not part.moves:
-        return False
-    return masses_in_balance(part) is not None or not first_alone(part)
-
-
 def _by_menu(motion: Motion, end: int) -> ByMenu | None:
     """What the menu says of a table; ``None`` where it can say nothing."""
     try:
@@ -196,12 +150,6 @@ def _by_menu(motion: Motion, end: int) -> ByMenu | None:
     except Unseen:
         return None
     return ByMenu(found, found.inference, motion, end) if found.inference else None
-
-
-def _between_all(menu: ByMenu) -> bool:
-    """Whether a force between bodies explains all, and foretells it."""
-    plain = "pair" in menu.kinds and not ODD & set(menu.kinds)
-    return plain and menu.explained and Standing.of(menu).status == EXPLAINED
 
 
 def _best_of(
@@ -212,13 +160,6 @@ def _best_of(
     fitted = [(Standing.of(x), x) for x in made if x is not None]
     best = max(fitted, key=lambda x: (RANK.index(x[0].status), -x[0].error), default=None)
     return None if best is None else best[1]
-
-
-def _status(explanation: Explanation, verdict: Verdict | None) -> str:
-    """By a verdict, or without one by what it was fitted to."""
-    if verdict is None:
-        return EXPLAINED if explanation.explained else NOT
-    return verdict.status
 
 
 def _enough(laws: Standing, one_law: bool) -> bool:
@@ -244,7 +185,7 @@ def _said(struck: Sequence[tuple[int, float]], bodies: int) -> str:
 
 def _foretells_more(menu: ByMenu, laws: Explanation) -> bool:
     """Whether the menu's terms are to be believed rather than laws."""
-    told, known = _beside(menu, laws)
+    told, known = beside(menu, laws)
     if laws.each_by_a_place and menu.explained and "pair" in menu.kinds:
         return not told.error > AS_WELL * known.error
     if told.verdict is None:
